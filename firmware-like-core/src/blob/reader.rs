@@ -1,0 +1,260 @@
+//! Reads a blob: checks everything once, copies nothing but names.
+//!
+//! After [`Organ::read`] has returned, every plane is in bounds, every float finite, every index in range and every flag
+//! consistent, so that no query needs a check. Damage is found by the checksum before anything is believed; the
+//! checks behind it are for a blob that was written wrong.
+
+use bytemuck::Pod;
+use heapless::{String, Vec};
+
+use super::error::{BlobError, PlaneProblem};
+use super::format::{
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble,
+    RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+};
+use crate::flags;
+use crate::grid::BallLattice;
+use crate::rbf::RbfTable;
+use crate::table::{DisplacementTable, LatticeTable, Space, TableError, check_finite, check_len};
+use crate::vec3::{self, Vec3};
+
+/// Spaces an [`Organ`] holds if its type says nothing else.
+pub const DEFAULT_MAX_SPACES: usize = 256;
+
+/// Largest deviation of a normal's length from 1.
+const UNIT_TOLERANCE: f32 = 1e-3;
+
+/// One organ: its surface and the configuration spaces of its active nodes, as views into the blob.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Organ<'a, const MAX_SPACES: usize = DEFAULT_MAX_SPACES> {
+    /// Name of the scene it was made from.
+    pub scene: String<SCENE_NAME_LEN>,
+    /// Name of the material law.
+    pub law: String<LAW_NAME_LEN>,
+    /// Device force the scene was made for, newtons.
+    pub max_force_n: f32,
+    /// Hash of the mesh, to match a blob with its scene.
+    pub mesh_hash: [u8; 32],
+    /// The active nodes.
+    pub spaces: Vec<Space<'a>, MAX_SPACES>,
+    /// For the eye.
+    pub surface: Surface<'a>,
+}
+
+/// Surface of the body at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Surface<'a> {
+    /// Mesh node of each surface vertex, 0-based.
+    pub node: &'a [u32],
+    /// x, y, z of each surface vertex, model frame, metres.
+    pub position_m: [&'a [f32]; 3],
+    /// Surface vertices of each triangle, counter-clockwise seen from outside.
+    pub triangles: &'a [[u32; 3]],
+    /// 1 where the vertex is fixed.
+    pub fixed: &'a [u8],
+}
+
+impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
+    /// Checks a blob and opens it in place. `bytes` starts at an address divisible by 8 and holds exactly one blob.
+    pub fn read(bytes: &'a [u8]) -> Result<Self, BlobError> {
+        let (header, planes) = open(bytes)?;
+        let (preamble, mut rest) = decode::<Preamble>(header)?;
+        let need = preamble.space_count as usize;
+        // A command names its space with a u16.
+        let limit = MAX_SPACES.min(usize::from(u16::MAX));
+        let capacity = BlobError::Capacity { what: "spaces", need, limit };
+        if need > limit {
+            return Err(capacity);
+        }
+        if !(preamble.max_force_n > 0.0 && preamble.max_force_n.is_finite()) {
+            return Err(BlobError::Value { what: "max_force_n", space: None });
+        }
+        let surface = read_surface(&planes, &preamble.surface)?;
+        let mut spaces = Vec::new();
+        for index in 0..need {
+            let (space, after) = decode::<SpaceHeader>(rest)?;
+            rest = after;
+            let space = read_space(&planes, space, index as u16, surface.node.len())?;
+            spaces.push(space).map_err(|_| capacity)?;
+        }
+        if !rest.is_empty() {
+            return Err(BlobError::Header);
+        }
+        let Preamble { scene, law, max_force_n, mesh_hash, .. } = preamble;
+        Ok(Self { scene, law, max_force_n, mesh_hash, spaces, surface })
+    }
+}
+
+/// Checks the envelope; returns the header and the plane area.
+fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
+    const NEED: usize = PREFIX_LEN + CHECKSUM_LEN;
+    let too_short = BlobError::TooShort { have: bytes.len(), need: NEED };
+    if bytes.len() < NEED {
+        return Err(too_short);
+    }
+    let (magic, rest) = bytes.split_first_chunk::<8>().ok_or(too_short)?;
+    let (version, rest) = rest.split_first_chunk::<4>().ok_or(too_short)?;
+    let (header_len, rest) = rest.split_first_chunk::<4>().ok_or(too_short)?;
+    let (total_len, _) = rest.split_first_chunk::<8>().ok_or(too_short)?;
+    if *magic != MAGIC {
+        return Err(BlobError::BadMagic);
+    }
+    let (have, need) = (bytes.len() as u64, u64::from_le_bytes(*total_len));
+    if have < need {
+        return Err(BlobError::Truncated { have, need });
+    }
+    if have > need {
+        return Err(BlobError::TooLong { have, need });
+    }
+    let (body, stored) = bytes.split_last_chunk::<CHECKSUM_LEN>().ok_or(too_short)?;
+    let (stored, computed) = (u32::from_le_bytes(*stored), CHECKSUM.checksum(body));
+    if stored != computed {
+        return Err(BlobError::Checksum { stored, computed });
+    }
+    match u32::from_le_bytes(*version) {
+        VERSION => {}
+        found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
+        found => return Err(BlobError::UnknownVersion { found }),
+    }
+    if bytes.as_ptr().addr() % BUFFER_ALIGNMENT != 0 {
+        return Err(BlobError::Misaligned);
+    }
+    let header_len = u32::from_le_bytes(*header_len) as usize;
+    let header = body.get(PREFIX_LEN..PREFIX_LEN.saturating_add(header_len)).ok_or(BlobError::Header)?;
+    let area = plane_area_start(header_len).and_then(|start| body.get(start..)).unwrap_or_default();
+    Ok((header, Planes { area }))
+}
+
+fn decode<'b, T: serde::Deserialize<'b>>(bytes: &'b [u8]) -> Result<(T, &'b [u8]), BlobError> {
+    postcard::take_from_bytes(bytes).map_err(|_| BlobError::Header)
+}
+
+/// The plane area.
+struct Planes<'a> {
+    area: &'a [u8],
+}
+
+impl<'a> Planes<'a> {
+    fn get<T: Pod>(&self, plane: PlaneRef) -> Result<&'a [T], PlaneProblem> {
+        let PlaneRef { offset, len } = plane;
+        let out_of_bounds = PlaneProblem::OutOfBounds { offset, len };
+        let start = offset as usize;
+        if start % ALIGNMENT != 0 {
+            return Err(PlaneProblem::Misaligned { offset });
+        }
+        let end = (len as usize).checked_mul(size_of::<T>()).and_then(|size| size.checked_add(start));
+        let bytes = end.and_then(|end| self.area.get(start..end)).ok_or(out_of_bounds)?;
+        bytemuck::try_cast_slice(bytes).map_err(|_| PlaneProblem::Misaligned { offset })
+    }
+
+    fn get_three<T: Pod>(&self, [x, y, z]: [PlaneRef; 3]) -> Result<[&'a [T]; 3], PlaneProblem> {
+        Ok([self.get(x)?, self.get(y)?, self.get(z)?])
+    }
+
+    fn rbf<T: Pod + Into<f64>>(&self, header: &RbfHeader) -> Result<RbfTable<'a, T>, PlaneProblem> {
+        Ok(RbfTable::new(self.get_three(header.centres)?, self.get_three(header.weights)?)?)
+    }
+}
+
+/// Names the plane a problem is in.
+fn named(what: &'static str, space: Option<u16>) -> impl Fn(PlaneProblem) -> BlobError {
+    move |problem| BlobError::Plane { what, space, problem }
+}
+
+fn read_surface<'a>(planes: &Planes<'a>, header: &SurfaceHeader) -> Result<Surface<'a>, BlobError> {
+    let of = |what| named(what, None);
+    let out_of_range = |index| PlaneProblem::Table(TableError::OutOfRange { index });
+
+    let node: &[u32] = planes.get(header.node).map_err(of("surface node"))?;
+    let position_m = planes.get_three(header.position_m).map_err(of("surface position"))?;
+    for plane in position_m {
+        let checked = check_len(plane, node.len()).and_then(|()| check_finite(plane));
+        checked.map_err(|error| of("surface position")(error.into()))?;
+    }
+    let triangles: &[[u32; 3]] = planes.get(header.triangles).map_err(of("triangles"))?;
+    let bad = |triangle: &[u32; 3]| triangle.iter().any(|&vertex| vertex as usize >= node.len());
+    if let Some(index) = triangles.iter().position(bad) {
+        return Err(of("triangles")(out_of_range(index)));
+    }
+    let fixed: &[u8] = planes.get(header.fixed).map_err(of("fixed"))?;
+    check_len(fixed, node.len()).map_err(|error| of("fixed")(error.into()))?;
+    if let Some(index) = fixed.iter().position(|&fixed| fixed > 1) {
+        return Err(of("fixed")(out_of_range(index)));
+    }
+    Ok(Surface { node, position_m, triangles, fixed })
+}
+
+fn read_space<'a>(
+    planes: &Planes<'a>,
+    header: SpaceHeader,
+    space: u16,
+    vertices: usize,
+) -> Result<Space<'a>, BlobError> {
+    let of = |what| named(what, Some(space));
+    let value = |what| BlobError::Value { what, space: Some(space) };
+
+    check_vector(header.rest_position_m).ok_or(value("rest_position_m"))?;
+    check_vector(header.outward_normal).ok_or(value("outward_normal"))?;
+    // Also false for NaN; an overflowing norm is not 1 either.
+    if !((vec3::norm(header.outward_normal) - 1.0).abs() <= UNIT_TOLERANCE) {
+        return Err(value("outward_normal"));
+    }
+    let lattice = BallLattice::new(header.spacing_m, header.radius_m)
+        .map_err(|error| BlobError::Lattice { space, error })?;
+
+    let flags: &[u8] = planes.get(header.flags).map_err(of("flags"))?;
+    check_len(flags, lattice.slots()).map_err(|error| of("flags")(error.into()))?;
+    if let Some(slot) = flags::first_inconsistent(&lattice, flags) {
+        return Err(of("flags")(PlaneProblem::Flags { slot }));
+    }
+    let rest = lattice.slot([0; 3]).unwrap_or(0);
+    if flags.get(rest).is_none_or(|bits| bits & flags::SOLVED == 0) {
+        return Err(BlobError::RestPoint { space });
+    }
+
+    let lattice_table = match header.force_n {
+        None => None,
+        Some(force) => {
+            let force = planes.get_three(force).map_err(of("force"))?;
+            let table = LatticeTable::new(&lattice, force).map_err(|error| of("force")(error.into()))?;
+            if force.iter().any(|plane| plane.get(rest).is_none_or(|&force| force != 0.0)) {
+                return Err(BlobError::RestPoint { space });
+            }
+            Some(table)
+        }
+    };
+    let rbf_linear = match &header.rbf_linear {
+        None => None,
+        Some(rbf) => Some(planes.rbf(rbf).map_err(of("rbf-linear"))?),
+    };
+    let rbf_cubic = match &header.rbf_cubic {
+        None => None,
+        Some(rbf) => Some(planes.rbf(rbf).map_err(of("rbf-cubic"))?),
+    };
+    let displacement = match header.displacement {
+        None => None,
+        Some(refs) => {
+            let row = planes.get(refs.row).map_err(of("displacement row"))?;
+            let rows = planes.get(refs.rows).map_err(of("displacement rows"))?;
+            let table = DisplacementTable::new(&lattice, row, rows, vertices);
+            Some(table.map_err(|error| of("displacement rows")(error.into()))?)
+        }
+    };
+    let SpaceHeader { name, node, rest_position_m, outward_normal, .. } = header;
+    Ok(Space {
+        name,
+        node,
+        rest_position_m,
+        outward_normal,
+        lattice,
+        flags,
+        lattice_table,
+        rbf_linear,
+        rbf_cubic,
+        displacement,
+    })
+}
+
+fn check_vector(vector: Vec3) -> Option<()> {
+    vec3::is_finite(vector).then_some(())
+}

@@ -1,0 +1,215 @@
+//! The uniform grid of one configuration space: the integer points of a ball, and the box of slots that holds them.
+//!
+//! Points n (in cells) with |n| <= radius / spacing. With R the radius in cells, rounded up, tables live on the box
+//! -E..=E per axis with E = R + 1: one ring more than the ball, so that all 64 points of every cell's super-cell
+//! have a slot and no kernel ever tests for an edge. Slots run with the last index (z) fastest.
+
+use core::num::NonZeroUsize;
+
+use crate::math;
+use crate::vec3::{self, Vec3};
+
+/// Relative slack on radius / spacing: 0.1 / (0.1 / 7) in f32 must count 7 cells. Eight times the rounding of the
+/// quotient of two rounded f32; the nearest shells |n| = sqrt(k) are further apart up to [`MAX_CELLS`].
+const SLACK: f64 = 1e-6;
+
+/// Largest radius in cells: 255^3 slots. Keeps every index in u32 and a blob in its 32-bit offsets.
+pub const MAX_CELLS: i32 = 126;
+
+/// Why a lattice was refused.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LatticeError {
+    /// Spacing or radius is not a positive finite number, or the radius is below one cell.
+    Size {
+        /// Spacing given, metres.
+        spacing_m: f32,
+        /// Radius given, metres.
+        radius_m: f32,
+    },
+    /// More cells along the radius than [`MAX_CELLS`].
+    TooFine {
+        /// Cells along the radius.
+        cells: f64,
+    },
+}
+
+impl core::fmt::Display for LatticeError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Size { spacing_m, radius_m } => {
+                write!(
+                    f,
+                    "a grid needs 0 < spacing <= radius, not spacing {spacing_m} m and radius {radius_m} m"
+                )
+            }
+            Self::TooFine { cells } => {
+                write!(
+                    f,
+                    "{cells:.0} cells along the radius are more than {MAX_CELLS}: choose a wider spacing"
+                )
+            }
+        }
+    }
+}
+
+impl core::error::Error for LatticeError {}
+
+/// Ball of lattice points round the active node at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallLattice {
+    spacing_m: f32,
+    radius_m: f32,
+    cells_per_m: f32,
+    /// R, the radius in cells rounded up.
+    reach: i32,
+    /// Largest |n|^2 inside the ball.
+    reach_squared: i32,
+}
+
+/// Where a query falls, after the out-of-table policy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Location {
+    /// Slot of the cell's low corner.
+    pub slot: usize,
+    /// Position inside the cell, each in [0, 1].
+    pub t: Vec3,
+    /// Position in cell units relative to the rest point.
+    pub position: Vec3,
+    /// False where the query was not finite or outside the ball and had to be pulled back.
+    pub inside: bool,
+}
+
+impl BallLattice {
+    /// Checks the sizes and fixes the extent.
+    pub fn new(spacing_m: f32, radius_m: f32) -> Result<Self, LatticeError> {
+        let cells = f64::from(radius_m) / f64::from(spacing_m);
+        let cells_per_m = 1.0 / spacing_m;
+        // A spacing of 1e-40 has no finite inverse; NaN fails every comparison.
+        if !(spacing_m > 0.0 && cells_per_m.is_finite() && radius_m.is_finite() && cells >= 1.0 - SLACK) {
+            return Err(LatticeError::Size { spacing_m, radius_m });
+        }
+        if cells > f64::from(MAX_CELLS) {
+            return Err(LatticeError::TooFine { cells });
+        }
+        let low = cells * (1.0 - SLACK);
+        let reach = low as i32 + i32::from(low > f64::from(low as i32));
+        let high = cells * (1.0 + SLACK);
+        Ok(Self { spacing_m, radius_m, cells_per_m, reach, reach_squared: (high * high) as i32 })
+    }
+
+    /// Distance of neighbouring points, metres.
+    pub const fn spacing_m(&self) -> f32 {
+        self.spacing_m
+    }
+
+    /// Radius of the ball, metres.
+    pub const fn radius_m(&self) -> f32 {
+        self.radius_m
+    }
+
+    /// R: the radius in cells, rounded up.
+    pub const fn reach(&self) -> i32 {
+        self.reach
+    }
+
+    /// E = R + 1: indices run over -E..=E on each axis.
+    pub const fn extent(&self) -> i32 {
+        self.reach + 1
+    }
+
+    /// Slots along one axis, 2 E + 1.
+    pub const fn side(&self) -> usize {
+        self.side_nonzero().get()
+    }
+
+    /// Slots of the box, side^3.
+    pub const fn slots(&self) -> usize {
+        self.side() * self.side() * self.side()
+    }
+
+    /// As a `NonZero`, division by the side has no panic path.
+    const fn side_nonzero(&self) -> NonZeroUsize {
+        NonZeroUsize::MIN.saturating_add(2 * self.extent() as usize)
+    }
+
+    /// Slot of a lattice point, or `None` outside the box.
+    #[inline]
+    pub fn slot(&self, ijk: [i32; 3]) -> Option<usize> {
+        let extent = self.extent();
+        let inside = ijk.iter().all(|n| (-extent..=extent).contains(n));
+        inside.then(|| self.slot_in_box(ijk))
+    }
+
+    /// Slot of a point known to be in the box.
+    #[inline]
+    fn slot_in_box(&self, ijk: [i32; 3]) -> usize {
+        let [i, j, k] = ijk.map(|n| n.wrapping_add(self.extent()) as usize);
+        let side = self.side();
+        i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k)
+    }
+
+    /// Lattice point of a slot; meaningless for a slot outside the box.
+    pub fn ijk(&self, slot: usize) -> [i32; 3] {
+        let side = self.side_nonzero();
+        let sheet = slot / side;
+        [sheet / side, sheet % side, slot % side].map(|n| (n as i32).wrapping_sub(self.extent()))
+    }
+
+    /// Displacement of a lattice point, metres.
+    pub fn displacement_m(&self, ijk: [i32; 3]) -> Vec3 {
+        ijk.map(|n| n as f32 * self.spacing_m)
+    }
+
+    /// Whether a lattice point is in the ball.
+    pub fn contains(&self, ijk: [i32; 3]) -> bool {
+        let squared: i64 = ijk.iter().map(|&n| i64::from(n) * i64::from(n)).fold(0, i64::saturating_add);
+        squared <= i64::from(self.reach_squared)
+    }
+
+    /// Lattice points of the ball in slot order, without the rest point.
+    pub fn points(&self) -> impl Iterator<Item = [i32; 3]> + '_ {
+        (0..self.slots()).map(|slot| self.ijk(slot)).filter(|&ijk| ijk != [0; 3] && self.contains(ijk))
+    }
+
+    /// Number of [`BallLattice::points`]: 514, 1418, 4168, 14146 for 5, 7, 10, 15 cells (the paper's four grids).
+    pub fn count(&self) -> usize {
+        self.points().count()
+    }
+
+    /// Low corner of the cell that holds a displacement, and the position inside it.
+    ///
+    /// On the outermost face t = 1, so every cell returned has its super-cell in the box. Beyond the ball's bounding
+    /// cube the nearest cell, t clamped. NaN components count as 0.
+    #[inline]
+    pub fn cell(&self, displacement_m: Vec3) -> ([i32; 3], Vec3) {
+        self.cell_of(vec3::scale(displacement_m, self.cells_per_m))
+    }
+
+    #[inline]
+    fn cell_of(&self, position: Vec3) -> ([i32; 3], Vec3) {
+        let low = position.map(|x| math::floor_to_i32(x).max(-self.reach).min(self.reach - 1));
+        let ([x, y, z], [i, j, k]) = (position, low);
+        // max and min pass NaN over, `clamp` would keep it.
+        let t = [x - i as f32, y - j as f32, z - k as f32].map(|t| t.max(0.0).min(1.0));
+        (low, t)
+    }
+
+    /// Finds the cell for any query at all, by the out-of-table policy.
+    ///
+    /// Beyond the ball the query is pulled back along the radius, so the force goes on constant and continuous. A
+    /// query that is not finite is answered at the rest point: the controller has faulted before, and a force of
+    /// zero is the safe answer to a question without sense.
+    #[inline]
+    pub fn locate(&self, displacement_m: Vec3) -> Location {
+        let inside = vec3::norm_squared(displacement_m) <= self.radius_m * self.radius_m;
+        let displacement_m = if inside { displacement_m } else { self.pulled_back(displacement_m) };
+        let position = vec3::scale(displacement_m, self.cells_per_m);
+        let (low, t) = self.cell_of(position);
+        Location { slot: self.slot_in_box(low), t, position, inside }
+    }
+
+    #[cold]
+    fn pulled_back(&self, displacement_m: Vec3) -> Vec3 {
+        vec3::scale(vec3::normalize_or_zero(displacement_m), self.radius_m)
+    }
+}

@@ -1,0 +1,222 @@
+//! One configuration space as the tick sees it: lattice, flags and the tables that were packed.
+//!
+//! Every table is a checked view of planes in the blob: lengths, indices and values are proven when it is built, so a
+//! query cannot fail. A constructor that refuses returns the reason; the tick then never asks again.
+
+use heapless::String;
+
+use crate::blend;
+use crate::flags::{CELL, SUPERCELL};
+use crate::grid::BallLattice;
+use crate::method::{Coverage, ForceSample, Method};
+use crate::rbf::RbfTable;
+use crate::tricubic;
+use crate::trilinear;
+use crate::vec3::{self, Vec3};
+
+/// Longest name of an active node, bytes.
+pub const SPACE_NAME_LEN: usize = 32;
+
+/// Why a set of planes is no table on this lattice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableError {
+    /// A plane has another length than the lattice or the vertex count asks for.
+    Length {
+        /// Elements found.
+        have: usize,
+        /// Elements needed.
+        need: usize,
+    },
+    /// A value is NaN or infinite.
+    NotFinite {
+        /// Element in its plane.
+        index: usize,
+    },
+    /// An index points beyond what it indexes.
+    OutOfRange {
+        /// Element in its plane.
+        index: usize,
+    },
+}
+
+impl core::fmt::Display for TableError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Length { have, need } => write!(f, "a plane holds {have} elements where {need} are needed"),
+            Self::NotFinite { index } => write!(f, "element {index} is not finite"),
+            Self::OutOfRange { index } => write!(f, "element {index} points out of range"),
+        }
+    }
+}
+
+impl core::error::Error for TableError {}
+
+pub(crate) fn check_len<T>(plane: &[T], need: usize) -> Result<(), TableError> {
+    if plane.len() == need { Ok(()) } else { Err(TableError::Length { have: plane.len(), need }) }
+}
+
+pub(crate) fn check_finite(plane: &[f32]) -> Result<(), TableError> {
+    match plane.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(TableError::NotFinite { index }),
+    }
+}
+
+/// Reaction force on every slot of the box: solved configurations, and ghosts where there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LatticeTable<'a> {
+    force: [&'a [f32]; 3],
+}
+
+impl<'a> LatticeTable<'a> {
+    /// Checks that the planes (x, y, z in newtons) cover the box and are finite.
+    pub fn new(lattice: &BallLattice, force: [&'a [f32]; 3]) -> Result<Self, TableError> {
+        for plane in force {
+            check_len(plane, lattice.slots())?;
+            check_finite(plane)?;
+        }
+        Ok(Self { force })
+    }
+
+    /// The planes x, y, z, one value per slot, newtons.
+    pub const fn force_n(&self) -> &[&'a [f32]; 3] {
+        &self.force
+    }
+}
+
+/// Surface displacement of each configuration, for the eye at 30 Hz.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DisplacementTable<'a> {
+    row: &'a [u32],
+    rows: &'a [f32],
+    vertices: usize,
+}
+
+impl<'a> DisplacementTable<'a> {
+    /// Checks that there is a row for every slot of the box and that every row is whole and finite.
+    ///
+    /// Shapes: `row` one index per slot; `rows` row-major [row][surface vertex][xyz], metres. A ghost slot points at the row
+    /// of the nearest solved configuration, which keeps the displacement continuous.
+    pub fn new(
+        lattice: &BallLattice,
+        row: &'a [u32],
+        rows: &'a [f32],
+        vertices: usize,
+    ) -> Result<Self, TableError> {
+        check_len(row, lattice.slots())?;
+        check_finite(rows)?;
+        let stride = vertices.saturating_mul(3);
+        let count = rows.len().checked_div(stride).unwrap_or(0);
+        check_len(rows, count.saturating_mul(stride))?;
+        match row.iter().position(|&row| row as usize >= count) {
+            None => Ok(Self { row, rows, vertices }),
+            Some(index) => Err(TableError::OutOfRange { index }),
+        }
+    }
+
+    /// Number of surface vertices in a row.
+    pub const fn vertices(&self) -> usize {
+        self.vertices
+    }
+
+    /// Tri-linear displacement of the surface at `displacement_m` of the active node, metres.
+    ///
+    /// `out` has one entry per surface vertex; what is longer stays zero, what is missing is not computed. Beyond
+    /// the ball, as for the force, the displacement at the rim.
+    pub fn displacement_into(&self, lattice: &BallLattice, displacement_m: Vec3, out: &mut [Vec3]) {
+        let at = lattice.locate(displacement_m);
+        let stride = self.vertices.saturating_mul(3);
+        out.fill(vec3::ZERO);
+        for (slot, weight) in trilinear::corners(lattice.side(), at.slot, at.t) {
+            let start = self.row.get(slot).map_or(0, |&row| (row as usize).saturating_mul(stride));
+            let Some(row) = self.rows.get(start..start.saturating_add(stride)) else { continue };
+            for (vertex, moved) in out.iter_mut().zip(row.as_chunks::<3>().0) {
+                *vertex = vec3::add(*vertex, vec3::scale(*moved, weight));
+            }
+        }
+    }
+}
+
+/// One active node with its configuration space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Space<'a> {
+    /// Name of the active node in the scene.
+    pub name: String<SPACE_NAME_LEN>,
+    /// Mesh node, 0-based file order.
+    pub node: u32,
+    /// Position of the node at rest, model frame, metres.
+    pub rest_position_m: Vec3,
+    /// Unit normal of the surface at the node, out of the body.
+    pub outward_normal: Vec3,
+    /// The grid of displacements.
+    pub lattice: BallLattice,
+    /// One byte per slot of the box, see [`crate::flags`].
+    pub flags: &'a [u8],
+    /// For trilinear, tricubic and hybrid.
+    pub lattice_table: Option<LatticeTable<'a>>,
+    /// For rbf-linear.
+    pub rbf_linear: Option<RbfTable<'a, f32>>,
+    /// For rbf-cubic.
+    pub rbf_cubic: Option<RbfTable<'a, f64>>,
+    /// For the eye.
+    pub displacement: Option<DisplacementTable<'a>>,
+}
+
+impl Space<'_> {
+    /// Whether the tables of a method were packed.
+    pub const fn has(&self, method: Method) -> bool {
+        match method {
+            Method::Trilinear | Method::Tricubic | Method::Hybrid => self.lattice_table.is_some(),
+            Method::RbfLinear => self.rbf_linear.is_some(),
+            Method::RbfCubic => self.rbf_cubic.is_some(),
+        }
+    }
+
+    /// Reaction force h at a displacement of the active node, and the data it stands on.
+    ///
+    /// `None` only if the method is not in the blob. Any displacement is answered, with a finite force: beyond the ball with
+    /// the force at the rim, NaN and infinities with the force at rest, both as `Extrapolated`.
+    #[inline]
+    pub fn force(&self, method: Method, displacement_m: Vec3) -> Option<ForceSample> {
+        let at = self.lattice.locate(displacement_m);
+        let side = self.lattice.side();
+        let table = || self.lattice_table.as_ref().map(LatticeTable::force_n);
+        let force_n = match method {
+            Method::Trilinear => trilinear::interpolate(table()?, side, at.slot, at.t),
+            Method::Tricubic => tricubic::interpolate(table()?, side, at.slot, at.t),
+            Method::Hybrid => blend::interpolate(table()?, self.flags, side, at.slot, at.t),
+            Method::RbfLinear => self.rbf_linear.as_ref()?.interpolate(at.position),
+            Method::RbfCubic => self.rbf_cubic.as_ref()?.interpolate(at.position),
+        };
+        let flags = if at.inside { self.flags.get(at.slot).copied().unwrap_or(0) } else { 0 };
+        Some(ForceSample { force_n: finite_or_zero(force_n), coverage: coverage(method, flags) })
+    }
+
+    /// Surface displacement at a displacement of the active node. `false` where the blob holds none; `out` is then zero.
+    pub fn displacement_into(&self, displacement_m: Vec3, out: &mut [Vec3]) -> bool {
+        match &self.displacement {
+            Some(table) => table.displacement_into(&self.lattice, displacement_m, out),
+            None => out.fill(vec3::ZERO),
+        }
+        self.displacement.is_some()
+    }
+}
+
+/// Coverage of a cell with these flags, as the method sees it.
+fn coverage(method: Method, flags: u8) -> Coverage {
+    let (cell, supercell) = (flags & CELL != 0, flags & SUPERCELL != 0);
+    match method {
+        Method::Trilinear | Method::Hybrid if cell && !(supercell && method == Method::Hybrid) => {
+            Coverage::Cell
+        }
+        Method::Tricubic | Method::Hybrid if supercell => Coverage::SuperCell,
+        Method::RbfLinear | Method::RbfCubic if cell => Coverage::Scattered,
+        _ => Coverage::Extrapolated,
+    }
+}
+
+/// Finite tables of absurd size (1e38) can still overflow in the sum; such a force is no force.
+#[inline]
+fn finite_or_zero(force_n: Vec3) -> Vec3 {
+    if vec3::is_finite(force_n) { force_n } else { vec3::ZERO }
+}
