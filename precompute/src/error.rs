@@ -1,0 +1,125 @@
+//! A bad input, said in one line: which file, which line, what is wrong, and the mend.
+//!
+//! Everything a person hands to Palpate (a scene, a mesh, a set of nodes) fails through [`InputError`], so that the
+//! command line has one thing to print before it exits 2. Numerical trouble inside a solve is not an input error:
+//! that is data (a configuration tag), see the solver.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// What is wrong with an input, where, and how to mend it.
+///
+/// `Display` is one line, `file:line: what; mend`, whatever the parts hold: line breaks inside a part (a TOML
+/// excerpt, a file name) become blanks, because scripts read the error line by line.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InputError {
+    /// The file that is at fault.
+    pub file: PathBuf,
+    /// 1-based line in `file`, where the format has lines and the fault has a place.
+    pub line: Option<usize>,
+    /// What is wrong, naming the key, node or element.
+    pub what: String,
+    /// What the reader of the message should do about it.
+    pub mend: String,
+}
+
+impl InputError {
+    /// An error of a whole file, without a line.
+    pub fn new(file: &Path, what: impl Into<String>, mend: impl Into<String>) -> Self {
+        Self { file: file.to_path_buf(), line: None, what: what.into(), mend: mend.into() }
+    }
+
+    /// An error at a 1-based line of a file.
+    pub fn at(file: &Path, line: usize, what: impl Into<String>, mend: impl Into<String>) -> Self {
+        Self { line: Some(line), ..Self::new(file, what, mend) }
+    }
+
+    /// A file that cannot be opened or read: says why in the operating system's words.
+    pub fn unreadable(file: &Path, error: &std::io::Error) -> Self {
+        let mend = match error.kind() {
+            std::io::ErrorKind::NotFound => "check the path (it is relative to the scene file)",
+            std::io::ErrorKind::PermissionDenied => "make the file readable for this user",
+            _ => "check that it is a readable file",
+        };
+        Self::new(file, format!("cannot read the file ({error})"), mend)
+    }
+}
+
+impl fmt::Display for InputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut text = self.file.display().to_string();
+        if let Some(line) = self.line {
+            text.push_str(&format!(":{line}"));
+        }
+        text.push_str(&format!(": {}; {}", self.what, self.mend));
+        f.write_str(&text.replace(['\n', '\r'], " "))
+    }
+}
+
+impl std::error::Error for InputError {}
+
+/// `1 node`, `2 nodes`: counts in messages read as a person would write them.
+pub(crate) fn count(n: usize, noun: &str) -> String {
+    if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
+}
+
+/// The word of `known` that `word` most likely misspells, if any is near enough to be worth suggesting.
+///
+/// Edit distance (insert, delete, replace), at most a third of the longer word's letters; ties go to the first.
+/// A word that only lost its unit (`radius` for `radius_m`) is always near enough.
+pub(crate) fn nearest_word<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
+    known
+        .into_iter()
+        .filter_map(|candidate| {
+            let distance = edit_distance(word, candidate);
+            let longer = word.chars().count().max(candidate.chars().count());
+            let unit_lost = !word.is_empty() && candidate.starts_with(&format!("{word}_"));
+            (unit_lost || 3 * distance <= longer).then_some((distance, candidate))
+        })
+        .min_by_key(|&(distance, _)| distance)
+        .map(|(_, candidate)| candidate)
+}
+
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &cb) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(ca != cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn display_is_one_line_with_file_line_what_and_mend() {
+        let error = InputError::at(Path::new("dir/liver.toml"), 7, "unknown\nkey `x`", "remove it");
+        assert_eq!(error.to_string(), "dir/liver.toml:7: unknown key `x`; remove it");
+        let whole = InputError::new(Path::new("a\r\nb.msh"), "empty", "save it again");
+        assert_eq!(whole.to_string(), "a  b.msh: empty; save it again");
+    }
+
+    #[test]
+    fn suggestions_are_near_or_none() {
+        let known = ["radius_m", "spacing_m", "points"];
+        assert_eq!(nearest_word("radius", known), Some("radius_m"));
+        assert_eq!(nearest_word("spaceing_m", known), Some("spacing_m"));
+        assert_eq!(nearest_word("colour", known), None);
+        assert_eq!(nearest_word("", known), None);
+    }
+
+    #[test]
+    fn edit_distance_counts_single_letter_edits() {
+        assert_eq!(edit_distance("", "abc"), 3);
+        assert_eq!(edit_distance("kitten", "sitting"), 3);
+        assert_eq!(edit_distance("same", "same"), 0);
+    }
+}

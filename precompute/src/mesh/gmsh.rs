@@ -1,0 +1,453 @@
+//! Gmsh `.msh`, versions 2.2 and 4.1, ASCII.
+//!
+//! Own reader: errors must name the line, and one file must do for both versions. Sections that hold no mesh
+//! (`$Periodic`, `$NodeData`, ..., whatever comes) are skipped up to their `$End...`, as the format asks of readers.
+//!
+//! Groups: every physical group becomes a group of its name; one without a name is called `point 7`, `curve 7`,
+//! `surface 7` or `volume 7` by its tag. Groups of different dimension with one name are joined.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::lines::{Line, Lines, Words};
+use super::raw::{Origin, RawMesh};
+use super::tetrahedral::sorted;
+use crate::error::{InputError, count};
+
+const SAVE_ASCII: &str = "save it as ASCII, version 4.1 or 2.2 (Gmsh: `-format msh41`, without `-bin`)";
+const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
+const DIMENSION_NAMES: [&str; 4] = ["point", "curve", "surface", "volume"];
+
+/// Reads a whole file; the shared checks come with [`RawMesh::finish`].
+pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+    // Group names in another encoding must not keep a mesh from being read.
+    let text = String::from_utf8_lossy(bytes);
+    let mut lines = Lines::new(file, &text, None);
+    let version = read_format(file, &mut lines)?;
+    let mut reader = Reader::new(file);
+    while let Some(line) = lines.next_line() {
+        let Some(section) = line.text.strip_prefix('$').filter(|name| !name.starts_with("End")) else {
+            let what = format!("expected the start of a section, found `{}`", line.excerpt());
+            return Err(line.error(what, DAMAGED));
+        };
+        match (section, version) {
+            ("PhysicalNames", _) => reader.physical_names(&mut lines)?,
+            ("Entities", Version::V41) => reader.entities(&mut lines)?,
+            ("PartitionedEntities", _) => {
+                return Err(
+                    line.error("the mesh is partitioned", "save it unpartitioned (Gmsh: Mesh > Unpartition)")
+                );
+            }
+            ("Nodes", _) => reader.nodes(line, version, &mut lines)?,
+            ("Elements", _) => reader.elements(line, version, &mut lines)?,
+            _ => {
+                skip(line, section, &mut lines)?;
+                continue;
+            }
+        }
+        close(section, &mut lines)?;
+    }
+    reader.into_raw()
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Version {
+    V22,
+    V41,
+}
+
+fn read_format(file: &Path, lines: &mut Lines<'_>) -> Result<Version, InputError> {
+    let head = lines.next_line().filter(|line| line.text == "$MeshFormat").ok_or_else(|| {
+        InputError::at(
+            file,
+            1,
+            "not a Gmsh file: it does not start with $MeshFormat",
+            "export the mesh again",
+        )
+    })?;
+    let line = lines.expect_line("the format version").map_err(|_| {
+        head.error("the file ends inside $MeshFormat", "it is truncated: export or copy it again")
+    })?;
+    let mut words = line.words();
+    let version: f64 = words.number("the format version")?;
+    let file_type: u32 = words.number("the file type (0 = ASCII)")?;
+    if file_type != 0 {
+        return Err(line.error("the file is binary Gmsh", SAVE_ASCII));
+    }
+    let version = match version {
+        v if (2.0..3.0).contains(&v) => Version::V22,
+        v if v == 4.1 => Version::V41,
+        v => return Err(line.error(format!("Gmsh format {v} is not read here"), SAVE_ASCII)),
+    };
+    close("MeshFormat", lines)?;
+    Ok(version)
+}
+
+fn close(section: &str, lines: &mut Lines<'_>) -> Result<(), InputError> {
+    let end = format!("$End{section}");
+    let line = lines.expect_line(&end)?;
+    if line.text == end {
+        return Ok(());
+    }
+    Err(line.error(
+        format!("expected {end}, found `{}`", line.excerpt()),
+        "the section's count does not match its lines, or its end is missing: export the mesh again",
+    ))
+}
+
+fn skip(start: Line<'_>, section: &str, lines: &mut Lines<'_>) -> Result<(), InputError> {
+    let end = format!("$End{section}");
+    while let Some(line) = lines.next_line() {
+        if line.text == end {
+            return Ok(());
+        }
+    }
+    Err(start
+        .error(format!("section ${section} has no {end}"), "the file is truncated: export or copy it again"))
+}
+
+/// What an element type of the format means to us.
+enum Kind {
+    Tet,
+    /// Points, lines and triangles: kept for the nodes of their groups.
+    Lower {
+        dimension: usize,
+        nodes: usize,
+    },
+    HigherOrder,
+    Refused(&'static str),
+}
+
+fn kind_of(element_type: u32) -> Kind {
+    match element_type {
+        15 => Kind::Lower { dimension: 0, nodes: 1 },
+        1 => Kind::Lower { dimension: 1, nodes: 2 },
+        2 => Kind::Lower { dimension: 2, nodes: 3 },
+        4 => Kind::Tet,
+        3 => Kind::Refused("quadrangle"),
+        5 => Kind::Refused("hexahedron"),
+        6 => Kind::Refused("prism"),
+        7 => Kind::Refused("pyramid"),
+        8..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
+        _ => Kind::Refused("shape this reader does not know"),
+    }
+}
+
+struct Reader<'a> {
+    raw: RawMesh,
+    file: &'a Path,
+    names: HashMap<(usize, i64), String>,
+    /// Physical groups of each entity (4.1): (dimension, entity tag) -> physical tags.
+    entities: HashMap<(usize, i64), Vec<i64>>,
+    node_of_tag: HashMap<u64, u32>,
+    /// First tet with these vertices: version 2.2 repeats an element for each physical group it is in.
+    tet_of_vertices: HashMap<[u32; 4], (u32, Vec<String>)>,
+    seen_nodes: bool,
+    seen_elements: bool,
+}
+
+impl<'a> Reader<'a> {
+    fn new(file: &'a Path) -> Self {
+        Self {
+            raw: RawMesh::new(file, file),
+            file,
+            names: HashMap::new(),
+            entities: HashMap::new(),
+            node_of_tag: HashMap::new(),
+            tet_of_vertices: HashMap::new(),
+            seen_nodes: false,
+            seen_elements: false,
+        }
+    }
+
+    fn into_raw(self) -> Result<RawMesh, InputError> {
+        for (seen, section) in [(self.seen_nodes, "$Nodes"), (self.seen_elements, "$Elements")] {
+            if !seen {
+                let what = format!("the file has no {section} section");
+                return Err(InputError::new(
+                    self.file,
+                    what,
+                    "it is truncated or holds no mesh: export it again",
+                ));
+            }
+        }
+        Ok(self.raw)
+    }
+
+    fn physical_names(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
+        let n: usize = lines.expect_line("the number of names")?.words().number("the number of names")?;
+        for _ in 0..n {
+            let line = lines.expect_line("a physical name")?;
+            let mut words = line.words();
+            let dimension = dimension(&mut words)?;
+            let tag: i64 = words.number("a physical tag")?;
+            // The name may hold blanks, so it is cut by its quotes and not by words.
+            let name =
+                line.text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"')).map(|(name, _)| name);
+            let name = name.ok_or_else(|| line.error("a physical name stands in no quotes", DAMAGED))?;
+            self.names.insert((dimension, tag), name.to_owned());
+        }
+        Ok(())
+    }
+
+    /// Only the physical groups of each entity matter here; geometry is skipped.
+    fn entities(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
+        let counts: Vec<usize> =
+            lines.expect_line("the entity counts")?.words().exactly(4, "an entity count")?;
+        for (dimension, &n) in counts.iter().enumerate() {
+            for _ in 0..n {
+                let line = lines.expect_line("an entity")?;
+                let mut words = line.words();
+                let tag: i64 = words.number("an entity tag")?;
+                // A point has its position, the others their bounding box.
+                for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                    words.number::<f64>("a coordinate of the entity")?;
+                }
+                let groups: usize = words.number("the number of physical groups")?;
+                let physical: Result<_, _> = (0..groups).map(|_| words.number("a physical tag")).collect();
+                self.entities.insert((dimension, tag), physical?);
+            }
+        }
+        Ok(())
+    }
+
+    fn nodes(
+        &mut self,
+        section: Line<'_>,
+        version: Version,
+        lines: &mut Lines<'_>,
+    ) -> Result<(), InputError> {
+        once(&mut self.seen_nodes, section)?;
+        let header = lines.expect_line("the number of nodes")?;
+        match version {
+            Version::V22 => {
+                let n: usize = header.words().exactly(1, "the number of nodes")?[0];
+                for _ in 0..n {
+                    let line = lines.expect_line("a node")?;
+                    let mut words = line.words();
+                    let tag = words.number("a node tag")?;
+                    let position = words.position()?;
+                    words.end()?;
+                    self.push_node(line, tag, position)?;
+                }
+            }
+            Version::V41 => {
+                let [blocks, total] = counts(header, "node")?;
+                for _ in 0..blocks {
+                    self.node_block(lines)?;
+                }
+                agree(header, total, self.raw.nodes.len(), "node")?;
+            }
+        }
+        Ok(())
+    }
+
+    fn node_block(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
+        let line = lines.expect_line("a block of nodes")?;
+        let mut words = line.words();
+        let dimension = dimension(&mut words)?;
+        let _entity: i64 = words.number("an entity tag")?;
+        let parametric: u32 = words.number("the parametric flag")?;
+        let n: usize = words.number("the number of nodes in the block")?;
+        words.end()?;
+        let mut tags = Vec::new();
+        for _ in 0..n {
+            let line = lines.expect_line("a node tag")?;
+            tags.push(line.words().exactly::<u64>(1, "a node tag")?[0]);
+        }
+        for tag in tags {
+            let line = lines.expect_line("a node's coordinates")?;
+            let mut words = line.words();
+            let position = words.position()?;
+            // Parametric coordinates on the entity may follow: u, v, w up to its dimension.
+            if parametric == 0 || words.left() != dimension {
+                words.end()?;
+            }
+            self.push_node(line, tag, position)?;
+        }
+        Ok(())
+    }
+
+    fn push_node(&mut self, line: Line<'_>, tag: u64, position: [f64; 3]) -> Result<(), InputError> {
+        let index = self.raw.nodes.len() as u32;
+        if let Some(first) = self.node_of_tag.insert(tag, index) {
+            let what = format!("node {tag} stands in the file a second time (first as number {})", first + 1);
+            return Err(
+                line.error(what, "renumber the mesh (Gmsh: Tools > Renumber) or remove one of the two")
+            );
+        }
+        self.raw.nodes.push(position);
+        self.raw.node_origins.push(Origin { tag, line: Some(line.number) });
+        Ok(())
+    }
+
+    fn elements(
+        &mut self,
+        section: Line<'_>,
+        version: Version,
+        lines: &mut Lines<'_>,
+    ) -> Result<(), InputError> {
+        once(&mut self.seen_elements, section)?;
+        if !self.seen_nodes {
+            return Err(section.error("$Elements stands before $Nodes", "export the mesh again"));
+        }
+        let header = lines.expect_line("the number of elements")?;
+        match version {
+            Version::V22 => {
+                let n: usize = header.words().exactly(1, "the number of elements")?[0];
+                for _ in 0..n {
+                    self.element_22(lines.expect_line("an element")?)?;
+                }
+            }
+            Version::V41 => {
+                let [blocks, total] = counts(header, "element")?;
+                let mut found = 0;
+                for _ in 0..blocks {
+                    found += self.element_block(lines)?;
+                }
+                agree(header, total, found, "element")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// tag, type, number of tags, tags (the first is the physical group, 0 for none), vertices.
+    fn element_22(&mut self, line: Line<'_>) -> Result<(), InputError> {
+        let mut words = line.words();
+        let tag = words.number("an element tag")?;
+        let element_type = words.number("an element type")?;
+        let tag_count: usize = words.number("the number of tags")?;
+        let tags = (0..tag_count).map(|_| words.number("a tag")).collect::<Result<Vec<i64>, _>>()?;
+        let physical: Vec<i64> = tags.first().copied().filter(|&p| p != 0).into_iter().collect();
+        self.push_element(&mut words, tag, element_type, &physical)
+    }
+
+    fn element_block(&mut self, lines: &mut Lines<'_>) -> Result<usize, InputError> {
+        let line = lines.expect_line("a block of elements")?;
+        let mut words = line.words();
+        let dimension = dimension(&mut words)?;
+        let entity: i64 = words.number("an entity tag")?;
+        let element_type = words.number("an element type")?;
+        let n = words.number("the number of elements in the block")?;
+        words.end()?;
+        let physical = self.entities.get(&(dimension, entity)).cloned().unwrap_or_default();
+        for _ in 0..n {
+            let mut words = lines.expect_line("an element")?.words();
+            let tag = words.number("an element tag")?;
+            self.push_element(&mut words, tag, element_type, &physical)?;
+        }
+        Ok(n)
+    }
+
+    fn push_element(
+        &mut self,
+        words: &mut Words<'_>,
+        tag: u64,
+        element_type: u32,
+        physical: &[i64],
+    ) -> Result<(), InputError> {
+        let line = words.line;
+        match kind_of(element_type) {
+            Kind::Tet => {
+                let nodes = self.vertices(words, tag, 4)?;
+                let nodes = [nodes[0], nodes[1], nodes[2], nodes[3]];
+                let groups = self.group_names(3, physical);
+                self.push_tet(line, tag, nodes, groups)
+            }
+            Kind::Lower { dimension, nodes } => {
+                let nodes = self.vertices(words, tag, nodes)?;
+                for group in self.group_names(dimension, physical) {
+                    self.raw.node_groups.entry(group).or_default().extend(&nodes);
+                }
+                Ok(())
+            }
+            Kind::HigherOrder => Err(line.error(
+                format!("element {tag} is of second or higher order (Gmsh type {element_type})"),
+                "save the mesh with order 1; `order = 2` in the scene builds the mid-edge nodes itself",
+            )),
+            Kind::Refused(shape) => Err(line.error(
+                format!("element {tag} is a {shape} (Gmsh type {element_type})"),
+                "mesh the body with tetrahedra only",
+            )),
+        }
+    }
+
+    fn vertices(&self, words: &mut Words<'_>, tag: u64, n: usize) -> Result<Vec<u32>, InputError> {
+        let line = words.line;
+        let look_up = |node: u64| {
+            self.node_of_tag.get(&node).copied().ok_or_else(|| {
+                line.error(
+                    format!("element {tag} names node {node}, which is not in $Nodes"),
+                    "the file is damaged: export it again",
+                )
+            })
+        };
+        words.exactly(n, "a vertex")?.into_iter().map(look_up).collect()
+    }
+
+    fn push_tet(
+        &mut self,
+        line: Line<'_>,
+        tag: u64,
+        nodes: [u32; 4],
+        groups: Vec<String>,
+    ) -> Result<(), InputError> {
+        let next = self.raw.tets.len() as u32;
+        let (index, known) = self.tet_of_vertices.entry(sorted(nodes)).or_insert((next, Vec::new()));
+        if *index == next {
+            self.raw.push_tet(nodes, Origin { tag, line: Some(line.number) }, &groups);
+        } else if groups.is_empty() || groups.iter().any(|group| known.contains(group)) {
+            let first = self.raw.tet_origins[*index as usize].tag;
+            let what = format!("element {tag} has the same four vertices as element {first}");
+            return Err(line.error(what, "remove one of the two"));
+        } else {
+            for group in &groups {
+                self.raw.tet_groups.entry(group.clone()).or_default().push(*index);
+                self.raw.node_groups.entry(group.clone()).or_default().extend(nodes);
+            }
+        }
+        known.extend(groups);
+        Ok(())
+    }
+
+    /// A negative tag is the same group with its orientation reversed.
+    fn group_names(&self, dimension: usize, physical: &[i64]) -> Vec<String> {
+        let name = |tag: i64| match self.names.get(&(dimension, tag)) {
+            Some(name) => name.clone(),
+            None => format!("{} {tag}", DIMENSION_NAMES[dimension]),
+        };
+        physical.iter().map(|tag| name(tag.abs())).collect()
+    }
+}
+
+fn once(seen: &mut bool, section: Line<'_>) -> Result<(), InputError> {
+    if std::mem::replace(seen, true) {
+        let what = format!("a second {} section", section.text);
+        return Err(section.error(what, "keep one mesh per file: export it again"));
+    }
+    Ok(())
+}
+
+fn dimension(words: &mut Words<'_>) -> Result<usize, InputError> {
+    let dimension: usize = words.number("a dimension (0 to 3)")?;
+    if dimension > 3 {
+        let what = format!("expected a dimension from 0 to 3, found {dimension}");
+        return Err(words.line.error(what, DAMAGED));
+    }
+    Ok(dimension)
+}
+
+/// The header of a 4.1 section: number of blocks, number of items, lowest and highest tag.
+fn counts(header: Line<'_>, noun: &str) -> Result<[usize; 2], InputError> {
+    let wanted = format!("the counts of {noun} blocks and {noun}s");
+    let numbers: Vec<usize> = header.words().exactly(4, &wanted)?;
+    Ok([numbers[0], numbers[1]])
+}
+
+fn agree(header: Line<'_>, promised: usize, found: usize, noun: &str) -> Result<(), InputError> {
+    if promised == found {
+        return Ok(());
+    }
+    let what = format!("the section promises {} and its blocks hold {found}", count(promised, noun));
+    Err(header.error(what, DAMAGED))
+}

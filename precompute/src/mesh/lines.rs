@@ -1,0 +1,160 @@
+//! Line by line through a text file, remembering the line for the error.
+//!
+//! Mesh formats are read one record per line, as every writer emits them, rather than as a stream of words: a line
+//! with a number missing is then reported on that line and not where the stream first makes no sense.
+
+use std::path::Path;
+use std::str::{FromStr, SplitWhitespace};
+
+use crate::error::{InputError, count};
+
+/// Non-empty lines of a text, comments cut off, numbered from 1.
+pub(crate) struct Lines<'a> {
+    file: &'a Path,
+    lines: std::iter::Enumerate<std::str::Lines<'a>>,
+    comment: Option<char>,
+    last: usize,
+}
+
+impl<'a> Lines<'a> {
+    /// `comment` starts a remark that runs to the end of the line, where the format has such.
+    pub(crate) fn new(file: &'a Path, text: &'a str, comment: Option<char>) -> Self {
+        Self { file, lines: text.lines().enumerate(), comment, last: 0 }
+    }
+
+    /// The next line with anything on it.
+    pub(crate) fn next_line(&mut self) -> Option<Line<'a>> {
+        for (index, text) in self.lines.by_ref() {
+            self.last = index + 1;
+            let text =
+                self.comment.and_then(|c| text.split_once(c)).map_or(text, |(before, _)| before).trim();
+            if !text.is_empty() {
+                return Some(Line { file: self.file, number: index + 1, text });
+            }
+        }
+        None
+    }
+
+    /// The next line, or the error that the file ends before `wanted`.
+    pub(crate) fn expect_line(&mut self, wanted: &str) -> Result<Line<'a>, InputError> {
+        let last = self.last.max(1);
+        self.next_line().ok_or_else(|| {
+            InputError::at(
+                self.file,
+                last,
+                format!("the file ends where {wanted} should follow"),
+                "it is truncated: export or copy it again",
+            )
+        })
+    }
+}
+
+/// One line of a file.
+#[derive(Clone, Copy)]
+pub(crate) struct Line<'a> {
+    file: &'a Path,
+    /// 1-based.
+    pub(crate) number: usize,
+    /// Without surrounding blanks and comments; never empty.
+    pub(crate) text: &'a str,
+}
+
+impl<'a> Line<'a> {
+    /// An error at this line.
+    pub(crate) fn error(&self, what: impl Into<String>, mend: impl Into<String>) -> InputError {
+        InputError::at(self.file, self.number, what, mend)
+    }
+
+    /// The words of the line, to be taken one after the other.
+    pub(crate) fn words(self) -> Words<'a> {
+        Words { line: self, words: self.text.split_whitespace() }
+    }
+
+    /// Start of the line for a message; a line of binary rubbish is not repeated at full length.
+    pub(crate) fn excerpt(&self) -> String {
+        excerpt(self.text)
+    }
+}
+
+/// The words of one line.
+pub(crate) struct Words<'a> {
+    pub(crate) line: Line<'a>,
+    words: SplitWhitespace<'a>,
+}
+
+const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
+
+impl Words<'_> {
+    /// The next word as a number; `wanted` names it in the error.
+    pub(crate) fn number<T: FromStr>(&mut self, wanted: &str) -> Result<T, InputError> {
+        let Some(word) = self.words.next() else {
+            let what = format!("expected {wanted} after `{}`", self.line.excerpt());
+            return Err(self.line.error(what, DAMAGED));
+        };
+        word.parse()
+            .map_err(|_| self.line.error(format!("expected {wanted}, found `{}`", excerpt(word)), DAMAGED))
+    }
+
+    /// Three coordinates.
+    pub(crate) fn position(&mut self) -> Result<[f64; 3], InputError> {
+        Ok([self.number("x")?, self.number("y")?, self.number("z")?])
+    }
+
+    /// As many numbers as are left, which must be `n`.
+    pub(crate) fn exactly<T: FromStr>(&mut self, n: usize, wanted: &str) -> Result<Vec<T>, InputError> {
+        let numbers = (0..n).map(|_| self.number(wanted)).collect::<Result<_, _>>()?;
+        self.end()?;
+        Ok(numbers)
+    }
+
+    /// Nothing may be left.
+    pub(crate) fn end(&mut self) -> Result<(), InputError> {
+        match self.words.by_ref().count() {
+            0 => Ok(()),
+            more => Err(self.line.error(format!("{} too many on the line", count(more, "value")), DAMAGED)),
+        }
+    }
+
+    /// How many words are left.
+    pub(crate) fn left(&self) -> usize {
+        self.words.clone().count()
+    }
+}
+
+fn excerpt(text: &str) -> String {
+    const LONG: usize = 40;
+    let clean: String = text.chars().map(|c| if c.is_control() { '?' } else { c }).take(LONG).collect();
+    if text.chars().nth(LONG).is_some() { clean + "..." } else { clean }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_skip_blanks_and_comments_and_keep_their_numbers() {
+        let mut lines = Lines::new(Path::new("f"), "a\r\n\n  # all remark\n b c # tail\n", Some('#'));
+        let first = lines.expect_line("a").expect("there");
+        assert_eq!((first.number, first.text), (1, "a"));
+        let second = lines.expect_line("b").expect("there");
+        assert_eq!((second.number, second.text), (4, "b c"));
+        let error = lines.expect_line("the end").err().expect("nothing left");
+        assert_eq!(
+            error.to_string(),
+            "f:4: the file ends where the end should follow; it is truncated: export or copy it again"
+        );
+    }
+
+    #[test]
+    fn words_name_what_they_wanted() {
+        let line = Line { file: Path::new("f"), number: 3, text: "1 x 3" };
+        let mut words = line.words();
+        assert_eq!(words.number::<u32>("a tag"), Ok(1));
+        let error = words.number::<f64>("x").unwrap_err();
+        assert!(error.to_string().starts_with("f:3: expected x, found `x`; "), "{error}");
+        assert!(words.end().unwrap_err().what.contains("1 value too many"));
+        let short = line.words().exactly::<char>(4, "a letter").unwrap_err();
+        assert!(short.what.contains("expected a letter after `1 x 3`"), "{short}");
+        assert_eq!(excerpt(&"\u{1}".repeat(50)), "?".repeat(40) + "...");
+    }
+}

@@ -1,0 +1,157 @@
+//! Meshes: what a body looks like before anything pulls at it.
+//!
+//! A reader per file format fills a [`raw::RawMesh`], which remembers the tag and line of every node and element, so
+//! that the checks every format shares can name the culprit the way the file does. What leaves this module is a
+//! [`TetMesh`]: metres, 0-based file order, every tet with positive volume.
+
+pub mod surface;
+pub mod tetrahedral;
+
+mod gmsh;
+mod lines;
+mod raw;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::InputError;
+pub use surface::Surface;
+pub use tetrahedral::{MeshFault, TetMesh};
+
+/// The unit of length a mesh file is written in; inside everything is metres.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum LengthUnit {
+    /// Metres.
+    #[default]
+    Metre,
+    /// Centimetres.
+    Centimetre,
+    /// Millimetres.
+    Millimetre,
+}
+
+impl LengthUnit {
+    /// Every unit.
+    pub const ALL: [Self; 3] = [Self::Metre, Self::Centimetre, Self::Millimetre];
+
+    /// The word of the scene file: `m`, `cm` or `mm`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Centimetre => "cm",
+            Self::Millimetre => "mm",
+        }
+    }
+
+    /// The unit of a scene file's word.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.name() == name)
+    }
+
+    /// How many of the unit make a metre.
+    ///
+    /// Lengths are divided by this whole number and not multiplied by its inverse: 12.5 mm then gives the same f64 as
+    /// 0.0125 m in a file in metres, since a division is rounded once and 1e-3 is itself not exact.
+    pub fn per_metre(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Centimetre => 100.0,
+            Self::Millimetre => 1000.0,
+        }
+    }
+}
+
+/// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (either name finds the other).
+///
+/// The content decides where it is distinctive, the extension otherwise. Errors name the file, the line or the
+/// element with the file's own tag, and the mend.
+pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e))?;
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(256)]).trim_start().to_lowercase();
+    let raw = if head.starts_with("$meshformat") || extension == "msh" {
+        gmsh::read(path, &bytes)?
+    } else {
+        return Err(InputError::new(
+            path,
+            "the mesh format is not known from content or extension",
+            "save it as Gmsh .msh (2.2 or 4.1 ASCII), VTK .vtk, VTU .vtu or TetGen .node/.ele",
+        ));
+    };
+    raw.finish(unit)
+}
+
+/// Small meshes for the tests of this crate.
+#[cfg(test)]
+pub(crate) mod testing {
+    use super::TetMesh;
+
+    /// The tet of the origin and the three unit points.
+    pub(crate) fn unit_tet() -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
+        (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2, 3]])
+    }
+
+    /// A cube of `side_m` with `cells`^3 little cubes of six tets each (Kuhn's: all share the main diagonal).
+    pub(crate) fn cube(cells: usize, side_m: f64) -> TetMesh {
+        let n = cells + 1;
+        let mut nodes = Vec::new();
+        for index in 0..n * n * n {
+            let ijk = [index / (n * n), index / n % n, index % n];
+            nodes.push(ijk.map(|c| side_m * c as f64 / cells as f64));
+        }
+        let at = |c: [usize; 3]| ((c[0] * n + c[1]) * n + c[2]) as u32;
+        let mut tets = Vec::new();
+        for cell in 0..cells * cells * cells {
+            let low = [cell / (cells * cells), cell / cells % cells, cell % cells];
+            for (order, even) in [
+                ([0, 1, 2], true),
+                ([1, 2, 0], true),
+                ([2, 0, 1], true),
+                ([0, 2, 1], false),
+                ([2, 1, 0], false),
+                ([1, 0, 2], false),
+            ] {
+                // Walk from the low to the high corner, one axis at a time; an odd order of axes is a mirror image.
+                let mut corner = low;
+                let mut tet = [at(low); 4];
+                for (step, &axis) in order.iter().enumerate() {
+                    corner[axis] += 1;
+                    tet[step + 1] = at(corner);
+                }
+                if !even {
+                    tet.swap(2, 3);
+                }
+                tets.push(tet);
+            }
+        }
+        TetMesh::new(nodes, tets).expect("the generated cube is sound")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_read_and_scale_without_a_second_rounding() {
+        for unit in LengthUnit::ALL {
+            assert_eq!(LengthUnit::from_name(unit.name()), Some(unit));
+        }
+        assert_eq!(LengthUnit::from_name("inch"), None);
+        assert_eq!(12.3 / LengthUnit::Millimetre.per_metre(), 0.0123);
+    }
+
+    #[test]
+    fn unknown_formats_and_missing_files_say_what_would_do() {
+        let dir = tempfile::tempdir().expect("a temporary folder");
+        let path = dir.path().join("body.stl");
+        std::fs::write(&path, "solid x").expect("written");
+        let error = read(&path, LengthUnit::Metre).unwrap_err();
+        assert!(error.to_string().contains("body.stl: the mesh format is not known"), "{error}");
+        assert!(error.mend.contains("Gmsh .msh"), "{error}");
+        let missing = read(&dir.path().join("none.msh"), LengthUnit::Metre).unwrap_err();
+        assert!(missing.to_string().contains("none.msh: cannot read the file"), "{missing}");
+        assert!(missing.mend.contains("check the path"), "{missing}");
+    }
+}

@@ -1,0 +1,141 @@
+//! What a reader found, each node and element with its tag and line, and the checks every format shares.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use super::{LengthUnit, MeshFault, TetMesh};
+use crate::error::{InputError, count};
+
+/// Where in the file a node or element stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Origin {
+    /// What the file calls it.
+    pub(crate) tag: u64,
+    /// 1-based line, where the format has lines.
+    pub(crate) line: Option<usize>,
+}
+
+/// Nodes, tets and groups as found in a file, not yet checked, in the file's unit.
+#[derive(Debug, Default)]
+pub(crate) struct RawMesh {
+    /// File that holds the nodes.
+    pub(crate) node_file: PathBuf,
+    /// File that holds the tets (TetGen has two files).
+    pub(crate) tet_file: PathBuf,
+    pub(crate) nodes: Vec<[f64; 3]>,
+    pub(crate) node_origins: Vec<Origin>,
+    pub(crate) tets: Vec<[u32; 4]>,
+    pub(crate) tet_origins: Vec<Origin>,
+    /// Unsorted, with repeats; `finish` tidies.
+    pub(crate) node_groups: BTreeMap<String, Vec<u32>>,
+    pub(crate) tet_groups: BTreeMap<String, Vec<u32>>,
+}
+
+impl RawMesh {
+    pub(crate) fn new(node_file: impl Into<PathBuf>, tet_file: impl Into<PathBuf>) -> Self {
+        Self { node_file: node_file.into(), tet_file: tet_file.into(), ..Self::default() }
+    }
+
+    /// Adds a tet and, for each group it is in, the group's tets and nodes.
+    pub(crate) fn push_tet(&mut self, nodes: [u32; 4], origin: Origin, groups: &[String]) {
+        let index = self.tets.len() as u32;
+        self.tets.push(nodes);
+        self.tet_origins.push(origin);
+        for group in groups {
+            self.tet_groups.entry(group.clone()).or_default().push(index);
+            self.node_groups.entry(group.clone()).or_default().extend(nodes);
+        }
+    }
+
+    /// Scales to metres, tidies the groups and checks the mesh.
+    pub(crate) fn finish(mut self, unit: LengthUnit) -> Result<TetMesh, InputError> {
+        for x in self.nodes.iter_mut().flatten() {
+            *x /= unit.per_metre();
+        }
+        for members in self.node_groups.values_mut().chain(self.tet_groups.values_mut()) {
+            members.sort_unstable();
+            members.dedup();
+        }
+        let mesh = TetMesh {
+            nodes_m: std::mem::take(&mut self.nodes),
+            tets: std::mem::take(&mut self.tets),
+            node_groups: std::mem::take(&mut self.node_groups),
+            tet_groups: std::mem::take(&mut self.tet_groups),
+        };
+        match mesh.check() {
+            Ok(()) => Ok(mesh),
+            Err(fault) => Err(self.explain(fault, &mesh)),
+        }
+    }
+
+    /// The fault in the file's own words: tags and lines instead of indices.
+    fn explain(&self, fault: MeshFault, mesh: &TetMesh) -> InputError {
+        match fault {
+            MeshFault::Empty => InputError::new(
+                &self.tet_file,
+                "the mesh holds no tetrahedra",
+                "mesh the volume, not only its surface, and export 3-D elements",
+            ),
+            MeshFault::NotFinite { node } => self.at_node(
+                node,
+                "has a coordinate that is not finite",
+                "repair the coordinate and export again",
+            ),
+            MeshFault::NoSuchNode { tet, node } => self.at_tet(
+                tet,
+                format!("names node {node} (0-based), but there are {}", count(mesh.nodes_m.len(), "node")),
+                "the file is damaged or its counts do not match: export it again",
+            ),
+            MeshFault::Flat { tet } => self.at_tet(
+                tet,
+                "has zero volume".into(),
+                "remove it or move a vertex out of the plane of the others, or mesh the body again",
+            ),
+            MeshFault::Negative { tet, volume, of_all } => {
+                let mend = "reorder its vertices (swap any two) or export the mesh again";
+                let volume = format!("has negative volume {volume:.3e} m3");
+                match of_all {
+                    1 => self.at_tet(tet, volume, mend),
+                    _ if of_all as usize == mesh.tets.len() => self.at_tet(
+                        tet,
+                        format!("{volume}, and so has every other tet"),
+                        "the file uses the opposite vertex order: swap the first two vertices of every tet",
+                    ),
+                    _ => self.at_tet(tet, format!("{volume} (as have {} others)", of_all - 1), mend),
+                }
+            }
+            MeshFault::Repeated { tet, first } => self.at_tet(
+                tet,
+                format!("has the same four vertices as element {}", self.tet_origins[first as usize].tag),
+                "remove one of the two",
+            ),
+            MeshFault::Isolated { node, of_all } => {
+                let others = match of_all {
+                    1 => String::new(),
+                    _ => format!(" (as do {} others)", of_all - 1),
+                };
+                self.at_node(
+                    node,
+                    format!("belongs to no tetrahedron{others}"),
+                    "remove it; in Gmsh give the volume a physical group and export without \"Save all elements\"",
+                )
+            }
+        }
+    }
+
+    fn at_node(&self, node: u32, what: impl AsRef<str>, mend: &str) -> InputError {
+        let Origin { tag, line } = self.node_origins[node as usize];
+        let what = format!("node {tag} {}", what.as_ref());
+        InputError { file: self.node_file.clone(), line, what, mend: mend.into() }
+    }
+
+    fn at_tet(&self, tet: u32, what: String, mend: &str) -> InputError {
+        let Origin { tag, line } = self.tet_origins[tet as usize];
+        InputError {
+            file: self.tet_file.clone(),
+            line,
+            what: format!("element {tag} {what}"),
+            mend: mend.into(),
+        }
+    }
+}

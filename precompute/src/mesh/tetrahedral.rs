@@ -1,0 +1,317 @@
+//! The body: nodes, linear tetrahedra and the named groups of both.
+//!
+//! Invariants of a [`TetMesh`] that came from [`TetMesh::new`] or a reader: every coordinate is finite, every index is
+//! in range, every tet has positive volume, no tet stands there twice, and every node belongs to a tet. The solver
+//! relies on all of them: a node without a tet is a zero row, a repeated tet counts its stiffness twice.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// A tetrahedral mesh in metres. Node i is the i-th node of the file, whatever tag the file gave it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct TetMesh {
+    /// Node positions in metres, in file order.
+    pub nodes_m: Vec<[f64; 3]>,
+    /// Vertices of each tet, in file order; det[x1-x0, x2-x0, x3-x0] > 0.
+    pub tets: Vec<[u32; 4]>,
+    /// Nodes of each named group, whatever its dimension; sorted, each once.
+    pub node_groups: BTreeMap<String, Vec<u32>>,
+    /// Tets of each named group of volumes; sorted, each once.
+    pub tet_groups: BTreeMap<String, Vec<u32>>,
+}
+
+/// Why nodes and tets are not a mesh that can be solved. Indices are 0-based, in file order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MeshFault {
+    /// No tet at all.
+    Empty,
+    /// A coordinate is NaN or infinite.
+    NotFinite {
+        /// The node.
+        node: u32,
+    },
+    /// A tet names a node that is not there.
+    NoSuchNode {
+        /// The tet.
+        tet: u32,
+        /// What it names.
+        node: u32,
+    },
+    /// A tet has no volume: two vertices are one node, or all four lie in a plane.
+    Flat {
+        /// The tet.
+        tet: u32,
+    },
+    /// A tet is inside out.
+    Negative {
+        /// The tet.
+        tet: u32,
+        /// Its signed volume in m^3 (or the file's unit cubed, before scaling).
+        volume: f64,
+        /// How many tets of the mesh are inside out.
+        of_all: u32,
+    },
+    /// Two tets have the same four vertices.
+    Repeated {
+        /// The second one.
+        tet: u32,
+        /// The first one.
+        first: u32,
+    },
+    /// A node belongs to no tet.
+    Isolated {
+        /// The node.
+        node: u32,
+        /// How many nodes belong to no tet.
+        of_all: u32,
+    },
+}
+
+impl fmt::Display for MeshFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Empty => write!(f, "the mesh holds no tetrahedra"),
+            Self::NotFinite { node } => write!(f, "node {node} has a coordinate that is not finite"),
+            Self::NoSuchNode { tet, node } => write!(f, "tet {tet} names node {node}, which is not there"),
+            Self::Flat { tet } => write!(f, "tet {tet} has zero volume"),
+            Self::Negative { tet, volume, .. } => write!(f, "tet {tet} has negative volume ({volume:e})"),
+            Self::Repeated { tet, first } => write!(f, "tet {tet} has the same vertices as tet {first}"),
+            Self::Isolated { node, .. } => write!(f, "node {node} belongs to no tet"),
+        }
+    }
+}
+
+impl std::error::Error for MeshFault {}
+
+/// Below this share of (longest edge)^3 the six-fold volume is rounding, not shape.
+///
+/// The determinant of three differences of f64 coordinates is good to a few 1e-16 of (longest edge)^3 when the body
+/// is near the origin; 1e-12 leaves room for a body 1000 edge lengths away and is still a far flatter tet (height
+/// over edge) than any mesh generator hands out.
+const FLAT_SHARE: f64 = 1e-12;
+
+impl TetMesh {
+    /// A mesh without groups from nodes in metres and tets; checked.
+    pub fn new(nodes_m: Vec<[f64; 3]>, tets: Vec<[u32; 4]>) -> Result<Self, MeshFault> {
+        let mesh = Self { nodes_m, tets, ..Self::default() };
+        mesh.check()?;
+        Ok(mesh)
+    }
+
+    /// Signed volume of a tet in m^3: det[x1-x0, x2-x0, x3-x0] / 6.
+    pub fn signed_volume_m3(&self, tet: usize) -> f64 {
+        six_volume(&self.vertices_m(tet)) / 6.0
+    }
+
+    /// Volume of the body in m^3. Summed in file order, so it is the same bits every time.
+    pub fn volume_m3(&self) -> f64 {
+        (0..self.tets.len()).map(|tet| self.signed_volume_m3(tet)).sum()
+    }
+
+    /// Positions of a tet's four vertices.
+    pub fn vertices_m(&self, tet: usize) -> [[f64; 3]; 4] {
+        self.tets[tet].map(|node| self.nodes_m[node as usize])
+    }
+
+    /// Low and high corner of the axis-aligned box round the body.
+    pub fn bounding_box_m(&self) -> ([f64; 3], [f64; 3]) {
+        let mut low = [f64::INFINITY; 3];
+        let mut high = [f64::NEG_INFINITY; 3];
+        for x in &self.nodes_m {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(x[axis]);
+                high[axis] = high[axis].max(x[axis]);
+            }
+        }
+        (low, high)
+    }
+
+    /// Length of the bounding box's diagonal: the size of the body in one number.
+    pub fn diagonal_m(&self) -> f64 {
+        let (low, high) = self.bounding_box_m();
+        distance(&low, &high)
+    }
+
+    /// BLAKE3 of coordinates (bit patterns) and connectivity. Groups are left out: they change no number by
+    /// themselves, only through what the scene selects with them.
+    pub fn content_hash(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new_derive_key("palpate tetrahedral mesh v1");
+        hasher.update(&(self.nodes_m.len() as u64).to_le_bytes());
+        for x in self.nodes_m.iter().flatten() {
+            hasher.update(&x.to_bits().to_le_bytes());
+        }
+        hasher.update(&(self.tets.len() as u64).to_le_bytes());
+        for node in self.tets.iter().flatten() {
+            hasher.update(&node.to_le_bytes());
+        }
+        *hasher.finalize().as_bytes()
+    }
+
+    /// Checks every invariant in the module's doc comment; the first fault in file order is returned.
+    pub fn check(&self) -> Result<(), MeshFault> {
+        if self.tets.is_empty() {
+            return Err(MeshFault::Empty);
+        }
+        if let Some(node) = self.nodes_m.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
+            return Err(MeshFault::NotFinite { node: node as u32 });
+        }
+        let count = self.nodes_m.len();
+        for (tet, nodes) in self.tets.iter().enumerate() {
+            if let Some(&node) = nodes.iter().find(|&&node| node as usize >= count) {
+                return Err(MeshFault::NoSuchNode { tet: tet as u32, node });
+            }
+        }
+        self.check_volumes()?;
+        self.check_repeats()?;
+        self.check_isolated()
+    }
+
+    fn check_volumes(&self) -> Result<(), MeshFault> {
+        let mut negative: Option<(u32, f64)> = None;
+        let mut of_all = 0;
+        for tet in 0..self.tets.len() {
+            let vertices = self.vertices_m(tet);
+            let six_v = six_volume(&vertices);
+            if six_v.abs() <= FLAT_SHARE * longest_edge(&vertices).powi(3) {
+                return Err(MeshFault::Flat { tet: tet as u32 });
+            }
+            if six_v < 0.0 {
+                negative.get_or_insert((tet as u32, six_v / 6.0));
+                of_all += 1;
+            }
+        }
+        negative.map_or(Ok(()), |(tet, volume)| Err(MeshFault::Negative { tet, volume, of_all }))
+    }
+
+    fn check_repeats(&self) -> Result<(), MeshFault> {
+        let mut seen = HashMap::with_capacity(self.tets.len());
+        for (tet, nodes) in self.tets.iter().enumerate() {
+            if let Some(first) = seen.insert(sorted(*nodes), tet as u32) {
+                return Err(MeshFault::Repeated { tet: tet as u32, first });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_isolated(&self) -> Result<(), MeshFault> {
+        let mut used = vec![false; self.nodes_m.len()];
+        for &node in self.tets.iter().flatten() {
+            used[node as usize] = true;
+        }
+        let of_all = used.iter().filter(|&&used| !used).count() as u32;
+        match used.iter().position(|&used| !used) {
+            Some(node) => Err(MeshFault::Isolated { node: node as u32, of_all }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The same corners in ascending order: the identity of an element whatever its orientation.
+pub(crate) fn sorted<const N: usize>(mut nodes: [u32; N]) -> [u32; N] {
+    nodes.sort_unstable();
+    nodes
+}
+
+/// Six times the signed volume: det[x1-x0, x2-x0, x3-x0].
+pub(crate) fn six_volume(x: &[[f64; 3]; 4]) -> f64 {
+    let a = sub(&x[1], &x[0]);
+    let b = sub(&x[2], &x[0]);
+    let c = sub(&x[3], &x[0]);
+    dot(&a, &cross(&b, &c))
+}
+
+fn longest_edge(x: &[[f64; 3]; 4]) -> f64 {
+    EDGES.iter().map(|&(i, j)| distance(&x[i], &x[j])).fold(0.0, f64::max)
+}
+
+/// The six edges of a tet as pairs of local vertices.
+pub(crate) const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+
+pub(crate) fn sub(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(crate) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn cross(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+pub(crate) fn norm(a: &[f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+pub(crate) fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    norm(&sub(a, b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::testing::{cube, unit_tet};
+
+    #[test]
+    fn volumes_are_signed_and_sum_to_the_body() {
+        let (nodes, tets) = unit_tet();
+        let mesh = TetMesh::new(nodes.clone(), tets).expect("the unit tet is sound");
+        assert_eq!(mesh.signed_volume_m3(0), 1.0 / 6.0);
+        let mirrored = TetMesh { nodes_m: nodes, tets: vec![[1, 0, 2, 3]], ..TetMesh::default() };
+        assert_eq!(mirrored.signed_volume_m3(0), -1.0 / 6.0);
+        let block = cube(3, 0.02);
+        assert!((block.volume_m3() - 8e-6).abs() < 1e-18);
+        assert!((block.diagonal_m() - 0.02 * 3f64.sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn each_fault_is_found_and_names_its_place() {
+        let (nodes, tets) = unit_tet();
+        let fault = |nodes: &[[f64; 3]], tets: &[[u32; 4]]| {
+            TetMesh::new(nodes.to_vec(), tets.to_vec()).expect_err("planted fault")
+        };
+        assert_eq!(fault(&nodes, &[]), MeshFault::Empty);
+        assert_eq!(fault(&nodes, &[[0, 1, 2, 4]]), MeshFault::NoSuchNode { tet: 0, node: 4 });
+        assert_eq!(fault(&nodes, &[[0, 1, 2, 2]]), MeshFault::Flat { tet: 0 });
+        let volume = -1.0 / 6.0;
+        assert_eq!(fault(&nodes, &[[1, 0, 2, 3]]), MeshFault::Negative { tet: 0, volume, of_all: 1 });
+        assert_eq!(fault(&nodes, &[tets[0], [1, 2, 0, 3]]), MeshFault::Repeated { tet: 1, first: 0 });
+        let mut more = nodes.clone();
+        more.push([2.0, 0.0, 0.0]);
+        assert_eq!(fault(&more, &tets), MeshFault::Isolated { node: 4, of_all: 1 });
+        for bad in [f64::NAN, f64::INFINITY] {
+            let mut broken = nodes.clone();
+            broken[2][1] = bad;
+            assert_eq!(fault(&broken, &tets), MeshFault::NotFinite { node: 2 });
+        }
+    }
+
+    #[test]
+    fn flatness_is_judged_by_shape_not_by_size() {
+        // A micrometre tet has a volume of 1e-19 m^3 and is perfectly good.
+        let (nodes, tets) = unit_tet();
+        let small: Vec<_> = nodes.iter().map(|x| x.map(|c| c * 1e-6)).collect();
+        assert!(TetMesh::new(small, tets.clone()).is_ok());
+        let mut squashed = nodes;
+        squashed[3] = [0.3, 0.3, 1e-14];
+        assert_eq!(TetMesh::new(squashed, tets).unwrap_err(), MeshFault::Flat { tet: 0 });
+    }
+
+    #[test]
+    fn hash_sees_every_coordinate_and_every_vertex_and_no_group() {
+        let mesh = cube(2, 0.1);
+        let hash = mesh.content_hash();
+        assert_eq!(hash, mesh.clone().content_hash());
+        let mut moved = mesh.clone();
+        moved.nodes_m[5][2] = f64::from_bits(moved.nodes_m[5][2].to_bits() + 1);
+        assert_ne!(hash, moved.content_hash());
+        let mut turned = mesh.clone();
+        turned.tets[3].rotate_left(1);
+        assert_ne!(hash, turned.content_hash());
+        let mut grouped = mesh;
+        grouped.node_groups.insert("F1".into(), vec![0]);
+        assert_eq!(hash, grouped.content_hash());
+    }
+}

@@ -1,0 +1,274 @@
+//! The scene: which body, of what, held where, touched where, on which grid.
+//!
+//! [`Scene::load`] reads the TOML file, [`Scene::resolve`] loads the mesh and turns every name, box and group into node
+//! and tet indices. Both stop at the first thing wrong with one line that names file, line and mend; what is odd but
+//! can be solved becomes a warning of the [`ResolvedScene`]. Unknown keys are errors: a key that is silently ignored
+//! is a body that is not the one its author meant.
+//!
+//! The scene format can say more than this version of the solver can do; [`Scene::check_supported`] is the one place
+//! that says what is missing.
+
+mod file;
+mod material;
+mod resolve;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::InputError;
+use crate::mesh::TetMesh;
+use file::{Place, SceneFile, Tables};
+
+/// The grids of the paper: number of points and cells along the radius.
+pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
+
+/// A scene file that has been read and is well-formed, with nothing looked up yet.
+#[derive(Debug)]
+pub struct Scene {
+    place: Place,
+    file: SceneFile,
+}
+
+/// A scene with everything looked up: what the solver needs and nothing else.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ResolvedScene {
+    /// The scene's name.
+    pub name: String,
+    /// The body.
+    pub mesh: TetMesh,
+    /// Order of the shape functions: 1, or 2 with straight-sided mid-edge nodes.
+    pub order: u8,
+    /// Material of each region; the regions share no tet and leave none out.
+    pub materials: Vec<MaterialRegion>,
+    /// Fixed nodes, ascending, each once, never empty.
+    pub fixed: Vec<u32>,
+    /// Nodes a tool may touch, in the order of the scene; free nodes of the surface, names unique.
+    pub active: Vec<ActiveNode>,
+    /// The grid of displacements, where the scene has one.
+    pub grid: Option<GridSpec>,
+    /// Configurations with |h| beyond it are terminating; infinite without a device.
+    pub max_force_n: f64,
+    /// Force per undeformed volume, N/m^3.
+    pub body_force: Option<[f64; 3]>,
+    /// Whether the blob is to hold displacements for the eye.
+    pub visual: bool,
+    /// The scene as TOML with sorted keys and without comments, for the store and for people.
+    pub text: String,
+    /// What is odd about the scene, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// A part of the body and what it is made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MaterialRegion {
+    /// The constitutive law with its parameters.
+    pub law: MaterialLaw,
+    /// The part's tets, ascending; `None` is the whole body.
+    pub tets: Option<Vec<u32>>,
+}
+
+/// A constitutive law with its parameters in pascals.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[allow(
+    missing_docs,
+    reason = "the parameters are the textbook's: Lame constants, Mooney-Rivlin's C10 and C01"
+)]
+pub enum MaterialLaw {
+    /// Small strain, linear.
+    LinearElastic { lambda_pa: f64, mu_pa: f64 },
+    /// Green-St. Venant strain, linear stress.
+    StVenantKirchhoff { lambda_pa: f64, mu_pa: f64 },
+    /// St. Venant-Kirchhoff with the incompressibility condition J = 1 imposed by a pressure.
+    ModifiedStVenantKirchhoff { lambda_pa: f64, mu_pa: f64 },
+    /// Incompressible two-parameter Mooney-Rivlin.
+    MooneyRivlin { c10_pa: f64, c01_pa: f64 },
+    /// Compressible neo-Hookean.
+    NeoHookean { lambda_pa: f64, mu_pa: f64 },
+}
+
+/// A node that a tool may touch.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActiveNode {
+    /// Unique name within the scene.
+    pub name: String,
+    /// Mesh node.
+    pub node: u32,
+}
+
+/// Ball-shaped lattice of displacements of an active node.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct GridSpec {
+    /// Largest displacement.
+    pub radius_m: f64,
+    /// Distance of neighbouring grid points.
+    pub spacing_m: f64,
+}
+
+impl Scene {
+    /// Reads a scene file. Nothing it refers to is opened yet.
+    pub fn load(path: &Path) -> Result<Self, InputError> {
+        let bytes = std::fs::read(path).map_err(|e| InputError {
+            mend: "check the path of the scene file".into(),
+            ..InputError::unreadable(path, &e)
+        })?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            let line =
+                1 + e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+            InputError::at(path, line, "the scene is not UTF-8 text", "save it as plain UTF-8 text")
+        })?;
+        Self::parse(path, text)
+    }
+
+    /// Reads a scene from text; `path` is where messages say it stands and what its file names are relative to.
+    pub fn parse(path: &Path, text: String) -> Result<Self, InputError> {
+        let place = Place { path: path.to_path_buf(), text };
+        let file = place.parse()?;
+        Ok(Self { place, file })
+    }
+
+    /// Name of the scene: as written, or the file's stem.
+    pub fn name(&self) -> String {
+        let stem = || self.place.path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+        self.file.name.as_ref().map(|name| name.get_ref().clone()).or_else(stem).unwrap_or_default()
+    }
+
+    /// Where the mesh file is.
+    pub fn mesh_path(&self) -> PathBuf {
+        self.place.relative(self.file.mesh.get_ref().file.get_ref())
+    }
+
+    /// Loads the mesh and looks everything up.
+    pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
+        self.check_supported()?;
+        resolve::resolve(self)
+    }
+
+    /// Refuses what the format can say and this version of the solver cannot do.
+    ///
+    /// Laws other than these two, second-order elements, several regions, body forces and sampling driven by the
+    /// error are part of the scene format from the start, so that scenes need not change when the solver learns them.
+    pub fn check_supported(&self) -> Result<(), InputError> {
+        let unsupported = |span: std::ops::Range<usize>, what: &str, mend: &str| {
+            Err(self.place.error(span, format!("{what} not available in this version"), mend))
+        };
+        if let Some(order) = self.file.mesh.get_ref().order.as_ref().filter(|order| *order.get_ref() == 2) {
+            return unsupported(order.span(), "`order = 2` is", "use `order = 1`");
+        }
+        let materials = self.file.material.tables();
+        if let Some(second) = materials.get(1) {
+            return unsupported(
+                second.span.clone(),
+                "several [[material]] regions are",
+                "use one [material]",
+            );
+        }
+        for material in &materials {
+            let law = &material.table.law;
+            if !material::AVAILABLE.contains(&law.get_ref().as_str()) && material::is_law(law.get_ref()) {
+                let what = format!("the law \"{}\" is", law.get_ref());
+                return unsupported(law.span(), &what, &format!("use {}", material::AVAILABLE.join(" or ")));
+            }
+            if let Some(group) = &material.table.group {
+                return unsupported(
+                    group.span(),
+                    "a material for one `group` is",
+                    "give one material without `group`",
+                );
+            }
+        }
+        if let Some(force) = &self.file.body_force {
+            return unsupported(force.span(), "[body_force] is", "remove the table");
+        }
+        if let Some((span, key)) = self.file.grid.as_ref().and_then(|grid| grid.get_ref().error_driven()) {
+            let mend = "give `spacing_m`, or `points` = 514, 1418, 4168 or 14146";
+            return unsupported(span, &format!("sampling driven by the error (`{key}`) is"), mend);
+        }
+        Ok(())
+    }
+}
+
+impl ResolvedScene {
+    /// BLAKE3 of everything that changes a solved number: the model, the active nodes, the grid and the force limit.
+    ///
+    /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
+    /// name, `visual` and the warnings are not.
+    pub fn content_hash(&self) -> [u8; 32] {
+        let mut digest = Digest::new("palpate scene v1");
+        digest.bytes(&self.model_hash());
+        digest.count(self.active.len());
+        for active in &self.active {
+            digest.text(&active.name);
+            digest.indices(&[active.node]);
+        }
+        match self.grid {
+            Some(GridSpec { radius_m, spacing_m }) => digest.numbers(&[1.0, radius_m, spacing_m]),
+            None => digest.numbers(&[0.0]),
+        }
+        digest.numbers(&[self.max_force_n]);
+        digest.finish()
+    }
+
+    /// BLAKE3 of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the same model hash
+    /// give the same force for the same displacement of the same node.
+    pub fn model_hash(&self) -> [u8; 32] {
+        let mut digest = Digest::new("palpate model v1");
+        digest.bytes(&self.mesh.content_hash());
+        digest.count(usize::from(self.order));
+        digest.count(self.materials.len());
+        for region in &self.materials {
+            digest.text(region.law.name());
+            digest.numbers(&region.law.parameters_pa());
+            match &region.tets {
+                Some(tets) => {
+                    digest.count(1);
+                    digest.indices(tets);
+                }
+                None => digest.count(0),
+            }
+        }
+        digest.indices(&self.fixed);
+        digest.numbers(self.body_force.as_ref().map_or(&[][..], |force| &force[..]));
+        digest.finish()
+    }
+}
+
+/// BLAKE3 over length-prefixed values, so that no two different sequences of them read alike.
+struct Digest(blake3::Hasher);
+
+impl Digest {
+    fn new(context: &str) -> Self {
+        Self(blake3::Hasher::new_derive_key(context))
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.0.update(bytes);
+    }
+
+    fn count(&mut self, n: usize) {
+        self.bytes(&(n as u64).to_le_bytes());
+    }
+
+    fn text(&mut self, text: &str) {
+        self.count(text.len());
+        self.bytes(text.as_bytes());
+    }
+
+    fn numbers(&mut self, numbers: &[f64]) {
+        self.count(numbers.len());
+        for number in numbers {
+            self.bytes(&number.to_bits().to_le_bytes());
+        }
+    }
+
+    fn indices(&mut self, indices: &[u32]) {
+        self.count(indices.len());
+        for index in indices {
+            self.bytes(&index.to_le_bytes());
+        }
+    }
+
+    fn finish(self) -> [u8; 32] {
+        *self.0.finalize().as_bytes()
+    }
+}

@@ -1,0 +1,249 @@
+//! The scene file as it is written: its tables and keys, each value with its place in the text.
+
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
+use toml::Spanned;
+
+use crate::error::{InputError, nearest_word};
+
+/// The whole file.
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SceneFile {
+    pub(super) name: Option<Spanned<String>>,
+    pub(super) mesh: Spanned<MeshTable>,
+    pub(super) material: Spanned<OneOrMany<MaterialTable>>,
+    pub(super) fixed: Spanned<FixedTable>,
+    pub(super) active: Spanned<OneOrMany<ActiveTable>>,
+    pub(super) grid: Option<Spanned<GridTable>>,
+    pub(super) device: Option<DeviceTable>,
+    pub(super) body_force: Option<Spanned<BodyForceTable>>,
+    #[serde(default)]
+    pub(super) needs: NeedsTable,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MeshTable {
+    pub(super) file: Spanned<String>,
+    pub(super) unit: Option<Spanned<String>>,
+    pub(super) order: Option<Spanned<i64>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MaterialTable {
+    pub(super) law: Spanned<String>,
+    pub(super) group: Option<Spanned<String>>,
+    pub(super) young_pa: Option<Spanned<f64>>,
+    pub(super) poisson: Option<Spanned<f64>>,
+    pub(super) lambda_pa: Option<Spanned<f64>>,
+    pub(super) mu_pa: Option<Spanned<f64>>,
+    pub(super) c10_pa: Option<Spanned<f64>>,
+    pub(super) c01_pa: Option<Spanned<f64>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FixedTable {
+    pub(super) nodes: Option<Spanned<Vec<Spanned<i64>>>>,
+    pub(super) group: Option<Spanned<String>>,
+    /// Corners in metres, inclusive.
+    #[serde(rename = "box")]
+    pub(super) in_box: Option<Spanned<BoxTable>>,
+    pub(super) file: Option<Spanned<String>>,
+    pub(super) key: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BoxTable {
+    pub(super) min: [f64; 3],
+    pub(super) max: [f64; 3],
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ActiveTable {
+    pub(super) name: Spanned<String>,
+    pub(super) node: Option<Spanned<i64>>,
+    /// In metres, whatever the mesh file's unit.
+    pub(super) nearest: Option<Spanned<[f64; 3]>>,
+    pub(super) group: Option<Spanned<String>>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct GridTable {
+    pub(super) radius_m: Spanned<f64>,
+    pub(super) spacing_m: Option<Spanned<f64>>,
+    pub(super) points: Option<Spanned<i64>>,
+    pub(super) tolerance_n: Option<Spanned<f64>>,
+    pub(super) tolerance_relative: Option<Spanned<f64>>,
+    pub(super) cannot_be_felt: Option<Spanned<bool>>,
+}
+
+impl GridTable {
+    /// The first key that asks for sampling driven by the error.
+    pub(super) fn error_driven(&self) -> Option<(Range<usize>, &'static str)> {
+        let keys = [
+            self.tolerance_n.as_ref().map(|v| (v.span(), "tolerance_n")),
+            self.tolerance_relative.as_ref().map(|v| (v.span(), "tolerance_relative")),
+            self.cannot_be_felt.as_ref().map(|v| (v.span(), "cannot_be_felt")),
+        ];
+        keys.into_iter().flatten().next()
+    }
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DeviceTable {
+    pub(super) max_force_n: Spanned<f64>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BodyForceTable {
+    /// Per undeformed volume.
+    pub(super) force_n_per_m3: Spanned<[f64; 3]>,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct NeedsTable {
+    pub(super) visual: bool,
+}
+
+impl Default for NeedsTable {
+    fn default() -> Self {
+        Self { visual: true }
+    }
+}
+
+/// `[material]` or `[[material]]`: one table or several of them.
+///
+/// Written by hand because serde's untagged enums buffer the value, which loses the places of the keys.
+#[derive(Debug)]
+pub(super) enum OneOrMany<T> {
+    One(T),
+    Many(Vec<Spanned<T>>),
+}
+
+/// A table and where it stands.
+pub(super) struct Located<'a, T> {
+    pub(super) span: Range<usize>,
+    pub(super) table: &'a T,
+}
+
+/// The tables of a [`OneOrMany`], each with its place.
+pub(super) trait Tables<T> {
+    fn tables(&self) -> Vec<Located<'_, T>>;
+}
+
+impl<T> Tables<T> for Spanned<OneOrMany<T>> {
+    fn tables(&self) -> Vec<Located<'_, T>> {
+        match self.get_ref() {
+            OneOrMany::One(table) => vec![Located { span: self.span(), table }],
+            OneOrMany::Many(many) => {
+                many.iter().map(|t| Located { span: t.span(), table: t.get_ref() }).collect()
+            }
+        }
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct TableOrArray<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for TableOrArray<T> {
+            type Value = OneOrMany<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a table or an array of tables")
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                T::deserialize(MapAccessDeserializer::new(map)).map(OneOrMany::One)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Self::Value, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(seq)).map(OneOrMany::Many)
+            }
+        }
+        deserializer.deserialize_any(TableOrArray(PhantomData))
+    }
+}
+
+/// The scene's path and text: what turns a span of bytes into a file and a line.
+#[derive(Debug)]
+pub(super) struct Place {
+    pub(super) path: PathBuf,
+    pub(super) text: String,
+}
+
+impl Place {
+    /// An error at a span of the text.
+    pub(super) fn error(
+        &self,
+        span: Range<usize>,
+        what: impl Into<String>,
+        mend: impl Into<String>,
+    ) -> InputError {
+        InputError::at(&self.path, self.line(span.start), what, mend)
+    }
+
+    fn line(&self, offset: usize) -> usize {
+        1 + self.text.as_bytes().iter().take(offset).filter(|&&b| b == b'\n').count()
+    }
+
+    /// A path of the scene file, relative to where the scene is.
+    pub(super) fn relative(&self, file: &str) -> PathBuf {
+        self.path.parent().map_or_else(|| PathBuf::from(file), |folder| folder.join(file))
+    }
+
+    /// The file's tables.
+    pub(super) fn parse(&self) -> Result<SceneFile, InputError> {
+        toml::from_str(&self.text).map_err(|error| self.explain(&error))
+    }
+
+    /// The scene with sorted keys and without comments and layout.
+    pub(super) fn canonical(&self) -> String {
+        let table: toml::Table = self.text.parse().expect("the text was parsed before");
+        toml::to_string(&table).expect("a table that was parsed can be written")
+    }
+
+    /// The parser's error in the words of this project.
+    fn explain(&self, error: &toml::de::Error) -> InputError {
+        let message = error.message();
+        let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+        let (what, mend) = if message.starts_with("unknown field") {
+            let (key, allowed) = quoted.split_first().map_or(("", &[][..]), |(key, rest)| (*key, rest));
+            let guess = match nearest_word(key, allowed.iter().copied()) {
+                Some(guess) => format!("did you mean `{guess}`?"),
+                None => "remove it".into(),
+            };
+            (format!("unknown key `{key}`"), format!("{guess} (allowed here: {})", allowed.join(", ")))
+        } else if message.starts_with("missing field") {
+            let key = quoted.first().copied().unwrap_or_default();
+            let table = ["mesh", "material", "fixed", "active"].contains(&key);
+            let written = match key {
+                "active" => "[[active]]".into(),
+                _ if table => format!("[{key}]"),
+                _ => format!("`{key}`"),
+            };
+            (format!("{written} is missing"), format!("add {written}"))
+        } else if message.starts_with("invalid") {
+            (message.to_owned(), "write a value of the expected type".into())
+        } else {
+            (format!("not valid TOML ({message})"), "correct the syntax".into())
+        };
+        match error.span() {
+            Some(span) => self.error(span, what, mend),
+            None => InputError::at(&self.path, 1, what, mend),
+        }
+    }
+}

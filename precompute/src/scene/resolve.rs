@@ -1,0 +1,518 @@
+//! Looking everything up: from the words of a scene to node and tet indices.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use palpate_core::blob::format::SCENE_NAME_LEN;
+use palpate_core::table::SPACE_NAME_LEN;
+use toml::Spanned;
+
+use super::file::{ActiveTable, FixedTable, GridTable, Located, Place, Tables};
+use super::{ActiveNode, GRID_POINTS, GridSpec, MaterialRegion, ResolvedScene, Scene, material};
+use crate::error::{InputError, count, nearest_word};
+use crate::mesh::tetrahedral::{cross, distance, norm, sub};
+use crate::mesh::{self, LengthUnit, Surface, TetMesh, surface};
+
+/// More cells along the radius than anybody can solve: 70 million points. Beyond it lies a slip of the unit.
+const MOST_CELLS: f64 = 256.0;
+
+pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
+    let Scene { place, file } = scene;
+    let name = scene.name();
+    let name_span = file.name.as_ref().map_or(0..0, Spanned::span);
+    check_name(place, name_span, &name, SCENE_NAME_LEN)?;
+    let (mesh, order) = load_mesh(scene)?;
+    let skin = Surface::of(&mesh);
+    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, warnings: Vec::new() };
+    let materials = lookup.materials(scene)?;
+    let fixed = lookup.fixed(&file.fixed)?;
+    let active = lookup.all_active(scene, &fixed)?;
+    let grid = file.grid.as_ref().map(|grid| lookup.grid(grid)).transpose()?;
+    let max_force_n = match &file.device {
+        Some(device) => positive(place, "max_force_n", &device.max_force_n)?,
+        None => f64::INFINITY,
+    };
+    let body_force = match &file.body_force {
+        Some(table) => Some(finite(place, "force_n_per_m3", &table.get_ref().force_n_per_m3)?),
+        None => None,
+    };
+    lookup.check_support(file.fixed.span(), &fixed)?;
+    let warnings = lookup.warnings;
+    let visual = file.needs.visual;
+    let text = place.canonical();
+    Ok(ResolvedScene {
+        name,
+        mesh,
+        order,
+        materials,
+        fixed,
+        active,
+        grid,
+        max_force_n,
+        body_force,
+        visual,
+        text,
+        warnings,
+    })
+}
+
+fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
+    let place = &scene.place;
+    let table = scene.file.mesh.get_ref();
+    let unit = match &table.unit {
+        None => LengthUnit::Metre,
+        Some(word) => LengthUnit::from_name(word.get_ref()).ok_or_else(|| {
+            place.error(
+                word.span(),
+                format!("unknown unit \"{}\"", word.get_ref()),
+                "use \"m\", \"cm\" or \"mm\"",
+            )
+        })?,
+    };
+    let order = match &table.order {
+        None => 1,
+        Some(order) => {
+            u8::try_from(*order.get_ref()).ok().filter(|order| (1..=2).contains(order)).ok_or_else(|| {
+                place.error(
+                    order.span(),
+                    format!("`order` = {} is neither 1 nor 2", order.get_ref()),
+                    "use `order = 1`",
+                )
+            })?
+        }
+    };
+    let path = scene.mesh_path();
+    // A file that is not there is a slip of the scene; a file that cannot be understood is the mesh's own.
+    if let Err(error) = std::fs::File::open(&path) {
+        let what = format!("cannot open the mesh {} ({error})", path.display());
+        return Err(place.error(
+            table.file.span(),
+            what,
+            "correct `file` (it is relative to the scene file)",
+        ));
+    }
+    Ok((mesh::read(&path, unit)?, order))
+}
+
+struct Lookup<'a> {
+    place: &'a Place,
+    mesh: &'a TetMesh,
+    skin: &'a Surface,
+    warnings: Vec<String>,
+}
+
+impl Lookup<'_> {
+    fn materials(&mut self, scene: &Scene) -> Result<Vec<MaterialRegion>, InputError> {
+        let tables = scene.file.material.tables();
+        let mut owner: Vec<Option<usize>> = vec![None; self.mesh.tets.len()];
+        let mut regions = Vec::new();
+        for (index, table) in tables.iter().enumerate() {
+            let law = material::law(self.place, table, &mut self.warnings)?;
+            let tets = match &table.table.group {
+                Some(group) => Some(self.group(&self.mesh.tet_groups, "volumes", group)?.to_vec()),
+                None if tables.len() > 1 => {
+                    let what = "one of several [[material]] tables has no `group`";
+                    return Err(self.place.error(table.span.clone(), what, "name the group of each region"));
+                }
+                None => None,
+            };
+            for &tet in tets.iter().flatten() {
+                if owner[tet as usize].replace(index).is_some() {
+                    let what =
+                        format!("tet {tet} (0-based) already has a material from another [[material]]");
+                    return Err(self.place.error(
+                        table.span.clone(),
+                        what,
+                        "let the groups share no element",
+                    ));
+                }
+            }
+            regions.push(MaterialRegion { law, tets });
+        }
+        let Some(last) = tables.last() else {
+            return Err(self.place.error(
+                scene.file.material.span(),
+                "[[material]] is empty",
+                "add a [material]",
+            ));
+        };
+        let bare = owner.iter().filter(|owner| owner.is_none()).count();
+        if regions.iter().all(|region| region.tets.is_some()) && bare > 0 {
+            let what = format!("{} of the mesh in no material's group", count(bare, "tet"));
+            return Err(self.place.error(last.span.clone(), what, "add a [[material]] for the rest"));
+        }
+        Ok(regions)
+    }
+
+    /// Members of a named group, with what there is in the error.
+    fn group<'g>(
+        &self,
+        groups: &'g BTreeMap<String, Vec<u32>>,
+        of: &str,
+        name: &Spanned<String>,
+    ) -> Result<&'g [u32], InputError> {
+        if let Some(members) = groups.get(name.get_ref()) {
+            return Ok(members);
+        }
+        let known: Vec<&str> = groups.keys().map(String::as_str).collect();
+        let mend = match nearest_word(name.get_ref(), known.iter().copied()) {
+            _ if known.is_empty() => "the mesh has none: add a physical group in the mesh generator".into(),
+            Some(guess) => format!("did you mean \"{guess}\"? (groups: {})", known.join(", ")),
+            None => format!("use one of: {}", known.join(", ")),
+        };
+        let what = format!("the mesh has no group of {of} named \"{}\"", name.get_ref());
+        Err(self.place.error(name.span(), what, mend))
+    }
+
+    fn node(&self, node: &Spanned<i64>) -> Result<u32, InputError> {
+        let n = self.mesh.nodes_m.len();
+        u32::try_from(*node.get_ref()).ok().filter(|&node| (node as usize) < n).ok_or_else(|| {
+            let what = format!("node {} is out of range: the mesh has {}", node.get_ref(), count(n, "node"));
+            let mend = format!("use 0 to {} (0-based, in file order)", n - 1);
+            self.place.error(node.span(), what, mend)
+        })
+    }
+
+    fn fixed(&self, table: &Spanned<FixedTable>) -> Result<Vec<u32>, InputError> {
+        let FixedTable { nodes, group, in_box, file, key } = table.get_ref();
+        let ways = "`nodes`, `group`, `box`, or `file` with `key`";
+        let given = [nodes.is_some(), group.is_some(), in_box.is_some(), file.is_some() || key.is_some()];
+        match given.iter().filter(|&&given| given).count() {
+            0 => {
+                let what = "[fixed] does not say which nodes";
+                return Err(self.place.error(table.span(), what, format!("give one of {ways}")));
+            }
+            1 => {}
+            _ => {
+                let what = "[fixed] says which nodes in several ways";
+                return Err(self.place.error(table.span(), what, format!("keep one of {ways}")));
+            }
+        }
+        let (span, mut fixed) = if let Some(nodes) = nodes {
+            (nodes.span(), nodes.get_ref().iter().map(|node| self.node(node)).collect::<Result<Vec<_>, _>>()?)
+        } else if let Some(group) = group {
+            (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
+        } else if let Some(in_box) = in_box {
+            let (min, max) = (in_box.get_ref().min, in_box.get_ref().max);
+            // Written so that a NaN corner is refused too.
+            if !(0..3).all(|axis| min[axis] <= max[axis]) {
+                let what = format!("the box is empty: min {min:?} is not below max {max:?}");
+                return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
+            }
+            let inside = |x: &[f64; 3]| (0..3).all(|axis| (min[axis]..=max[axis]).contains(&x[axis]));
+            let nodes = (0u32..).zip(&self.mesh.nodes_m).filter(|(_, x)| inside(x)).map(|(node, _)| node);
+            (in_box.span(), nodes.collect())
+        } else {
+            let (Some(file), Some(key)) = (file, key) else {
+                let what = "[fixed] needs both `file` and `key`";
+                return Err(self.place.error(table.span(), what, "add the other of the two"));
+            };
+            (key.span(), self.fixed_from_json(file, key)?)
+        };
+        fixed.sort_unstable();
+        fixed.dedup();
+        if fixed.is_empty() {
+            let mut mend = "select at least three nodes".to_owned();
+            if in_box.is_some() {
+                let (low, high) = self.mesh.bounding_box_m();
+                mend = format!("the body spans {low:?} to {high:?} in metres: enlarge or move the box");
+            }
+            return Err(self.place.error(span, "the fixed set is empty", mend));
+        }
+        Ok(fixed)
+    }
+
+    /// A JSON object of named index lists.
+    fn fixed_from_json(&self, file: &Spanned<String>, key: &Spanned<String>) -> Result<Vec<u32>, InputError> {
+        let path = self.place.relative(file.get_ref());
+        let bytes = std::fs::read(&path).map_err(|error| {
+            let what = format!("cannot read the sets {} ({error})", path.display());
+            self.place.error(file.span(), what, "correct `file` (it is relative to the scene file)")
+        })?;
+        let json: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| {
+            InputError::at(&path, e.line().max(1), format!("not valid JSON ({e})"), "correct the syntax")
+        })?;
+        let Some(object) = json.as_object() else {
+            let what = "the file is not a JSON object of named node lists";
+            return Err(InputError::at(&path, 1, what, "write {\"F1\": [0, 1, 2]}"));
+        };
+        let Some(list) = object.get(key.get_ref()).and_then(serde_json::Value::as_array) else {
+            let lists: Vec<&str> =
+                object.iter().filter(|(_, v)| v.is_array()).map(|(k, _)| k.as_str()).collect();
+            let what = format!("{} has no list named \"{}\"", path.display(), key.get_ref());
+            return Err(self.place.error(key.span(), what, format!("use one of: {}", lists.join(", "))));
+        };
+        let n = self.mesh.nodes_m.len();
+        list.iter()
+            .enumerate()
+            .map(|(at, value)| {
+                let node = value
+                    .as_u64()
+                    .and_then(|node| u32::try_from(node).ok())
+                    .filter(|&node| (node as usize) < n);
+                node.ok_or_else(|| {
+                    let what =
+                        format!("entry {at} of \"{}\" ({value}) is not a node of the mesh", key.get_ref());
+                    InputError::new(&path, what, format!("use 0 to {} (0-based, in file order)", n - 1))
+                })
+            })
+            .collect()
+    }
+
+    fn all_active(&mut self, scene: &Scene, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
+        let tables = scene.file.active.tables();
+        if tables.is_empty() {
+            let what = "the scene has no active node";
+            return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
+        }
+        let mut all: Vec<ActiveNode> = Vec::new();
+        for table in &tables {
+            let name_span = table.table.name.span();
+            for active in self.active(table, fixed)? {
+                check_name(self.place, name_span.clone(), &active.name, SPACE_NAME_LEN)?;
+                if all.iter().any(|other| other.name == active.name) {
+                    let what = format!("two active nodes are named \"{}\"", active.name);
+                    return Err(self.place.error(name_span, what, "give each its own name"));
+                }
+                if let Some(other) = all.iter().find(|other| other.node == active.node) {
+                    let (a, b, node) = (&other.name, &active.name, active.node);
+                    self.warnings
+                        .push(format!("active nodes \"{a}\" and \"{b}\" are both node {node}: solved twice"));
+                }
+                all.push(active);
+            }
+        }
+        Ok(all)
+    }
+
+    fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
+        let name = at.table.name.get_ref();
+        let one = |node| vec![ActiveNode { name: name.clone(), node }];
+        match (&at.table.node, &at.table.nearest, &at.table.group) {
+            (Some(index), None, None) => {
+                let node = self.node(index)?;
+                self.touchable(index.span(), node, name, fixed)?;
+                Ok(one(node))
+            }
+            (None, Some(point), None) => {
+                let node = self.nearest(point)?;
+                self.touchable(point.span(), node, name, fixed)?;
+                Ok(one(node))
+            }
+            (None, None, Some(group)) => {
+                let members = self.group(&self.mesh.node_groups, "nodes", group)?;
+                let free = |node: &&u32| self.skin.contains(**node) && fixed.binary_search(node).is_err();
+                let nodes: Vec<u32> = members.iter().filter(free).copied().collect();
+                if nodes.is_empty() {
+                    let what = format!("group \"{}\" has no free surface node", group.get_ref());
+                    return Err(self.place.error(
+                        group.span(),
+                        what,
+                        "choose a group on the surface that is not fixed",
+                    ));
+                }
+                Ok(nodes
+                    .into_iter()
+                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node })
+                    .collect())
+            }
+            (None, None, None) => {
+                let what = format!("active node \"{name}\" does not say where it is");
+                Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"))
+            }
+            _ => {
+                let what = format!("active node \"{name}\" says in several ways where it is");
+                Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
+            }
+        }
+    }
+
+    /// The surface node nearest to a point in metres; the lowest index of equally near ones.
+    fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
+        let target = finite(self.place, "nearest", point)?;
+        let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
+        let nearest = self.skin.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
+        let node = nearest.expect("a mesh with a tet has a surface");
+        let size = self.mesh.diagonal_m();
+        if away(node) > size {
+            let what =
+                format!("`nearest` lies {:.3} m from the body, which is {size:.3} m across", away(node));
+            return Err(self.place.error(
+                point.span(),
+                what,
+                "give the point in metres, in the mesh's frame",
+            ));
+        }
+        Ok(node)
+    }
+
+    fn touchable(&self, span: Range<usize>, node: u32, name: &str, fixed: &[u32]) -> Result<(), InputError> {
+        if fixed.binary_search(&node).is_ok() {
+            let what = format!("active node \"{name}\" (node {node}) is in the fixed set");
+            return Err(self.place.error(span, what, "choose a free node, or take it out of [fixed]"));
+        }
+        if !self.skin.contains(node) {
+            let what =
+                format!("active node \"{name}\" (node {node}) is inside the body, where no tool touches it");
+            let x = self.mesh.nodes_m[node as usize];
+            return Err(self.place.error(
+                span,
+                what,
+                format!("choose a surface node, for example with `nearest` = {x:?}"),
+            ));
+        }
+        Ok(())
+    }
+
+    fn grid(&mut self, grid: &Spanned<GridTable>) -> Result<GridSpec, InputError> {
+        let table = grid.get_ref();
+        let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
+        let spacing_m = match (&table.spacing_m, &table.points) {
+            (Some(spacing), None) => {
+                let spacing_m = positive(self.place, "spacing_m", spacing)?;
+                if spacing_m > radius_m {
+                    let what = format!(
+                        "`spacing_m` = {spacing_m} is larger than `radius_m` = {radius_m}: no grid point"
+                    );
+                    return Err(self.place.error(
+                        spacing.span(),
+                        what,
+                        "give a spacing of a fifth of the radius or so",
+                    ));
+                }
+                if radius_m / spacing_m > MOST_CELLS {
+                    let what =
+                        format!("`spacing_m` = {spacing_m} puts over {MOST_CELLS} cells along the radius");
+                    return Err(self.place.error(
+                        spacing.span(),
+                        what,
+                        "give the spacing in metres, and a coarser one",
+                    ));
+                }
+                spacing_m
+            }
+            (None, Some(points)) => {
+                let known = GRID_POINTS.iter().find(|(n, _)| i64::from(*n) == *points.get_ref());
+                let Some((_, cells)) = known else {
+                    let what = format!("`points` = {} is no grid of the paper", points.get_ref());
+                    return Err(self.place.error(
+                        points.span(),
+                        what,
+                        "use 514, 1418, 4168 or 14146, or `spacing_m`",
+                    ));
+                };
+                radius_m / f64::from(*cells)
+            }
+            (Some(_), Some(points)) => {
+                let what = "[grid] has both `spacing_m` and `points`";
+                return Err(self.place.error(points.span(), what, "keep one of the two"));
+            }
+            (None, None) => {
+                let what = "[grid] does not say how fine it is";
+                return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
+            }
+        };
+        let size = self.mesh.diagonal_m();
+        if radius_m > size {
+            self.warnings
+                .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
+        }
+        Ok(GridSpec { radius_m, spacing_m })
+    }
+
+    /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.
+    fn check_support(&mut self, fixed_span: Range<usize>, fixed: &[u32]) -> Result<(), InputError> {
+        let piece_of = surface::pieces(self.mesh);
+        let mut held: BTreeMap<u32, Vec<[f64; 3]>> = BTreeMap::new();
+        for &node in fixed {
+            held.entry(piece_of[node as usize]).or_default().push(self.mesh.nodes_m[node as usize]);
+        }
+        let piece_count = piece_of.iter().max().map_or(0, |last| last + 1);
+        for piece in 0..piece_count {
+            let Some(points) = held.get(&piece) else {
+                let lowest =
+                    piece_of.iter().position(|&p| p == piece).expect("pieces are numbered from nodes");
+                let size = piece_of.iter().filter(|&&p| p == piece).count();
+                let what = format!(
+                    "the mesh has {piece_count} separate pieces, and the one of node {lowest} ({}) has no fixed node",
+                    count(size, "node")
+                );
+                return Err(self.place.error(
+                    fixed_span,
+                    what,
+                    "fix nodes of it, or remove the piece from the mesh",
+                ));
+            };
+            if on_a_line(points) {
+                self.warnings.push(format!(
+                    "the {} of the piece of the body they hold lie on a line: it can turn about it",
+                    count(points.len(), "fixed node")
+                ));
+            }
+        }
+        if piece_count > 1 {
+            self.warnings.push(format!(
+                "the mesh has {piece_count} separate pieces: touching one never moves another"
+            ));
+        }
+        let all_fixed = |tet: &&[u32; 4]| tet.iter().all(|node| fixed.binary_search(node).is_ok());
+        let rigid = self.mesh.tets.iter().filter(all_fixed).count();
+        if rigid > 0 {
+            let has = if rigid == 1 { "has" } else { "have" };
+            self.warnings
+                .push(format!("{} {has} all four vertices fixed and cannot deform", count(rigid, "tet")));
+        }
+        let topology = self.skin.topology;
+        if !topology.is_manifold() {
+            self.warnings.push(format!(
+                "the surface is not a closed manifold ({}, {}, {}): parts may hinge or overlap",
+                count(topology.non_manifold_edges, "bad edge"),
+                count(topology.non_manifold_nodes, "bad node"),
+                count(topology.overlapping_faces, "overlapping face")
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Whether points span less than a plane: then a body held there can turn.
+fn on_a_line(points: &[[f64; 3]]) -> bool {
+    let [first, rest @ ..] = points else { return true };
+    let far = rest.iter().map(|x| sub(x, first)).max_by(|a, b| norm(a).total_cmp(&norm(b)));
+    let Some(axis) = far else { return true };
+    rest.iter().all(|x| norm(&cross(&axis, &sub(x, first))) <= 1e-9 * norm(&axis).powi(2))
+}
+
+fn check_name(place: &Place, span: Range<usize>, name: &str, limit: usize) -> Result<(), InputError> {
+    let fault = if name.is_empty() {
+        "is empty".to_owned()
+    } else if name.len() > limit {
+        format!("is {} bytes long", name.len())
+    } else if name.contains(|c: char| c.is_control() || c == ',' || c == '"') {
+        "holds a comma, a quote or a control character".to_owned()
+    } else {
+        return Ok(());
+    };
+    let what = format!("the name \"{}\" {fault}", name.escape_debug());
+    Err(place.error(span, what, format!("use 1 to {limit} bytes without commas and quotes")))
+}
+
+fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result<f64, InputError> {
+    let number = *value.get_ref();
+    if number.is_finite() && number > 0.0 {
+        return Ok(number);
+    }
+    Err(place.error(
+        value.span(),
+        format!("`{key}` = {number} is not a positive number"),
+        "correct the value",
+    ))
+}
+
+fn finite(place: &Place, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f64; 3], InputError> {
+    let point = *value.get_ref();
+    if point.iter().all(|c| c.is_finite()) {
+        return Ok(point);
+    }
+    Err(place.error(value.span(), format!("`{key}` = {point:?} is not finite"), "correct the value"))
+}
