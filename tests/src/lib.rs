@@ -1,1 +1,116 @@
-//! .
+//! Fixtures shared by the tests across the crates: small bodies with known answers.
+#![forbid(unsafe_code)]
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate_precompute::body::Body;
+use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::mesh::TetMesh;
+
+/// The paper's Mooney-Rivlin liver.
+pub fn mooney_rivlin() -> Material {
+    Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 })
+}
+
+/// The paper's St. Venant-Kirchhoff liver.
+pub fn st_venant_kirchhoff() -> Material {
+    Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
+}
+
+/// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Inner
+/// nodes are moved off the lattice a little, so that no symmetry hides an error.
+pub fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
+    let [nx, ny, nz] = cells;
+    let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
+    let mut nodes_m = Vec::new();
+    for i in 0..=nx {
+        for j in 0..=ny {
+            for k in 0..=nz {
+                let inner = i % nx != 0 && j % ny != 0 && k % nz != 0;
+                let shift = |salt: usize| {
+                    let wobble = ((7 * i + 11 * j + 13 * k + salt) % 17) as f64 / 17.0 - 0.5;
+                    if inner { 0.3 * wobble } else { 0.0 }
+                };
+                nodes_m.push([
+                    (i as f64 + shift(1)) * edge_m,
+                    (j as f64 + shift(5)) * edge_m,
+                    (k as f64 + shift(9)) * edge_m,
+                ]);
+            }
+        }
+    }
+    let mut tets = Vec::new();
+    for i in 0..nx {
+        for j in 0..ny {
+            for k in 0..nz {
+                for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
+                    let mut at = [i, j, k];
+                    let mut corners = [node(i, j, k); 4];
+                    for (corner, axis) in corners[1..].iter_mut().zip(order) {
+                        at[axis] += 1;
+                        *corner = node(at[0], at[1], at[2]);
+                    }
+                    // Odd orders of the axes turn the tetrahedron round.
+                    if matches!(order, [1, 0, 2] | [0, 2, 1] | [2, 1, 0]) {
+                        corners.swap(2, 3);
+                    }
+                    tets.push(corners);
+                }
+            }
+        }
+    }
+    TetMesh::new(nodes_m, tets).expect("the box is a valid mesh")
+}
+
+/// Nodes of a mesh that `keep` accepts.
+pub fn nodes_where(mesh: &TetMesh, keep: impl Fn([f64; 3]) -> bool) -> Vec<u32> {
+    (0..mesh.nodes_m.len() as u32).filter(|&n| keep(mesh.nodes_m[n as usize])).collect()
+}
+
+/// Node nearest to a point.
+pub fn nearest_node(mesh: &TetMesh, point_m: [f64; 3]) -> u32 {
+    let distance = |n: u32| -> f64 {
+        mesh.nodes_m[n as usize].iter().zip(point_m).map(|(x, p)| (x - p) * (x - p)).sum()
+    };
+    (0..mesh.nodes_m.len() as u32).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).expect("the mesh has nodes")
+}
+
+/// A soft beam of 80 x 40 x 40 mm held at its left end, with the middle of its top face as active node.
+pub fn soft_beam(material: Material) -> (TetMesh, Vec<u32>, u32, Arc<Body>) {
+    let mesh = box_mesh([4, 2, 2], 0.02);
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let active = nearest_node(&mesh, [0.06, 0.02, 0.04]);
+    let body = Arc::new(Body::new(&mesh, material, &fixed).expect("every element has volume"));
+    (mesh, fixed, active, body)
+}
+
+/// Writes a mesh as Gmsh 2.2 ASCII.
+pub fn write_gmsh22(mesh: &TetMesh, path: &Path) {
+    let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n");
+    writeln!(text, "{}", mesh.nodes_m.len()).expect("a string takes everything");
+    for (i, [x, y, z]) in mesh.nodes_m.iter().enumerate() {
+        writeln!(text, "{} {x:?} {y:?} {z:?}", i + 1).expect("a string takes everything");
+    }
+    writeln!(text, "$EndNodes\n$Elements\n{}", mesh.tets.len()).expect("a string takes everything");
+    for (i, [a, b, c, d]) in mesh.tets.iter().enumerate() {
+        writeln!(text, "{} 4 2 1 1 {} {} {} {}", i + 1, a + 1, b + 1, c + 1, d + 1)
+            .expect("a string takes everything");
+    }
+    text.push_str("$EndElements\n");
+    std::fs::write(path, text).expect("the folder can be written");
+}
+
+/// Writes the soft beam as a scene with a 5 x `spacing` ball and returns the scene's path.
+pub fn write_beam_scene(folder: &Path, law: &str, grid: &str, max_force_n: f64) -> PathBuf {
+    let (mesh, fixed, active, _) = soft_beam(mooney_rivlin());
+    write_gmsh22(&mesh, &folder.join("beam.msh"));
+    let scene = format!(
+        "name = \"beam\"\n[mesh]\nfile = \"beam.msh\"\n[material]\n{law}\n[fixed]\nnodes = {fixed:?}\n[[active]]\nname \
+         = \"A\"\nnode = {active}\n[grid]\n{grid}\n[device]\nmax_force_n = {max_force_n:?}\n"
+    );
+    let path = folder.join("beam.toml");
+    std::fs::write(&path, scene).expect("the folder can be written");
+    path
+}

@@ -1,0 +1,244 @@
+//! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
+
+use std::path::Path;
+
+use bytemuck::Pod;
+use palpate_core::Method;
+use palpate_core::blob::format::{
+    ALIGNMENT, CHECKSUM, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SpaceHeader,
+    SurfaceHeader, VERSION, plane_area_start,
+};
+use palpate_core::rbf::LANES;
+
+use crate::configuration_space::{SpaceGrid, Store, StoreError};
+use crate::fit::{FitError, Kernel, fit_rbf, lattice_values, nearest_solved, samples};
+use crate::mesh::{Surface, TetMesh};
+
+/// Why a space could not be packed.
+#[derive(Debug)]
+pub enum PackError {
+    /// The store could not be read.
+    Store(StoreError),
+    /// A fit failed.
+    Fit {
+        /// Name of the active node.
+        active: String,
+        /// Why.
+        error: FitError,
+    },
+    /// The space holds no configuration yet.
+    Empty {
+        /// Name of the active node.
+        active: String,
+    },
+    /// A part does not fit in the layout.
+    TooLarge(&'static str),
+    /// The mesh in the store is not a body.
+    Mesh(crate::mesh::MeshFault),
+}
+
+impl std::fmt::Display for PackError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Store(error) => write!(f, "{error}"),
+            Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
+            Self::Empty { active } => {
+                write!(f, "active node {active} has no solved configuration; run `palpate precompute` to the end first")
+            }
+            Self::TooLarge(what) => write!(f, "{what} is too large for a blob; shorten it or pack fewer methods"),
+            Self::Mesh(fault) => write!(f, "the mesh in the store is not usable: {fault:?}; precompute again"),
+        }
+    }
+}
+
+impl std::error::Error for PackError {}
+
+impl From<StoreError> for PackError {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+/// Bulk data of a blob under construction.
+#[derive(Debug, Default)]
+struct PlaneArea {
+    bytes: Vec<u8>,
+}
+
+impl PlaneArea {
+    fn push<T: Pod>(&mut self, plane: &[T]) -> Result<PlaneRef, PackError> {
+        self.bytes.resize(self.bytes.len().next_multiple_of(ALIGNMENT), 0);
+        let too_large = |_| PackError::TooLarge("the table area");
+        let offset = u32::try_from(self.bytes.len()).map_err(too_large)?;
+        let len = u32::try_from(plane.len()).map_err(too_large)?;
+        self.bytes.extend_from_slice(bytemuck::cast_slice(plane));
+        Ok(PlaneRef { offset, len })
+    }
+
+    fn push3<T: Pod>(&mut self, planes: &[Vec<T>; 3]) -> Result<[PlaneRef; 3], PackError> {
+        Ok([self.push(&planes[0])?, self.push(&planes[1])?, self.push(&planes[2])?])
+    }
+}
+
+fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless::String<N>, PackError> {
+    heapless::String::try_from(text).map_err(|_| PackError::TooLarge(what))
+}
+
+/// Packs every space of `store` with the tables of `methods` and returns the blob's bytes.
+pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
+    let identity = store.identity()?;
+    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
+    let (nodes_m, tets, fixed) = store.mesh()?;
+    let mesh = TetMesh::new(nodes_m, tets).map_err(PackError::Mesh)?;
+    let surface = Surface::of(&mesh);
+    let mut planes = PlaneArea::default();
+    let surface_header = write_surface(&mut planes, &mesh, &surface, &fixed)?;
+    let mut spaces = Vec::new();
+    for (active, (name, node)) in store.active()?.into_iter().enumerate() {
+        spaces.push(write_space(&mut planes, store, &grid, &mesh, &surface, active, &name, node, methods, identity.visual)?);
+    }
+    let preamble = Preamble {
+        scene: short_text(&identity.scene_name, "the scene's name")?,
+        law: short_text(&identity.law, "the law's name")?,
+        max_force_n: identity.max_force_n as f32,
+        mesh_hash: identity.mesh_hash,
+        surface: surface_header,
+        space_count: spaces.len() as u32,
+    };
+    assemble(&preamble, &spaces, &planes)
+}
+
+fn write_surface(
+    planes: &mut PlaneArea,
+    mesh: &TetMesh,
+    surface: &Surface,
+    fixed: &[u32],
+) -> Result<SurfaceHeader, PackError> {
+    let position = |axis: usize| -> Vec<f32> {
+        surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
+    };
+    let vertex = |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32;
+    let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
+    let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
+    Ok(SurfaceHeader {
+        node: planes.push(&surface.nodes)?,
+        position_m: planes.push3(&[position(0), position(1), position(2)])?,
+        triangles: planes.push(&triangles)?,
+        fixed: planes.push(&held)?,
+    })
+}
+
+#[allow(clippy::too_many_arguments)]
+fn write_space(
+    planes: &mut PlaneArea,
+    store: &Store,
+    grid: &SpaceGrid,
+    mesh: &TetMesh,
+    surface: &Surface,
+    active: usize,
+    name: &str,
+    node: u32,
+    methods: &[Method],
+    visual: bool,
+) -> Result<SpaceHeader, PackError> {
+    let samples = samples(grid, &store.records(active)?);
+    if samples.is_empty() {
+        return Err(PackError::Empty { active: name.into() });
+    }
+    let values = lattice_values(grid, &samples);
+    let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
+    let fit = |kernel| fit_rbf(kernel, &samples).map_err(|error| PackError::Fit { active: name.into(), error });
+    let flags = planes.push(&values.flags)?;
+    let force_n = if methods.iter().any(|m| on_lattice.contains(m)) {
+        Some(planes.push3(&values.force_n)?)
+    } else {
+        None
+    };
+    let rbf_linear = if methods.contains(&Method::RbfLinear) {
+        let fit = fit(Kernel::Linear)?;
+        let narrow = |plane: &Vec<f64>| padded(plane).into_iter().map(|x| x as f32).collect::<Vec<f32>>();
+        Some(RbfHeader {
+            centres: planes.push3(&fit.centres.each_ref().map(narrow))?,
+            weights: planes.push3(&fit.weights.each_ref().map(narrow))?,
+        })
+    } else {
+        None
+    };
+    let rbf_cubic = if methods.contains(&Method::RbfCubic) {
+        let fit = fit(Kernel::Cubic)?;
+        Some(RbfHeader {
+            centres: planes.push3(&fit.centres.each_ref().map(padded))?,
+            weights: planes.push3(&fit.weights.each_ref().map(padded))?,
+        })
+    } else {
+        None
+    };
+    let displacement = if visual {
+        let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * surface.nodes.len());
+        for sample in &samples {
+            let all = store.displacements(active, sample.index)?;
+            rows.extend(surface.nodes.iter().map(|&n| all[n as usize]));
+        }
+        let row = planes.push(&nearest_solved(grid, &samples))?;
+        Some(DisplacementHeader { row, rows: planes.push(rows.as_flattened())? })
+    } else {
+        None
+    };
+    let normal = surface.normal(node).expect("an active node is on the surface");
+    Ok(SpaceHeader {
+        name: short_text(name, "an active node's name")?,
+        node,
+        rest_position_m: mesh.nodes_m[node as usize].map(|x| x as f32),
+        outward_normal: normal.map(|x| x as f32),
+        spacing_m: grid.spacing_m as f32,
+        radius_m: grid.radius_m as f32,
+        flags,
+        force_n,
+        rbf_linear,
+        rbf_cubic,
+        displacement,
+    })
+}
+
+/// Zeros up to the core's lane count.
+fn padded(plane: &Vec<f64>) -> Vec<f64> {
+    let mut plane = plane.clone();
+    plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+    plane
+}
+
+fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> Result<Vec<u8>, PackError> {
+    let encode = |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
+    let mut header = encode(postcard::to_stdvec(preamble))?;
+    for space in spaces {
+        header.extend(encode(postcard::to_stdvec(space))?);
+    }
+    let start = plane_area_start(header.len()).ok_or(PackError::TooLarge("the header"))?;
+    let total = start + planes.bytes.len() + CHECKSUM_BYTES;
+    let mut blob = Vec::with_capacity(total);
+    blob.extend_from_slice(&MAGIC);
+    blob.extend_from_slice(&VERSION.to_le_bytes());
+    blob.extend_from_slice(&(header.len() as u32).to_le_bytes());
+    blob.extend_from_slice(&(total as u64).to_le_bytes());
+    debug_assert_eq!(blob.len(), PREFIX_LEN);
+    blob.extend_from_slice(&header);
+    blob.resize(start, 0);
+    blob.extend_from_slice(&planes.bytes);
+    blob.extend_from_slice(&CHECKSUM.checksum(&blob).to_le_bytes());
+    Ok(blob)
+}
+
+const CHECKSUM_BYTES: usize = palpate_core::blob::format::CHECKSUM_LEN;
+
+/// Writes a whole file under a temporary name in the same folder, then renames it: never a half-written file.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(format!(".{}.part", std::process::id()));
+    let temporary = path.with_file_name(name);
+    let written = std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path));
+    if written.is_err() {
+        // The error that matters is the first one.
+        let _ = std::fs::remove_file(&temporary);
+    }
+    written
+}

@@ -1,0 +1,5 @@
+//! Finite elements: shape functions and their integrals over one element.
+
+pub mod tet4;
+
+pub use tet4::Tet4;

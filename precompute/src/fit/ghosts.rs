@@ -1,0 +1,136 @@
+//! Lattice tables with ghosts: a force at every slot of the box, solved or not, so that the on-line force never jumps.
+//!
+//! A slot without a configuration (outside the ball, behind a terminating point, failed) takes the mean of the
+//! first-order continuations h + S d of its nearest solved points. Flags tell the core which slots are solved, and the
+//! core reports a query that rests on a ghost as extrapolated.
+
+use palpate_core::flags;
+
+use super::Sample;
+use crate::configuration_space::{GridIndex, SpaceGrid};
+
+/// Force and flags of every slot of the box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LatticeValues {
+    /// Planes x, y, z of h, N.
+    pub force_n: [Vec<f32>; 3],
+    /// Flags of `palpate_core::flags`.
+    pub flags: Vec<u8>,
+}
+
+/// A continuation over many cells can run away; it is held to this multiple of the largest solved force.
+const GHOST_FORCE_LIMIT: f64 = 2.0;
+
+/// Table of `samples` (one per solved grid point, the rest point among them).
+pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
+    let slots = grid.lattice.slots();
+    let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+    let mut values =
+        LatticeValues { force_n: [vec![0.0; slots], vec![0.0; slots], vec![0.0; slots]], flags: vec![0; slots] };
+    let mut store = |slot: usize, force: [f64; 3], bits: u8| {
+        for (plane, component) in values.force_n.iter_mut().zip(force) {
+            plane[slot] = component as f32;
+        }
+        values.flags[slot] = bits;
+    };
+    let mut solved = vec![false; slots];
+    for sample in samples {
+        let Some(slot) = grid.lattice.slot(sample.index) else { continue };
+        let mut bits = flags::SOLVED;
+        if sample.terminating {
+            bits |= flags::TERMINATING;
+        }
+        if sample.inverted {
+            bits |= flags::INVERTED;
+        }
+        solved[slot] = true;
+        store(slot, sample.force_n, bits);
+    }
+    for slot in (0..slots).filter(|&slot| !solved[slot]) {
+        store(slot, ghost(grid, samples, grid.lattice.ijk(slot), GHOST_FORCE_LIMIT * largest), 0);
+    }
+    flags::derive(&grid.lattice, &mut values.flags);
+    values
+}
+
+/// Mean continuation from all solved points at the smallest distance.
+fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> [f64; 3] {
+    let nearest = samples.iter().map(|s| squared_distance(s.index, index)).min().unwrap_or(0);
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for sample in samples.iter().filter(|s| squared_distance(s.index, index) == nearest) {
+        let step: [f64; 3] =
+            std::array::from_fn(|i| f64::from(index[i] - sample.index[i]) * grid.spacing_m);
+        for (i, total) in sum.iter_mut().enumerate() {
+            let change: f64 = sample.stiffness_n_m[i].iter().zip(step).map(|(s, d)| s * d).sum();
+            *total += sample.force_n[i] + change;
+        }
+        count += 1.0;
+    }
+    let mean = sum.map(|f| f / f64::max(count, 1.0));
+    let size = norm(mean);
+    if size > limit { mean.map(|f| f * limit / size) } else { mean }
+}
+
+/// Position in `samples` of the solved point nearest to each slot (the first of equals): what the eye is shown there.
+pub fn nearest_solved(grid: &SpaceGrid, samples: &[Sample]) -> Vec<u32> {
+    (0..grid.lattice.slots())
+        .map(|slot| {
+            let index = grid.lattice.ijk(slot);
+            let nearest = samples.iter().enumerate().min_by_key(|(_, s)| squared_distance(s.index, index));
+            nearest.map_or(0, |(row, _)| row as u32)
+        })
+        .collect()
+}
+
+fn squared_distance(a: GridIndex, b: GridIndex) -> i32 {
+    a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
+}
+
+fn norm(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A linear field: continuation from any point is exact, so every ghost must be too.
+    fn linear(index: GridIndex, spacing: f64) -> Sample {
+        let s = [[300.0, 20.0, 0.0], [20.0, 200.0, -10.0], [0.0, -10.0, 100.0]];
+        let d = index.map(|n| f64::from(n) * spacing);
+        Sample {
+            index,
+            force_n: std::array::from_fn(|i| s[i].iter().zip(d).map(|(s, d)| s * d).sum()),
+            stiffness_n_m: s,
+            terminating: false,
+            inverted: false,
+        }
+    }
+
+    #[test]
+    fn ghosts_continue_a_linear_field_exactly() {
+        let grid = SpaceGrid::new(0.01, 0.03).unwrap();
+        let holes = [[1, 0, 0], [0, -2, 1]];
+        let samples: Vec<Sample> = grid
+            .lattice
+            .points()
+            .chain([[0; 3]])
+            .filter(|p| !holes.contains(p))
+            .map(|p| linear(p, grid.spacing_m))
+            .collect();
+        let values = lattice_values(&grid, &samples);
+        for hole in holes.into_iter().chain([[4, 0, 0], [-3, 2, 0]]) {
+            let slot = grid.lattice.slot(hole).unwrap();
+            assert_eq!(values.flags[slot] & flags::SOLVED, 0);
+            let want = linear(hole, grid.spacing_m).force_n;
+            for (plane, want) in values.force_n.iter().zip(want) {
+                assert!((f64::from(plane[slot]) - want).abs() < 1e-5, "{hole:?}");
+            }
+        }
+        // A corner of the box is far from any data: held to the limit, direction kept.
+        let slot = grid.lattice.slot([4, 4, 4]).unwrap();
+        let force: f64 = values.force_n.iter().map(|p| f64::from(p[slot]).powi(2)).sum::<f64>().sqrt();
+        let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+        assert!(force <= GHOST_FORCE_LIMIT * largest * (1.0 + 1e-6));
+    }
+}

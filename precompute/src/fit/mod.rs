@@ -1,0 +1,41 @@
+//! From solved configurations to the tables that the core interpolates.
+
+mod ghosts;
+mod rbf_weights;
+
+pub use ghosts::{LatticeValues, lattice_values, nearest_solved};
+pub use rbf_weights::{FitError, Kernel, RbfFit, fit_rbf};
+
+use crate::configuration_space::{GridIndex, Record, SpaceGrid};
+
+/// A solved grid point as the fits need it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Grid point.
+    pub index: GridIndex,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S = dh/dd, rows, N/m.
+    pub stiffness_n_m: [[f64; 3]; 3],
+    /// |h| is beyond the scene's force limit.
+    pub terminating: bool,
+    /// At least one element is inverted.
+    pub inverted: bool,
+}
+
+/// The solved points among `records`, sorted by grid index.
+pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
+    let mut samples: Vec<Sample> = records
+        .iter()
+        .filter(|r| r.tag.is_solved() && (r.index == [0; 3] || grid.lattice.contains(r.index)))
+        .map(|r| Sample {
+            index: r.index,
+            force_n: r.force_n,
+            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| r.stiffness_n_m[(i, j)])),
+            terminating: r.tag == palpate_core::ConfigTag::Terminating,
+            inverted: r.inverted > 0,
+        })
+        .collect();
+    samples.sort_unstable_by_key(|s| s.index);
+    samples
+}

@@ -1,0 +1,281 @@
+//! Sparse symmetric indefinite solver: supernodal LDL^T without pivoting, made safe by a small regularisation,
+//! iterative refinement with the true matrix, and a residual that is always checked.
+//!
+//! The saddle-point matrix of an incompressible body has zeros on the pressure diagonal. Subtracting
+//! delta_i = delta V_i / mu there makes it quasi-definite for a stable state, so that LDL^T exists in any order;
+//! refinement then removes the effect of delta. Where that fails (measured by the residual, never assumed) delta is
+//! raised, and at last an LU with pivoting of the whole matrix is tried.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
+use faer::prelude::Solve;
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LdltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMat, SparseColMatRef, SymbolicSparseColMatRef, Triplet};
+use faer::{Conj, Mat, MatMut, Par, Side};
+
+use crate::assembly::Pattern;
+
+/// Regularisations tried, in units of V_i / mu.
+const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
+/// Refinement stops at this relative residual ...
+const REFINED: f64 = 1e-13;
+/// ... and a solve is accepted below this one.
+const ACCEPTED: f64 = 1e-10;
+/// Refinement steps at most; each gains at least four digits when the factor is any good.
+const REFINEMENTS: usize = 6;
+
+/// The matrix could not be solved to [`ACCEPTED`] by any route.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SingularMatrix {
+    /// Relative residual of the best attempt.
+    pub residual: f64,
+}
+
+/// Symbolic analysis of one pattern, shared by all threads.
+#[derive(Debug)]
+pub struct SymbolicFactor {
+    symbolic: SymbolicCholesky<usize>,
+    /// Place of each pressure unknown's diagonal entry, and its regularisation for delta = 1.
+    pressure_diagonal: Vec<(usize, f64)>,
+}
+
+impl SymbolicFactor {
+    /// Analyses `pattern`, whose unknowns already stand in elimination order; `pressure_diagonal` lists
+    /// (equation, V_i / mu in scaled units) of every pressure unknown.
+    pub fn new(pattern: &Pattern, pressure_diagonal: &[(usize, f64)]) -> Self {
+        let n = pattern.unknowns();
+        // With the order given, faer analyses the upper triangle as it stands whatever side is named.
+        let (starts, rows) = pattern.upper_triangle();
+        let symbolic = factorize_symbolic_cholesky(
+            SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows),
+            Side::Upper,
+            SymmetricOrdering::Identity,
+            // AUTO may fall to the simplicial path, which is slower and as unpivoted.
+            CholeskySymbolicParams {
+                supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+                ..Default::default()
+            },
+        )
+        .expect("the pattern is square, sorted and fits in memory");
+        let pressure_diagonal =
+            pressure_diagonal.iter().map(|&(equation, size)| (pattern.column_starts[equation], size)).collect();
+        Self { symbolic, pressure_diagonal }
+    }
+
+    /// Entries of the factor.
+    pub fn factor_entries(&self) -> usize {
+        self.symbolic.len_val()
+    }
+}
+
+/// Numeric factor and scratch of one thread; nothing is allocated after the first use.
+pub struct Factor {
+    values: Vec<f64>,
+    scratch: MemBuffer,
+    regularised: Vec<f64>,
+    right: Vec<f64>,
+    residual: Vec<f64>,
+    product: Vec<f64>,
+    correction: Vec<f64>,
+    level: usize,
+    pivoted: Option<Box<faer::sparse::linalg::solvers::Lu<usize, f64>>>,
+}
+
+impl std::fmt::Debug for Factor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Factor").field("entries", &self.values.len()).field("level", &self.level).finish()
+    }
+}
+
+impl Factor {
+    /// Room for the factor of `symbolic` and three right-hand sides.
+    pub fn new(symbolic: &SymbolicFactor, pattern: &Pattern) -> Self {
+        let analysis = &symbolic.symbolic;
+        let scratch = analysis
+            .factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default())
+            .or(analysis.solve_in_place_scratch::<f64>(RIGHT_SIDES, Par::Seq));
+        let n = RIGHT_SIDES * pattern.unknowns();
+        Self {
+            values: vec![0.0; analysis.len_val()],
+            scratch: MemBuffer::new(scratch),
+            regularised: vec![0.0; pattern.entries()],
+            right: vec![0.0; n],
+            residual: vec![0.0; n],
+            product: vec![0.0; pattern.unknowns()],
+            correction: vec![0.0; n],
+            level: 0,
+            pivoted: None,
+        }
+    }
+
+    /// Factorises `matrix` (lower triangle on `pattern`) with the regularisation of `level`.
+    fn factorise(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+        level: usize,
+    ) -> bool {
+        self.level = level;
+        self.pivoted = None;
+        self.regularised.copy_from_slice(&matrix[..pattern.entries()]);
+        for &(place, size) in &symbolic.pressure_diagonal {
+            self.regularised[place] -= DELTAS[level] * size;
+        }
+        let n = pattern.unknowns();
+        let structure =
+            SymbolicSparseColMatRef::new_checked(n, n, &pattern.column_starts, None, &pattern.rows);
+        symbolic
+            .symbolic
+            .factorize_numeric_ldlt(
+                &mut self.values,
+                SparseColMatRef::new(structure, &self.regularised),
+                Side::Lower,
+                LdltRegularization::default(),
+                Par::Seq,
+                MemStack::new(&mut self.scratch),
+                Default::default(),
+            )
+            .is_ok()
+            && self.values.iter().all(|v| v.is_finite())
+    }
+
+    fn factorise_pivoted(&mut self, pattern: &Pattern, matrix: &[f64]) -> bool {
+        let n = pattern.unknowns();
+        let mut triplets = Vec::with_capacity(2 * pattern.entries());
+        for column in 0..n {
+            for place in pattern.column_starts[column]..pattern.column_starts[column + 1] {
+                let (row, value) = (pattern.rows[place], matrix[place]);
+                triplets.push(Triplet::new(row, column, value));
+                if row != column {
+                    triplets.push(Triplet::new(column, row, value));
+                }
+            }
+        }
+        self.level = DELTAS.len();
+        self.pivoted = SparseColMat::try_new_from_triplets(n, n, &triplets)
+            .ok()
+            .and_then(|full| full.sp_lu().ok())
+            .map(Box::new);
+        self.pivoted.is_some()
+    }
+
+    /// Solves with the present factor, no refinement.
+    fn apply(&mut self, symbolic: &SymbolicFactor, n: usize, columns: usize) {
+        let rhs = &mut self.correction[..n * columns];
+        if let Some(lu) = &self.pivoted {
+            let solved = lu.solve(Mat::from_fn(n, columns, |i, j| rhs[j * n + i]));
+            for j in 0..columns {
+                for i in 0..n {
+                    rhs[j * n + i] = solved[(i, j)];
+                }
+            }
+        } else {
+            LdltRef::new(&symbolic.symbolic, &self.values).solve_in_place_with_conj(
+                Conj::No,
+                MatMut::from_column_major_slice_mut(rhs, n, columns),
+                Par::Seq,
+                MemStack::new(&mut self.scratch),
+            );
+        }
+    }
+
+    /// Refines `x` against the right-hand sides in `self.right`; returns the worst relative residual.
+    fn refine(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+        x: &mut [f64],
+        columns: usize,
+    ) -> f64 {
+        let n = pattern.unknowns();
+        x.fill(0.0);
+        let mut best = f64::INFINITY;
+        self.residual[..n * columns].copy_from_slice(&self.right[..n * columns]);
+        for _ in 0..=REFINEMENTS {
+            self.correction[..n * columns].copy_from_slice(&self.residual[..n * columns]);
+            self.apply(symbolic, n, columns);
+            let mut worst = 0.0f64;
+            for j in 0..columns {
+                let span = j * n..(j + 1) * n;
+                for (x, c) in x[span.clone()].iter_mut().zip(&self.correction[span.clone()]) {
+                    *x += c;
+                }
+                pattern.multiply(matrix, &x[span.clone()], &mut self.product);
+                let (mut error, mut size) = (0.0, 0.0);
+                for ((r, b), p) in
+                    self.residual[span.clone()].iter_mut().zip(&self.right[span.clone()]).zip(&self.product)
+                {
+                    *r = b - p;
+                    error += *r * *r;
+                    size += b * b;
+                }
+                let relative = if size > 0.0 { (error / size).sqrt() } else { error.sqrt() };
+                // `max` would hide a NaN.
+                worst = if relative > worst || relative.is_nan() { relative } else { worst };
+            }
+            if worst.is_nan() {
+                return f64::INFINITY;
+            }
+            // Converged, or no longer gaining a digit a step.
+            let stalled = worst > 0.3 * best;
+            best = best.min(worst);
+            if worst <= REFINED || stalled {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Factorises `matrix` and solves for one right-hand side; the factor stays for [`Factor::solve`].
+    pub fn factorise_and_solve(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+        right: &[f64],
+        x: &mut [f64],
+    ) -> Result<f64, SingularMatrix> {
+        let mut best = f64::INFINITY;
+        // Compressible bodies have nothing to regularise: a second level would repeat the first.
+        let levels = if symbolic.pressure_diagonal.is_empty() { 1 } else { DELTAS.len() };
+        for level in 0..=levels {
+            let factorised = if level < levels {
+                self.factorise(symbolic, pattern, matrix, level)
+            } else {
+                self.factorise_pivoted(pattern, matrix)
+            };
+            if !factorised {
+                continue;
+            }
+            self.right[..right.len()].copy_from_slice(right);
+            let residual = self.refine(symbolic, pattern, matrix, x, 1);
+            best = best.min(residual);
+            if residual <= ACCEPTED {
+                return Ok(residual);
+            }
+        }
+        Err(SingularMatrix { residual: best })
+    }
+
+    /// Solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]) with the factor in place.
+    pub fn solve(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+        right: &[f64],
+        x: &mut [f64],
+    ) -> Result<f64, SingularMatrix> {
+        self.right[..right.len()].copy_from_slice(right);
+        let residual = self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns());
+        if residual <= ACCEPTED { Ok(residual) } else { Err(SingularMatrix { residual }) }
+    }
+}
+
+/// Right-hand sides that can be solved for at once: one per axis of the active node.
+pub const RIGHT_SIDES: usize = 3;

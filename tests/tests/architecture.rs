@@ -1,0 +1,52 @@
+//! Who may depend on whom (DESIGN: core -> nothing of ours; precompute -> core; host -> core; hil -> core, with host
+//! for its tests; tools and tests -> all), read from `cargo metadata`.
+
+use std::collections::BTreeSet;
+
+use cargo_metadata::{DependencyKind, MetadataCommand};
+
+/// Our packages that `package` depends on, in ordinary and build use, or in tests only.
+fn ours(package: &str, kinds: &[DependencyKind]) -> BTreeSet<String> {
+    let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
+    let found = metadata.packages.iter().find(|p| p.name.as_str() == package);
+    let found = found.unwrap_or_else(|| panic!("no package {package} in the workspace"));
+    found
+        .dependencies
+        .iter()
+        .filter(|d| kinds.contains(&d.kind) && d.name.starts_with("palpate"))
+        .map(|d| d.name.clone())
+        .collect()
+}
+
+fn set(names: &[&str]) -> BTreeSet<String> {
+    names.iter().map(|n| (*n).to_string()).collect()
+}
+
+const LINKED: [DependencyKind; 2] = [DependencyKind::Normal, DependencyKind::Build];
+const TESTED: [DependencyKind; 1] = [DependencyKind::Development];
+
+#[test]
+fn the_arrows_point_one_way() {
+    assert_eq!(ours("palpate-core", &LINKED), set(&[]));
+    assert_eq!(ours("palpate-core", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-precompute", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-host", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-hil", &TESTED), set(&["palpate-host"]));
+}
+
+#[test]
+fn the_core_takes_no_default_features_along() {
+    // A default feature of a dependency is how `std` leaks into a no_std crate.
+    let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
+    let core = metadata.packages.iter().find(|p| p.name.as_str() == "palpate-core").expect("the core is a member");
+    let leaky: Vec<&str> = core
+        .dependencies
+        .iter()
+        .filter(|d| d.kind == DependencyKind::Normal && d.uses_default_features && d.name != "libm")
+        .map(|d| d.name.as_str())
+        .collect();
+    assert!(leaky.is_empty(), "default features on: {leaky:?}");
+}
