@@ -60,8 +60,16 @@ pub struct BallLattice {
     spacing_m: f32,
     radius_m: f32,
     cells_per_m: f32,
+    /// Largest |displacement|^2 inside the ball.
+    radius_squared: f32,
     /// R, the radius in cells rounded up.
     reach: i32,
+    /// The same, for the tick.
+    reach_f32: f32,
+    /// Slots along one axis.
+    side: u32,
+    /// Slot of the rest point.
+    rest_slot: u32,
     /// Largest |n|^2 inside the ball.
     reach_squared: i32,
 }
@@ -94,7 +102,18 @@ impl BallLattice {
         let low = cells * (1.0 - SLACK);
         let reach = low as i32 + i32::from(low > f64::from(low as i32));
         let high = cells * (1.0 + SLACK);
-        Ok(Self { spacing_m, radius_m, cells_per_m, reach, reach_squared: (high * high) as i32 })
+        let (extent, side) = (reach as u32 + 1, 2 * reach as u32 + 3);
+        Ok(Self {
+            spacing_m,
+            radius_m,
+            cells_per_m,
+            radius_squared: radius_m * radius_m,
+            reach,
+            reach_f32: reach as f32,
+            side,
+            rest_slot: (extent * side + extent) * side + extent,
+            reach_squared: (high * high) as i32,
+        })
     }
 
     /// Distance of neighbouring points, metres.
@@ -119,7 +138,7 @@ impl BallLattice {
 
     /// Slots along one axis, 2 E + 1.
     pub const fn side(&self) -> usize {
-        self.side_nonzero().get()
+        self.side as usize
     }
 
     /// Slots of the box, side^3.
@@ -140,12 +159,17 @@ impl BallLattice {
         inside.then(|| self.slot_in_box(ijk))
     }
 
+    /// Slot of the rest point.
+    pub const fn rest_slot(&self) -> usize {
+        self.rest_slot as usize
+    }
+
     /// Slot of a point known to be in the box.
     #[inline]
-    fn slot_in_box(&self, ijk: [i32; 3]) -> usize {
-        let [i, j, k] = ijk.map(|n| n.wrapping_add(self.extent()) as usize);
-        let side = self.side();
-        i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k)
+    fn slot_in_box(&self, [i, j, k]: [i32; 3]) -> usize {
+        let side = self.side as i32;
+        let from_rest = i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k);
+        self.rest_slot.wrapping_add_signed(from_rest) as usize
     }
 
     /// Lattice point of a slot; meaningless for a slot outside the box.
@@ -178,20 +202,27 @@ impl BallLattice {
 
     /// Low corner of the cell that holds a displacement, and the position inside it.
     ///
-    /// On the outermost face t = 1, so every cell returned has its super-cell in the box. Beyond the ball's bounding
-    /// cube the nearest cell, t clamped. NaN components count as 0.
+    /// On the outermost face t = 1, so every cell returned has its super-cell in the box. Beyond the ball's bounding cube
+    /// the nearest cell, t clamped; a NaN component gives the lowest cell, t = 0.
     #[inline]
     pub fn cell(&self, displacement_m: Vec3) -> ([i32; 3], Vec3) {
         self.cell_of(vec3::scale(displacement_m, self.cells_per_m))
     }
 
     #[inline]
-    fn cell_of(&self, position: Vec3) -> ([i32; 3], Vec3) {
-        let low = position.map(|x| math::floor_to_i32(x).max(-self.reach).min(self.reach - 1));
-        let ([x, y, z], [i, j, k]) = (position, low);
-        // max and min pass NaN over, `clamp` would keep it.
-        let t = [x - i as f32, y - j as f32, z - k as f32].map(|t| t.max(0.0).min(1.0));
-        (low, t)
+    fn cell_of(&self, [x, y, z]: Vec3) -> ([i32; 3], Vec3) {
+        let [(i, tx), (j, ty), (k, tz)] = [self.cell_on_axis(x), self.cell_on_axis(y), self.cell_on_axis(z)];
+        ([i, j, k], [tx, ty, tz])
+    }
+
+    #[inline]
+    fn cell_on_axis(&self, x: f32) -> (i32, f32) {
+        let reach = self.reach_f32;
+        // Written so that each is one instruction and NaN becomes a number; f32::max and clamp do neither.
+        let x = if x > -reach { x } else { -reach };
+        let x = if x < reach { x } else { reach };
+        let low = math::floor_small(x).min(self.reach - 1);
+        (low, x - low as f32)
     }
 
     /// Finds the cell for any query at all, by the out-of-table policy.
@@ -201,15 +232,23 @@ impl BallLattice {
     /// zero is the safe answer to a question without sense.
     #[inline]
     pub fn locate(&self, displacement_m: Vec3) -> Location {
-        let inside = vec3::norm_squared(displacement_m) <= self.radius_m * self.radius_m;
-        let displacement_m = if inside { displacement_m } else { self.pulled_back(displacement_m) };
-        let position = vec3::scale(displacement_m, self.cells_per_m);
-        let (low, t) = self.cell_of(position);
-        Location { slot: self.slot_in_box(low), t, position, inside }
+        // The comparison is false for NaN too.
+        if vec3::norm_squared(displacement_m) <= self.radius_squared {
+            self.place(displacement_m, true)
+        } else {
+            self.locate_outside(displacement_m)
+        }
     }
 
     #[cold]
-    fn pulled_back(&self, displacement_m: Vec3) -> Vec3 {
-        vec3::scale(vec3::normalize_or_zero(displacement_m), self.radius_m)
+    fn locate_outside(&self, displacement_m: Vec3) -> Location {
+        self.place(vec3::scale(vec3::normalize_or_zero(displacement_m), self.radius_m), false)
+    }
+
+    #[inline]
+    fn place(&self, displacement_m: Vec3, inside: bool) -> Location {
+        let position = vec3::scale(displacement_m, self.cells_per_m);
+        let (low, t) = self.cell_of(position);
+        Location { slot: self.slot_in_box(low), t, position, inside }
     }
 }

@@ -37,7 +37,7 @@ pub mod vec3;
 pub use blob::{BlobError, Organ, Surface};
 pub use contact::{ContactConfig, ContactKind};
 pub use controller::{Command, Config, Controller, Fault, Phase, Sample, State};
-pub use grid::BallLattice;
+pub use grid::{BallLattice, LatticeError};
 pub use limit::LimitConfig;
 pub use method::{Coverage, ForceSample, Method};
 pub use table::Space;

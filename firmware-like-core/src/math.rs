@@ -21,13 +21,16 @@ pub fn sqrt_f64(x: f64) -> f64 {
     libm::sqrt(x)
 }
 
-/// Largest integer not above `x`; saturating, and 0 for NaN.
+/// Largest integer not above `x`, for |x| < 2^22. Beyond that, and for NaN, some integer.
 ///
-/// By truncation: at the x86-64 baseline `f32::floor` is a call, and the result is wanted as an integer anyway.
+/// Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits of the sum. A cast saturates and looks for
+/// NaN, which the caller has excluded already, and `f32::floor` is a call at the x86-64 baseline: both cost three times as much.
 #[inline]
-pub fn floor_to_i32(x: f32) -> i32 {
-    let truncated = x as i32;
-    if (truncated as f32) > x { truncated.saturating_sub(1) } else { truncated }
+pub fn floor_small(x: f32) -> i32 {
+    const SHIFT: f32 = 12_582_912.0;
+    let shifted = x + SHIFT;
+    let nearest = (shifted.to_bits() as i32).wrapping_sub(SHIFT.to_bits() as i32);
+    nearest.wrapping_sub(i32::from(shifted - SHIFT > x))
 }
 
 #[cfg(test)]
@@ -36,12 +39,29 @@ mod tests {
 
     #[test]
     fn floor_agrees_with_std() {
-        for x in [-3.0, -2.5, -0.0, 0.0, 0.49, 0.999_999_94, 1.0, 7.5, -1e-40, 1e-40, 1e9, -1e9_f32] {
-            assert_eq!(floor_to_i32(x), x.floor() as i32, "{x}");
+        for x in [
+            -3.0,
+            -2.5,
+            -0.5,
+            -0.0,
+            0.0,
+            0.49,
+            0.5,
+            1.5,
+            0.999_999_94,
+            1.0,
+            7.5,
+            -1e-40,
+            1e-40,
+            4e6,
+            -4e6_f32,
+        ] {
+            assert_eq!(floor_small(x), x.floor() as i32, "{x}");
         }
-        assert_eq!(floor_to_i32(f32::NAN), 0);
-        assert_eq!(floor_to_i32(f32::INFINITY), i32::MAX);
-        assert_eq!(floor_to_i32(f32::NEG_INFINITY), i32::MIN);
+        for step in -100_000..100_000 {
+            let x = step as f32 * 1.27e-3;
+            assert_eq!(floor_small(x), x.floor() as i32, "{x}");
+        }
     }
 
     /// The no_std and the std build must give the same force, bit for bit.

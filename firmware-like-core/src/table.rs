@@ -27,7 +27,7 @@ pub enum TableError {
         /// Elements needed.
         need: usize,
     },
-    /// A value is NaN or infinite.
+    /// A value is NaN, infinite or beyond [`LARGEST_VALUE`].
     NotFinite {
         /// Element in its plane.
         index: usize,
@@ -43,7 +43,7 @@ impl core::fmt::Display for TableError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Length { have, need } => write!(f, "a plane holds {have} elements where {need} are needed"),
-            Self::NotFinite { index } => write!(f, "element {index} is not finite"),
+            Self::NotFinite { index } => write!(f, "element {index} is NaN, infinite or absurdly large"),
             Self::OutOfRange { index } => write!(f, "element {index} points out of range"),
         }
     }
@@ -55,8 +55,12 @@ pub(crate) fn check_len<T>(plane: &[T], need: usize) -> Result<(), TableError> {
     if plane.len() == need { Ok(()) } else { Err(TableError::Length { have: plane.len(), need }) }
 }
 
+/// Largest value a table may hold, newtons or metres: absurd, but its interpolation cannot overflow.
+pub const LARGEST_VALUE: f32 = 1e9;
+
 pub(crate) fn check_finite(plane: &[f32]) -> Result<(), TableError> {
-    match plane.iter().position(|value| !value.is_finite()) {
+    // Written so that NaN is refused too.
+    match plane.iter().position(|value| !(value.abs() <= LARGEST_VALUE)) {
         None => Ok(()),
         Some(index) => Err(TableError::NotFinite { index }),
     }
@@ -185,11 +189,11 @@ impl Space<'_> {
             Method::Trilinear => trilinear::interpolate(table()?, side, at.slot, at.t),
             Method::Tricubic => tricubic::interpolate(table()?, side, at.slot, at.t),
             Method::Hybrid => blend::interpolate(table()?, self.flags, side, at.slot, at.t),
-            Method::RbfLinear => self.rbf_linear.as_ref()?.interpolate(at.position),
-            Method::RbfCubic => self.rbf_cubic.as_ref()?.interpolate(at.position),
+            Method::RbfLinear => finite_or_zero(self.rbf_linear.as_ref()?.interpolate(at.position)),
+            Method::RbfCubic => finite_or_zero(self.rbf_cubic.as_ref()?.interpolate(at.position)),
         };
         let flags = if at.inside { self.flags.get(at.slot).copied().unwrap_or(0) } else { 0 };
-        Some(ForceSample { force_n: finite_or_zero(force_n), coverage: coverage(method, flags) })
+        Some(ForceSample { force_n, coverage: coverage(method, flags) })
     }
 
     /// Surface displacement at a displacement of the active node. `false` where the blob holds none; `out` is then zero.
@@ -215,7 +219,7 @@ fn coverage(method: Method, flags: u8) -> Coverage {
     }
 }
 
-/// Finite tables of absurd size (1e38) can still overflow in the sum; such a force is no force.
+/// Finite weights of absurd size can overflow in the sum; such a force is no force. Lattice tables are bounded instead.
 #[inline]
 fn finite_or_zero(force_n: Vec3) -> Vec3 {
     if vec3::is_finite(force_n) { force_n } else { vec3::ZERO }

@@ -1,6 +1,6 @@
 //! Tri-linear interpolation in one cell.
 
-use crate::vec3::Vec3;
+use crate::vec3::{self, Vec3};
 
 /// Tri-linear estimate of the reaction force inside one grid cell.
 ///
@@ -11,24 +11,52 @@ use crate::vec3::Vec3;
 /// Source: Peterlik 2010, section 4.4, Fig. 1(a). Deviation: missing corners hold ghosts, so the force never jumps.
 #[inline]
 pub fn interpolate(force: &[&[f32]; 3], side: usize, slot: usize, t: Vec3) -> Vec3 {
-    let sheet = side.wrapping_mul(side);
-    let [tx, ty, tz] = t;
-    force.map(|plane| {
-        let row = |offset: usize| {
-            let [low, high] = pair(plane, slot.wrapping_add(offset));
-            low + tz * (high - low)
-        };
-        let (near, far) = (row(0), row(sheet));
-        let near = near + ty * (row(side) - near);
-        let far = far + ty * (row(sheet.wrapping_add(side)) - far);
-        near + tx * (far - near)
-    })
+    checked(force, side as u32, slot as u32, t).unwrap_or(vec3::ZERO)
 }
 
-/// Two neighbours along z; zeros beyond the plane, which a checked table never reaches.
+/// `None` past the end of the planes, which a checked table never reaches.
 #[inline]
-fn pair(plane: &[f32], at: usize) -> [f32; 2] {
-    plane.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or_default()
+fn checked(force: &[&[f32]; 3], side: u32, slot: u32, [tx, ty, tz]: Vec3) -> Option<Vec3> {
+    let planes = Planes::new(force)?;
+    let row = |offset: u32| {
+        let [[x0, x1], [y0, y1], [z0, z1]] = planes.run(slot.wrapping_add(offset))?;
+        Some([x0 + tz * (x1 - x0), y0 + tz * (y1 - y0), z0 + tz * (z1 - z0)])
+    };
+    let sheet = side.wrapping_mul(side);
+    let near = lerp(row(0)?, row(side)?, ty);
+    let far = lerp(row(sheet)?, row(sheet.wrapping_add(side))?, ty);
+    Some(lerp(near, far, tx))
+}
+
+#[inline]
+fn lerp([ax, ay, az]: Vec3, [bx, by, bz]: Vec3, t: f32) -> Vec3 {
+    [ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)]
+}
+
+/// Three planes known to be equally long, so that one bounds check serves all three.
+pub(crate) struct Planes<'a> {
+    x: &'a [f32],
+    y: &'a [f32],
+    z: &'a [f32],
+}
+
+impl<'a> Planes<'a> {
+    #[inline]
+    pub(crate) fn new(&[x, y, z]: &[&'a [f32]; 3]) -> Option<Self> {
+        Some(Self { x, y: y.get(..x.len())?, z: z.get(..x.len())? })
+    }
+
+    /// N neighbours along z from a slot on. A u32 slot cannot overflow in the addition, which halves the check.
+    #[inline]
+    pub(crate) fn run<const N: usize>(&self, at: u32) -> Option<[&'a [f32; N]; 3]> {
+        let at = at as usize;
+        let range = at..at.saturating_add(N);
+        Some([
+            self.x.get(range.clone())?.first_chunk()?,
+            self.y.get(range.clone())?.first_chunk()?,
+            self.z.get(range)?.first_chunk()?,
+        ])
+    }
 }
 
 /// The 8 corners of a cell as (slot, weight), for tables other than the force.

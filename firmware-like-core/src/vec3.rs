@@ -22,14 +22,14 @@ pub fn sub([ax, ay, az]: Vec3, [bx, by, bz]: Vec3) -> Vec3 {
 
 /// s a
 #[inline]
-pub fn scale(a: Vec3, s: f32) -> Vec3 {
-    a.map(|x| x * s)
+pub fn scale([x, y, z]: Vec3, s: f32) -> Vec3 {
+    [x * s, y * s, z * s]
 }
 
 /// -a
 #[inline]
-pub fn neg(a: Vec3) -> Vec3 {
-    a.map(|x| -x)
+pub fn neg([x, y, z]: Vec3) -> Vec3 {
+    [-x, -y, -z]
 }
 
 /// Scalar product a . b
@@ -81,14 +81,14 @@ pub fn normalize_or_zero(a: Vec3) -> Vec3 {
 /// Largest |component|; NaN components are passed over.
 #[inline]
 pub fn max_abs(a: Vec3) -> f32 {
-    let [x, y, z] = a.map(f32::abs);
-    x.max(y).max(z)
+    let [x, y, z] = a;
+    x.abs().max(y.abs()).max(z.abs())
 }
 
 /// Whether all three components are finite.
 #[inline]
-pub fn is_finite(a: Vec3) -> bool {
-    a.iter().all(|x| x.is_finite())
+pub fn is_finite([x, y, z]: Vec3) -> bool {
+    x.is_finite() & y.is_finite() & z.is_finite()
 }
 
 /// |a - b|

@@ -207,7 +207,7 @@ fn read_space<'a>(
     if let Some(slot) = flags::first_inconsistent(&lattice, flags) {
         return Err(of("flags")(PlaneProblem::Flags { slot }));
     }
-    let rest = lattice.slot([0; 3]).unwrap_or(0);
+    let rest = lattice.rest_slot();
     if flags.get(rest).is_none_or(|bits| bits & flags::SOLVED == 0) {
         return Err(BlobError::RestPoint { space });
     }
