@@ -1,0 +1,65 @@
+//! Loads a blob into memory that is aligned as the reader wants it.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+/// Bytes of one blob at an address divisible by eight, to be borrowed by an `Organ`.
+///
+/// Read, not mapped: a page fault in the haptic loop costs more than the memory, and a file changed under a mapping would
+/// change checked data.
+#[derive(Debug, Clone)]
+pub struct BlobFile {
+    words: Vec<u64>,
+    len: usize,
+}
+
+impl BlobFile {
+    /// Reads a whole file.
+    pub fn load(path: &Path) -> io::Result<Self> {
+        let mut file = File::open(path)?;
+        let len = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
+        let mut words = vec![0_u64; len.div_ceil(8)];
+        file.read_exact(&mut bytemuck::cast_slice_mut(&mut words)[..len])?;
+        Ok(Self { words, len })
+    }
+
+    /// The file, byte for byte.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.len]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::{BlobError, Organ};
+
+    #[test]
+    fn any_length_is_kept_exactly() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        for len in [0_usize, 1, 7, 8, 9, 4097] {
+            let path = directory.path().join(format!("{len}"));
+            let bytes: Vec<u8> = (0..len).map(|i| i as u8).collect();
+            std::fs::write(&path, &bytes).expect("writable");
+            assert_eq!(BlobFile::load(&path).expect("readable").bytes(), bytes);
+        }
+        assert!(BlobFile::load(&directory.path().join("missing")).is_err());
+    }
+
+    #[test]
+    fn a_loaded_blob_opens_and_a_cut_one_says_so() {
+        let directory = tempfile::tempdir().expect("a temporary directory");
+        let path = directory.path().join("organ.blob");
+        let blob = crate::synthetic::organ(&crate::synthetic::Shape::default());
+        let bytes: &[u8] = bytemuck::cast_slice(&blob);
+        std::fs::write(&path, bytes).expect("writable");
+        let file = BlobFile::load(&path).expect("readable");
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        assert_eq!(organ.spaces.len(), 3);
+        std::fs::write(&path, &bytes[..bytes.len() - 5]).expect("writable");
+        let file = BlobFile::load(&path).expect("readable");
+        assert!(matches!(<Organ<'_>>::read(file.bytes()), Err(BlobError::Truncated { .. })));
+    }
+}

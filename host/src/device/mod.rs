@@ -1,0 +1,183 @@
+//! Haptic devices behind one small trait: the loop gives a force, the device gives back where the hand is.
+//!
+//! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
+//! block (opening, homing, waking) happens before the loop, in the constructor.
+
+pub mod polhem;
+pub mod script;
+pub mod simulated;
+pub mod workspace;
+
+use core::fmt;
+use palpate_core::{Sample, Vec3};
+
+/// What went wrong, as far as the caller's decision goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DeviceErrorKind {
+    /// No reply in time.
+    Timeout,
+    /// A reply that is no frame; the driver has resynchronised.
+    BadFrame,
+    /// The device or its port is gone: open it again.
+    Disconnected,
+    /// Not permitted, or in use by another process.
+    Denied,
+    /// Not a device of this kind, or a setting it cannot do.
+    Unsupported,
+    /// Anything else the operating system says.
+    Io,
+}
+
+impl DeviceErrorKind {
+    /// Whether the next exchange may well succeed.
+    #[must_use]
+    pub const fn is_passing(self) -> bool {
+        matches!(self, Self::Timeout | Self::BadFrame)
+    }
+
+    const fn text(self) -> &'static str {
+        match self {
+            Self::Timeout => "no reply in time",
+            Self::BadFrame => "a damaged frame",
+            Self::Disconnected => "the device is gone",
+            Self::Denied => "not permitted or in use",
+            Self::Unsupported => "not supported by this device",
+            Self::Io => "input/output error",
+        }
+    }
+}
+
+/// Error of a device: its kind for the decision, the OS code for the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DeviceError {
+    kind: DeviceErrorKind,
+    os_code: Option<i32>,
+}
+
+impl DeviceError {
+    /// An error without an OS code.
+    #[must_use]
+    pub const fn new(kind: DeviceErrorKind) -> Self {
+        Self { kind, os_code: None }
+    }
+
+    /// What the caller should decide by.
+    #[must_use]
+    pub const fn kind(&self) -> DeviceErrorKind {
+        self.kind
+    }
+
+    /// `errno`, where the operating system gave one.
+    #[must_use]
+    pub const fn os_code(&self) -> Option<i32> {
+        self.os_code
+    }
+}
+
+impl From<std::io::Error> for DeviceError {
+    fn from(error: std::io::Error) -> Self {
+        use std::io::ErrorKind;
+        let kind = match error.kind() {
+            ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted => DeviceErrorKind::Timeout,
+            ErrorKind::NotFound
+            | ErrorKind::BrokenPipe
+            | ErrorKind::UnexpectedEof
+            | ErrorKind::NotConnected
+            | ErrorKind::ConnectionAborted => DeviceErrorKind::Disconnected,
+            ErrorKind::PermissionDenied | ErrorKind::ResourceBusy => DeviceErrorKind::Denied,
+            ErrorKind::Unsupported | ErrorKind::InvalidInput => DeviceErrorKind::Unsupported,
+            // EIO and ENXIO are what a tty says after its cable was pulled.
+            _ if matches!(error.raw_os_error(), Some(5 | 6 | 19)) => DeviceErrorKind::Disconnected,
+            _ => DeviceErrorKind::Io,
+        };
+        Self { kind, os_code: error.raw_os_error() }
+    }
+}
+
+impl fmt::Display for DeviceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.kind.text())?;
+        match self.os_code {
+            Some(code) => write!(f, " ({})", std::io::Error::from_raw_os_error(code)),
+            None => Ok(()),
+        }
+    }
+}
+
+impl core::error::Error for DeviceError {}
+
+/// What a device is and can do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeviceInfo {
+    /// Name for people.
+    pub name: String,
+    /// Whether it arms itself: only where no real motor can move.
+    pub self_arming: bool,
+    /// Largest force it renders, N.
+    pub max_force_n: f32,
+    /// Smallest step of its position, m.
+    pub resolution_m: f32,
+}
+
+/// A haptic device of the impedance kind: position out, force in.
+pub trait Device: Send {
+    /// Sends the force for the hand (model frame) and returns the newest sample if one came since the last call.
+    ///
+    /// Does not wait for a reply: a late one is returned by a later call, and the controller's stale-sample policy
+    /// judges the gap. `now_us` is the time of this tick, and what the sample is stamped with.
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError>;
+
+    /// Takes the force away, now. Called on every way out of the loop, also while a panic unwinds: must not panic.
+    fn stop(&mut self);
+
+    /// What this device is.
+    fn info(&self) -> DeviceInfo;
+}
+
+impl<D: Device + ?Sized> Device for Box<D> {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        (**self).exchange(now_us, hand_force_n)
+    }
+
+    fn stop(&mut self) {
+        (**self).stop();
+    }
+
+    fn info(&self) -> DeviceInfo {
+        (**self).info()
+    }
+}
+
+impl<D: Device + ?Sized> Device for &mut D {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        (**self).exchange(now_us, hand_force_n)
+    }
+
+    fn stop(&mut self) {
+        (**self).stop();
+    }
+
+    fn info(&self) -> DeviceInfo {
+        (**self).info()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn os_errors_keep_their_code_and_find_their_kind() {
+        for (code, kind) in [
+            (5, DeviceErrorKind::Disconnected),
+            (13, DeviceErrorKind::Denied),
+            (16, DeviceErrorKind::Denied),
+            (19, DeviceErrorKind::Disconnected),
+            (28, DeviceErrorKind::Io),
+        ] {
+            let error = DeviceError::from(std::io::Error::from_raw_os_error(code));
+            assert_eq!((error.kind(), error.os_code()), (kind, Some(code)));
+        }
+        assert!(DeviceErrorKind::Timeout.is_passing() && !DeviceErrorKind::Disconnected.is_passing());
+    }
+}

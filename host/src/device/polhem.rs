@@ -1,0 +1,342 @@
+//! Driver for the Polhem / WoodenHaptics text protocol over a serial port: 64-byte lines, strict request and reply.
+//!
+//! Host to device: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Device to host: `x y z` in mm, four angles in
+//! rad, an info word. Both padded with spaces, newline as the last byte.
+//!
+//! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up; the
+//! sample is stamped with the tick that read it. Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
+
+use super::workspace::Workspace;
+use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
+use palpate_core::{Sample, Vec3};
+use serialport::{ClearBuffer, SerialPort};
+use std::io::{Read, Write};
+use std::time::{Duration, Instant};
+
+/// Length of a line either way, newline included.
+pub const LINE_LEN: usize = 64;
+/// The command word of normal operation.
+const NORMAL_OPERATION: i16 = 2;
+/// A request without an answer for this long is given up, us.
+const REPLY_TIMEOUT_US: u64 = 4_000;
+/// Pause between two wake-up newlines.
+const WAKE_PAUSE: Duration = Duration::from_millis(100);
+
+/// How to open and use the device.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PolhemConfig {
+    /// Where the device's workspace lies in the model.
+    pub workspace: Workspace,
+    /// Largest force of the mechanism, N; each axis is also clamped to it before it becomes an i16.
+    pub max_force_n: f32,
+    /// How long to try to wake the device.
+    pub wake_timeout: Duration,
+}
+
+impl Default for PolhemConfig {
+    fn default() -> Self {
+        Self { workspace: Workspace::default(), max_force_n: 8.0, wake_timeout: Duration::from_secs(3) }
+    }
+}
+
+/// The device behind an open port.
+pub struct Polhem {
+    port: Box<dyn SerialPort>,
+    config: PolhemConfig,
+    /// Bytes of a line not yet complete.
+    line: LineBuffer,
+    /// When the request still unanswered was sent.
+    awaiting_since_us: Option<u64>,
+}
+
+impl core::fmt::Debug for Polhem {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Polhem").field("config", &self.config).finish_non_exhaustive()
+    }
+}
+
+impl Polhem {
+    /// Opens a port by its name and wakes the device.
+    pub fn open(path: &str, config: PolhemConfig) -> Result<Self, DeviceError> {
+        let port = serialport::new(path, 115_200).open().map_err(from_serial)?;
+        Self::with_port(port, config)
+    }
+
+    /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
+    pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
+        port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
+        let mut device = Self { port, config, line: LineBuffer::default(), awaiting_since_us: None };
+        device.wake()?;
+        // From here on a write that cannot go at once is a fault of the link, not something to wait for.
+        device.port.set_timeout(Duration::from_millis(1)).map_err(from_serial)?;
+        Ok(device)
+    }
+
+    /// Newlines until something comes back, then a clean start.
+    fn wake(&mut self) -> Result<(), DeviceError> {
+        let give_up = Instant::now() + self.config.wake_timeout;
+        let mut scratch = [0; 256];
+        loop {
+            self.port.write_all(b"\n")?;
+            match self.port.read(&mut scratch) {
+                Ok(count) if count > 0 => break,
+                Ok(_) => {}
+                Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {}
+                Err(error) => return Err(error.into()),
+            }
+            if Instant::now() > give_up {
+                return Err(DeviceError::new(DeviceErrorKind::Timeout));
+            }
+        }
+        // The tail of the reply may still be on its way; it would look like an answer to the first request.
+        while let Ok(1..) = self.port.read(&mut scratch) {}
+        self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
+        self.send([0.0; 3])
+    }
+
+    fn send(&mut self, device_n: Vec3) -> Result<(), DeviceError> {
+        let request = request(device_n, self.config.max_force_n);
+        self.port.write_all(&request).map_err(DeviceError::from)
+    }
+
+    /// Reads what is there; returns the newest complete reply and whether damage was seen.
+    fn receive(&mut self) -> Result<(Option<Reply>, bool), DeviceError> {
+        let mut newest = None;
+        let mut damaged = false;
+        let mut chunk = [0; 4 * LINE_LEN];
+        // Bounded: a babbling device must not hold the tick.
+        for _ in 0..4 {
+            if self.port.bytes_to_read().map_err(from_serial)? == 0 {
+                break;
+            }
+            let count = match self.port.read(&mut chunk) {
+                Ok(0) => break,
+                Ok(count) => count,
+                Err(error) if error.kind() == std::io::ErrorKind::TimedOut => break,
+                Err(error) => return Err(error.into()),
+            };
+            for byte in &chunk[..count] {
+                match self.line.push(*byte).map(|line| line.and_then(Reply::parse)) {
+                    None => {}
+                    Some(Some(reply)) => newest = Some(reply),
+                    Some(None) => damaged = true,
+                }
+            }
+        }
+        Ok((newest, damaged))
+    }
+}
+
+impl Device for Polhem {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let (reply, damaged) = self.receive()?;
+        let given_up =
+            self.awaiting_since_us.is_some_and(|since| now_us.saturating_sub(since) >= REPLY_TIMEOUT_US);
+        if reply.is_some() || damaged || given_up || self.awaiting_since_us.is_none() {
+            self.awaiting_since_us = None;
+            self.send(self.config.workspace.to_device_n(hand_force_n))?;
+            self.awaiting_since_us = Some(now_us);
+        }
+        match reply {
+            Some(reply) => Ok(Some(Sample {
+                t_us: now_us,
+                position_m: self.config.workspace.to_model_m(reply.position_m),
+                buttons: reply.info,
+            })),
+            None if damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            None if given_up => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            None => Ok(None),
+        }
+    }
+
+    fn stop(&mut self) {
+        // Twice: should the device be in the middle of a damaged line, the first one only resynchronises it. A port that is gone
+        // cannot be helped, and there is nobody left to tell.
+        for _ in 0..2 {
+            let _ = self.send([0.0; 3]);
+        }
+        let _ = self.port.flush();
+    }
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo {
+            name: format!("Polhem on {}", self.port.name().unwrap_or_else(|| "a serial port".into())),
+            self_arming: false,
+            max_force_n: self.config.max_force_n,
+            // The protocol rounds to micrometres; the mechanism is coarser and not known.
+            resolution_m: 1e-6,
+        }
+    }
+}
+
+fn from_serial(error: serialport::Error) -> DeviceError {
+    match error.kind() {
+        serialport::ErrorKind::NoDevice => DeviceError::new(DeviceErrorKind::Disconnected),
+        serialport::ErrorKind::InvalidInput => DeviceError::new(DeviceErrorKind::Unsupported),
+        serialport::ErrorKind::Unknown => DeviceError::new(DeviceErrorKind::Io),
+        serialport::ErrorKind::Io(kind) => DeviceError::from(std::io::Error::from(kind)),
+    }
+}
+
+/// One request line. Written by hand: formatting into a buffer of the standard library may allocate.
+fn request(device_n: Vec3, max_force_n: f32) -> [u8; LINE_LEN] {
+    let mut line = [b' '; LINE_LEN];
+    let [x, y, z] = device_n.map(|newtons| {
+        // A cast saturates and takes NaN to zero, so no value can wrap round to the other sign.
+        (newtons.clamp(-max_force_n, max_force_n) * 1000.0).round() as i16
+    });
+    let mut at = 0;
+    for value in [x, y, z, NORMAL_OPERATION, 0, 0, 0] {
+        at = write_decimal(&mut line, at, value) + 1;
+    }
+    line[LINE_LEN - 1] = b'\n';
+    line
+}
+
+/// Writes a number and returns where it ended. Seven of at most six characters and six spaces are 48 bytes: they fit.
+fn write_decimal(line: &mut [u8; LINE_LEN], mut at: usize, value: i16) -> usize {
+    if value < 0 {
+        line[at] = b'-';
+        at += 1;
+    }
+    let mut rest = value.unsigned_abs();
+    let mut digits = [0_u8; 5];
+    let mut count = 0;
+    loop {
+        digits[count] = b'0' + (rest % 10) as u8;
+        rest /= 10;
+        count += 1;
+        if rest == 0 {
+            break;
+        }
+    }
+    for digit in digits[..count].iter().rev() {
+        line[at] = *digit;
+        at += 1;
+    }
+    at
+}
+
+/// What a reply says, in SI units.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Reply {
+    position_m: Vec3,
+    info: u32,
+}
+
+impl Reply {
+    /// Reads one line; `None` if it is not exactly eight finite numbers.
+    fn parse(line: &[u8]) -> Option<Self> {
+        let text = core::str::from_utf8(line).ok()?;
+        let mut words = text.split_ascii_whitespace();
+        let mut number = || words.next()?.parse::<f32>().ok().filter(|value| value.is_finite());
+        let position_m = [number()? * 1e-3, number()? * 1e-3, number()? * 1e-3];
+        for _ in 0..4 {
+            number()?;
+        }
+        let info: i16 = words.next()?.parse().ok()?;
+        if words.next().is_some() {
+            return None;
+        }
+        Some(Self { position_m, info: u32::from(info as u16) })
+    }
+}
+
+/// Assembles lines of exactly [`LINE_LEN`] bytes; anything else is dropped up to the next newline.
+#[derive(Debug, Clone)]
+struct LineBuffer {
+    bytes: [u8; LINE_LEN],
+    len: usize,
+    overlong: bool,
+}
+
+impl Default for LineBuffer {
+    fn default() -> Self {
+        Self { bytes: [0; LINE_LEN], len: 0, overlong: false }
+    }
+}
+
+impl LineBuffer {
+    /// Takes a byte. At a newline: the line, or `Some(None)` if it had the wrong length.
+    fn push(&mut self, byte: u8) -> Option<Option<&[u8]>> {
+        if byte != b'\n' {
+            match self.bytes.get_mut(self.len) {
+                Some(place) if self.len + 1 < LINE_LEN => {
+                    *place = byte;
+                    self.len += 1;
+                }
+                _ => self.overlong = true,
+            }
+            return None;
+        }
+        let whole = self.len + 1 == LINE_LEN && !self.overlong;
+        self.len = 0;
+        self.overlong = false;
+        Some(whole.then_some(&self.bytes[..LINE_LEN - 1]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(line: &[u8; LINE_LEN]) -> Vec<i32> {
+        assert_eq!(line[LINE_LEN - 1], b'\n');
+        let text = core::str::from_utf8(line).expect("ASCII");
+        text.split_ascii_whitespace().map(|word| word.parse().expect("a number")).collect()
+    }
+
+    #[test]
+    fn requests_are_milli_newtons_and_never_wrap() {
+        assert_eq!(text(&request([1.234, -0.5, 0.0], 8.0)), [1234, -500, 0, 2, 0, 0, 0]);
+        assert_eq!(text(&request([100.0, -100.0, f32::NAN], 8.0)), [8000, -8000, 0, 2, 0, 0, 0]);
+        assert_eq!(text(&request([100.0, -100.0, 40.0], 100.0)), [32767, -32768, 32767, 2, 0, 0, 0]);
+    }
+
+    fn line(text: &str) -> Vec<u8> {
+        format!("{text:<63}\n").into_bytes()
+    }
+
+    fn replies(bytes: &[u8]) -> Vec<Option<Reply>> {
+        let mut buffer = LineBuffer::default();
+        bytes.iter().filter_map(|byte| buffer.push(*byte).map(|line| line.and_then(Reply::parse))).collect()
+    }
+
+    #[test]
+    fn a_reply_is_read_and_a_damaged_one_is_not() {
+        let good = line("  12.500  -3.250 101.000  0.1000  0.2000 -0.3000  0.0000 3");
+        let expected = Reply { position_m: [0.0125, -0.00325, 0.101], info: 3 };
+        let found = replies(&good)[0].expect("a reply");
+        assert!(palpate_core::vec3::distance(found.position_m, expected.position_m) < 1e-7);
+        assert_eq!(found.info, 3);
+        for bad in [
+            "1 2 3 4 5 6 7",
+            "1 2 3 4 5 6 7 8 9",
+            "a 2 3 4 5 6 7 8",
+            "nan 2 3 4 5 6 7 8",
+            "1 inf 3 4 5 6 7 8",
+        ] {
+            assert_eq!(replies(&line(bad)), [None], "{bad}");
+        }
+    }
+
+    #[test]
+    fn the_next_whole_line_after_any_damage_is_found() {
+        let good = line("1.000 2.000 3.000 0 0 0 0 0");
+        for cut in 0..good.len() {
+            let mut stream = good[..cut].to_vec();
+            stream.push(b'\n');
+            stream.extend(&good);
+            assert!(replies(&stream).last().expect("a line").is_some(), "cut at {cut}");
+            // Without its newline the damaged line takes the next one with it, and only that.
+            let mut stream = good[..cut.min(LINE_LEN - 1)].to_vec();
+            stream.extend(&good);
+            stream.extend(&good);
+            assert!(replies(&stream).last().expect("a line").is_some(), "joined at {cut}");
+        }
+        let mut long = vec![b'1'; 1000];
+        long.push(b'\n');
+        long.extend(&good);
+        assert_eq!(replies(&long).iter().map(Option::is_some).collect::<Vec<_>>(), [false, true]);
+    }
+}

@@ -1,0 +1,251 @@
+//! What the simulated hand wants to do: a closed tour of strokes over the active nodes.
+
+use palpate_core::{Organ, Vec3, vec3};
+
+/// Button bit the script holds while it grasps; matches the default of `ContactConfig::grasp_button`.
+pub const GRASP_BUTTON: u32 = 1;
+
+/// Size and speed of the strokes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StrokeConfig {
+    /// Depth of a press below the surface, m.
+    pub press_m: f32,
+    /// Sideways drag while pressing or pulling, m.
+    pub drag_m: f32,
+    /// Height of a pull above the surface, m.
+    pub pull_m: f32,
+    /// Height of the hand above the surface between strokes, m.
+    pub clearance_m: f32,
+    /// Time for everything done at one node, s.
+    pub seconds_per_node: f32,
+}
+
+impl Default for StrokeConfig {
+    fn default() -> Self {
+        Self { press_m: 0.015, drag_m: 0.015, pull_m: 0.020, clearance_m: 0.030, seconds_per_node: 7.0 }
+    }
+}
+
+/// One smooth motion of the target from rest to rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Segment {
+    from_m: Vec3,
+    to_m: Vec3,
+    /// Added at half-way, fading to both ends: bends a travel round the organ.
+    bow_m: Vec3,
+    duration_s: f32,
+    buttons: u32,
+}
+
+impl Segment {
+    /// Minimum-jerk position (Flash and Hogan 1985): s(t) = 10 t^3 - 15 t^4 + 6 t^5.
+    fn at(&self, elapsed_s: f32) -> Vec3 {
+        let t = (elapsed_s / self.duration_s).clamp(0.0, 1.0);
+        let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
+        let straight = vec3::add(self.from_m, vec3::scale(vec3::sub(self.to_m, self.from_m), s));
+        vec3::add(straight, vec3::scale(self.bow_m, 4.0 * s * (1.0 - s)))
+    }
+}
+
+/// Height at which the hand closes its grip: above the surface, so that grasping is not pressing.
+const GRIP_HEIGHT_M: f32 = 0.002;
+
+/// Closed tour: press, drag, release, grasp, pull, drag, let go at every active node in turn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Script {
+    segments: Vec<Segment>,
+    current: usize,
+    elapsed_s: f32,
+}
+
+impl Script {
+    /// Plans the tour over an organ's active nodes. Without any, the hand stays at the origin.
+    #[must_use]
+    pub fn new<const N: usize>(organ: &Organ<'_, N>, config: &StrokeConfig) -> Self {
+        let nodes: Vec<(Vec3, Vec3)> =
+            organ.spaces.iter().map(|space| (space.rest_position_m, space.outward_normal)).collect();
+        Self::over_nodes(&nodes, surface_centre(organ), config)
+    }
+
+    fn over_nodes(nodes: &[(Vec3, Vec3)], centre_m: Vec3, config: &StrokeConfig) -> Self {
+        let mut plan = Plan { segments: Vec::new(), here_m: vec3::ZERO, buttons: 0 };
+        let home_m = |(rest, normal): (Vec3, Vec3)| vec3::add(rest, vec3::scale(normal, config.clearance_m));
+        for (i, &(rest, normal)) in nodes.iter().enumerate() {
+            let (first, second) = tangents(normal);
+            let height = |metres: f32| vec3::add(rest, vec3::scale(normal, metres));
+            let aside = |point: Vec3, axis: Vec3, metres: f32| vec3::add(point, vec3::scale(axis, metres));
+            let (bottom, grip, top) =
+                (height(-config.press_m), height(GRIP_HEIGHT_M), height(GRIP_HEIGHT_M + config.pull_m));
+
+            plan.here_m = home_m((rest, normal));
+            plan.go(bottom, 1.0);
+            plan.stay(0.3);
+            plan.go(aside(bottom, first, config.drag_m), 0.7);
+            plan.go(aside(bottom, second, config.drag_m), 0.8);
+            plan.go(bottom, 0.5);
+            plan.go(height(0.5 * config.clearance_m), 0.7);
+            plan.go(grip, 0.5);
+            plan.buttons = GRASP_BUTTON;
+            plan.stay(0.2);
+            plan.go(top, 1.0);
+            plan.go(aside(top, second, -config.drag_m), 0.7);
+            plan.go(grip, 0.8);
+            plan.buttons = 0;
+            plan.stay(0.15);
+            plan.go(home_m((rest, normal)), 0.4);
+            let next = home_m(nodes[(i + 1) % nodes.len()]);
+            if nodes.len() > 1 {
+                plan.travel(next, centre_m, 0.8);
+            }
+        }
+        if plan.segments.is_empty() {
+            plan.stay(1.0);
+        }
+        let planned_s: f32 = plan.segments.iter().map(|segment| segment.duration_s).sum();
+        let wanted_s = config.seconds_per_node.max(0.1) * nodes.len().max(1) as f32;
+        for segment in &mut plan.segments {
+            segment.duration_s *= wanted_s / planned_s;
+        }
+        Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
+    }
+
+    /// Where the hand wants to be now.
+    #[must_use]
+    pub fn target_m(&self) -> Vec3 {
+        self.segments[self.current].at(self.elapsed_s)
+    }
+
+    /// Buttons held now.
+    #[must_use]
+    pub fn buttons(&self) -> u32 {
+        self.segments[self.current].buttons
+    }
+
+    /// Duration of the whole tour, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f32 {
+        self.segments.iter().map(|segment| segment.duration_s).sum()
+    }
+
+    /// Moves on by less than a segment's duration; the tour starts again at its end.
+    pub fn advance(&mut self, by_s: f32) {
+        self.elapsed_s += by_s;
+        let duration_s = self.segments[self.current].duration_s;
+        if self.elapsed_s >= duration_s {
+            self.elapsed_s -= duration_s;
+            self.current = (self.current + 1) % self.segments.len();
+        }
+    }
+}
+
+struct Plan {
+    segments: Vec<Segment>,
+    here_m: Vec3,
+    buttons: u32,
+}
+
+impl Plan {
+    fn go(&mut self, to_m: Vec3, duration_s: f32) {
+        self.push(to_m, vec3::ZERO, duration_s);
+    }
+
+    fn stay(&mut self, duration_s: f32) {
+        self.push(self.here_m, vec3::ZERO, duration_s);
+    }
+
+    /// To another node, bowed away from the organ's centre by the length of the way: never through it.
+    fn travel(&mut self, to_m: Vec3, centre_m: Vec3, duration_s: f32) {
+        let middle = vec3::scale(vec3::add(self.here_m, to_m), 0.5);
+        let outward = vec3::normalize_or_zero(vec3::sub(middle, centre_m));
+        self.push(to_m, vec3::scale(outward, 0.5 * vec3::distance(self.here_m, to_m)), duration_s);
+    }
+
+    fn push(&mut self, to_m: Vec3, bow_m: Vec3, duration_s: f32) {
+        self.segments.push(Segment { from_m: self.here_m, to_m, bow_m, duration_s, buttons: self.buttons });
+        self.here_m = to_m;
+    }
+}
+
+/// Two unit vectors square to a normal and to each other.
+fn tangents(normal: Vec3) -> (Vec3, Vec3) {
+    // The axis least along the normal, so that the cross product is long.
+    let axis = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+    let first = vec3::normalize_or_zero(vec3::cross(axis, normal));
+    (first, vec3::cross(normal, first))
+}
+
+/// Middle of the surface's bounding box; of the active nodes' where the blob has no surface.
+fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
+    let surface = [0, 1, 2].map(|axis: usize| range(organ.surface.position_m[axis].iter().copied()));
+    let nodes =
+        [0, 1, 2].map(|axis: usize| range(organ.spaces.iter().map(|space| space.rest_position_m[axis])));
+    let bounds = if organ.surface.node.is_empty() { nodes } else { surface };
+    bounds.map(|(low, high)| if low <= high { 0.5 * (low + high) } else { 0.0 })
+}
+
+fn range(values: impl Iterator<Item = f32>) -> (f32, f32) {
+    values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn two_nodes() -> Script {
+        let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.05], [0.0, 0.0, 1.0])];
+        Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default())
+    }
+
+    #[test]
+    fn the_tour_is_smooth_and_closed() {
+        let mut script = two_nodes();
+        assert!((script.duration_s() - 14.0).abs() < 1e-3);
+        let start = script.target_m();
+        let mut before = start;
+        let dt = 1e-3;
+        for _ in 0..(script.duration_s() / dt) as usize {
+            script.advance(dt);
+            let now = script.target_m();
+            assert!(vec3::distance(before, now) < 1e-3, "faster than 1 m/s");
+            before = now;
+        }
+        assert!(vec3::distance(start, before) < 1e-4);
+    }
+
+    #[test]
+    fn it_presses_below_pulls_above_and_grasps_only_outside() {
+        let mut script = two_nodes();
+        let (mut lowest, mut highest_held, mut button_seen_below) = (f32::INFINITY, 0.0_f32, false);
+        for _ in 0..6_300 {
+            let height = script.target_m()[0] - 0.05;
+            lowest = lowest.min(height);
+            if script.buttons() == GRASP_BUTTON {
+                highest_held = highest_held.max(height);
+                button_seen_below |= height < 0.0;
+            }
+            script.advance(1e-3);
+        }
+        assert!((lowest + 0.015).abs() < 1e-5, "{lowest}");
+        assert!((highest_held - 0.022).abs() < 1e-5, "{highest_held}");
+        assert!(!button_seen_below);
+    }
+
+    #[test]
+    fn the_way_between_nodes_goes_round_the_middle() {
+        let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([-0.05, 0.001, 0.0], [-1.0, 0.0, 0.0])];
+        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default());
+        let mut nearest = f32::INFINITY;
+        for _ in 0..14_000 {
+            nearest = nearest.min(vec3::norm(script.target_m()));
+            script.advance(1e-3);
+        }
+        assert!(nearest > 0.03, "{nearest}");
+    }
+
+    #[test]
+    fn without_nodes_the_hand_stays() {
+        let mut script = Script::over_nodes(&[], vec3::ZERO, &StrokeConfig::default());
+        script.advance(0.5);
+        assert_eq!(script.target_m(), vec3::ZERO);
+    }
+}

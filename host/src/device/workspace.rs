@@ -1,0 +1,73 @@
+//! Where the device's workspace lies in the model: rotation, scale and the two origins.
+
+use palpate_core::{Vec3, vec3};
+
+/// Rigid map with one scale from device coordinates to model coordinates.
+///
+/// p_model = model_origin + scale * R (p_device - device_origin);   F_device = R^T F_model
+///
+/// The force is turned, not scaled. A scale s above 1 therefore makes the hand feel s times the model's stiffness.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Workspace {
+    /// Rows of R: the model's axes in device coordinates, orthonormal.
+    pub axes: [Vec3; 3],
+    /// Model metres per device metre.
+    pub scale: f32,
+    /// Centre of the device's workspace, device frame, m.
+    pub device_origin_m: Vec3,
+    /// Where that centre lies in the model, m.
+    pub model_origin_m: Vec3,
+}
+
+impl Default for Workspace {
+    fn default() -> Self {
+        Self {
+            axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            scale: 1.0,
+            device_origin_m: vec3::ZERO,
+            model_origin_m: vec3::ZERO,
+        }
+    }
+}
+
+impl Workspace {
+    /// Position in the model.
+    #[must_use]
+    pub fn to_model_m(&self, device_m: Vec3) -> Vec3 {
+        let offset = vec3::scale(vec3::sub(device_m, self.device_origin_m), self.scale);
+        vec3::add(self.model_origin_m, self.axes.map(|axis| vec3::dot(axis, offset)))
+    }
+
+    /// Force in the device's frame.
+    #[must_use]
+    pub fn to_device_n(&self, model_n: Vec3) -> Vec3 {
+        let [x, y, z] = self.axes;
+        vec3::add(
+            vec3::scale(x, model_n[0]),
+            vec3::add(vec3::scale(y, model_n[1]), vec3::scale(z, model_n[2])),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The power at the device is the power in the model times 1/scale: no energy is made up by the map.
+    #[test]
+    fn power_is_the_same_on_both_sides_but_for_the_scale() {
+        let (sin, cos) = 0.6_f32.sin_cos();
+        let workspace = Workspace {
+            axes: [[cos, -sin, 0.0], [0.0, 0.0, 1.0], [-sin, -cos, 0.0]],
+            scale: 2.0,
+            device_origin_m: [0.01, 0.02, 0.12],
+            model_origin_m: [0.1, 0.0, 0.05],
+        };
+        let (from, step, force) = ([0.02, -0.01, 0.1], [1e-3, 2e-3, -1e-3], [1.0, -2.0, 0.5]);
+        let moved_m = vec3::sub(workspace.to_model_m(vec3::add(from, step)), workspace.to_model_m(from));
+        let (in_model, in_device) =
+            (vec3::dot(force, moved_m), vec3::dot(workspace.to_device_n(force), step));
+        assert!((in_model - 2.0 * in_device).abs() < 1e-7, "{in_model} {in_device}");
+        assert_eq!(workspace.to_model_m(workspace.device_origin_m), workspace.model_origin_m);
+    }
+}

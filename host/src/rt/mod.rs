@@ -1,0 +1,62 @@
+//! The real-time side: clock, 1 kHz loop, its thread and its timing figures.
+
+pub mod clock;
+pub mod haptic_loop;
+pub mod latency;
+pub mod thread;
+
+pub use clock::{Clock, MonotonicClock, VirtualClock};
+pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
+pub use latency::{LatencyRecorder, LatencyReport, Percentiles};
+
+use palpate_core::{Coverage, Phase, Vec3, vec3};
+
+/// Everything one tick has to tell, small enough to be copied through a queue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TickRecord {
+    /// Number of the deadline this tick ran for; a gap means skipped deadlines.
+    pub tick: u64,
+    /// Time of the tick since the loop began, us.
+    pub t_us: u64,
+    /// HIP, model frame, m.
+    pub hip_m: Vec3,
+    /// Displacement of the engaged node, m; zero when free.
+    pub displacement_m: Vec3,
+    /// Index of the engaged space.
+    pub engaged: Option<u16>,
+    /// h of the model, force by the tool on the body, N; zero when free.
+    pub reaction_n: Vec3,
+    /// Force for the hand after every limit, N.
+    pub hand_force_n: Vec3,
+    /// Data behind the reaction.
+    pub coverage: Option<Coverage>,
+    /// What the controller is doing.
+    pub phase: Phase,
+    /// Whether the reaction was beyond the force limit.
+    pub clamped: bool,
+    /// Device exchange and controller together, ns.
+    pub compute_ns: u64,
+    /// Start of the tick after its deadline, ns.
+    pub lateness_ns: u64,
+    /// Deadlines skipped so far.
+    pub skipped_periods: u64,
+}
+
+impl TickRecord {
+    /// Before the first tick.
+    pub const NOTHING: Self = Self {
+        tick: 0,
+        t_us: 0,
+        hip_m: vec3::ZERO,
+        displacement_m: vec3::ZERO,
+        engaged: None,
+        reaction_n: vec3::ZERO,
+        hand_force_n: vec3::ZERO,
+        coverage: None,
+        phase: Phase::Disarmed,
+        clamped: false,
+        compute_ns: 0,
+        lateness_ns: 0,
+        skipped_periods: 0,
+    };
+}

@@ -1,0 +1,136 @@
+//! Running figures for the overlay, kept from the drained records: force history, recent timing.
+
+use crate::rt::TickRecord;
+use palpate_core::vec3;
+use std::collections::VecDeque;
+
+/// Time one point of the strip chart stands for, us.
+const BIN_US: u64 = 20_000;
+/// Time the strip chart shows, us.
+pub const SPAN_US: u64 = 8_000_000;
+/// Ticks the timing figures look back on.
+const RECENT_TICKS: usize = 1_000;
+
+/// What the overlay shows besides the newest record.
+#[derive(Debug, Clone)]
+pub struct Live {
+    /// (bin number, largest |h| in it).
+    bins: VecDeque<(u64, f32)>,
+    compute_ns: VecDeque<u64>,
+    lateness_ns: VecDeque<u64>,
+    scratch: Vec<u64>,
+    peak_n: f32,
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Live {
+    /// Nothing seen yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            bins: VecDeque::with_capacity((SPAN_US / BIN_US) as usize + 2),
+            compute_ns: VecDeque::with_capacity(RECENT_TICKS + 1),
+            lateness_ns: VecDeque::with_capacity(RECENT_TICKS + 1),
+            scratch: Vec::with_capacity(RECENT_TICKS),
+            peak_n: 0.0,
+        }
+    }
+
+    /// Takes one record, in order.
+    pub fn take(&mut self, record: &TickRecord) {
+        let force_n = vec3::norm(record.reaction_n);
+        let bin = record.t_us / BIN_US;
+        match self.bins.back_mut() {
+            Some((last, largest)) if *last == bin => *largest = largest.max(force_n),
+            _ => self.bins.push_back((bin, force_n)),
+        }
+        while self.bins.front().is_some_and(|(first, _)| (bin - first) * BIN_US > SPAN_US) {
+            self.bins.pop_front();
+        }
+        self.peak_n = self.peak_n.max(force_n);
+        for (recent, value) in
+            [(&mut self.compute_ns, record.compute_ns), (&mut self.lateness_ns, record.lateness_ns)]
+        {
+            if recent.len() == RECENT_TICKS {
+                recent.pop_front();
+            }
+            recent.push_back(value);
+        }
+    }
+
+    /// Points of the strip chart: (seconds before now, |h| in N), oldest first.
+    pub fn history(&self) -> impl Iterator<Item = (f32, f32)> {
+        let newest = self.bins.back().map_or(0, |(bin, _)| *bin);
+        self.bins.iter().map(move |(bin, force_n)| ((newest - bin) as f32 * BIN_US as f32 * 1e-6, *force_n))
+    }
+
+    /// Largest |h| of the whole run, N.
+    #[must_use]
+    pub const fn peak_n(&self) -> f32 {
+        self.peak_n
+    }
+
+    /// 99 % of the recent ticks computed within this, us.
+    pub fn compute_p99_us(&mut self) -> f32 {
+        p99_us(&self.compute_ns, &mut self.scratch)
+    }
+
+    /// 99 % of the recent ticks began within this of their deadline, us.
+    pub fn lateness_p99_us(&mut self) -> f32 {
+        p99_us(&self.lateness_ns, &mut self.scratch)
+    }
+}
+
+fn p99_us(recent: &VecDeque<u64>, scratch: &mut Vec<u64>) -> f32 {
+    if recent.is_empty() {
+        return 0.0;
+    }
+    scratch.clear();
+    scratch.extend(recent);
+    let rank = (scratch.len() * 99).div_ceil(100) - 1;
+    *scratch.select_nth_unstable(rank).1 as f32 * 1e-3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(tick: u64, force_n: f32) -> TickRecord {
+        TickRecord {
+            tick,
+            t_us: tick * 1_000,
+            reaction_n: [0.0, 0.0, -force_n],
+            compute_ns: 1_000 * (tick % 100 + 1),
+            ..TickRecord::NOTHING
+        }
+    }
+
+    #[test]
+    fn the_history_is_bounded_and_keeps_peaks() {
+        let mut live = Live::new();
+        for tick in 0..30_000 {
+            live.take(&record(tick, if tick == 29_990 { 7.0 } else { 1.0 }));
+        }
+        let points: Vec<(f32, f32)> = live.history().collect();
+        assert!(points.len() <= (SPAN_US / BIN_US) as usize + 1);
+        assert!(points[0].0 <= 8.0 && points[0].0 > 7.9);
+        assert_eq!(points.last(), Some(&(0.0, 7.0)));
+        assert_eq!(live.peak_n(), 7.0);
+    }
+
+    #[test]
+    fn the_percentile_is_the_99th() {
+        let mut live = Live::new();
+        assert_eq!(live.compute_p99_us(), 0.0);
+        for tick in 0..5_000 {
+            live.take(&record(tick, 0.0));
+        }
+        assert!((live.compute_p99_us() - 99.0).abs() < 1e-3);
+        assert_eq!(live.lateness_p99_us(), 0.0);
+    }
+}

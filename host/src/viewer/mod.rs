@@ -1,0 +1,52 @@
+//! What the eye gets: the deformed organ, the tool, the force and the figures, in a window or as PNG frames.
+//!
+//! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic thread never waits for it.
+
+pub mod camera;
+pub mod font;
+pub mod frames;
+pub mod image;
+pub mod live;
+mod occlusion;
+pub mod overlay;
+pub mod palette;
+pub mod raster;
+pub mod renderer;
+pub mod scene;
+pub mod shade;
+pub mod shapes;
+pub mod window;
+
+pub use frames::FrameWriter;
+pub use image::Image;
+pub use live::Live;
+pub use renderer::{Renderer, RendererConfig};
+pub use window::{ViewWindow, WindowEvents};
+
+use core::fmt;
+
+/// Why nothing can be shown.
+#[derive(Debug)]
+pub enum ViewerError {
+    /// No display: run headless instead.
+    NoDisplay(String),
+    /// A frame could not be written.
+    Frame(std::io::Error),
+}
+
+impl fmt::Display for ViewerError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoDisplay(reason) => write!(f, "no display to open a window on ({reason}): use --headless"),
+            Self::Frame(error) => write!(f, "cannot write a frame: {error}"),
+        }
+    }
+}
+
+impl core::error::Error for ViewerError {}
+
+impl From<std::io::Error> for ViewerError {
+    fn from(error: std::io::Error) -> Self {
+        Self::Frame(error)
+    }
+}

@@ -1,0 +1,295 @@
+//! Figures over the picture: force, displacement, method and phase, timing, colour legend, strip chart of |h|.
+
+use super::font::{Align, TextStyle, Typeface};
+use super::image::{Image, StrokeMask};
+use super::live::{Live, SPAN_US};
+use super::palette::{ColourMap, packed};
+use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
+use crate::rt::TickRecord;
+use palpate_core::Phase;
+
+const BRIGHT: u32 = 0xed_f1f5;
+const MUTED: u32 = 0x93_9eab;
+const FAINT: u32 = 0x5a_6572;
+const GOOD: u32 = 0x7f_d8a6;
+const WAITING: u32 = 0xf0_c268;
+const BAD: u32 = 0xff_6f61;
+
+/// What the overlay says that no record carries.
+#[derive(Debug, Clone, Default)]
+pub struct Captions {
+    /// Scene name.
+    pub scene: String,
+    /// Material law.
+    pub law: String,
+    /// Interpolation method.
+    pub method: String,
+    /// Name of each active node.
+    pub spaces: Vec<String>,
+}
+
+/// Draws the figures. Sizes are for a picture 720 pixels high and scale with it.
+#[derive(Debug, Clone, Default)]
+pub struct Overlay {
+    face: Typeface,
+    mask: StrokeMask,
+    /// Top of the chart's scale, N; grows at once, never shrinks.
+    chart_top_n: f32,
+}
+
+impl Overlay {
+    /// Lays all figures over the picture.
+    pub fn draw(
+        &mut self,
+        image: &mut Image,
+        captions: &Captions,
+        record: &TickRecord,
+        live: &mut Live,
+        (map, full_scale_m): (&ColourMap, f32),
+    ) {
+        let scale = image.height() as f32 / 720.0;
+        self.draw_title(image, captions, scale);
+        self.draw_figures(image, captions, record, scale);
+        self.draw_legend(image, map, full_scale_m, scale);
+        self.draw_chart(image, live, scale);
+        self.draw_timing(image, record, live, scale);
+    }
+
+    fn text(&mut self, image: &mut Image, text: &str, x: f32, y: f32, align: Align, style: TextStyle) -> f32 {
+        self.face.draw(image, text, x, y, align, style)
+    }
+
+    fn draw_title(&mut self, image: &mut Image, captions: &Captions, scale: f32) {
+        let (x, y) = (40.0 * scale, 56.0 * scale);
+        let mark = TextStyle::new(19.0 * scale, BRIGHT).weight(0.125);
+        self.text(image, "palpate", x, y, Align::Left, mark);
+        let line = format!("{}  \u{b7}  {}", captions.scene, captions.law);
+        self.text(image, &line, x, y + 28.0 * scale, Align::Left, TextStyle::new(9.5 * scale, MUTED));
+    }
+
+    fn draw_figures(&mut self, image: &mut Image, captions: &Captions, record: &TickRecord, scale: f32) {
+        let right = image.width() as f32 - 40.0 * scale;
+        let (force_n, displacement_m) = magnitudes(record);
+        let label = TextStyle::new(9.5 * scale, MUTED);
+        let mut y = 47.0 * scale;
+        self.text(image, "force on the body", right, y, Align::Right, label);
+        y += 41.0 * scale;
+        self.figure(image, &format!("{force_n:.2}"), "N", (right, y), 29.0 * scale, FORCE_COLOUR);
+        y += 34.0 * scale;
+        self.text(image, "displacement of the node", right, y, Align::Right, label);
+        y += 34.0 * scale;
+        self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);
+
+        let touching = record.engaged.and_then(|index| captions.spaces.get(usize::from(index)));
+        let (phase, colour) = match record.phase {
+            Phase::Active => ("active".to_owned(), GOOD),
+            Phase::Disarmed => ("disarmed".to_owned(), WAITING),
+            Phase::SafeZero(fault) => (format!("safe zero: {}", fault.name()), BAD),
+        };
+        let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
+        let rows = [
+            ("method", captions.method.as_str(), BRIGHT),
+            ("touches", touching.map_or("\u{2013}", String::as_str), BRIGHT),
+            ("data", coverage, if coverage == "extrapolated" { WAITING } else { BRIGHT }),
+            ("phase", phase.as_str(), colour),
+        ];
+        y += 14.0 * scale;
+        for (name, value, colour) in rows {
+            y += 21.0 * scale;
+            let style = TextStyle::new(9.5 * scale, colour);
+            self.text(image, value, right, y, Align::Right, style);
+            self.text(image, name, right - 150.0 * scale, y, Align::Left, label);
+        }
+    }
+
+    /// A large number with a small unit behind it, right-aligned.
+    fn figure(
+        &mut self,
+        image: &mut Image,
+        value: &str,
+        unit: &str,
+        (right, y): (f32, f32),
+        size: f32,
+        colour: u32,
+    ) {
+        let small = TextStyle::new(size * 0.48, colour);
+        let width = self.text(image, unit, right, y, Align::Right, TextStyle { alpha: 0.8, ..small });
+        let style = TextStyle::new(size, colour).weight(0.092);
+        self.text(image, value, right - width - 0.32 * size, y, Align::Right, style);
+    }
+
+    fn draw_legend(&mut self, image: &mut Image, map: &ColourMap, full_scale_m: f32, scale: f32) {
+        let (width, height) = (9.0 * scale, 190.0 * scale);
+        let left = image.width() as f32 - 40.0 * scale - width;
+        let top = image.height() as f32 - 92.0 * scale - height;
+        for row in 0..height as i32 {
+            let t = 1.0 - (row as f32 + 0.5) / height;
+            let colour = packed(map.linear(t));
+            image.fill_rect(left as i32, top as i32 + row, width.round() as i32, 1, colour, 1.0);
+        }
+        let label = TextStyle::new(9.5 * scale, MUTED);
+        let full_mm = full_scale_m * 1e3;
+        for step in 0..=4 {
+            let y = top + height * (1.0 - step as f32 / 4.0);
+            let value = full_mm * step as f32 / 4.0;
+            let text = if (value - value.round()).abs() < 0.01 {
+                format!("{value:.0}")
+            } else {
+                format!("{value:.1}")
+            };
+            let middle = y.min(top + height - 0.5).max(top + 0.5);
+            image.fill_rect(
+                (left - 6.0 * scale) as i32,
+                middle as i32,
+                (4.0 * scale).ceil() as i32,
+                scale.ceil() as i32,
+                FAINT,
+                1.0,
+            );
+            self.text(image, &text, left - 12.0 * scale, y + 4.5 * scale, Align::Right, label);
+        }
+        self.text(image, "displacement, mm", left + width, top - 18.0 * scale, Align::Right, label);
+        let mut y = image.height() as f32 - 62.0 * scale;
+        for (name, colour) in [("fixed", FIXED_COLOUR), ("active nodes", ACTIVE_COLOUR)] {
+            self.text(image, name, left + width - 18.0 * scale, y + 4.5 * scale, Align::Right, label);
+            self.dot(image, (left + width - 5.0 * scale, y), 4.5 * scale, colour);
+            y += 20.0 * scale;
+        }
+    }
+
+    fn dot(&mut self, image: &mut Image, (x, y): (f32, f32), radius: f32, colour: u32) {
+        let reach = radius.ceil() as i32 + 2;
+        self.mask.reset(
+            x as i32 - reach,
+            y as i32 - reach,
+            (2 * reach) as usize + 1,
+            (2 * reach) as usize + 1,
+        );
+        self.mask.segment([x, y], [x, y], radius, 1.0);
+        self.mask.paint(image, colour, 1.0);
+    }
+
+    fn draw_chart(&mut self, image: &mut Image, live: &Live, scale: f32) {
+        let (left, width, height) = (40.0 * scale, 380.0 * scale, 78.0 * scale);
+        let bottom = image.height() as f32 - 56.0 * scale;
+        self.chart_top_n = chart_top(live.peak_n()).max(self.chart_top_n);
+        let top_n = self.chart_top_n;
+        for share in [0.0, 0.5, 1.0] {
+            let y = (bottom - height * share) as i32;
+            let alpha = if share == 0.0 { 0.9 } else { 0.35 };
+            image.fill_rect(left as i32, y, width as i32, (scale.round() as i32).max(1), FAINT, alpha);
+            let label = TextStyle::new(8.5 * scale, MUTED);
+            let value = top_n * share;
+            let text = if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.1}") };
+            self.text(image, &text, left + width + 10.0 * scale, y as f32 + 4.5 * scale, Align::Left, label);
+        }
+        let span_s = SPAN_US as f32 * 1e-6;
+        let points: Vec<[f32; 2]> = live
+            .history()
+            .map(|(age_s, force_n)| {
+                [left + width * (1.0 - age_s / span_s), bottom - height * (force_n / top_n).min(1.0)]
+            })
+            .collect();
+        for pair in points.windows(2) {
+            let columns = pair[0][0].round() as i32..pair[1][0].round() as i32;
+            for x in columns {
+                let t = (x as f32 - pair[0][0]) / (pair[1][0] - pair[0][0]).max(1e-3);
+                let y = pair[0][1] + (pair[1][1] - pair[0][1]) * t;
+                image.fill_rect(x, y.ceil() as i32, 1, (bottom - y.ceil()) as i32, FORCE_COLOUR, 0.13);
+            }
+        }
+        self.mask.reset(
+            left as i32 - 4,
+            (bottom - height) as i32 - 4,
+            width as usize + 12,
+            height as usize + 12,
+        );
+        self.mask.polyline(&points, 0.8 * scale);
+        self.mask.paint(image, FORCE_COLOUR, 1.0);
+        let label = TextStyle::new(9.5 * scale, MUTED);
+        self.text(image, "|h|, N", left, bottom - height - 14.0 * scale, Align::Left, label);
+        let span = format!("last {span_s:.0} s");
+        self.text(image, &span, left + width, bottom - height - 14.0 * scale, Align::Right, label);
+    }
+
+    fn draw_timing(&mut self, image: &mut Image, record: &TickRecord, live: &mut Live, scale: f32) {
+        let (x, y) = (40.0 * scale, image.height() as f32 - 26.0 * scale);
+        let text = format!(
+            "1 kHz tick p99 {:.1} \u{b5}s   wake-up p99 {:.1} \u{b5}s   missed ",
+            live.compute_p99_us(),
+            live.lateness_p99_us()
+        );
+        let style = TextStyle::new(9.5 * scale, MUTED);
+        let width = self.text(image, &text, x, y, Align::Left, style);
+        let colour = if record.skipped_periods == 0 { GOOD } else { WAITING };
+        let missed = record.skipped_periods.to_string();
+        self.text(image, &missed, x + width + 3.0 * scale, y, Align::Left, TextStyle { colour, ..style });
+    }
+}
+
+/// Round top of the chart above a peak: 1, 2, 4, 6, 8, 10, 20 .. N.
+fn chart_top(peak_n: f32) -> f32 {
+    [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 20.0, 40.0, 100.0]
+        .into_iter()
+        .find(|top| peak_n <= 0.97 * top)
+        .unwrap_or(1000.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::Fault;
+
+    fn drawn(record: &TickRecord) -> Image {
+        let mut image = Image::new(640, 360);
+        let mut live = Live::new();
+        for tick in 0..2_000 {
+            live.take(&TickRecord { t_us: tick * 1_000, ..*record });
+        }
+        let captions = Captions { scene: "liver".into(), method: "hybrid".into(), ..Captions::default() };
+        Overlay::default().draw(&mut image, &captions, record, &mut live, (&ColourMap::new(), 0.02));
+        image
+    }
+
+    #[test]
+    fn a_fault_and_the_force_are_to_be_seen() {
+        let calm = drawn(&TickRecord { phase: Phase::Active, ..TickRecord::NOTHING });
+        let fault = drawn(&TickRecord { phase: Phase::SafeZero(Fault::Stale), ..TickRecord::NOTHING });
+        let red = |image: &Image| {
+            image
+                .pixels()
+                .iter()
+                .filter(|&&pixel| pixel >> 16 > 0xa0 && (pixel >> 8 & 0xff) < 0x90 && pixel & 0xff < 0x90)
+                .count()
+        };
+        assert!(red(&fault) > red(&calm) + 10, "{} {}", red(&fault), red(&calm));
+        let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::NOTHING });
+        assert_ne!(pushing, drawn(&TickRecord::NOTHING));
+    }
+
+    #[test]
+    fn the_chart_has_room_above_its_peak() {
+        assert_eq!(chart_top(0.0), 1.0);
+        assert_eq!(chart_top(3.99), 6.0);
+        assert_eq!(chart_top(7.5), 8.0);
+        assert_eq!(chart_top(5000.0), 1000.0);
+    }
+
+    /// Every size down to a thumbnail: nothing may index outside the picture.
+    #[test]
+    fn any_size_of_picture_is_drawn() {
+        for (width, height) in [(1, 1), (16, 9), (320, 200), (200, 900)] {
+            let mut image = Image::new(width, height);
+            let record = TickRecord { phase: Phase::Active, ..TickRecord::NOTHING };
+            let mut live = Live::new();
+            live.take(&record);
+            Overlay::default().draw(
+                &mut image,
+                &Captions::default(),
+                &record,
+                &mut live,
+                (&ColourMap::new(), 0.02),
+            );
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! Colours: conversions between sRGB, linear light and OKLab, and the displacement colour map.
+
+use glam::Vec3;
+
+/// Entries of the colour map's look-up table.
+const MAP_SIZE: usize = 256;
+
+/// sRGB (0..1) of one channel from linear light.
+#[must_use]
+pub fn srgb_from_linear(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// Linear light of one channel from sRGB (0..1).
+#[must_use]
+pub fn linear_from_srgb(srgb: f32) -> f32 {
+    if srgb <= 0.040_45 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Linear light from 0xRRGGBB.
+#[must_use]
+pub fn linear(rgb: u32) -> Vec3 {
+    let channel = |shift: u32| linear_from_srgb(((rgb >> shift) & 0xff) as f32 / 255.0);
+    Vec3::new(channel(16), channel(8), channel(0))
+}
+
+/// 0xRRGGBB from linear light, clamped.
+#[must_use]
+pub fn packed(linear: Vec3) -> u32 {
+    let channel = |value: f32| (srgb_from_linear(value.clamp(0.0, 1.0)) * 255.0 + 0.5) as u32;
+    channel(linear.x) << 16 | channel(linear.y) << 8 | channel(linear.z)
+}
+
+/// Linear light from OKLab (Ottosson 2020): lightness, green-red, blue-yellow.
+#[must_use]
+pub fn linear_from_oklab(lab: Vec3) -> Vec3 {
+    let cube = |value: f32| value * value * value;
+    let long = cube(lab.x + 0.396_337_78 * lab.y + 0.215_803_76 * lab.z);
+    let medium = cube(lab.x - 0.105_561_346 * lab.y - 0.063_854_17 * lab.z);
+    let short = cube(lab.x - 0.089_484_18 * lab.y - 1.291_485_5 * lab.z);
+    Vec3::new(
+        4.076_741_7 * long - 3.307_711_6 * medium + 0.230_969_94 * short,
+        -1.268_438 * long + 2.609_757_4 * medium - 0.341_319_4 * short,
+        -0.004_196_086_3 * long - 0.703_418_6 * medium + 1.707_614_7 * short,
+    )
+}
+
+/// Displacement colour map: from the dark red of liver at rest through ember to pale yellow.
+///
+/// OKLab lightness rises linearly from 0.42 to 0.94 while the hue turns once from red to yellow, so equal steps of
+/// displacement are equal steps to the eye and the picture survives printing in grey. The usual maps start almost
+/// black, which would make an organ at rest a hole in a dark picture.
+#[derive(Debug, Clone)]
+pub struct ColourMap {
+    table: Vec<Vec3>,
+}
+
+impl Default for ColourMap {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl ColourMap {
+    /// Computes the table.
+    #[must_use]
+    pub fn new() -> Self {
+        let table = (0..MAP_SIZE).map(|i| Self::exact(i as f32 / (MAP_SIZE - 1) as f32)).collect();
+        Self { table }
+    }
+
+    fn exact(t: f32) -> Vec3 {
+        let lightness = 0.42 + 0.52 * t;
+        let hue = (28.0 + 77.0 * t).to_radians();
+        // Chroma rises to the most that sRGB holds at mid lightness and falls again towards pale yellow.
+        let chroma = 0.095 + 0.30 * t * (1.0 - t) * (1.0 - 0.25 * t) + 0.015 * t;
+        let lab = Vec3::new(lightness, chroma * hue.cos(), chroma * hue.sin());
+        linear_from_oklab(lab).clamp(Vec3::ZERO, Vec3::ONE)
+    }
+
+    /// Linear light of the colour at `t` in 0..1; out of range is clamped, NaN is the colour of 0.
+    #[must_use]
+    pub fn linear(&self, t: f32) -> Vec3 {
+        let position = t.clamp(0.0, 1.0) * (MAP_SIZE - 1) as f32;
+        let low = (position as usize).min(MAP_SIZE - 2);
+        let fraction = if position.is_finite() { position - low as f32 } else { 0.0 };
+        self.table[low].lerp(self.table[low + 1], fraction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_round_trip() {
+        for value in 0..=0xff_u32 {
+            let grey = value << 16 | value << 8 | value;
+            assert_eq!(packed(linear(grey)), grey);
+        }
+    }
+
+    #[test]
+    fn oklab_white_and_grey_are_neutral() {
+        let white = linear_from_oklab(Vec3::new(1.0, 0.0, 0.0));
+        assert!((white - Vec3::ONE).abs().max_element() < 1e-3, "{white}");
+    }
+
+    /// The point of the map: lightness as a display shows it rises all the way, by nearly equal steps.
+    #[test]
+    fn lightness_rises_evenly() {
+        let map = ColourMap::new();
+        let lightness = |t: f32| {
+            let colour = map.linear(t);
+            let luminance = colour.dot(Vec3::new(0.2126, 0.7152, 0.0722));
+            116.0 * luminance.cbrt() - 16.0
+        };
+        let steps: Vec<f32> =
+            (0..20).map(|i| lightness((i + 1) as f32 / 20.0) - lightness(i as f32 / 20.0)).collect();
+        let mean = steps.iter().sum::<f32>() / steps.len() as f32;
+        for step in &steps {
+            assert!(*step > 0.6 * mean && *step < 1.4 * mean, "{step} against a mean of {mean}: {steps:?}");
+        }
+    }
+
+    #[test]
+    fn the_map_takes_any_number() {
+        let map = ColourMap::new();
+        assert_eq!(map.linear(f32::NAN), map.linear(0.0));
+        assert_eq!(map.linear(-3.0), map.linear(0.0));
+        assert_eq!(map.linear(f32::INFINITY), map.linear(1.0));
+    }
+}

@@ -1,0 +1,117 @@
+//! One renderer for window and files: organ and record in, picture out.
+
+use super::camera::{OrbitCamera, Projection};
+use super::image::Image;
+use super::live::Live;
+use super::overlay::{Captions, Overlay};
+use super::raster::Raster;
+use super::scene::{Scene, nice_scale_m};
+use super::shade::Shader;
+use crate::deformation::Deformation;
+use crate::rt::TickRecord;
+use palpate_core::{Method, Organ};
+
+/// Size and fineness of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RendererConfig {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Samples a pixel along each axis: 1 for speed, 2 for smooth edges.
+    pub samples: usize,
+}
+
+impl RendererConfig {
+    /// For a window at 30 Hz.
+    #[must_use]
+    pub const fn live() -> Self {
+        Self { width: 1280, height: 720, samples: 1 }
+    }
+
+    /// For files.
+    #[must_use]
+    pub const fn still() -> Self {
+        Self { samples: 2, ..Self::live() }
+    }
+}
+
+/// Draws an organ, the tool and the figures; every buffer is reused.
+#[derive(Debug)]
+pub struct Renderer {
+    camera: OrbitCamera,
+    raster: Raster,
+    shader: Shader,
+    scene: Scene,
+    surface: Deformation,
+    overlay: Overlay,
+    captions: Captions,
+    image: Image,
+    full_scale_m: f32,
+}
+
+impl Renderer {
+    /// Prepares to draw an organ.
+    #[must_use]
+    pub fn new<const N: usize>(organ: &Organ<'_, N>, method: Method, config: RendererConfig) -> Self {
+        let RendererConfig { width, height, samples } = config;
+        let surface = Deformation::at_rest(organ);
+        let scene = Scene::new(organ, &surface);
+        let camera = scene.camera(organ, &surface, width as f32 / height.max(1) as f32);
+        Self {
+            raster: Raster::new(width, height, samples, &camera.projection(width, height)),
+            camera,
+            shader: Shader::new(),
+            scene,
+            surface,
+            overlay: Overlay::default(),
+            captions: Captions {
+                scene: organ.scene.as_str().to_owned(),
+                law: organ.law.as_str().to_owned(),
+                method: method.name().to_owned(),
+                spaces: organ.spaces.iter().map(|space| space.name.as_str().to_owned()).collect(),
+            },
+            image: Image::new(width, height),
+            full_scale_m: nice_scale_m(0.0),
+        }
+    }
+
+    /// The camera, to be turned by the user.
+    pub const fn camera_mut(&mut self) -> &mut OrbitCamera {
+        &mut self.camera
+    }
+
+    /// The last picture.
+    #[must_use]
+    pub const fn image(&self) -> &Image {
+        &self.image
+    }
+
+    /// Draws the state of one tick.
+    pub fn render<const N: usize>(
+        &mut self,
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        live: &mut Live,
+    ) -> &Image {
+        self.surface.update(organ, record.engaged.map(|space| (space, record.displacement_m)));
+        // The scale only grows: colours of one run stay comparable, and do not flicker.
+        self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
+        let projection = self.projection();
+        self.raster.begin(&projection);
+        self.scene.draw_solids(&mut self.raster, organ, &self.surface, record, self.full_scale_m);
+        self.raster.resolve(&mut self.shader, &mut self.image);
+        self.scene.draw_ghost(&self.raster, &projection, &self.surface, &mut self.image);
+        self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
+        let legend = (self.scene.map(), self.full_scale_m);
+        self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
+        &self.image
+    }
+
+    /// The organ sits a little left of the middle: the figures are on the right.
+    fn projection(&self) -> Projection {
+        let mut projection = self.camera.projection(self.image.width(), self.image.height());
+        projection.centre_px.x -= 0.055 * self.image.width() as f32;
+        projection
+    }
+}

@@ -1,0 +1,283 @@
+//! The things in the picture: deformed organ, ghost of its rest shape, nodes, tool and force.
+
+use super::camera::{OrbitCamera, Projection};
+use super::image::{Image, StrokeMask};
+use super::palette::{ColourMap, linear};
+use super::raster::{Raster, Vertex};
+use super::shade::Material;
+use super::shapes::Shapes;
+use crate::deformation::Deformation;
+use crate::rt::TickRecord;
+use glam::{Vec2, Vec3};
+use palpate_core::{Organ, vec3};
+
+/// Colour of the force, here and in the overlay.
+pub const FORCE_COLOUR: u32 = 0x57_d2ea;
+/// Colour of active nodes.
+pub const ACTIVE_COLOUR: u32 = 0xf2_efe6;
+/// Colour of fixed nodes.
+pub const FIXED_COLOUR: u32 = 0x4a_6788;
+/// Colour of the ghost.
+const GHOST_COLOUR: u32 = 0xdf_e9f2;
+/// Below this the force arrow would be all head, N.
+const LEAST_FORCE_N: f32 = 0.02;
+
+/// What does not change during a session, and buffers that are reused.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    centre_m: Vec3,
+    radius_m: f32,
+    edges: Vec<[u32; 2]>,
+    fixed: Vec<bool>,
+    map: ColourMap,
+    vertices: Vec<Vertex>,
+    shapes: Shapes,
+    mask: StrokeMask,
+}
+
+impl Scene {
+    /// Prepares an organ.
+    #[must_use]
+    pub fn new<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation) -> Self {
+        let low = rest.rest_m().iter().copied().fold(Vec3::INFINITY, Vec3::min);
+        let high = rest.rest_m().iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let (centre_m, radius_m) = if rest.rest_m().is_empty() {
+            (Vec3::ZERO, 0.1)
+        } else {
+            (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6))
+        };
+        let mut edges: Vec<[u32; 2]> = organ
+            .surface
+            .triangles
+            .iter()
+            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]].map(|[i, j]| [*i.min(j), *i.max(j)]))
+            .collect();
+        edges.sort_unstable();
+        edges.dedup();
+        Self {
+            centre_m,
+            radius_m,
+            edges,
+            fixed: organ.surface.fixed.iter().map(|fixed| *fixed != 0).collect(),
+            map: ColourMap::new(),
+            vertices: Vec::new(),
+            shapes: Shapes::default(),
+            mask: StrokeMask::default(),
+        }
+    }
+
+    /// A camera that sees the active nodes from outside and has the whole organ in the free part of the picture.
+    #[must_use]
+    pub fn camera<const N: usize>(
+        &self,
+        organ: &Organ<'_, N>,
+        rest: &Deformation,
+        aspect: f32,
+    ) -> OrbitCamera {
+        let normals: Vec3 = organ.spaces.iter().map(|space| Vec3::from_array(space.outward_normal)).sum();
+        let facing = normals.try_normalize().unwrap_or(Vec3::new(0.3, -1.0, 0.4));
+        // From straight above a dent shows no depth: look along the surface from the side and from the front.
+        let flat = Vec3::new(facing.x, facing.y, 0.0).try_normalize().unwrap_or(Vec3::NEG_Y);
+        let side = Vec3::new(-flat.y, flat.x, 0.0);
+        let direction = flat + 0.35 * side + Vec3::Z * (0.28 + 0.25 * facing.z.max(0.0));
+        let mut camera = OrbitCamera::framing(self.centre_m, self.radius_m, direction);
+        // Near enough that every vertex stays inside the middle of the picture, in closed form: |x| f <= share (D - z).
+        let projection = camera.projection(1, 1);
+        let tangent = (0.5 * camera.field_of_view_rad).tan();
+        let share = Vec2::new(0.62 * aspect, 0.66) * tangent;
+        camera.distance_m = rest
+            .rest_m()
+            .iter()
+            .map(|point| projection.to_eye * (*point - self.centre_m))
+            .map(|eye| eye.z + (eye.x.abs() / share.x).max(eye.y.abs() / share.y))
+            .fold(0.2 * self.radius_m, f32::max);
+        camera
+    }
+
+    /// The colour map of the organ.
+    #[must_use]
+    pub const fn map(&self) -> &ColourMap {
+        &self.map
+    }
+
+    /// Draws all solids. `full_scale_m` is the displacement at the bright end of the colour map.
+    pub fn draw_solids<const N: usize>(
+        &mut self,
+        raster: &mut Raster,
+        organ: &Organ<'_, N>,
+        surface: &Deformation,
+        record: &TickRecord,
+        full_scale_m: f32,
+    ) {
+        let fixed = linear(FIXED_COLOUR);
+        self.vertices.clear();
+        self.vertices.extend(surface.position_m().iter().zip(surface.normal()).enumerate().map(
+            |(i, (&position_m, &normal))| {
+                let own =
+                    self.map.linear(surface.magnitude_m(i) / full_scale_m) * mottle(surface.rest_m()[i]);
+                let albedo = if self.fixed.get(i) == Some(&true) { fixed } else { own };
+                Vertex { position_m, normal, albedo }
+            },
+        ));
+        raster.draw(&self.vertices, organ.surface.triangles, Material::Tissue);
+
+        let unit = self.radius_m;
+        for (i, space) in organ.spaces.iter().enumerate() {
+            let engaged = record.engaged.is_some_and(|index| usize::from(index) == i);
+            if engaged {
+                continue;
+            }
+            let rest = Vec3::from_array(space.rest_position_m);
+            let moved = surface_point(surface, organ.surface.node, space.node).unwrap_or(rest);
+            self.shapes.sphere(raster, moved, 0.013 * unit, linear(ACTIVE_COLOUR), Material::Plain);
+        }
+        let hip = Vec3::from_array(record.hip_m);
+        self.shapes.sphere(raster, hip, 0.030 * unit, linear(0xdd_e6ee), Material::Polished);
+        self.draw_force(raster, organ, record, hip);
+    }
+
+    /// The force on the body as a free-body diagram draws it: a push ends at the point it acts on, a pull begins there.
+    fn draw_force<const N: usize>(
+        &mut self,
+        raster: &mut Raster,
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        hip: Vec3,
+    ) {
+        let force_n = Vec3::from_array(record.reaction_n);
+        let Some(space) = record.engaged.and_then(|index| organ.spaces.get(usize::from(index))) else {
+            return;
+        };
+        let size_n = force_n.length();
+        if size_n < LEAST_FORCE_N {
+            return;
+        }
+        let direction = force_n / size_n;
+        // The square root keeps a light touch visible and the largest force inside the picture.
+        let length_m = self.radius_m * 0.75 * (size_n / organ.max_force_n).min(1.5).sqrt();
+        let gap_m = 0.040 * self.radius_m;
+        let pushes = direction.dot(Vec3::from_array(space.outward_normal)) < 0.0;
+        let ends = if pushes {
+            (hip - direction * (gap_m + length_m), hip - direction * gap_m)
+        } else {
+            (hip + direction * gap_m, hip + direction * (gap_m + length_m))
+        };
+        let radius_m = 0.0105 * self.radius_m;
+        self.shapes.arrow(raster, ends, radius_m, linear(FORCE_COLOUR), Material::Luminous);
+    }
+
+    /// Lays the rest shape over the picture where it differs from the present one: fine lines, faint where hidden.
+    pub fn draw_ghost(
+        &mut self,
+        raster: &Raster,
+        projection: &Projection,
+        surface: &Deformation,
+        image: &mut Image,
+    ) {
+        if surface.largest_m() < 0.5e-3 {
+            return;
+        }
+        let line = (image.height() as f32 / 720.0).max(0.6);
+        self.mask.reset(0, 0, image.width(), image.height());
+        let weight_of = |vertex: u32| {
+            let t = ((surface.magnitude_m(vertex as usize) - 1.0e-3) / 5.0e-3).clamp(0.0, 1.0);
+            t * t * (3.0 - 2.0 * t)
+        };
+        for [a, b] in &self.edges {
+            let (weight_a, weight_b) = (weight_of(*a), weight_of(*b));
+            if weight_a.max(weight_b) <= 0.0 {
+                continue;
+            }
+            let ends = [*a, *b].map(|vertex| projection.project(surface.rest_m()[vertex as usize]));
+            let [Some((from, near_from)), Some((to, near_to))] = ends else { continue };
+            self.mask.segment_where(from.to_array(), to.to_array(), 0.42 * line, |x, y, t| {
+                let inverse_depth = near_from + (near_to - near_from) * t;
+                let weight = weight_a + (weight_b - weight_a) * t;
+                // A hair nearer, so that a line lying on the surface is not broken up.
+                let hidden = raster.inverse_depth_at(x, y) > inverse_depth * 1.002;
+                if hidden { 0.10 * weight } else { weight }
+            });
+        }
+        self.mask.paint(image, GHOST_COLOUR, 0.42);
+    }
+
+    /// Rings the tool where the organ hides it.
+    pub fn draw_hidden_tool(
+        &mut self,
+        raster: &Raster,
+        projection: &Projection,
+        record: &TickRecord,
+        image: &mut Image,
+    ) {
+        let hip = Vec3::from_array(record.hip_m);
+        let Some((pixel, inverse_depth)) = projection.project(hip) else { return };
+        let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
+        let radius_m = 0.030 * self.radius_m;
+        if front <= 0.0 || front.recip() > inverse_depth.recip() - 1.5 * radius_m {
+            return;
+        }
+        let radius_px = radius_m * projection.focal_px * inverse_depth;
+        let points: Vec<[f32; 2]> = (0..=40)
+            .map(|i| (core::f32::consts::TAU * i as f32 / 40.0).sin_cos())
+            .map(|(sin, cos)| [pixel.x + radius_px * cos, pixel.y + radius_px * sin])
+            .collect();
+        let reach = radius_px as i32 + 3;
+        self.mask.reset(
+            pixel.x as i32 - reach,
+            pixel.y as i32 - reach,
+            (2 * reach) as usize,
+            (2 * reach) as usize,
+        );
+        self.mask.polyline(&points, 0.7 * (image.height() as f32 / 720.0).max(0.6));
+        self.mask.paint(image, GHOST_COLOUR, 0.7);
+    }
+}
+
+/// Where the surface now has a mesh node.
+fn surface_point(surface: &Deformation, nodes: &[u32], node: u32) -> Option<Vec3> {
+    let vertex = nodes.iter().position(|&candidate| candidate == node)?;
+    surface.position_m().get(vertex).copied()
+}
+
+/// Slight irregularity of the tissue's colour, fixed to the material: smooth waves of unrelated lengths, 1 on average.
+fn mottle(rest_m: Vec3) -> f32 {
+    let p = rest_m * 420.0;
+    let waves = (p.x + 1.7 * (0.6 * p.y).sin()).sin()
+        + (1.3 * p.y + 1.4 * (0.8 * p.z).sin()).sin()
+        + (1.1 * p.z + 1.9 * (0.7 * p.x).sin()).sin();
+    1.0 + 0.05 * waves
+}
+
+/// Full scale of the colour map: 1, 2 or 5 times a power of ten in mm, at least 5 mm.
+#[must_use]
+pub fn nice_scale_m(largest_m: f32) -> f32 {
+    let mut step_mm = 5.0_f32;
+    for factor in [2.0, 1.5, 4.0 / 3.0, 1.25, 2.0, 2.0, 2.0, 2.5].into_iter().cycle().take(24) {
+        if step_mm * 1e-3 >= largest_m {
+            break;
+        }
+        step_mm *= factor;
+    }
+    step_mm * 1e-3
+}
+
+/// |h| and displacement of a record, N and m.
+#[must_use]
+pub fn magnitudes(record: &TickRecord) -> (f32, f32) {
+    (vec3::norm(record.reaction_n), vec3::norm(record.displacement_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_colour_scale_has_round_ends_and_never_falls_short() {
+        let found: Vec<u32> = [0.0, 4.9e-3, 5.1e-3, 12e-3, 19e-3, 22e-3, 49e-3]
+            .iter()
+            .map(|largest| (nice_scale_m(*largest) * 1e3).round() as u32)
+            .collect();
+        assert_eq!(found, [5, 5, 10, 15, 20, 25, 50]);
+        assert!(nice_scale_m(3.0) >= 3.0);
+    }
+}

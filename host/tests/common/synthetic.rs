@@ -1,0 +1,232 @@
+//! A synthetic organ for tests: an ellipsoid on springs, packed as a real blob, without any solver.
+//!
+//! h = k d (1 + |d|^2 / l^2), and the surface follows the active node with a smooth fall-off. Included by path where needed.
+#![allow(dead_code)]
+
+use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef, Preamble, SpaceHeader, SurfaceHeader};
+use palpate_core::{BallLattice, Vec3, flags, vec3};
+use std::collections::HashMap;
+
+/// What the ellipsoid is like.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    /// Half axes, m.
+    pub(crate) half_axes_m: Vec3,
+    /// Stiffness at rest, N/m.
+    pub(crate) stiffness_n_m: f32,
+    /// Displacement at which the stiffness has doubled (secant), m.
+    pub(crate) hardening_m: f32,
+    /// Subdivisions of the icosahedron: 3 gives 642 vertices, 4 gives 2562.
+    pub(crate) subdivisions: u32,
+    /// Reach of the dent, m.
+    pub(crate) reach_m: f32,
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self {
+            half_axes_m: [0.085, 0.060, 0.045],
+            stiffness_n_m: 250.0,
+            hardening_m: 0.04,
+            subdivisions: 3,
+            reach_m: 0.024,
+        }
+    }
+}
+
+/// Directions of the active nodes from the middle of the ellipsoid.
+const ACTIVE: [(&str, Vec3); 3] =
+    [("A1", [0.35, -0.75, 0.6]), ("A2", [0.9, -0.2, 0.35]), ("A3", [-0.5, -0.3, 0.85])];
+
+/// The whole blob, in a buffer aligned as a reader wants it.
+pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
+    let (vertices, triangles) = ellipsoid(shape);
+    let lattice = BallLattice::new(0.010, 0.040).expect("sound sizes");
+    let mut planes = Planes::default();
+    let low = -0.55 * shape.half_axes_m[2];
+    let fixed: Vec<u8> = vertices.iter().map(|vertex| u8::from(vertex[2] < low)).collect();
+    let surface = SurfaceHeader {
+        node: planes.put(&(0..vertices.len() as u32).collect::<Vec<u32>>()),
+        position_m: [0, 1, 2]
+            .map(|axis: usize| planes.put(&vertices.iter().map(|vertex| vertex[axis]).collect::<Vec<f32>>())),
+        triangles: planes.put(&triangles),
+        fixed: planes.put(&fixed),
+    };
+    let spaces: Vec<SpaceHeader> =
+        ACTIVE.iter().map(|active| space(shape, &lattice, &vertices, *active, &mut planes)).collect();
+    let preamble = Preamble {
+        scene: "synthetic ellipsoid".try_into().expect("short"),
+        law: "spring".try_into().expect("short"),
+        max_force_n: 8.0,
+        mesh_hash: [0; 32],
+        surface,
+        space_count: spaces.len() as u32,
+    };
+    pack(&preamble, &spaces, &planes.bytes)
+}
+
+fn space(
+    shape: &Shape,
+    lattice: &BallLattice,
+    vertices: &[Vec3],
+    (name, direction): (&str, Vec3),
+    planes: &mut Planes,
+) -> SpaceHeader {
+    let nearness =
+        |vertex: &Vec3| vec3::dot(vec3::normalize_or_zero(*vertex), vec3::normalize_or_zero(direction));
+    let (node, rest) = vertices
+        .iter()
+        .enumerate()
+        .max_by(|(_, a), (_, b)| nearness(a).total_cmp(&nearness(b)))
+        .expect("an ellipsoid has vertices");
+    let normal = vec3::normalize_or_zero(core::array::from_fn(|i| rest[i] / shape.half_axes_m[i].powi(2)));
+
+    let mut bits = vec![0; lattice.slots()];
+    for point in lattice.points() {
+        bits[lattice.slot(point).expect("points are in the box")] = flags::SOLVED;
+    }
+    bits[lattice.slot([0; 3]).expect("the middle")] = flags::SOLVED;
+    flags::derive(lattice, &mut bits);
+
+    let force = |slot: usize| {
+        let d = lattice.displacement_m(lattice.ijk(slot));
+        let secant = shape.stiffness_n_m * (1.0 + vec3::norm_squared(d) / shape.hardening_m.powi(2));
+        vec3::scale(d, secant)
+    };
+    let force_n = [0, 1, 2].map(|axis: usize| {
+        planes.put(&(0..lattice.slots()).map(|slot| force(slot)[axis]).collect::<Vec<f32>>())
+    });
+
+    // One row a solved configuration; a ghost uses the row of the nearest.
+    let solved: Vec<[i32; 3]> = core::iter::once([0; 3]).chain(lattice.points()).collect();
+    let nearest = |ijk: [i32; 3]| {
+        let distance = |other: &[i32; 3]| (0..3).map(|i| (ijk[i] - other[i]).pow(2)).sum::<i32>();
+        let found =
+            solved.iter().enumerate().min_by_key(|(_, other)| distance(other)).expect("the rest point");
+        found.0 as u32
+    };
+    let row: Vec<u32> = (0..lattice.slots()).map(|slot| nearest(lattice.ijk(slot))).collect();
+    let low = -0.55 * shape.half_axes_m[2];
+    let mut rows = Vec::with_capacity(solved.len() * vertices.len() * 3);
+    for &ijk in &solved {
+        let d = lattice.displacement_m(ijk);
+        for vertex in vertices {
+            let away = vec3::distance(*vertex, *rest) / shape.reach_m;
+            let held = ((vertex[2] - low) / shape.half_axes_m[2]).clamp(0.0, 1.0);
+            rows.extend(vec3::scale(d, held.sqrt() / (1.0 + away * away)));
+        }
+    }
+    SpaceHeader {
+        name: name.try_into().expect("short"),
+        node: node as u32,
+        rest_position_m: *rest,
+        outward_normal: normal,
+        spacing_m: lattice.spacing_m(),
+        radius_m: lattice.radius_m(),
+        flags: planes.put(&bits),
+        force_n: Some(force_n),
+        rbf_linear: None,
+        rbf_cubic: None,
+        displacement: Some(DisplacementHeader { row: planes.put(&row), rows: planes.put(&rows) }),
+    }
+}
+
+#[derive(Default)]
+struct Planes {
+    bytes: Vec<u8>,
+}
+
+impl Planes {
+    fn put<T: bytemuck::NoUninit>(&mut self, elements: &[T]) -> PlaneRef {
+        self.bytes.resize(format::align_up(self.bytes.len()).expect("small"), 0);
+        let offset = self.bytes.len() as u32;
+        self.bytes.extend_from_slice(bytemuck::cast_slice(elements));
+        PlaneRef { offset, len: elements.len() as u32 }
+    }
+}
+
+fn pack(preamble: &Preamble, spaces: &[SpaceHeader], planes: &[u8]) -> Vec<u64> {
+    let mut header = Vec::new();
+    let mut scratch = [0; 1024];
+    header.extend_from_slice(postcard::to_slice(preamble, &mut scratch).expect("fits"));
+    for space in spaces {
+        header.extend_from_slice(postcard::to_slice(space, &mut scratch).expect("fits"));
+    }
+    let start = format::plane_area_start(header.len()).expect("small");
+    // A whole number of u64, so that the buffer is exactly the file.
+    let body = (start + planes.len() + format::CHECKSUM_LEN).next_multiple_of(8) - format::CHECKSUM_LEN;
+    let mut bytes = Vec::with_capacity(body + format::CHECKSUM_LEN);
+    bytes.extend_from_slice(&format::MAGIC);
+    bytes.extend_from_slice(&format::VERSION.to_le_bytes());
+    bytes.extend_from_slice(&(header.len() as u32).to_le_bytes());
+    bytes.extend_from_slice(&((body + format::CHECKSUM_LEN) as u64).to_le_bytes());
+    bytes.extend_from_slice(&header);
+    bytes.resize(start, 0);
+    bytes.extend_from_slice(planes);
+    bytes.resize(body, 0);
+    bytes.extend_from_slice(&format::CHECKSUM.checksum(&bytes).to_le_bytes());
+    let mut words = vec![0_u64; bytes.len() / 8];
+    bytemuck::cast_slice_mut(&mut words).copy_from_slice(&bytes);
+    words
+}
+
+/// Subdivided icosahedron, scaled; counter-clockwise seen from outside.
+fn ellipsoid(shape: &Shape) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let g = (1.0 + 5.0_f32.sqrt()) / 2.0;
+    let mut points: Vec<Vec3> = vec![
+        [-1.0, g, 0.0],
+        [1.0, g, 0.0],
+        [-1.0, -g, 0.0],
+        [1.0, -g, 0.0],
+        [0.0, -1.0, g],
+        [0.0, 1.0, g],
+        [0.0, -1.0, -g],
+        [0.0, 1.0, -g],
+        [g, 0.0, -1.0],
+        [g, 0.0, 1.0],
+        [-g, 0.0, -1.0],
+        [-g, 0.0, 1.0],
+    ];
+    let mut triangles: Vec<[u32; 3]> = vec![
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
+    ];
+    points.iter_mut().for_each(|point| *point = vec3::normalize_or_zero(*point));
+    for _ in 0..shape.subdivisions {
+        let mut middles = HashMap::new();
+        let mut finer = Vec::with_capacity(triangles.len() * 4);
+        for [a, b, c] in triangles {
+            let mut middle = |i: u32, j: u32| {
+                *middles.entry((i.min(j), i.max(j))).or_insert_with(|| {
+                    let sum = vec3::add(points[i as usize], points[j as usize]);
+                    points.push(vec3::normalize_or_zero(sum));
+                    points.len() as u32 - 1
+                })
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    let scaled =
+        points.iter().map(|point| core::array::from_fn(|i| point[i] * shape.half_axes_m[i])).collect();
+    (scaled, triangles)
+}
