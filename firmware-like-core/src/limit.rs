@@ -120,3 +120,82 @@ impl StaleWatch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn exact_norm(v: Vec3) -> f64 {
+        v.map(f64::from).iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    #[test]
+    fn clamp_never_exceeds_the_limit_and_keeps_the_direction() {
+        let mut bits = 1_u32;
+        for _ in 0..200_000 {
+            let mut next = || {
+                bits = bits.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                f32::from_bits(bits)
+            };
+            let (force_n, limit_n) = ([next(), next(), next()], next().abs());
+            if !(limit_n.is_normal() && limit_n > 1e-30) {
+                continue;
+            }
+            let (clamped_n, was) = clamp_force(force_n, limit_n);
+            assert!(exact_norm(clamped_n) <= f64::from(limit_n), "{force_n:?} {limit_n}");
+            if !was {
+                assert_eq!(clamped_n, force_n);
+            } else if vec3::is_finite(force_n) {
+                let apart = vec3::sub(vec3::normalize_or_zero(force_n), vec3::normalize_or_zero(clamped_n));
+                assert!(vec3::norm(apart) < 1e-6, "{force_n:?} -> {clamped_n:?}");
+            }
+        }
+        assert_eq!(clamp_force([f32::NAN, 0.0, 0.0], 8.0), (vec3::ZERO, true));
+        assert_eq!(clamp_force([f32::INFINITY, 0.0, 0.0], 8.0), (vec3::ZERO, true));
+        assert!(
+            exact_norm(clamp_force([3e38; 3], 8.0).0) > 7.999,
+            "|force| overflows, the direction does not"
+        );
+    }
+
+    #[test]
+    fn slew_goes_straight_and_arrives() {
+        let (from, to) = ([1.0, 0.0, 0.0], [1.0, 3.0, 4.0]);
+        let mut force = from;
+        for step in 1..=5 {
+            let next = slew(force, to, 1.0);
+            assert!((vec3::distance(force, next) - 1.0).abs() < 1e-5, "step {step}");
+            assert!((next[1] * 4.0 - next[2] * 3.0).abs() < 1e-5, "on the line");
+            force = next;
+        }
+        assert_eq!(slew(force, to, 1.0), to);
+        assert_eq!(slew(from, to, 0.0), from);
+    }
+
+    #[test]
+    fn ramp_is_linear_from_zero_to_one() {
+        assert_eq!(
+            (ramp(0, 0.5), ramp(250_000, 0.5), ramp(500_000, 0.5), ramp(u64::MAX, 0.5)),
+            (0.0, 0.5, 1.0, 1.0)
+        );
+        assert_eq!(ramp(0, 0.0), 1.0, "no ramp asked for");
+    }
+
+    #[test]
+    fn stale_watch_holds_zeroes_and_faults() {
+        let config = LimitConfig::default();
+        let mut watch = StaleWatch::new(0);
+        assert_eq!(watch.judge(&config, 1000, Some(900)), Freshness::Fresh);
+        for tick in 2..=4 {
+            assert_eq!(watch.judge(&config, tick * 1000, None), Freshness::Hold);
+        }
+        assert_eq!(watch.judge(&config, 5000, Some(900)), Freshness::Zero, "the same once more");
+        assert_eq!(watch.judge(&config, 6000, Some(800)), Freshness::Zero, "an older one");
+        assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
+        assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after it was taken");
+        assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
+        // A clock that is ahead must not postpone the fault.
+        assert_eq!(watch.judge(&config, 12_000, Some(1_000_000)), Freshness::Fresh);
+        assert_eq!(watch.judge(&config, 22_000, None), Freshness::Fault);
+    }
+}

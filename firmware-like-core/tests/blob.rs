@@ -1,0 +1,326 @@
+//! The reader: accepts what was written, refuses everything else, never panics.
+
+mod common;
+
+use common::{Aligned, Draft, Recipe, sign};
+use palpate_core::blob::format::{self, PlaneRef};
+use palpate_core::blob::{BlobError, PlaneProblem};
+use palpate_core::grid::LatticeError;
+use palpate_core::rbf::RbfError;
+use palpate_core::table::TableError;
+use palpate_core::{Method, Organ};
+
+type Small<'a> = Organ<'a, 2>;
+
+fn small() -> Recipe {
+    Recipe { radius_m: 0.01, ..Recipe::default() }
+}
+
+fn refusal(blob: &Aligned) -> BlobError {
+    Small::read(blob.bytes()).expect_err("the blob is bad")
+}
+
+fn spoiled(spoil: impl FnOnce(&mut Draft)) -> BlobError {
+    refusal(&small().blob_with(spoil))
+}
+
+#[test]
+fn a_good_blob_gives_back_what_went_in() {
+    let blob = Recipe { nodes: vec![[0.0; 3], [0.1, 0.0, 0.02]], ..small() }.blob();
+    let organ = Small::read(blob.bytes()).expect("good");
+    assert_eq!((organ.scene.as_str(), organ.law.as_str(), organ.max_force_n), ("test", "potential", 8.0));
+    assert_eq!((organ.mesh_hash, organ.spaces.len()), ([7; 32], 2));
+    let space = &organ.spaces[1];
+    assert_eq!((space.name.as_str(), space.node, space.rest_position_m), ("A2", 11, [0.1, 0.0, 0.02]));
+    assert_eq!(space.outward_normal, [0.0, 0.0, 1.0]);
+    assert!(Method::ALL.into_iter().all(|method| space.has(method)));
+    assert_eq!(organ.surface.node, [10, 11, 12, 13]);
+    assert_eq!(organ.surface.position_m[0], [0.0, 0.1, 0.0, 0.0]);
+    assert_eq!((organ.surface.triangles.len(), organ.surface.triangles[0]), (4, [0, 2, 1]));
+    assert_eq!(organ.surface.fixed, [1, 0, 0, 0]);
+}
+
+/// Exhaustive: every bit of the whole file.
+#[test]
+fn every_flipped_bit_is_found() {
+    let mut blob = small().blob();
+    for index in 0..blob.bytes().len() {
+        for bit in 0..8 {
+            blob.bytes_mut()[index] ^= 1 << bit;
+            assert!(Small::read(blob.bytes()).is_err(), "byte {index}, bit {bit}");
+            blob.bytes_mut()[index] ^= 1 << bit;
+        }
+    }
+    assert!(Small::read(blob.bytes()).is_ok());
+}
+
+#[test]
+fn every_truncation_is_found() {
+    let blob = small().blob();
+    for len in 0..blob.bytes().len() {
+        let short = Aligned::new(&blob.bytes()[..len]);
+        let need = blob.bytes().len() as u64;
+        match refusal(&short) {
+            BlobError::TooShort { have, .. } => assert_eq!(have, len),
+            BlobError::Truncated { have, need: announced } => {
+                assert_eq!((have, announced), (len as u64, need))
+            }
+            other => panic!("{len} bytes: {other}"),
+        }
+    }
+    let mut long = blob.bytes().to_vec();
+    long.push(0);
+    assert!(matches!(refusal(&Aligned::new(&long)), BlobError::TooLong { .. }));
+}
+
+/// Behind a correct checksum: every byte of the header changed to several values must be refused or read, never panic.
+#[test]
+fn a_signed_but_wrong_header_never_panics() {
+    let blob = small().blob();
+    let header_len = u32::from_le_bytes(blob.bytes()[12..16].try_into().expect("four bytes")) as usize;
+    let mut refused = 0;
+    for index in 0..format::PREFIX_LEN + header_len {
+        for value in
+            [0, 1, 2, 3, 0x7f, 0x80, 0xff, blob.bytes()[index] ^ 1, blob.bytes()[index].wrapping_add(64)]
+        {
+            let mut wrong = blob.clone();
+            wrong.bytes_mut()[index] = value;
+            sign(wrong.bytes_mut());
+            match Small::read(wrong.bytes()) {
+                Err(_) => refused += 1,
+                // A name or a position may be another one; then every query still has a finite answer.
+                Ok(organ) => {
+                    for space in &organ.spaces {
+                        for method in Method::ALL {
+                            for d in [[0.0; 3], [0.004, -0.003, 0.006], [1e30, 0.0, f32::NAN]] {
+                                let answer = space.force(method, d);
+                                assert!(
+                                    answer.is_none_or(|answer| answer.force_n.iter().all(|h| h.is_finite()))
+                                );
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(refused > 700, "only {refused} were refused");
+}
+
+/// Behind a correct checksum: random bytes anywhere.
+#[test]
+fn signed_noise_never_panics() {
+    let blob = small().blob();
+    let mut random = common::Random(99);
+    for _ in 0..3000 {
+        let mut wrong = blob.clone();
+        for _ in 0..3 {
+            let index =
+                ((random.next() + 1.0) * 0.5 * wrong.bytes().len() as f32) as usize % wrong.bytes().len();
+            wrong.bytes_mut()[index] = (random.next() * 127.0) as i8 as u8;
+        }
+        sign(wrong.bytes_mut());
+        let _ = Small::read(wrong.bytes());
+    }
+}
+
+#[test]
+fn not_a_blob() {
+    assert!(matches!(refusal(&Aligned::new(&[])), BlobError::TooShort { have: 0, .. }));
+    assert_eq!(refusal(&Aligned::new(&[0; 4096])), BlobError::BadMagic);
+}
+
+#[test]
+fn a_buffer_at_an_odd_address() {
+    let blob = small().blob();
+    let mut shifted = vec![0_u8; 4];
+    shifted.extend(blob.bytes());
+    let shifted = Aligned::new(&shifted);
+    assert_eq!(Small::read(&shifted.bytes()[4..]), Err(BlobError::Misaligned));
+}
+
+#[test]
+fn versions() {
+    assert_eq!(
+        spoiled(|draft| draft.version = 2),
+        BlobError::NewerVersion { found: 2, supported: format::VERSION }
+    );
+    assert_eq!(spoiled(|draft| draft.version = 0), BlobError::UnknownVersion { found: 0 });
+}
+
+#[test]
+fn more_spaces_than_fit() {
+    let blob = Recipe { nodes: vec![[0.0; 3]; 3], ..small() }.blob();
+    assert_eq!(refusal(&blob), BlobError::Capacity { what: "spaces", need: 3, limit: 2 });
+    assert!(Organ::<3>::read(blob.bytes()).is_ok());
+    // A count that the header does not hold.
+    assert_eq!(spoiled(|draft| draft.preamble.space_count = 2), BlobError::Header);
+    assert_eq!(spoiled(|draft| draft.preamble.space_count = 0), BlobError::Header);
+    assert!(matches!(
+        spoiled(|draft| draft.preamble.space_count = u32::MAX),
+        BlobError::Capacity { need: 0xffff_ffff, .. }
+    ));
+}
+
+#[test]
+fn numbers_of_the_header() {
+    for bad in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let what = "max_force_n";
+        assert_eq!(
+            spoiled(|draft| draft.preamble.max_force_n = bad),
+            BlobError::Value { what, space: None },
+            "{bad}"
+        );
+    }
+    let value = |what| BlobError::Value { what, space: Some(0) };
+    assert_eq!(spoiled(|draft| draft.spaces[0].rest_position_m[1] = f32::NAN), value("rest_position_m"));
+    assert_eq!(spoiled(|draft| draft.spaces[0].outward_normal = [0.0; 3]), value("outward_normal"));
+    assert_eq!(spoiled(|draft| draft.spaces[0].outward_normal = [1e30, 0.0, 0.0]), value("outward_normal"));
+    assert_eq!(spoiled(|draft| draft.spaces[0].outward_normal[0] = f32::INFINITY), value("outward_normal"));
+    for bad in [0.0, -0.01, f32::NAN] {
+        let error = spoiled(|draft| draft.spaces[0].spacing_m = bad);
+        assert!(
+            matches!(error, BlobError::Lattice { space: 0, error: LatticeError::Size { .. } }),
+            "{error}"
+        );
+    }
+    let error = spoiled(|draft| draft.spaces[0].spacing_m = 1e-6);
+    assert!(matches!(error, BlobError::Lattice { space: 0, error: LatticeError::TooFine { .. } }), "{error}");
+}
+
+fn plane(what: &'static str, problem: impl Into<PlaneProblem>) -> BlobError {
+    BlobError::Plane { what, space: Some(0), problem: problem.into() }
+}
+
+#[test]
+fn planes_out_of_place() {
+    let last = |draft: &mut Draft| {
+        let offset = (draft.area.len() as u32).next_multiple_of(64);
+        draft.spaces[0].flags = PlaneRef { offset, ..draft.spaces[0].flags };
+    };
+    assert!(matches!(spoiled(last), BlobError::Plane { problem: PlaneProblem::OutOfBounds { .. }, .. }));
+    for wild in [PlaneRef { offset: 0, len: u32::MAX }, PlaneRef { offset: u32::MAX - 63, len: u32::MAX }] {
+        let error = spoiled(|draft| draft.preamble.surface.triangles = wild);
+        assert!(
+            matches!(error, BlobError::Plane { problem: PlaneProblem::OutOfBounds { .. }, .. }),
+            "{error}"
+        );
+    }
+    let error = spoiled(|draft| draft.spaces[0].flags.offset += 8);
+    assert!(matches!(error, BlobError::Plane { problem: PlaneProblem::Misaligned { .. }, .. }), "{error}");
+    let need = small().lattice().slots();
+    let shorter = |draft: &mut Draft| draft.spaces[0].flags.len -= 1;
+    assert_eq!(spoiled(shorter), plane("flags", TableError::Length { have: need - 1, need }));
+    let shorter = |draft: &mut Draft| draft.spaces[0].force_n.as_mut().expect("packed")[2].len -= 1;
+    assert_eq!(spoiled(shorter), plane("force", TableError::Length { have: need - 1, need }));
+    let shorter = |draft: &mut Draft| draft.spaces[0].rbf_cubic.as_mut().expect("packed").weights[0].len -= 1;
+    assert_eq!(spoiled(shorter), plane("rbf-cubic", RbfError::Length { len: 16 }));
+    let shorter = |draft: &mut Draft| draft.spaces[0].displacement.as_mut().expect("packed").rows.len -= 1;
+    assert!(matches!(spoiled(shorter), BlobError::Plane { what: "displacement rows", .. }));
+}
+
+/// Every float of every float plane, set to NaN and to infinity, one at a time.
+#[test]
+fn every_float_that_is_not_finite_is_found() {
+    let mut planes = Vec::new();
+    small().blob_with(|draft| {
+        let space = &draft.spaces[0];
+        planes.extend(draft.preamble.surface.position_m.map(|plane| (plane, 4)));
+        planes.extend(space.force_n.expect("packed").map(|plane| (plane, 4)));
+        let (linear, cubic) = (space.rbf_linear.expect("packed"), space.rbf_cubic.expect("packed"));
+        planes.extend([linear.centres, linear.weights].as_flattened().iter().map(|&plane| (plane, 4)));
+        planes.extend([cubic.centres, cubic.weights].as_flattened().iter().map(|&plane| (plane, 8)));
+        planes.push((space.displacement.expect("packed").rows, 4));
+    });
+    let mut found = 0;
+    for (reference, size) in planes {
+        for index in 0..reference.len as usize {
+            for bad in [f64::NAN, f64::NEG_INFINITY] {
+                let error = spoiled(|draft| {
+                    let element = &mut draft.plane(reference, size)[index * size..][..size];
+                    if size == 4 {
+                        element.copy_from_slice(&(bad as f32).to_le_bytes());
+                    } else {
+                        element.copy_from_slice(&bad.to_le_bytes());
+                    }
+                });
+                assert!(
+                    matches!(
+                        error,
+                        BlobError::Plane {
+                            problem: PlaneProblem::Table(TableError::NotFinite { .. })
+                                | PlaneProblem::Rbf(RbfError::NotFinite),
+                            ..
+                        }
+                    ),
+                    "{error}"
+                );
+                found += 1;
+            }
+        }
+    }
+    assert!(found > 500);
+}
+
+#[test]
+fn indices_out_of_range() {
+    let error = spoiled(|draft| {
+        let triangles = draft.preamble.surface.triangles;
+        draft.plane(triangles, 12)[12..16].copy_from_slice(&4_u32.to_le_bytes());
+    });
+    let problem = PlaneProblem::Table(TableError::OutOfRange { index: 1 });
+    assert_eq!(error, BlobError::Plane { what: "triangles", space: None, problem });
+    let error = spoiled(|draft| {
+        let fixed = draft.preamble.surface.fixed;
+        draft.plane(fixed, 1)[3] = 2;
+    });
+    let problem = PlaneProblem::Table(TableError::OutOfRange { index: 3 });
+    assert_eq!(error, BlobError::Plane { what: "fixed", space: None, problem });
+    let rows = small().solved_points().len() as u32;
+    let error = spoiled(|draft| {
+        let row = draft.spaces[0].displacement.expect("packed").row;
+        draft.plane(row, 4)[8..12].copy_from_slice(&rows.to_le_bytes());
+    });
+    assert_eq!(error, plane("displacement rows", TableError::OutOfRange { index: 2 }));
+}
+
+#[test]
+fn flags_and_the_rest_point() {
+    let rest = small().lattice().rest_slot();
+    let error = spoiled(|draft| {
+        let flags = draft.spaces[0].flags;
+        draft.plane(flags, 1)[0] |= palpate_core::flags::CELL;
+    });
+    assert_eq!(error, plane("flags", PlaneProblem::Flags { slot: 0 }));
+    let error = spoiled(|draft| {
+        let flags = draft.spaces[0].flags;
+        draft.plane(flags, 1).fill(0);
+    });
+    assert_eq!(error, BlobError::RestPoint { space: 0 });
+    let error = spoiled(|draft| {
+        let [force, ..] = draft.spaces[0].force_n.expect("packed");
+        draft.plane(force, 4)[rest * 4..][..4].copy_from_slice(&1e-3_f32.to_le_bytes());
+    });
+    assert_eq!(error, BlobError::RestPoint { space: 0 });
+}
+
+/// A message is one line and says what to do.
+#[test]
+fn messages_say_the_mend() {
+    let blob = small().blob();
+    let mut damaged = blob.clone();
+    damaged.bytes_mut()[200] ^= 1;
+    let message = refusal(&damaged).to_string();
+    assert!(message.starts_with("checksum mismatch: the file is damaged (stored "), "{message}");
+    assert!(message.ends_with("make it again with `palpate pack`"), "{message}");
+    for error in [
+        spoiled(|draft| draft.version = 9),
+        spoiled(|draft| draft.spaces[0].spacing_m = 0.0),
+        spoiled(|draft| draft.spaces[0].flags.offset += 8),
+        refusal(&Aligned::new(&blob.bytes()[..100])),
+        refusal(&Aligned::new(b"solid")),
+    ] {
+        let message = error.to_string();
+        assert!(message.len() > 40 && !message.contains('\n'), "{message}");
+    }
+}

@@ -1,0 +1,334 @@
+//! A small blob writer and an analytic organ, for the tests of this crate. The real writer is in `palpate-precompute`.
+#![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
+
+use palpate_core::blob::format::{self, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader};
+use palpate_core::flags::{self, SOLVED};
+use palpate_core::grid::BallLattice;
+use palpate_core::rbf::LANES;
+use palpate_core::vec3::Vec3;
+
+/// A nonlinear potential W with h = grad W, h(0) = 0: stiffer under pressure than under tension, and with coupling.
+///
+/// W = a |d|^2 / 2 + b z^3 / 3 + c |d|^4 / 4 + e x y z;   z along the outward normal, so pressing is z < 0 and h_z < 0.
+pub fn force(d: Vec3) -> [f64; 3] {
+    const A: f64 = 150.0;
+    const B: f64 = -900.0;
+    const C: f64 = 4.0e4;
+    const E: f64 = 2.0e3;
+    let [x, y, z] = d.map(f64::from);
+    let radial = A + C * (x * x + y * y + z * z);
+    [radial * x + E * y * z, radial * y + E * x * z, radial * z + B * z * z + E * x * y]
+}
+
+/// Bytes at an address divisible by 8.
+#[derive(Clone)]
+pub struct Aligned {
+    words: Vec<u64>,
+    len: usize,
+}
+
+impl Aligned {
+    pub fn new(bytes: &[u8]) -> Self {
+        let mut words = vec![0_u64; bytes.len().div_ceil(8)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Self { words, len: bytes.len() }
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        &bytemuck::cast_slice(&self.words)[..self.len]
+    }
+
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
+    }
+}
+
+/// What to put into a blob.
+#[derive(Clone)]
+pub struct Recipe {
+    pub spacing_m: f32,
+    pub radius_m: f32,
+    /// Rest positions; the outward normal is +z everywhere.
+    pub nodes: Vec<Vec3>,
+    /// Whether a point of the ball is solved.
+    pub solved: fn([i32; 3]) -> bool,
+    /// Force of a ghost slot.
+    pub ghost: fn(Vec3) -> [f64; 3],
+    /// Force of a solved slot.
+    pub force: fn(Vec3) -> [f64; 3],
+    pub lattice_table: bool,
+    pub rbf: bool,
+    pub displacement: bool,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            spacing_m: 0.01,
+            radius_m: 0.03,
+            nodes: vec![[0.0; 3]],
+            solved: |_| true,
+            // Deliberately wrong by a quarter: continuity must not hang on good ghosts.
+            ghost: |d| force(d).map(|h| 1.25 * h + 0.1),
+            force,
+            lattice_table: true,
+            rbf: true,
+            displacement: true,
+        }
+    }
+}
+
+impl Recipe {
+    pub fn lattice(&self) -> BallLattice {
+        BallLattice::new(self.spacing_m, self.radius_m).expect("a valid lattice")
+    }
+
+    /// Solved lattice points, the rest point among them.
+    pub fn solved_points(&self) -> Vec<[i32; 3]> {
+        let lattice = self.lattice();
+        let mut points: Vec<_> = lattice.points().filter(|&ijk| (self.solved)(ijk)).collect();
+        points.push([0; 3]);
+        points
+    }
+
+    pub fn flags(&self) -> Vec<u8> {
+        let lattice = self.lattice();
+        let mut bits = vec![0; lattice.slots()];
+        for ijk in self.solved_points() {
+            bits[lattice.slot(ijk).expect("in the box")] = SOLVED;
+        }
+        flags::derive(&lattice, &mut bits);
+        bits
+    }
+
+    fn force_planes(&self) -> [Vec<f32>; 3] {
+        let lattice = self.lattice();
+        let bits = self.flags();
+        let mut planes = [const { Vec::new() }; 3];
+        for (slot, bits) in bits.iter().enumerate() {
+            let d = lattice.displacement_m(lattice.ijk(slot));
+            let h = if bits & SOLVED != 0 { (self.force)(d) } else { (self.ghost)(d) };
+            for (plane, h) in planes.iter_mut().zip(h) {
+                plane.push(h as f32);
+            }
+        }
+        planes
+    }
+
+    /// Centres (cell units) and weights that interpolate the solved forces, padded.
+    fn rbf_planes(&self, phi: fn(f64) -> f64) -> ([Vec<f64>; 3], [Vec<f64>; 3]) {
+        let points = self.solved_points();
+        let lattice = self.lattice();
+        let count = points.len();
+        let distance = |a: [i32; 3], b: [i32; 3]| {
+            let squared: i32 = a.iter().zip(b).map(|(a, b)| (a - b).pow(2)).sum();
+            f64::from(squared).sqrt()
+        };
+        let matrix: Vec<Vec<f64>> =
+            points.iter().map(|&a| points.iter().map(|&b| phi(distance(a, b))).collect()).collect();
+        let padded = count.next_multiple_of(LANES);
+        let mut centres = [const { Vec::new() }; 3];
+        let mut weights = [const { Vec::new() }; 3];
+        for axis in 0..3 {
+            let values = points.iter().map(|&ijk| (self.force)(lattice.displacement_m(ijk))[axis]).collect();
+            weights[axis] = solve(matrix.clone(), values);
+            weights[axis].resize(padded, 0.0);
+            centres[axis] = points.iter().map(|ijk| f64::from(ijk[axis])).collect();
+            centres[axis].resize(padded, 0.0);
+        }
+        (centres, weights)
+    }
+
+    /// One row per solved point: every surface vertex moves by d times its share (vertex 0 is fixed).
+    fn displacement_planes(&self) -> (Vec<u32>, Vec<f32>) {
+        let lattice = self.lattice();
+        let points = self.solved_points();
+        let rows = points
+            .iter()
+            .flat_map(|&ijk| {
+                let d = lattice.displacement_m(ijk);
+                SHARES.into_iter().flat_map(move |share| d.map(|x| x * share))
+            })
+            .collect();
+        let nearest = |slot| {
+            let ijk = lattice.ijk(slot);
+            let squared =
+                |row: &usize| points[*row].iter().zip(ijk).map(|(a, b)| (a - b).pow(2)).sum::<i32>();
+            (0..points.len()).min_by_key(squared).expect("the rest point is solved") as u32
+        };
+        ((0..lattice.slots()).map(nearest).collect(), rows)
+    }
+
+    pub fn blob(&self) -> Aligned {
+        self.blob_with(|_| {})
+    }
+
+    /// Writes a blob, with a chance to spoil it before the checksum is taken.
+    pub fn blob_with(&self, spoil: impl FnOnce(&mut Draft)) -> Aligned {
+        let mut area = Area::default();
+        let surface = SurfaceHeader {
+            node: area.push(&[10_u32, 11, 12, 13]),
+            position_m: [
+                area.push(&[0.0_f32, 0.1, 0.0, 0.0]),
+                area.push(&[0.0_f32, 0.0, 0.1, 0.0]),
+                area.push(&[0.0_f32, 0.0, 0.0, 0.1]),
+            ],
+            triangles: area.push(&[[0_u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+            fixed: area.push(&[1_u8, 0, 0, 0]),
+        };
+        let spaces = (0..)
+            .zip(&self.nodes)
+            .map(|(index, &rest_position_m)| self.space(&mut area, index, rest_position_m))
+            .collect::<Vec<_>>();
+        let preamble = Preamble {
+            scene: "test".try_into().expect("short"),
+            law: "potential".try_into().expect("short"),
+            max_force_n: 8.0,
+            mesh_hash: [7; 32],
+            surface,
+            space_count: spaces.len() as u32,
+        };
+        let mut draft = Draft { version: format::VERSION, preamble, spaces, area: area.bytes };
+        spoil(&mut draft);
+        draft.write()
+    }
+
+    fn space(&self, area: &mut Area, index: u32, rest_position_m: Vec3) -> SpaceHeader {
+        let three = |area: &mut Area, planes: &[Vec<f32>; 3]| planes.each_ref().map(|plane| area.push(plane));
+        let flags = area.push(&self.flags());
+        let force_n = self.lattice_table.then(|| three(area, &self.force_planes()));
+        let rbf_linear = self.rbf.then(|| {
+            let (centres, weights) = self.rbf_planes(|r| r);
+            let narrow =
+                |planes: [Vec<f64>; 3]| planes.map(|plane| plane.iter().map(|&x| x as f32).collect());
+            RbfHeader { centres: three(area, &narrow(centres)), weights: three(area, &narrow(weights)) }
+        });
+        let rbf_cubic = self.rbf.then(|| {
+            let (centres, weights) = self.rbf_planes(|r| r * r * r);
+            let mut three = |planes: [Vec<f64>; 3]| planes.map(|plane| area.push(&plane));
+            RbfHeader { centres: three(centres), weights: three(weights) }
+        });
+        let displacement = self.displacement.then(|| {
+            let (row, rows) = self.displacement_planes();
+            format::DisplacementHeader { row: area.push(&row), rows: area.push(&rows) }
+        });
+        SpaceHeader {
+            name: format!("A{}", index + 1).as_str().try_into().expect("short"),
+            node: 10 + index,
+            rest_position_m,
+            outward_normal: [0.0, 0.0, 1.0],
+            spacing_m: self.spacing_m,
+            radius_m: self.radius_m,
+            flags,
+            force_n,
+            rbf_linear,
+            rbf_cubic,
+            displacement,
+        }
+    }
+}
+
+/// Share of the node's displacement that each surface vertex follows.
+pub const SHARES: [f32; 4] = [0.0, 1.0, 0.5, 0.25];
+
+/// A blob before it is written.
+pub struct Draft {
+    pub version: u32,
+    pub preamble: Preamble,
+    pub spaces: Vec<SpaceHeader>,
+    pub area: Vec<u8>,
+}
+
+impl Draft {
+    /// Bytes of a plane of n-byte elements, to spoil it.
+    pub fn plane(&mut self, plane: PlaneRef, size: usize) -> &mut [u8] {
+        &mut self.area[plane.offset as usize..][..plane.len as usize * size]
+    }
+
+    pub fn write(&self) -> Aligned {
+        let mut header = vec![0_u8; 64 * 1024];
+        let mut used = postcard::to_slice(&self.preamble, &mut header).expect("fits").len();
+        for space in &self.spaces {
+            used += postcard::to_slice(space, &mut header[used..]).expect("fits").len();
+        }
+        let start = format::plane_area_start(used).expect("fits");
+        let total = start + self.area.len() + format::CHECKSUM_LEN;
+        let mut bytes = Vec::new();
+        bytes.extend(format::MAGIC);
+        bytes.extend(self.version.to_le_bytes());
+        bytes.extend((used as u32).to_le_bytes());
+        bytes.extend((total as u64).to_le_bytes());
+        bytes.extend(&header[..used]);
+        bytes.resize(start, 0);
+        bytes.extend(&self.area);
+        let checksum = format::CHECKSUM.checksum(&bytes);
+        bytes.extend(checksum.to_le_bytes());
+        Aligned::new(&bytes)
+    }
+}
+
+/// Sets the checksum to what the bytes are, to get past it.
+pub fn sign(bytes: &mut [u8]) {
+    let end = bytes.len() - format::CHECKSUM_LEN;
+    let checksum = format::CHECKSUM.checksum(&bytes[..end]);
+    bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+}
+
+#[derive(Default)]
+struct Area {
+    bytes: Vec<u8>,
+}
+
+impl Area {
+    fn push<T: bytemuck::Pod>(&mut self, plane: &[T]) -> PlaneRef {
+        self.bytes.resize(format::align_up(self.bytes.len()).expect("fits"), 0);
+        let offset = self.bytes.len() as u32;
+        self.bytes.extend_from_slice(bytemuck::cast_slice(plane));
+        PlaneRef { offset, len: plane.len() as u32 }
+    }
+}
+
+/// Gaussian elimination with partial pivoting.
+fn solve(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+    let n = right.len();
+    for column in 0..n {
+        let pivot = (column..n)
+            .max_by(|&a, &b| matrix[a][column].abs().total_cmp(&matrix[b][column].abs()))
+            .expect("rows remain");
+        matrix.swap(column, pivot);
+        right.swap(column, pivot);
+        for row in column + 1..n {
+            let factor = matrix[row][column] / matrix[column][column];
+            let (above, below) = matrix.split_at_mut(row);
+            for (value, pivot) in below[0][column..].iter_mut().zip(&above[column][column..]) {
+                *value -= factor * pivot;
+            }
+            right[row] -= factor * right[column];
+        }
+    }
+    for row in (0..n).rev() {
+        let known: f64 = (row + 1..n).map(|column| matrix[row][column] * right[column]).sum();
+        right[row] = (right[row] - known) / matrix[row][row];
+    }
+    right
+}
+
+/// Reproducible numbers for tests that only need variety.
+pub struct Random(pub u64);
+
+impl Random {
+    /// Uniform in [-1, 1).
+    pub fn next(&mut self) -> f32 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f32 / (1_u64 << 23) as f32 - 1.0
+    }
+
+    /// Uniform in a cube of half-width `size`.
+    pub fn point(&mut self, size: f32) -> Vec3 {
+        [self.next() * size, self.next() * size, self.next() * size]
+    }
+}
+
+pub fn distance(a: Vec3, b: Vec3) -> f32 {
+    palpate_core::vec3::distance(a, b)
+}

@@ -1,0 +1,142 @@
+//! The lattice: counts, indices, cells, flags.
+
+mod common;
+
+use common::Random;
+use palpate_core::flags::{self, CELL, INTERIOR, SOLVED, SUPERCELL};
+use palpate_core::grid::{BallLattice, LatticeError, MAX_CELLS};
+
+fn lattice(cells: f32) -> BallLattice {
+    BallLattice::new(0.05 / cells, 0.05).expect("valid")
+}
+
+/// The paper's four grids are the ball's lattice points less the rest point.
+#[test]
+fn the_four_grids_of_the_paper() {
+    for radius_m in [0.05, 0.1, 0.03, 1.0, 0.037] {
+        for (cells, count) in [(5.0, 514), (7.0, 1418), (10.0, 4168), (15.0, 14146)] {
+            let lattice = BallLattice::new(radius_m / cells, radius_m).expect("valid");
+            assert_eq!(lattice.count(), count, "{cells} cells of {radius_m} m");
+            assert_eq!(lattice.reach(), cells as i32);
+            assert_eq!(lattice.extent(), cells as i32 + 1);
+            assert_eq!(lattice.side(), 2 * (cells as usize) + 3);
+        }
+    }
+    // A radius that is no whole number of cells: the box is rounded up, the ball is not.
+    let lattice = BallLattice::new(0.02, 0.05).expect("valid");
+    assert_eq!((lattice.reach(), lattice.contains([2, 1, 1]), lattice.contains([2, 2, 0])), (3, true, false));
+}
+
+#[test]
+fn slots_and_points_are_inverse() {
+    let lattice = lattice(5.0);
+    assert_eq!(lattice.slots(), lattice.side().pow(3));
+    for slot in 0..lattice.slots() {
+        assert_eq!(lattice.slot(lattice.ijk(slot)), Some(slot));
+    }
+    let e = lattice.extent();
+    assert_eq!(lattice.ijk(1), [-e, -e, 1 - e], "z runs fastest");
+    assert_eq!(lattice.slot([0; 3]), Some(lattice.rest_slot()));
+    for outside in [[e + 1, 0, 0], [0, -e - 1, 0], [0, 0, i32::MAX], [i32::MIN, 0, 0]] {
+        assert_eq!(lattice.slot(outside), None);
+        assert!(!lattice.contains(outside));
+    }
+    assert!(lattice.points().all(|ijk| ijk != [0; 3] && lattice.contains(ijk)));
+}
+
+#[test]
+fn sizes_without_sense_are_refused() {
+    for (spacing_m, radius_m) in [
+        (0.0, 1.0),
+        (-1.0, 1.0),
+        (1.0, 0.5),
+        (f32::NAN, 1.0),
+        (0.1, f32::NAN),
+        (0.1, f32::INFINITY),
+        (1e-44, 1e-44),
+    ] {
+        assert!(
+            matches!(BallLattice::new(spacing_m, radius_m), Err(LatticeError::Size { .. })),
+            "{spacing_m} {radius_m}"
+        );
+    }
+    assert!(matches!(BallLattice::new(1e-6, 1.0), Err(LatticeError::TooFine { .. })));
+    assert!(BallLattice::new(1.0, MAX_CELLS as f32).is_ok());
+}
+
+/// The cell returned holds the point, and its super-cell is in the box, for any query.
+#[test]
+fn every_query_has_a_cell_with_its_super_cell() {
+    let lattice = lattice(5.0);
+    let mut random = Random(1);
+    let extremes = [0.05, -0.05, 0.0, 1e-42, -1e-42, 1e30, -1e30, f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+    let mut queries: Vec<_> = (0..10_000).map(|_| random.point(0.08)).collect();
+    for x in extremes {
+        for y in extremes {
+            queries.extend(extremes.map(|z| [x, y, z]));
+        }
+    }
+    for d in queries {
+        for (low, t) in [lattice.cell(d)] {
+            assert!(t.iter().all(|t| (0.0..=1.0).contains(t)), "{d:?}: {t:?}");
+            assert!(lattice.slot(low.map(|n| n - 1)).is_some() && lattice.slot(low.map(|n| n + 2)).is_some());
+        }
+        let at = lattice.locate(d);
+        assert!(at.t.iter().all(|t| (0.0..=1.0).contains(t)) && at.position.iter().all(|x| x.abs() < 5.001));
+        let norm = d.map(f64::from).iter().map(|x| x * x).sum::<f64>().sqrt();
+        if (norm - 0.05).abs() > 1e-7 || !norm.is_finite() {
+            assert_eq!(at.inside, norm < 0.05, "{d:?}");
+        }
+        if at.inside {
+            let (low, t) = lattice.cell(d);
+            assert_eq!(lattice.slot(low), Some(at.slot));
+            for axis in 0..3 {
+                let back = (low[axis] as f32 + t[axis]) * lattice.spacing_m();
+                assert!((back - d[axis]).abs() < 1e-7, "{d:?}");
+            }
+        }
+    }
+}
+
+/// Derived flags against the definition, written out naively, on a ball with holes.
+#[test]
+fn flags_follow_from_the_solved_points() {
+    let lattice = lattice(5.0);
+    let solved = |n: [i32; 3]| lattice.contains(n) && n != [2, 1, 0] && n != [-4, 0, 0];
+    let mut bits: Vec<u8> = (0..lattice.slots()).map(|slot| u8::from(solved(lattice.ijk(slot)))).collect();
+    flags::derive(&lattice, &mut bits);
+    let all = |n: [i32; 3], from: i32, to: i32, test: &dyn Fn([i32; 3]) -> bool| {
+        (from..=to).all(|a| (from..=to).all(|b| (from..=to).all(|c| test([n[0] + a, n[1] + b, n[2] + c]))))
+    };
+    let supercell = |n| all(n, -1, 2, &solved);
+    let mut seen = [0; 3];
+    for (slot, &bits) in bits.iter().enumerate() {
+        let n = lattice.ijk(slot);
+        assert_eq!(bits & SOLVED != 0, solved(n));
+        assert_eq!(bits & CELL != 0, all(n, 0, 1, &solved));
+        assert_eq!(bits & SUPERCELL != 0, supercell(n));
+        assert_eq!(bits & INTERIOR != 0, all(n, -1, 0, &supercell));
+        for (seen, flag) in seen.iter_mut().zip([CELL, SUPERCELL, INTERIOR]) {
+            *seen += usize::from(bits & flag != 0);
+        }
+    }
+    assert!(seen.iter().all(|&seen| seen > 0), "each flag occurs: {seen:?}");
+    assert_eq!(flags::first_inconsistent(&lattice, &bits), None);
+    // Any single wrong bit is found.
+    for slot in 0..bits.len() {
+        for bit in 0..8 {
+            let mut wrong = bits.clone();
+            wrong[slot] ^= 1 << bit;
+            let harmless =
+                matches!(1 << bit, flags::TERMINATING | flags::INVERTED) && bits[slot] & SOLVED != 0;
+            // A lone solved point that completes no cell is a consistent table, only another one.
+            let other = bit == 0 && {
+                let mut derived = wrong.clone();
+                flags::derive(&lattice, &mut derived);
+                derived == wrong
+            };
+            let found = flags::first_inconsistent(&lattice, &wrong).is_some();
+            assert_eq!(found, !harmless && !other, "slot {slot}, bit {bit}");
+        }
+    }
+}
