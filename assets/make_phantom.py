@@ -1,0 +1,129 @@
+#!/usr/bin/env python3
+"""Makes the bundled organ: liver-small.msh and liver-large.msh, from the formula in phantom/shape.py.
+
+    python3 make_phantom.py            make both meshes anew, check them, print the table of README.md
+    python3 make_phantom.py --check    only check the files that are here (needs numpy, not gmsh's libraries) and print the table
+
+Needs Python 3.11 or newer and, from PyPI, numpy and gmsh (made with numpy 2.x and gmsh 4.15.2: `pip install gmsh numpy`). On a bare
+Debian the gmsh wheel wants these libraries to be there before it can be imported:
+    apt-get install libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxfixes3
+Gmsh runs in one thread and every random number is seeded, so the same versions on the same kind of processor write the same bytes.
+Another version or processor may round differently and end with another, equally good, mesh: then the node numbers in the scenes
+must follow (the script says so).
+
+How: (1) isotropic triangulation of the formula (phantom/surface.py); (2) Gmsh fills it with Delaunay tets, which it optimises;
+(3) our own vertex optimisation, in which surface vertices move along the formula (phantom/volume.py); (4) the fixed sets
+are chosen by position, nodes are numbered and the file is written (phantom/mshfile.py); (5) the file is read back and every
+requirement is asserted on it (phantom/quality.py).
+
+Licence: MIT OR Apache-2.0, as the rest of the project.
+"""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from phantom import mshfile, quality, shape
+
+HERE = Path(__file__).resolve().parent
+
+# Wanted edge lengths in metres on the surface and inside (found by trial for the wanted counts of nodes and tets).
+RECIPES = {
+    "liver-small": {"surface": 0.0146, "inside": 0.0146, "limits": {"surface_nodes": 360, "dihedral_degrees": 30.0}},
+    "liver-large": {"surface": 0.0113, "inside": 0.00732, "limits": {"surface_nodes": 640, "dihedral_degrees": 30.0}},
+}
+SWEEPS = 40
+
+# Points of the formula, as (a, b, c) of phantom/shape.py, where every mesh has a vertex: the two ends of the body, so that it is 0.2 m
+# across on every mesh, and the active nodes, so that results on the two meshes are for the same place.
+ENDS = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+ACTIVE = {
+    "A1": (-0.21, 0.10, 0.973),  # in the middle of the front, before the centre of gravity
+    "A2": (0.82, 0.05, 0.57),  # on the front of the thin lobe, some 18 mm from its tip
+}
+
+
+def build(name):
+    from phantom import surface, volume
+
+    recipe = RECIPES[name]
+    pins = [shape.unit(np.array(q)) for q in (*ENDS, *ACTIVE.values())]
+    q, triangles, pinned = surface.triangulate(lambda x: recipe["surface"], pins)
+    x, tets = volume.fill(shape.point(q), triangles, lambda *_: recipe["inside"])
+    x, q = volume.optimise(x, q, tets, pinned, SWEEPS)
+    x = np.round(x, 9)  # to the nanometre: what the file says is what was checked
+
+    # Number the nodes F1, F2, rest of the surface, inside: each is one block of the file; within a block they keep their order in x.
+    in_f1, in_f2 = quality.inside_sets(x, triangles)
+    kind = np.full(len(x), 3)
+    kind[: len(q)] = 2
+    kind[triangles[in_f1]], kind[triangles[in_f2]] = 0, 1
+    order = np.lexsort((x[:, 2], x[:, 1], x[:, 0], kind))
+    rank = np.argsort(order)
+    x, kind, triangles, tets = x[order], kind[order], rank[triangles], rank[tets]
+    first = lambda rows: rows[np.lexsort(np.sort(rows, axis=1).T[::-1])]
+    surfaces = ((mshfile.F1, in_f1), (mshfile.F2, in_f2), (mshfile.FREE, ~(in_f1 | in_f2)))
+    mshfile.write(
+        HERE / f"{name}.msh",
+        x,
+        [(dim, entity, np.flatnonzero(kind == k)) for k, (dim, entity) in enumerate(((2, 2), (2, 3), (2, 1), (3, 1)))],
+        [(entity, first(triangles[inside])) for entity, inside in surfaces],
+        first(tets),
+    )
+
+
+def active_nodes(x):
+    """The numbers of the nodes at the points ACTIVE."""
+    found = {}
+    for name, q in ACTIVE.items():
+        distance = np.linalg.norm(x - shape.point(shape.unit(np.array(q))), axis=1)
+        found[name] = int(distance.argmin())
+        assert distance.min() < 2e-9, f"no node at {name}"
+    return found
+
+
+def check_with_gmsh(name, mesh):
+    """Gmsh itself reads the file and sees the same nodes in the same groups."""
+    import gmsh
+
+    x, elements = mesh
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(HERE / f"{name}.msh"))
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        assert np.array_equal(coordinates.reshape(-1, 3)[np.argsort(tags)], x)
+        for dim, tag in gmsh.model.getPhysicalGroups():
+            nodes, _ = gmsh.model.mesh.getNodesForPhysicalGroup(dim, tag)
+            group = gmsh.model.getPhysicalName(dim, tag)
+            assert np.array_equal(np.unique(nodes) - 1, np.unique(elements[dim, group])), f"Gmsh reads group {group} otherwise"
+    finally:
+        gmsh.finalize()
+
+
+def main():
+    only_check = "--check" in sys.argv[1:]
+    columns = []
+    for name, recipe in RECIPES.items():
+        if not only_check:
+            build(name)
+        mesh = mshfile.read(HERE / f"{name}.msh")
+        if not only_check:
+            check_with_gmsh(name, mesh)
+        active = active_nodes(mesh[0])
+        scene = HERE / f"{name}.toml"
+        if scene.exists():
+            said = {a["name"]: a["node"] for a in tomllib.loads(scene.read_text())["active"]}
+            if said != active:
+                print(f"{scene.name}: the active nodes must be {active}, the scene says {said}", file=sys.stderr)
+                sys.exit(1)
+        columns.append(quality.check(mesh, active, recipe["limits"]))
+    print("| | " + " | ".join(RECIPES) + " |\n|---|" + "---|" * len(RECIPES))
+    for cells in zip(*columns):
+        print(f"| {cells[0][0]} | " + " | ".join(text for _, text in cells) + " |")
+
+
+if __name__ == "__main__":
+    main()
