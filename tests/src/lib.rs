@@ -19,8 +19,8 @@ pub fn st_venant_kirchhoff() -> Material {
     Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
 }
 
-/// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Inner
-/// nodes are moved off the lattice a little, so that no symmetry hides an error.
+/// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Nodes are
+/// moved off the lattice a little (those of a face within it), so that no symmetry hides an error.
 pub fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
     let [nx, ny, nz] = cells;
     let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
@@ -28,16 +28,13 @@ pub fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
     for i in 0..=nx {
         for j in 0..=ny {
             for k in 0..=nz {
-                let inner = i % nx != 0 && j % ny != 0 && k % nz != 0;
-                let shift = |salt: usize| {
-                    let wobble = ((7 * i + 11 * j + 13 * k + salt) % 17) as f64 / 17.0 - 0.5;
-                    if inner { 0.3 * wobble } else { 0.0 }
-                };
-                nodes_m.push([
-                    (i as f64 + shift(1)) * edge_m,
-                    (j as f64 + shift(5)) * edge_m,
-                    (k as f64 + shift(9)) * edge_m,
-                ]);
+                let at = [(i, nx), (j, ny), (k, nz)];
+                nodes_m.push(std::array::from_fn(|axis| {
+                    let (n, last) = at[axis];
+                    let wobble = ((7 * i + 11 * j + 13 * k + 4 * axis + 1) % 17) as f64 / 17.0 - 0.5;
+                    let shift = if n == 0 || n == last { 0.0 } else { 0.3 * wobble };
+                    (n as f64 + shift) * edge_m
+                }));
             }
         }
     }

@@ -29,14 +29,14 @@ const REFINEMENTS: usize = 6;
 
 /// The matrix could not be solved to [`ACCEPTED`] by any route.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SingularMatrix {
+pub(super) struct SingularMatrix {
     /// Relative residual of the best attempt.
-    pub residual: f64,
+    pub(super) residual: f64,
 }
 
 /// Symbolic analysis of one pattern, shared by all threads.
 #[derive(Debug)]
-pub struct SymbolicFactor {
+pub(super) struct SymbolicFactor {
     symbolic: SymbolicCholesky<usize>,
     /// Place of each pressure unknown's diagonal entry, and its regularisation for delta = 1.
     pressure_diagonal: Vec<(usize, f64)>,
@@ -45,7 +45,7 @@ pub struct SymbolicFactor {
 impl SymbolicFactor {
     /// Analyses `pattern`, whose unknowns already stand in elimination order; `pressure_diagonal` lists
     /// (equation, V_i / mu in scaled units) of every pressure unknown.
-    pub fn new(pattern: &Pattern, pressure_diagonal: &[(usize, f64)]) -> Self {
+    pub(super) fn new(pattern: &Pattern, pressure_diagonal: &[(usize, f64)]) -> Self {
         let n = pattern.unknowns();
         // With the order given, faer analyses the upper triangle as it stands whatever side is named.
         let (starts, rows) = pattern.upper_triangle();
@@ -66,13 +66,13 @@ impl SymbolicFactor {
     }
 
     /// Entries of the factor.
-    pub fn factor_entries(&self) -> usize {
+    pub(super) fn factor_entries(&self) -> usize {
         self.symbolic.len_val()
     }
 }
 
 /// Numeric factor and scratch of one thread; nothing is allocated after the first use.
-pub struct Factor {
+pub(super) struct Factor {
     values: Vec<f64>,
     scratch: MemBuffer,
     regularised: Vec<f64>,
@@ -92,7 +92,7 @@ impl std::fmt::Debug for Factor {
 
 impl Factor {
     /// Room for the factor of `symbolic` and three right-hand sides.
-    pub fn new(symbolic: &SymbolicFactor, pattern: &Pattern) -> Self {
+    pub(super) fn new(symbolic: &SymbolicFactor, pattern: &Pattern) -> Self {
         let analysis = &symbolic.symbolic;
         let scratch = analysis
             .factorize_numeric_ldlt_scratch::<f64>(Par::Seq, Default::default())
@@ -231,8 +231,9 @@ impl Factor {
         best
     }
 
-    /// Factorises `matrix` and solves for one right-hand side; the factor stays for [`Factor::solve`].
-    pub fn factorise_and_solve(
+    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]); the factor
+    /// stays for [`Factor::correct`].
+    pub(super) fn factorise_and_solve(
         &mut self,
         symbolic: &SymbolicFactor,
         pattern: &Pattern,
@@ -253,7 +254,7 @@ impl Factor {
                 continue;
             }
             self.right[..right.len()].copy_from_slice(right);
-            let residual = self.refine(symbolic, pattern, matrix, x, 1);
+            let residual = self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns());
             best = best.min(residual);
             if residual <= ACCEPTED {
                 return Ok(residual);
@@ -262,20 +263,14 @@ impl Factor {
         Err(SingularMatrix { residual: best })
     }
 
-    /// Solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]) with the factor in place.
-    pub fn solve(
-        &mut self,
-        symbolic: &SymbolicFactor,
-        pattern: &Pattern,
-        matrix: &[f64],
-        right: &[f64],
-        x: &mut [f64],
-    ) -> Result<f64, SingularMatrix> {
-        self.right[..right.len()].copy_from_slice(right);
-        let residual = self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns());
-        if residual <= ACCEPTED { Ok(residual) } else { Err(SingularMatrix { residual }) }
+    /// x = factor^-1 right with the factor in place, one column, neither refined nor checked: for a last correction
+    /// whose right-hand side may be rounding noise, so that no relative residual means anything.
+    pub(super) fn correct(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
+        self.correction[..right.len()].copy_from_slice(right);
+        self.apply(symbolic, right.len(), 1);
+        x.copy_from_slice(&self.correction[..right.len()]);
     }
 }
 
 /// Right-hand sides that can be solved for at once: one per axis of the active node.
-pub const RIGHT_SIDES: usize = 3;
+pub(super) const RIGHT_SIDES: usize = 3;

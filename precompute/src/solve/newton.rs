@@ -112,7 +112,7 @@ impl Solver {
 
     /// K step = -residual, with the tangent just assembled.
     fn newton_step(&mut self) -> bool {
-        let problem = self.problem.clone();
+        let problem = &*self.problem;
         for r in &mut self.residual {
             *r = -*r;
         }
@@ -156,11 +156,11 @@ impl Solver {
             if !converged && iterations >= self.newton.max_iterations {
                 return Err(failure(FailureReason::MaxIterations, iterations, residual_n));
             }
-            if !self.newton_step() {
-                return Err(failure(FailureReason::SingularTangent, iterations, residual_n));
-            }
             if converged {
                 return self.finish(displacement_m, state, residual_n, iterations);
+            }
+            if !self.newton_step() {
+                return Err(failure(FailureReason::SingularTangent, iterations, residual_n));
             }
             iterations += 1;
             let mut omega = 1.0;
@@ -187,28 +187,21 @@ impl Solver {
         }
     }
 
-    /// Last correction, sensitivities and condensed quantities; the factor of the converged tangent is in place.
+    /// Sensitivities, last correction and condensed quantities; the tangent of the converged state is assembled.
     fn finish(
         &mut self,
         displacement_m: [f64; 3],
-        state: Vec<f64>,
-        residual_n: f64,
+        mut state: Vec<f64>,
+        mut residual_n: f64,
         iterations: u32,
     ) -> Result<Configuration, SolveFailure> {
         let problem = self.problem.clone();
         let (body, n) = (&problem.body, problem.unknowns());
         let coupling = ActiveCoupling::assemble(body, &problem.pattern, problem.active_node, &state);
-        let mut right = Vec::with_capacity(3 * n);
-        for column in &coupling.free {
-            right.extend(column.iter().map(|k| -k));
-        }
-        let solved = self.factor.solve(
-            &problem.symbolic,
-            &problem.pattern,
-            &self.assembled.tangent,
-            &right,
-            &mut self.columns,
-        );
+        let right: Vec<f64> = coupling.free.iter().flatten().map(|k| -k).collect();
+        let (pattern, tangent) = (&problem.pattern, &self.assembled.tangent);
+        let solved =
+            self.factor.factorise_and_solve(&problem.symbolic, pattern, tangent, &right, &mut self.columns);
         if solved.is_err() {
             return Err(failure(FailureReason::SingularTangent, iterations, residual_n));
         }
@@ -229,14 +222,18 @@ impl Solver {
         }
         // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
         let stiffness_n_m: Matrix3<f64> = 0.5 * (stiffness + stiffness.transpose());
+        for r in &mut self.residual {
+            *r = -*r;
+        }
+        self.factor.correct(&problem.symbolic, &self.residual, &mut self.step);
         let corrected = self.moved(&state, 1.0);
-        let corrected_residual = self.evaluate(&corrected, false);
-        let (state, residual_n) = if corrected_residual <= residual_n {
-            (corrected, corrected_residual)
+        let corrected_n = self.evaluate(&corrected, false);
+        if corrected_n <= residual_n {
+            (state, residual_n) = (corrected, corrected_n);
         } else {
             // At the rounding floor already.
-            (state.clone(), self.evaluate(&state, false))
-        };
+            self.evaluate(&state, false);
+        }
         let force_n = self.assembled.force_at(problem.active_node);
         if !(self.assembled.energy_j.is_finite() && stiffness_n_m.iter().all(|s| s.is_finite())) {
             return Err(failure(FailureReason::NotFinite, iterations, residual_n));
