@@ -50,7 +50,7 @@ impl<'a, T: Copy + Into<f64>> RbfTable<'a, T> {
     pub fn new(centres: [&'a [T]; 3], weights: [&'a [T]; 3]) -> Result<Self, RbfError> {
         let len = centres.first().map_or(0, |plane| plane.len());
         let planes = || centres.iter().chain(weights.iter());
-        if len % LANES != 0 || planes().any(|plane| plane.len() != len) {
+        if !len.is_multiple_of(LANES) || planes().any(|plane| plane.len() != len) {
             return Err(RbfError::Length { len });
         }
         if planes().any(|plane| plane.iter().any(|&value| !value.into().is_finite())) {

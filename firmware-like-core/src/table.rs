@@ -59,8 +59,7 @@ pub(crate) fn check_len<T>(plane: &[T], need: usize) -> Result<(), TableError> {
 pub const LARGEST_VALUE: f32 = 1e9;
 
 pub(crate) fn check_finite(plane: &[f32]) -> Result<(), TableError> {
-    // Written so that NaN is refused too.
-    match plane.iter().position(|value| !(value.abs() <= LARGEST_VALUE)) {
+    match plane.iter().position(|value| value.is_nan() || value.abs() > LARGEST_VALUE) {
         None => Ok(()),
         Some(index) => Err(TableError::NotFinite { index }),
     }

@@ -70,7 +70,7 @@ pub fn norm(a: Vec3) -> f32 {
 #[inline]
 pub fn normalize_or_zero(a: Vec3) -> Vec3 {
     let largest = max_abs(a);
-    if !(largest > 0.0) || !is_finite(a) {
+    if largest == 0.0 || !is_finite(a) {
         return ZERO;
     }
     let scaled = a.map(|x| x / largest);

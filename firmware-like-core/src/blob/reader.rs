@@ -116,7 +116,7 @@ fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
         found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
         found => return Err(BlobError::UnknownVersion { found }),
     }
-    if bytes.as_ptr().addr() % BUFFER_ALIGNMENT != 0 {
+    if !bytes.as_ptr().addr().is_multiple_of(BUFFER_ALIGNMENT) {
         return Err(BlobError::Misaligned);
     }
     let header_len = u32::from_le_bytes(*header_len) as usize;
@@ -139,7 +139,7 @@ impl<'a> Planes<'a> {
         let PlaneRef { offset, len } = plane;
         let out_of_bounds = PlaneProblem::OutOfBounds { offset, len };
         let start = offset as usize;
-        if start % ALIGNMENT != 0 {
+        if !start.is_multiple_of(ALIGNMENT) {
             return Err(PlaneProblem::Misaligned { offset });
         }
         let end = (len as usize).checked_mul(size_of::<T>()).and_then(|size| size.checked_add(start));
@@ -195,8 +195,8 @@ fn read_space<'a>(
 
     check_vector(header.rest_position_m).ok_or(value("rest_position_m"))?;
     check_vector(header.outward_normal).ok_or(value("outward_normal"))?;
-    // Also false for NaN; an overflowing norm is not 1 either.
-    if !((vec3::norm(header.outward_normal) - 1.0).abs() <= UNIT_TOLERANCE) {
+    // The norm of finite components may be infinite, but is not NaN.
+    if (vec3::norm(header.outward_normal) - 1.0).abs() > UNIT_TOLERANCE {
         return Err(value("outward_normal"));
     }
     let lattice = BallLattice::new(header.spacing_m, header.radius_m)
