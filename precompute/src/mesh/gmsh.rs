@@ -451,3 +451,6 @@ fn agree(header: Line<'_>, promised: usize, found: usize, noun: &str) -> Result<
     let what = format!("the section promises {} and its blocks hold {found}", count(promised, noun));
     Err(header.error(what, DAMAGED))
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,18 +4,23 @@
 //! that the checks every format shares can name the culprit the way the file does. What leaves this module is a
 //! [`TetMesh`]: metres, 0-based file order, every tet with positive volume.
 
+pub mod quality;
 pub mod surface;
 pub mod tetrahedral;
 
 mod gmsh;
 mod lines;
 mod raw;
+mod tetgen;
+mod vtk;
+mod vtu;
 
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
+pub use quality::MeshReport;
 pub use surface::Surface;
 pub use tetrahedral::{MeshFault, TetMesh};
 
@@ -68,10 +73,17 @@ impl LengthUnit {
 /// element with the file's own tag, and the mend.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    if matches!(extension.as_str(), "node" | "ele") {
+        return tetgen::read(path)?.finish(unit);
+    }
     let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e))?;
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(256)]).trim_start().to_lowercase();
     let raw = if head.starts_with("$meshformat") || extension == "msh" {
         gmsh::read(path, &bytes)?
+    } else if head.starts_with("# vtk") || extension == "vtk" {
+        vtk::read_legacy(path, &bytes)?
+    } else if head.starts_with("<?xml") || head.starts_with("<vtkfile") || extension == "vtu" {
+        vtu::read(path, &bytes)?
     } else {
         return Err(InputError::new(
             path,

@@ -1,0 +1,413 @@
+//! VTK legacy files (`.vtk`), ASCII and binary, and what they share with `.vtu`: the cells.
+//!
+//! Own reader, not the crate vtkio: its legacy parser stops at attributes it does not know (a mesh needs none), its
+//! XML parser panics on a piece without points and cannot read raw appended data, which is what ParaView writes, and
+//! neither can name a line. Reading stops after CELL_TYPES: point and cell data are not the mesh's business.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use super::raw::{Origin, RawMesh};
+use crate::error::InputError;
+
+const DAMAGED: &str = "the file is damaged or truncated: export it again";
+
+/// Cells as both VTK formats hold them once their encodings are undone.
+pub(super) struct Cells {
+    /// VTK cell types.
+    pub(super) types: Vec<u8>,
+    /// End of each cell's nodes in `nodes`.
+    pub(super) ends: Vec<usize>,
+    pub(super) nodes: Vec<u32>,
+    /// Line of each cell in an ASCII file.
+    pub(super) lines: Option<Vec<usize>>,
+}
+
+impl Cells {
+    /// The tets of the cells; lower dimensions carry no group in VTK and are dropped.
+    pub(super) fn into_raw(self, file: &Path, points: Vec<[f64; 3]>) -> Result<RawMesh, InputError> {
+        let mut raw = RawMesh::new(file, file);
+        raw.node_origins = (0..points.len() as u64).map(|tag| Origin { tag, line: None }).collect();
+        raw.nodes = points;
+        let mut start = 0;
+        for (index, (&cell_type, &end)) in self.types.iter().zip(&self.ends).enumerate() {
+            let line = self.lines.as_ref().map(|lines| lines[index]);
+            let error = |what: String, mend: &str| InputError { line, ..InputError::new(file, what, mend) };
+            let nodes = self
+                .nodes
+                .get(start..end)
+                .ok_or_else(|| error(format!("cell {index} reaches beyond the connectivity"), DAMAGED))?;
+            start = end;
+            match cell_type {
+                10 => {
+                    let Ok(nodes) = <[u32; 4]>::try_from(nodes) else {
+                        return Err(error(
+                            format!("cell {index} is a tetra with {} nodes", nodes.len()),
+                            DAMAGED,
+                        ));
+                    };
+                    raw.push_tet(nodes, Origin { tag: index as u64, line }, &[]);
+                }
+                1..=6 => {}
+                21..=37 | 51..=81 => {
+                    let what = format!("cell {index} is of second or higher order (VTK type {cell_type})");
+                    let mend = "save the mesh with order 1; `order = 2` in the scene builds the mid-edge nodes itself";
+                    return Err(error(what, mend));
+                }
+                other => {
+                    let what = format!("cell {index} is a {} (VTK type {other})", shape(other));
+                    return Err(error(what, "mesh the body with tetrahedra only"));
+                }
+            }
+        }
+        Ok(raw)
+    }
+}
+
+fn shape(cell_type: u8) -> &'static str {
+    match cell_type {
+        7 => "polygon",
+        8 => "pixel",
+        9 => "quad",
+        11 => "voxel",
+        12 => "hexahedron",
+        13 => "wedge",
+        14 => "pyramid",
+        42 => "polyhedron",
+        _ => "shape this reader does not know",
+    }
+}
+
+/// Reads a legacy file; the shared checks come with [`RawMesh::finish`].
+pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+    let mut cursor = Cursor { file, bytes, at: 0, binary: false };
+    let version = cursor.line("the version")?;
+    if !version.to_lowercase().starts_with("# vtk datafile") {
+        return Err(
+            cursor.error("not a VTK legacy file: no `# vtk DataFile Version` on line 1", "export it again")
+        );
+    }
+    cursor.raw_line();
+    let encoding = cursor.line("ASCII or BINARY")?.to_uppercase();
+    let dataset = cursor.line("DATASET")?.to_uppercase();
+    if dataset.split_whitespace().ne(["DATASET", "UNSTRUCTURED_GRID"]) {
+        let what = format!("expected DATASET UNSTRUCTURED_GRID, found `{dataset}`");
+        return Err(cursor.error(what, "export the volume mesh as an unstructured grid"));
+    }
+    cursor.binary = match encoding.as_str() {
+        "ASCII" => false,
+        "BINARY" => true,
+        other => return Err(cursor.error(format!("expected ASCII or BINARY, found `{other}`"), DAMAGED)),
+    };
+    let mut points = None;
+    let mut cells = None;
+    loop {
+        let header = cursor.line("POINTS, CELLS or CELL_TYPES")?;
+        let words: Vec<&str> = header.split_whitespace().collect();
+        match (words[0].to_uppercase().as_str(), &words[1..]) {
+            ("POINTS", [n, scalar]) => points = Some(cursor.points(n, scalar)?),
+            ("CELLS", [n, size]) => cells = Some(cursor.cells(n, size)?),
+            ("CELL_TYPES", [n]) => {
+                let n = cursor.count(n)?;
+                let types = cursor.numbers::<i64>(n, "int", "a cell type")?;
+                let (Some(points), Some(mut cells)) = (points, cells) else {
+                    return Err(cursor.error("CELL_TYPES stands before POINTS or CELLS", DAMAGED));
+                };
+                if n != cells.ends.len() {
+                    let what = format!("{n} cell types for {} cells", cells.ends.len());
+                    return Err(cursor.error(what, DAMAGED));
+                }
+                // Types beyond a byte do not exist; 255 is refused by name like any unknown one.
+                cells.types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
+                return cells.into_raw(file, points);
+            }
+            ("METADATA", _) => while !cursor.raw_line().trim().is_empty() {},
+            ("FIELD", [_, n]) => {
+                for _ in 0..cursor.count(n)? {
+                    cursor.skip_field()?;
+                }
+            }
+            _ => {
+                let what = format!("expected POINTS, CELLS or CELL_TYPES, found `{}`", excerpt(&header));
+                return Err(cursor.error(what, DAMAGED));
+            }
+        }
+    }
+}
+
+fn excerpt(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { '?' } else { c }).take(40).collect()
+}
+
+struct Cursor<'a> {
+    file: &'a Path,
+    bytes: &'a [u8],
+    at: usize,
+    binary: bool,
+}
+
+impl Cursor<'_> {
+    /// An error here: with the line in a text file; a binary file has none.
+    fn error(&self, what: impl Into<String>, mend: &str) -> InputError {
+        let line = (!self.binary).then(|| self.line_number(self.at));
+        InputError { line, ..InputError::new(self.file, what, mend) }
+    }
+
+    /// 1-based line of the last character before `at`.
+    fn line_number(&self, at: usize) -> usize {
+        let before = &self.bytes[..at.min(self.bytes.len())];
+        1 + before.iter().rev().skip(1).filter(|&&b| b == b'\n').count()
+    }
+
+    /// Up to the next line break, blank or not.
+    fn raw_line(&mut self) -> String {
+        let rest = &self.bytes[self.at..];
+        let end = rest.iter().position(|&b| b == b'\n').map_or(rest.len(), |end| end + 1);
+        self.at += end;
+        String::from_utf8_lossy(&rest[..end]).into_owned()
+    }
+
+    /// The next line with anything on it, trimmed.
+    fn line(&mut self, wanted: &str) -> Result<String, InputError> {
+        while self.at < self.bytes.len() {
+            let line = self.raw_line();
+            if !line.trim().is_empty() {
+                return Ok(line.trim().to_owned());
+            }
+        }
+        Err(self.error(format!("the file ends where {wanted} should follow"), DAMAGED))
+    }
+
+    fn count(&self, word: &str) -> Result<usize, InputError> {
+        // Node indices are 32 bits wide; more is damage, and would be a vast allocation.
+        let n: Option<u32> = word.parse().ok();
+        n.map(|n| n as usize)
+            .ok_or_else(|| self.error(format!("expected a count, found `{}`", excerpt(word)), DAMAGED))
+    }
+
+    fn points(&mut self, n: &str, scalar: &str) -> Result<Vec<[f64; 3]>, InputError> {
+        let n = self.count(n)?;
+        let coordinates = self.numbers::<f64>(3 * n, scalar, "a coordinate")?;
+        Ok(coordinates.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect())
+    }
+
+    /// Both layouts: `n v0 .. vn` per cell, and since version 5.1 OFFSETS and CONNECTIVITY.
+    fn cells(&mut self, n: &str, size: &str) -> Result<Cells, InputError> {
+        let (n, size) = (self.count(n)?, self.count(size)?);
+        let mark = self.at;
+        let next = self.line("the cells")?;
+        if let ["OFFSETS", scalar] = next.split_whitespace().collect::<Vec<_>>()[..] {
+            let offsets = self.numbers::<i64>(n, scalar, "an offset")?;
+            let header = self.line("CONNECTIVITY")?;
+            let ["CONNECTIVITY", scalar] = header.split_whitespace().collect::<Vec<_>>()[..] else {
+                return Err(
+                    self.error(format!("expected CONNECTIVITY, found `{}`", excerpt(&header)), DAMAGED)
+                );
+            };
+            let nodes = self.indices(size, scalar)?;
+            // The first offset is 0, so there is one more than cells.
+            let ends =
+                offsets.iter().skip(1).map(|&end| usize::try_from(end).unwrap_or(usize::MAX)).collect();
+            return Ok(Cells { types: Vec::new(), ends, nodes, lines: None });
+        }
+        self.at = mark;
+        let mut cells = Cells { types: Vec::new(), ends: Vec::new(), nodes: Vec::new(), lines: None };
+        let mut lines = Vec::new();
+        let mut line = Lines { at: 0, number: 1 };
+        for _ in 0..n {
+            let per_cell = self.indices(1, "int")?[0] as usize;
+            if !self.binary {
+                lines.push(line.advance(self.bytes, self.at));
+            }
+            if per_cell > size {
+                return Err(self.error(format!("a cell with {per_cell} nodes"), DAMAGED));
+            }
+            let nodes = self.indices(per_cell, "int")?;
+            cells.nodes.extend(nodes);
+            cells.ends.push(cells.nodes.len());
+        }
+        if cells.nodes.len() + n != size {
+            let what = format!("CELLS promises {size} numbers and holds {}", cells.nodes.len() + n);
+            return Err(self.error(what, DAMAGED));
+        }
+        cells.lines = (!self.binary).then_some(lines);
+        Ok(cells)
+    }
+
+    fn indices(&mut self, n: usize, scalar: &str) -> Result<Vec<u32>, InputError> {
+        let numbers = self.numbers::<i64>(n, scalar, "a node index")?;
+        let index =
+            |i: i64| u32::try_from(i).map_err(|_| self.error(format!("{i} is no node index"), DAMAGED));
+        numbers.into_iter().map(index).collect()
+    }
+
+    /// name, components, tuples, type; then the data. Remarks on the array before may stand in between.
+    fn skip_field(&mut self) -> Result<(), InputError> {
+        let mut header = self.line("a field array")?;
+        while header.to_uppercase().starts_with("METADATA") {
+            while !self.raw_line().trim().is_empty() {}
+            header = self.line("a field array")?;
+        }
+        let [_, components, tuples, scalar] = header.split_whitespace().collect::<Vec<_>>()[..] else {
+            return Err(self.error(format!("expected a field array, found `{}`", excerpt(&header)), DAMAGED));
+        };
+        let n = self.count(components)?.saturating_mul(self.count(tuples)?);
+        if scalar == "string" {
+            return (0..n).try_for_each(|_| self.skip_string());
+        }
+        self.numbers::<f64>(n, scalar, "a field value").map(drop)
+    }
+
+    /// A line of text; in binary a length of 6, 14, 30 or 62 bits, told by the two bits above it, and the bytes.
+    fn skip_string(&mut self) -> Result<(), InputError> {
+        if !self.binary {
+            return self.line("a string").map(drop);
+        }
+        let rest = &self.bytes[self.at..];
+        let size = rest.first().map_or(1, |first| 1usize << (3 - (first >> 6)));
+        let length = rest.get(..size).map(|bytes| {
+            let number = bytes.iter().fold(0u64, |number, &byte| number << 8 | u64::from(byte));
+            number & (u64::MAX >> (66 - 8 * size))
+        });
+        let end = length.and_then(|length| usize::try_from(length).ok()?.checked_add(size));
+        let Some(end) = end.filter(|&end| end <= rest.len()) else {
+            return Err(self.error("the file ends inside a string", DAMAGED));
+        };
+        self.at += end;
+        Ok(())
+    }
+
+    /// `n` numbers of a VTK type: words in a text file, big-endian bytes in a binary one.
+    fn numbers<T: Number>(&mut self, n: usize, scalar: &str, wanted: &str) -> Result<Vec<T>, InputError> {
+        let Some(scalar) = Scalar::from_legacy(scalar) else {
+            return Err(self.error(format!("unknown number type `{}`", excerpt(scalar)), DAMAGED));
+        };
+        if !self.binary {
+            return (0..n).map(|_| self.word(wanted)).collect();
+        }
+        let length = n.saturating_mul(scalar.size());
+        let Some(bytes) = self.bytes[self.at..].get(..length) else {
+            return Err(self.error(format!("the file ends inside a block of {n} numbers"), DAMAGED));
+        };
+        self.at += length;
+        Ok(bytes.chunks_exact(scalar.size()).map(|b| scalar.decode(b, false)).collect())
+    }
+
+    fn word<T: FromStr>(&mut self, wanted: &str) -> Result<T, InputError> {
+        let rest = &self.bytes[self.at..];
+        let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
+        let length = rest[start..].iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len() - start);
+        self.at += start + length;
+        let word = String::from_utf8_lossy(&rest[start..start + length]);
+        word.parse().map_err(|_| match word.as_ref() {
+            "" => self.error(format!("the file ends where {wanted} should follow"), DAMAGED),
+            other => self.error(format!("expected {wanted}, found `{}`", excerpt(other)), DAMAGED),
+        })
+    }
+}
+
+/// Line numbers on the way through a text, each byte looked at once.
+struct Lines {
+    at: usize,
+    number: usize,
+}
+
+impl Lines {
+    fn advance(&mut self, bytes: &[u8], to: usize) -> usize {
+        self.number += bytes[self.at..to].iter().filter(|&&b| b == b'\n').count();
+        self.at = to;
+        self.number
+    }
+}
+
+/// What numbers are read as: coordinates as f64, indices as i64.
+pub(super) trait Number: FromStr + Copy {
+    fn from_f64(value: f64) -> Self;
+    fn from_i64(value: i64) -> Self;
+}
+
+impl Number for f64 {
+    fn from_f64(value: f64) -> Self {
+        value
+    }
+    fn from_i64(value: i64) -> Self {
+        value as f64
+    }
+}
+
+impl Number for i64 {
+    /// An index stored as a float is none: -1 is refused wherever an index is looked up.
+    fn from_f64(value: f64) -> Self {
+        if value.fract() == 0.0 { value as i64 } else { -1 }
+    }
+    fn from_i64(value: i64) -> Self {
+        value
+    }
+}
+
+/// The number types of VTK files.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scalar {
+    Int { size: usize, signed: bool },
+    Float { size: usize },
+}
+
+impl Scalar {
+    /// Type names of legacy files. `long` is 8 bytes, as every 64-bit VTK but Windows' writes it; `vtkIdType` is
+    /// written as a 4-byte int whatever its size in memory.
+    fn from_legacy(name: &str) -> Option<Self> {
+        let name = name.to_lowercase();
+        let signed = !name.starts_with("unsigned_");
+        Some(match name.trim_start_matches("unsigned_") {
+            "float" => Self::Float { size: 4 },
+            "double" => Self::Float { size: 8 },
+            "char" => Self::Int { size: 1, signed },
+            "short" => Self::Int { size: 2, signed },
+            "int" | "vtkidtype" | "vtktypeint32" => Self::Int { size: 4, signed },
+            "long" | "vtktypeint64" => Self::Int { size: 8, signed },
+            _ => return None,
+        })
+    }
+
+    /// Type names of XML files: `Float64`, `UInt8`, ...
+    pub(super) fn from_xml(name: &str) -> Option<Self> {
+        let bits_of = |prefix: &str| name.strip_prefix(prefix).and_then(|bits| bits.parse::<usize>().ok());
+        let scalar = match (bits_of("Float"), bits_of("Int"), bits_of("UInt")) {
+            (Some(bits @ (32 | 64)), _, _) => Self::Float { size: bits / 8 },
+            (_, Some(bits @ (8 | 16 | 32 | 64)), _) => Self::Int { size: bits / 8, signed: true },
+            (_, _, Some(bits @ (8 | 16 | 32 | 64))) => Self::Int { size: bits / 8, signed: false },
+            _ => return None,
+        };
+        Some(scalar)
+    }
+
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Int { size, .. } | Self::Float { size } => size,
+        }
+    }
+
+    /// One number from its `size()` bytes.
+    pub(super) fn decode<T: Number>(self, bytes: &[u8], little_endian: bool) -> T {
+        let mut word = [0u8; 8];
+        let size = self.size();
+        word[..size].copy_from_slice(bytes);
+        if !little_endian {
+            word[..size].reverse();
+        }
+        let bits = u64::from_le_bytes(word);
+        match self {
+            Self::Float { size: 4 } => T::from_f64(f64::from(f32::from_bits(bits as u32))),
+            Self::Float { .. } => T::from_f64(f64::from_bits(bits)),
+            Self::Int { signed: false, .. } => T::from_i64(i64::try_from(bits).unwrap_or(i64::MAX)),
+            Self::Int { size, .. } => {
+                // Moves the sign bit to the top and back, which fills the upper bits with it.
+                let unused = 64 - 8 * size as u32;
+                T::from_i64((bits << unused) as i64 >> unused)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! Small legacy files written here, text and binary, old and new layout of the cells.
+
+use std::path::Path;
+
+use super::read_legacy;
+use crate::error::InputError;
+use crate::mesh::{LengthUnit, TetMesh};
+
+const OLD: &str = "\
+# vtk DataFile Version 4.2
+by hand
+ASCII
+DATASET UNSTRUCTURED_GRID
+FIELD FieldData 2
+REMARK 1 1 string
+made by hand
+TIME 1 1 double
+0.5
+POINTS 5 double
+0 0 0 1 0 0
+0 1 0
+0 0 1 1 1 1
+METADATA
+INFORMATION 0
+
+CELLS 3 14
+4 0 1 2 3
+3 0 1 2
+4 1 2 3 4
+CELL_TYPES 3
+10
+5
+10
+CELL_DATA 3
+SCALARS anything string 1
+";
+
+const NEW: &str = "\
+# vtk DataFile Version 5.1
+by hand
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 5 float
+0 0 0 1 0 0 0 1 0
+0 0 1 1 1 1
+CELLS 4 11
+OFFSETS vtktypeint64
+0 4 7 11
+CONNECTIVITY vtktypeint64
+0 1 2 3 0 1 2
+1 2 3 4
+CELL_TYPES 3
+10 5 10
+";
+
+const POINTS: [f64; 15] = [0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1., 1., 1., 1.];
+
+fn read(bytes: &[u8]) -> Result<TetMesh, InputError> {
+    read_legacy(Path::new("body.vtk"), bytes)?.finish(LengthUnit::Metre)
+}
+
+/// The same body in binary; big-endian, as VTK writes it.
+fn binary(new_layout: bool) -> Vec<u8> {
+    let mut out = b"# vtk DataFile Version 5.1\nby hand\nBINARY\nDATASET UNSTRUCTURED_GRID\n".to_vec();
+    let ints = |numbers: &[i32]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
+    let longs = |numbers: &[i64]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
+    if new_layout {
+        // The two top bits say how long the length of a string is: 11 for 6 bits, 10 for 14 bits.
+        out.extend(b"FIELD FieldData 2\nREMARK 1 2 string\n\xc3abc\x80\x02de\nMETADATA\nINFORMATION 0\n\n");
+        out.extend(b"TIME 1 1 double\n\x3f\xe0\0\0\0\0\0\0\n");
+        out.extend(b"POINTS 5 float\n");
+        out.extend(POINTS.iter().flat_map(|&x| (x as f32).to_be_bytes()));
+        out.extend(b"\nCELLS 4 11\nOFFSETS vtktypeint64\n");
+        out.extend(longs(&[0, 4, 7, 11]));
+        out.extend(b"\nCONNECTIVITY vtktypeint64\n");
+        out.extend(longs(&[0, 1, 2, 3, 0, 1, 2, 1, 2, 3, 4]));
+    } else {
+        out.extend(b"POINTS 5 double\n");
+        out.extend(POINTS.iter().flat_map(|x| x.to_be_bytes()));
+        out.extend(b"\nCELLS 3 14\n");
+        out.extend(ints(&[4, 0, 1, 2, 3, 3, 0, 1, 2, 4, 1, 2, 3, 4]));
+    }
+    out.extend(b"\nCELL_TYPES 3\n");
+    out.extend(ints(&[10, 5, 10]));
+    out.extend(b"\nCELL_DATA 3\n");
+    out
+}
+
+#[test]
+fn text_and_binary_old_and_new_give_the_same_mesh() {
+    let mesh = read(OLD.as_bytes()).expect("sound");
+    assert_eq!(mesh.tets, [[0, 1, 2, 3], [1, 2, 3, 4]]);
+    assert_eq!(mesh.nodes_m[1], [1.0, 0.0, 0.0]);
+    for bytes in [NEW.as_bytes().to_vec(), binary(false), binary(true)] {
+        assert_eq!(read(&bytes).expect("sound"), mesh);
+    }
+}
+
+#[track_caller]
+fn assert_says(from: &str, to: &str, place: &str, what: &str, mend: &str) {
+    let text = if OLD.contains(from) { OLD } else { NEW };
+    assert!(text.contains(from), "nothing to break: {from:?}");
+    let error = read(text.replacen(from, to, 1).as_bytes()).expect_err("planted fault").to_string();
+    assert!(error.starts_with(&format!("{place}: ")), "{error}");
+    let (said, mended) = error.split_once("; ").expect("a what and a mend");
+    assert!(said.contains(what) && mended.contains(mend), "{error}");
+}
+
+#[test]
+fn faults_name_line_and_cell() {
+    assert_says("4 0 1 2 3", "4 1 0 2 3", "body.vtk:18", "element 0 has negative volume", "swap any two");
+    assert_says("4 1 2 3 4\n", "4 1 2 3 9\n", "body.vtk:20", "element 2 names node 9", "export it again");
+    assert_says("4 1 2 3 4\n", "4 1 2 3 -4\n", "body.vtk:20", "-4 is no node index", "export it again");
+    assert_says(
+        "0 1 0\n",
+        "0 one 0\n",
+        "body.vtk:12",
+        "expected a coordinate, found `one`",
+        "export it again",
+    );
+    assert_says("0 1 0\n", "0 nan 0\n", "body.vtk", "node 2 has a coordinate that is not finite", "repair");
+    assert_says(
+        "POINTS 5",
+        "POINTS 6",
+        "body.vtk:14",
+        "expected a coordinate, found `METADATA`",
+        "export it",
+    );
+    assert_says("POINTS 5", "POINTS 4", "body.vtk:13", "expected POINTS, CELLS or CELL_TYPES", "export it");
+    assert_says("double\n0 0", "complex\n0 0", "body.vtk:10", "unknown number type `complex`", "export it");
+    assert_says("CELLS 3 14", "CELLS 3 15", "body.vtk:20", "promises 15 numbers and holds 14", "export it");
+    assert_says("CELL_TYPES 3", "CELL_TYPES 2", "body.vtk:23", "2 cell types for 3 cells", "export it");
+    assert_says("10\n5\n10", "10\n5\n12", "body.vtk:20", "cell 2 is a hexahedron", "tetrahedra only");
+    assert_says(
+        "10\n5\n10",
+        "10\n5\n24",
+        "body.vtk:20",
+        "cell 2 is of second or higher order",
+        "`order = 2`",
+    );
+    assert_says("10\n5\n10", "10\n10\n10", "body.vtk:19", "cell 1 is a tetra with 3 nodes", "export it");
+    assert_says("10 5 10", "10 5 900", "body.vtk", "cell 2 is a shape this reader", "tetrahedra only");
+    assert_says("0 4 7 11", "0 4 7 12", "body.vtk", "cell 2 reaches beyond the connectivity", "export it");
+    assert_says(
+        "UNSTRUCTURED_GRID",
+        "POLYDATA",
+        "body.vtk:4",
+        "found `DATASET POLYDATA`",
+        "unstructured grid",
+    );
+    assert_says("ASCII", "EBCDIC", "body.vtk:4", "found `EBCDIC`", "export it again");
+    assert_says("# vtk DataFile", "# DataFile", "body.vtk:1", "not a VTK legacy file", "export it again");
+    assert_says(
+        "CELLS 3 14",
+        "CELL_TYPES 3\n10\n5\n10\nCELLS 3 14",
+        "body.vtk:20",
+        "stands before",
+        "export it",
+    );
+    assert_says("POINTS 5", "POINTS 99999999999", "body.vtk:10", "expected a count", "export it again");
+}
+
+#[test]
+fn truncation_anywhere_is_one_clear_line() {
+    let needed = OLD.rfind("10\n").expect("there") + 1;
+    for end in 0..needed {
+        let error = read(&OLD.as_bytes()[..end]).expect_err("truncated").to_string();
+        assert!(error.starts_with("body.vtk:") && !error.contains('\n'), "{error}");
+    }
+    for bytes in [binary(false), binary(true)] {
+        let needed = bytes.len() - b"\nCELL_DATA 3\n".len();
+        assert!(read(&bytes[..needed]).is_ok());
+        for end in 0..needed {
+            let error = read(&bytes[..end]).expect_err("truncated").to_string();
+            assert!(error.starts_with("body.vtk") && error.contains("; "), "{error}");
+        }
+    }
+}
+
+#[test]
+fn rubbish_is_refused_and_never_panics() {
+    for bytes in [OLD.as_bytes().to_vec(), NEW.as_bytes().to_vec(), binary(false), binary(true)] {
+        for at in 0..bytes.len() {
+            for byte in [b' ', b'9', b'-', b'\n', 0xff] {
+                let mut damaged = bytes.clone();
+                damaged[at] = byte;
+                if let Err(error) = read(&damaged) {
+                    assert!(!error.to_string().contains('\n'));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! VTU: VTK's XML file of an unstructured grid, with data as text, base64 or raw appended bytes, plain or zlib.
+
+use std::io::Read;
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use roxmltree::{Document, Node};
+
+use super::raw::RawMesh;
+use super::vtk::{Cells, Number, Scalar};
+use crate::error::InputError;
+
+const DAMAGED: &str = "the file is damaged or truncated: export it again";
+
+/// Reads a file with one piece; the shared checks come with [`RawMesh::finish`].
+pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
+    let (xml, appended) = split_appended(bytes);
+    let text = std::str::from_utf8(&xml)
+        .map_err(|_| InputError::new(file, "the XML part of the file is not UTF-8 text", DAMAGED))?;
+    let document = Document::parse(text)
+        .map_err(|e| InputError::at(file, e.pos().row as usize, format!("not valid XML ({e})"), DAMAGED))?;
+    let root = document.root_element();
+    let vtu = Vtu {
+        file,
+        document: &document,
+        appended,
+        little_endian: root.attribute("byte_order") != Some("BigEndian"),
+        header_size: if root.attribute("header_type") == Some("UInt64") { 8 } else { 4 },
+        compressed: match root.attribute("compressor") {
+            None | Some("") => false,
+            Some("vtkZLibDataCompressor") => true,
+            Some(other) => {
+                let what = format!("the data are compressed with {other}");
+                return Err(InputError::new(file, what, "save it uncompressed or with zlib"));
+            }
+        },
+    };
+    let grid = match (root.attribute("type"), vtu.child(root, "UnstructuredGrid")) {
+        (Some("UnstructuredGrid"), Ok(grid)) => grid,
+        (found, _) => {
+            let what = format!("not an unstructured grid but {}", found.unwrap_or("of no type"));
+            return Err(vtu.error(root, what, "export the volume mesh as an unstructured grid (.vtu)"));
+        }
+    };
+    let piece = vtu.child(grid, "Piece")?;
+    let count = grid.children().filter(|node| node.has_tag_name("Piece")).count();
+    if count > 1 {
+        let what = format!("the grid has {count} pieces");
+        return Err(vtu.error(grid, what, "merge them into one (ParaView: Merge Blocks, then save again)"));
+    }
+    vtu.piece(piece)
+}
+
+/// Cuts the bytes of `AppendedData` out, because raw ones are not XML.
+fn split_appended(bytes: &[u8]) -> (Vec<u8>, Option<&[u8]>) {
+    let find = |needle: &[u8]| bytes.windows(needle.len()).position(|window| window == needle);
+    let find_last = |needle: &[u8]| bytes.windows(needle.len()).rposition(|window| window == needle);
+    let (Some(tag), Some(end)) = (find(b"<AppendedData"), find_last(b"</AppendedData")) else {
+        return (bytes.to_vec(), None);
+    };
+    // The data start after the first underscore of the element's content.
+    let content = bytes[tag..].iter().position(|&b| b == b'>').map_or(end, |at| tag + at + 1);
+    let Some(start) = bytes.get(content..end).and_then(|data| data.iter().position(|&b| b == b'_')) else {
+        return (bytes.to_vec(), None);
+    };
+    let data = &bytes[content + start + 1..end];
+    ([&bytes[..content], &bytes[end..]].concat(), Some(data))
+}
+
+struct Vtu<'a, 'x> {
+    file: &'a Path,
+    document: &'a Document<'x>,
+    appended: Option<&'a [u8]>,
+    little_endian: bool,
+    /// Bytes of the integers in front of binary data.
+    header_size: usize,
+    compressed: bool,
+}
+
+impl<'a> Vtu<'a, '_> {
+    fn row(&self, node: Node<'_, '_>) -> usize {
+        self.document.text_pos_at(node.range().start).row as usize
+    }
+
+    fn error(&self, node: Node<'_, '_>, what: impl Into<String>, mend: &str) -> InputError {
+        InputError::at(self.file, self.row(node), what, mend)
+    }
+
+    fn child<'n>(&self, node: Node<'n, 'n>, name: &str) -> Result<Node<'n, 'n>, InputError> {
+        node.children()
+            .find(|child| child.has_tag_name(name))
+            .ok_or_else(|| self.error(node, format!("<{}> has no <{name}>", node.tag_name().name()), DAMAGED))
+    }
+
+    fn count(&self, node: Node<'_, '_>, attribute: &str) -> Result<usize, InputError> {
+        // Node indices are 32 bits wide; more is damage.
+        let n: Option<u32> = node.attribute(attribute).and_then(|n| n.trim().parse().ok());
+        n.map(|n| n as usize)
+            .ok_or_else(|| self.error(node, format!("`{attribute}` is not a count"), DAMAGED))
+    }
+
+    fn piece(&self, piece: Node<'a, 'a>) -> Result<RawMesh, InputError> {
+        let point_count = self.count(piece, "NumberOfPoints")?;
+        let cell_count = self.count(piece, "NumberOfCells")?;
+        let points = self.child(self.child(piece, "Points")?, "DataArray")?;
+        let coordinates = self.numbers::<f64>(points, 3 * point_count)?;
+        let cells = self.child(piece, "Cells")?;
+        let array = |name: &str| {
+            let named =
+                |node: &Node<'_, '_>| node.has_tag_name("DataArray") && node.attribute("Name") == Some(name);
+            cells
+                .children()
+                .find(named)
+                .ok_or_else(|| self.error(cells, format!("<Cells> has no `{name}`"), DAMAGED))
+        };
+        let index = |node: Node<'_, '_>, value: i64| {
+            u32::try_from(value).map_err(|_| self.error(node, format!("{value} is no node index"), DAMAGED))
+        };
+        let offsets = array("offsets")?;
+        let ends = self.numbers::<i64>(offsets, cell_count)?;
+        let ends = ends.into_iter().map(|end| index(offsets, end).map(|end| end as usize));
+        let ends = ends.collect::<Result<Vec<_>, _>>()?;
+        let connectivity = array("connectivity")?;
+        let nodes = self.numbers::<i64>(connectivity, ends.last().copied().unwrap_or(0))?;
+        let nodes = nodes.into_iter().map(|node| index(connectivity, node)).collect::<Result<_, _>>()?;
+        let types = self.numbers::<i64>(array("types")?, cell_count)?;
+        let types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
+        let points = coordinates.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect();
+        Cells { types, ends, nodes, lines: None }.into_raw(self.file, points)
+    }
+
+    /// The `n` numbers of a `DataArray`.
+    fn numbers<T: Number>(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<T>, InputError> {
+        let name = array.attribute("Name").unwrap_or("Points");
+        let type_name = array.attribute("type").unwrap_or_default();
+        let Some(scalar) = Scalar::from_xml(type_name) else {
+            return Err(self.error(array, format!("`{name}` has the unknown type `{type_name}`"), DAMAGED));
+        };
+        let text = array.text().unwrap_or_default();
+        let numbers: Vec<T> = match array.attribute("format").unwrap_or("ascii") {
+            "ascii" => self.words(array, name, text)?,
+            "binary" => self.binary(array, n, scalar, Source::Base64(Quads::new(text.as_bytes())))?,
+            "appended" => {
+                let offset = self.count(array, "offset")?;
+                let data = self.appended.and_then(|data| data.get(offset..)).ok_or_else(|| {
+                    self.error(array, format!("`{name}` begins beyond the appended data"), DAMAGED)
+                })?;
+                let element = self.child(self.document.root_element(), "AppendedData")?;
+                let source = match element.attribute("encoding") {
+                    Some("raw") => Source::Raw(data),
+                    _ => Source::Base64(Quads::new(data)),
+                };
+                self.binary(array, n, scalar, source)?
+            }
+            other => {
+                return Err(self.error(array, format!("`{name}` has the unknown format `{other}`"), DAMAGED));
+            }
+        };
+        if numbers.len() == n {
+            return Ok(numbers);
+        }
+        let what = format!("`{name}` holds {} numbers where {n} are due", numbers.len());
+        Err(self.error(array, what, DAMAGED))
+    }
+
+    fn words<T: Number>(&self, array: Node<'_, '_>, name: &str, text: &str) -> Result<Vec<T>, InputError> {
+        let first = array.first_child().map_or_else(|| self.row(array), |text| self.row(text));
+        let mut numbers = Vec::new();
+        for (line, text) in text.lines().enumerate() {
+            for word in text.split_ascii_whitespace() {
+                numbers.push(word.parse().map_err(|_| {
+                    let word: String = word.chars().take(40).collect();
+                    let what = format!("expected a number of `{name}`, found `{word}`");
+                    InputError::at(self.file, first + line, what, DAMAGED)
+                })?);
+            }
+        }
+        Ok(numbers)
+    }
+
+    /// Plain: byte count, data. Compressed: number of blocks, their size, the last one's size if it is a partial one,
+    /// the compressed size of each; then the blocks.
+    fn binary<T: Number>(
+        &self,
+        array: Node<'_, '_>,
+        n: usize,
+        scalar: Scalar,
+        mut source: Source<'_>,
+    ) -> Result<Vec<T>, InputError> {
+        let name = array.attribute("Name").unwrap_or("Points");
+        let short = || self.error(array, format!("the data of `{name}` end too soon"), DAMAGED);
+        let header = Scalar::Int { size: self.header_size, signed: false };
+        let count = |source: &mut Source<'_>| -> Result<usize, InputError> {
+            let bytes = source.take(self.header_size).ok_or_else(short)?;
+            Ok(usize::try_from(header.decode::<i64>(&bytes, self.little_endian)).unwrap_or(usize::MAX))
+        };
+        // What the file must hold; nothing longer is ever allocated for it.
+        let due = n.saturating_mul(scalar.size());
+        let bytes = if self.compressed {
+            let blocks = count(&mut source)?;
+            let _ = (count(&mut source)?, count(&mut source)?);
+            let sizes = (0..blocks).map(|_| count(&mut source)).collect::<Result<Vec<_>, _>>()?;
+            let mut bytes = Vec::new();
+            for size in sizes {
+                let block = source.take(size).ok_or_else(short)?;
+                let room = (due - bytes.len().min(due)) as u64 + 1;
+                flate2::read::ZlibDecoder::new(&block[..]).take(room).read_to_end(&mut bytes).map_err(
+                    |e| {
+                        self.error(
+                            array,
+                            format!("the data of `{name}` cannot be decompressed ({e})"),
+                            DAMAGED,
+                        )
+                    },
+                )?;
+            }
+            bytes
+        } else {
+            let length = count(&mut source)?;
+            source.take(length).ok_or_else(short)?
+        };
+        if bytes.len() != due {
+            let what = format!("`{name}` holds {} bytes where {due} are due", bytes.len());
+            return Err(self.error(array, what, DAMAGED));
+        }
+        Ok(bytes.chunks_exact(scalar.size()).map(|b| scalar.decode(b, self.little_endian)).collect())
+    }
+}
+
+enum Source<'a> {
+    Raw(&'a [u8]),
+    Base64(Quads<'a>),
+}
+
+impl Source<'_> {
+    /// The next `n` bytes, if there are as many.
+    fn take(&mut self, n: usize) -> Option<Vec<u8>> {
+        match self {
+            Self::Raw(data) => {
+                let (taken, rest) = data.split_at_checked(n)?;
+                *data = rest;
+                Some(taken.to_vec())
+            }
+            Self::Base64(quads) => quads.take(n),
+        }
+    }
+}
+
+/// Base64 four characters at a time, so that padding inside the text does not matter: a header and its data may be
+/// one stream or two, and appended arrays follow each other without a mark.
+struct Quads<'a> {
+    text: &'a [u8],
+    decoded: Vec<u8>,
+}
+
+impl<'a> Quads<'a> {
+    fn new(text: &'a [u8]) -> Self {
+        Self { text: text.trim_ascii(), decoded: Vec::new() }
+    }
+
+    fn take(&mut self, n: usize) -> Option<Vec<u8>> {
+        while self.decoded.len() < n {
+            let (quad, rest) = self.text.split_at_checked(4)?;
+            self.text = rest;
+            BASE64.decode_vec(quad, &mut self.decoded).ok()?;
+        }
+        let rest = self.decoded.split_off(n);
+        Some(std::mem::replace(&mut self.decoded, rest))
+    }
+}
+
+#[cfg(test)]
+mod tests;
