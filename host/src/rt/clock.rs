@@ -12,6 +12,16 @@ pub trait Clock {
     fn wait_until(&self, deadline_ns: u64, spin_ns: u64);
 }
 
+impl<C: Clock + ?Sized> Clock for &C {
+    fn now_ns(&self) -> u64 {
+        (**self).now_ns()
+    }
+
+    fn wait_until(&self, deadline_ns: u64, spin_ns: u64) {
+        (**self).wait_until(deadline_ns, spin_ns);
+    }
+}
+
 /// CLOCK_MONOTONIC: sleep to just before the deadline, then spin.
 ///
 /// The spin hides most of the wake-up latency of the timer (measured in a VM: p99 of 64 us falls under 1 us) at the

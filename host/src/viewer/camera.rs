@@ -99,7 +99,7 @@ impl Projection {
     #[must_use]
     pub fn project_eye(&self, eye: Vec3) -> Option<(Vec2, f32)> {
         let depth_m = -eye.z;
-        if !(depth_m > self.near_m) {
+        if depth_m.is_nan() || depth_m <= self.near_m {
             return None;
         }
         let inverse_depth = depth_m.recip();

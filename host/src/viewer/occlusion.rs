@@ -1,6 +1,7 @@
 //! Ambient occlusion from the depth buffer: creases, dents and the feet of markers darken.
 
 use super::raster::Raster;
+use glam::Vec3;
 
 /// Picture-space directions looked along, pixels of the coarse grid times a radius.
 const DIRECTIONS: [[f32; 2]; 8] = [
@@ -20,7 +21,7 @@ const RADIUS: f32 = 0.03;
 /// Pixels between the samples of the coarse grid.
 const COARSE: usize = 4;
 /// Strongest darkening.
-const STRENGTH: f32 = 0.62;
+const STRENGTH: f32 = 0.75;
 
 /// Occlusion of every pixel, 0 open to 255 closed, at the size of the picture; `buffer` is reused.
 ///
@@ -33,89 +34,153 @@ pub(super) fn ambient(raster: &Raster, mut buffer: Vec<u8>) -> Vec<u8> {
     buffer.clear();
     buffer.resize(width * height, 0);
     let drawn = raster.drawn();
-    let (left, right) = (drawn.left / factor / COARSE, drawn.right.div_ceil(factor).div_ceil(COARSE) + 1);
-    let (top, bottom) = (drawn.top / factor / COARSE, drawn.bottom.div_ceil(factor).div_ceil(COARSE) + 1);
-    let columns = right - left;
-    let mut coarse = vec![(0.0_f32, 0.0_f32); columns * (bottom - top)];
-    for row in top..bottom {
-        for column in left..right {
-            coarse[(row - top) * columns + column - left] = at(raster, column * COARSE, row * COARSE);
-        }
-    }
-    for y in drawn.top / factor..drawn.bottom.div_ceil(factor).min(height) {
-        for x in drawn.left / factor..drawn.right.div_ceil(factor).min(width) {
-            let inverse_depth = raster.inverse_depth_at(x as i32, y as i32);
-            if inverse_depth <= 0.0 {
-                continue;
-            }
-            let (column, row) = (x / COARSE, y / COARSE);
-            let (u, v) =
-                ((x % COARSE) as f32 / COARSE as f32 + 0.01, (y % COARSE) as f32 / COARSE as f32 + 0.01);
-            let mut sum = 0.0;
-            let mut weights = 1e-6;
-            for (dx, dy, share) in
-                [(0, 0, (1.0 - u) * (1.0 - v)), (1, 0, u * (1.0 - v)), (0, 1, (1.0 - u) * v), (1, 1, u * v)]
-            {
-                let Some(&(depth, value)) = coarse.get((row + dy - top) * columns + (column + dx - left))
-                else {
-                    continue;
-                };
-                // A neighbour across a depth edge belongs to another surface.
-                let gap = ((depth - inverse_depth) / inverse_depth).abs();
-                let weight = share / (1.0 + 4.0e4 * gap * gap);
-                sum += weight * value * f32::from(u8::from(depth > 0.0));
-                weights += weight * f32::from(u8::from(depth > 0.0));
-            }
-            buffer[y * width + x] = (255.0 * STRENGTH * (sum / weights).clamp(0.0, 1.0)) as u8;
+    let grid = Grid {
+        left: drawn.left / factor / COARSE,
+        top: drawn.top / factor / COARSE,
+        columns: drawn.right.div_ceil(factor).div_ceil(COARSE) + 1 - drawn.left / factor / COARSE,
+        rows: drawn.bottom.div_ceil(factor).div_ceil(COARSE) + 1 - drawn.top / factor / COARSE,
+    };
+    let knots = look_round(raster, &grid);
+    for (row, pair) in
+        knots.chunks_exact(grid.columns).zip(knots.chunks_exact(grid.columns).skip(1)).enumerate()
+    {
+        for (column, (above, below)) in pair.0.windows(2).zip(pair.1.windows(2)).enumerate() {
+            let corners = [above[0], above[1], below[0], below[1]];
+            let (x, y) = ((grid.left + column) * COARSE, (grid.top + row) * COARSE);
+            fill_cell(raster, &corners, (x, y), (width.min(x + COARSE), height.min(y + COARSE)), &mut buffer);
         }
     }
     buffer
 }
 
-/// Inverse depth and occlusion (0..1) at a pixel.
-fn at(raster: &Raster, x: usize, y: usize) -> (f32, f32) {
-    let factor = raster.factor();
-    let (width, height) = (raster.sample_width() / factor, raster.sample_height() / factor);
-    if x >= width || y >= height {
-        return (0.0, 0.0);
+/// Part of the picture that was drawn on, in coarse cells.
+struct Grid {
+    left: usize,
+    top: usize,
+    columns: usize,
+    rows: usize,
+}
+
+/// Sample of the coarse grid.
+#[derive(Debug, Clone, Copy, Default)]
+struct Knot {
+    /// 1/m; 0 on the background.
+    inverse_depth: f32,
+    /// 0 open to 1 closed.
+    closed: f32,
+}
+
+/// Interpolates the pixels of one coarse cell.
+fn fill_cell(
+    raster: &Raster,
+    knots: &[Knot; 4],
+    (left, top): (usize, usize),
+    (right, bottom): (usize, usize),
+    buffer: &mut [u8],
+) {
+    let width = raster.sample_width() / raster.factor();
+    let nearest = knots.iter().map(|knot| knot.inverse_depth).fold(0.0, f32::max);
+    let furthest = knots.iter().map(|knot| knot.inverse_depth).fold(f32::INFINITY, f32::min);
+    if nearest <= 0.0 && !(left..right).any(|x| raster.inverse_depth_at(x as i32, top as i32 + 1) > 0.0) {
+        return;
     }
-    let middle = factor / 2;
-    let surfel = &raster.surfels()[(y * factor + middle) * raster.sample_width() + x * factor + middle];
-    if surfel.inverse_depth <= 0.0 {
-        return (0.0, 0.0);
-    }
-    let projection = raster.sample_projection();
-    let focal_px = projection.focal_px / factor as f32;
-    let centre_px = projection.centre_px / factor as f32;
-    let point = |px: f32, py: f32, inverse_depth: f32| {
-        let depth = inverse_depth.recip();
-        glam::Vec3::new((px - centre_px.x) / focal_px * depth, (centre_px.y - py) / focal_px * depth, -depth)
-    };
-    let here = point(x as f32 + 0.5, y as f32 + 0.5, surfel.inverse_depth);
-    let normal = surfel.normal.normalize_or(glam::Vec3::Z);
-    let radius_m = RADIUS * -here.z;
-    let radius_px = RADIUS * focal_px;
-    let mut closed = 0.0;
-    for (i, direction) in DIRECTIONS.iter().enumerate() {
-        let mut horizon = 0.0_f32;
-        for step in STEPS {
-            // Neighbouring samples look at different distances, which trades banding for a little grain.
-            let reach = radius_px * step * (0.8 + 0.4 * (((x / COARSE + i) ^ (y / COARSE)) % 3) as f32 / 3.0);
-            let (px, py) = (x as f32 + direction[0] * reach, y as f32 + direction[1] * reach);
-            let inverse_depth = raster.inverse_depth_at(px as i32, py as i32);
-            if inverse_depth <= 0.0 {
-                continue;
-            }
-            let offset = point(px + 0.5, py + 0.5, inverse_depth) - here;
-            let distance = offset.length().max(1e-9);
-            let rise = normal.dot(offset) / distance;
-            // Far occluders belong to something else in front, not to a crease.
-            let near = (1.0 - distance / (2.5 * radius_m)).clamp(0.0, 1.0);
-            horizon = horizon.max((rise - 0.12) * near);
+    let smooth = nearest - furthest < 0.02 * nearest;
+    for y in top..bottom {
+        let v = (y - top) as f32 / COARSE as f32;
+        let edge = |above: usize, below: usize| {
+            knots[above].closed + (knots[below].closed - knots[above].closed) * v
+        };
+        let (at_left, at_right) = (edge(0, 2), edge(1, 3));
+        for x in left..right {
+            let u = (x - left) as f32 / COARSE as f32;
+            let closed = if smooth {
+                at_left + (at_right - at_left) * u
+            } else {
+                beside_an_edge(knots, (u, v), raster.inverse_depth_at(x as i32, y as i32))
+            };
+            buffer[y * width + x] = (255.0 * STRENGTH * closed) as u8;
         }
-        closed += horizon;
     }
-    (surfel.inverse_depth, (closed * (1.6 / DIRECTIONS.len() as f32)).min(1.0))
+}
+
+/// Where depth jumps: a knot across the edge belongs to another surface and hardly counts.
+fn beside_an_edge(knots: &[Knot; 4], (u, v): (f32, f32), inverse_depth: f32) -> f32 {
+    if inverse_depth <= 0.0 {
+        return 0.0;
+    }
+    let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+    let (mut sum, mut weights) = (0.0, 1e-6);
+    for (knot, share) in knots.iter().zip(shares) {
+        if knot.inverse_depth > 0.0 {
+            let gap = (knot.inverse_depth - inverse_depth) / inverse_depth;
+            let weight = (share + 0.01) / (1.0 + 4.0e4 * gap * gap);
+            sum += weight * knot.closed;
+            weights += weight;
+        }
+    }
+    sum / weights
+}
+
+/// Occlusion at every knot.
+///
+/// Occluders are looked up among the knots too: their points fit the cache, which the whole geometry buffer does not, and that is
+/// where the time went.
+fn look_round(raster: &Raster, grid: &Grid) -> Vec<Knot> {
+    let factor = raster.factor();
+    let projection = raster.sample_projection();
+    let (stride, height) = (raster.sample_width(), raster.sample_height());
+    let surfel_at = |index: usize| {
+        let (column, row) = (grid.left + index % grid.columns, grid.top + index / grid.columns);
+        let (x, y) = (column * COARSE * factor + factor / 2, row * COARSE * factor + factor / 2);
+        let inside = x < stride && y < height;
+        inside
+            .then(|| (&raster.surfels()[y * stride + x], x, y))
+            .filter(|(surfel, ..)| surfel.inverse_depth > 0.0)
+    };
+    // Eye-frame points; z = 0 is the background.
+    let points: Vec<Vec3> = (0..grid.columns * grid.rows)
+        .map(|index| {
+            surfel_at(index).map_or(Vec3::ZERO, |(surfel, x, y)| {
+                let across = x as f32 + 0.5 - projection.centre_px.x;
+                let up = projection.centre_px.y - y as f32 - 0.5;
+                Vec3::new(across, up, -projection.focal_px) / (projection.focal_px * surfel.inverse_depth)
+            })
+        })
+        .collect();
+    let reach = RADIUS * projection.focal_px / (factor * COARSE) as f32;
+    let offsets = DIRECTIONS
+        .map(|direction| STEPS.map(|step| direction.map(|along| (along * step * reach).round() as isize)));
+    let (columns, rows) = (grid.columns as isize, grid.rows as isize);
+    (0..points.len())
+        .map(|index| {
+            let Some((surfel, ..)) = surfel_at(index) else { return Knot::default() };
+            let (column, row) = (index as isize % columns, index as isize / columns);
+            let (here, normal) = (points[index], surfel.normal.normalize_or(Vec3::Z));
+            let fade = (2.5 * RADIUS * -here.z).recip();
+            let mut closed = 0.0;
+            for steps in &offsets {
+                let mut horizon = 0.0_f32;
+                for [across, down] in steps {
+                    let (x, y) = (column + across, row + down);
+                    if x < 0 || y < 0 || x >= columns || y >= rows {
+                        continue;
+                    }
+                    let there = points[(y * columns + x) as usize];
+                    if there.z == 0.0 {
+                        continue;
+                    }
+                    let offset = there - here;
+                    let distance = offset.length().max(1e-9);
+                    // Far occluders belong to something else in front, not to a crease.
+                    let near = 1.0 - distance * fade;
+                    horizon = horizon.max((normal.dot(offset) / distance - 0.12) * near.max(0.0));
+                }
+                closed += horizon;
+            }
+            let closed = (closed * (1.6 / DIRECTIONS.len() as f32)).min(1.0);
+            Knot { inverse_depth: surfel.inverse_depth, closed }
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -124,7 +189,6 @@ mod tests {
     use crate::viewer::camera::OrbitCamera;
     use crate::viewer::raster::Vertex;
     use crate::viewer::shade::Material;
-    use glam::Vec3;
 
     fn quad(corners: [Vec3; 4]) -> (Vec<Vertex>, Vec<[u32; 3]>) {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);

@@ -6,6 +6,7 @@ use super::live::{Live, SPAN_US};
 use super::palette::{ColourMap, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
 use crate::rt::TickRecord;
+use glam::Vec2;
 use palpate_core::Phase;
 
 const BRIGHT: u32 = 0xed_f1f5;
@@ -14,6 +15,9 @@ const FAINT: u32 = 0x5a_6572;
 const GOOD: u32 = 0x7f_d8a6;
 const WAITING: u32 = 0xf0_c268;
 const BAD: u32 = 0xff_6f61;
+
+/// Most active nodes that are named in the picture.
+const MOST_NAMES: usize = 24;
 
 /// What the overlay says that no record carries.
 #[derive(Debug, Clone, Default)]
@@ -53,6 +57,23 @@ impl Overlay {
         self.draw_legend(image, map, full_scale_m, scale);
         self.draw_chart(image, live, scale);
         self.draw_timing(image, record, live, scale);
+    }
+
+    /// Writes the names of the active nodes beside them; `at` gives the pixel of each that is to be seen.
+    pub fn draw_names(&mut self, image: &mut Image, captions: &Captions, at: &[Option<Vec2>]) {
+        let scale = image.height() as f32 / 720.0;
+        // With many nodes the names would cover the organ.
+        if at.len() > MOST_NAMES {
+            return;
+        }
+        for (name, place) in captions.spaces.iter().zip(at) {
+            if let Some(place) = place {
+                let (x, y) = (place.x + 13.0 * scale, place.y + 4.5 * scale);
+                let shadow = TextStyle { alpha: 0.55, ..TextStyle::new(9.0 * scale, 0x10_0a08).weight(0.34) };
+                self.text(image, name, x, y, Align::Left, shadow);
+                self.text(image, name, x, y, Align::Left, TextStyle::new(9.0 * scale, BRIGHT).weight(0.13));
+            }
+        }
     }
 
     fn text(&mut self, image: &mut Image, text: &str, x: f32, y: f32, align: Align, style: TextStyle) -> f32 {
@@ -129,14 +150,11 @@ impl Overlay {
         }
         let label = TextStyle::new(9.5 * scale, MUTED);
         let full_mm = full_scale_m * 1e3;
-        for step in 0..=4 {
-            let y = top + height * (1.0 - step as f32 / 4.0);
-            let value = full_mm * step as f32 / 4.0;
-            let text = if (value - value.round()).abs() < 0.01 {
-                format!("{value:.0}")
-            } else {
-                format!("{value:.1}")
-            };
+        let steps = legend_steps(full_mm);
+        for step in 0..=steps {
+            let share = step as f32 / steps as f32;
+            let y = top + height * (1.0 - share);
+            let text = format!("{:.0}", full_mm * share);
             let middle = y.min(top + height - 0.5).max(top + 0.5);
             image.fill_rect(
                 (left - 6.0 * scale) as i32,
@@ -227,6 +245,17 @@ impl Overlay {
     }
 }
 
+/// Parts of the legend's scale, each a whole round number of mm: 3 for 15, 4 for 20, 5 for 5, 10, 25 and 50.
+fn legend_steps(full_mm: f32) -> u32 {
+    let step_mm = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0]
+        .into_iter()
+        .find(|step| {
+            full_mm / step <= 5.01 && (full_mm / step).fract().min(1.0 - (full_mm / step).fract()) < 0.01
+        })
+        .unwrap_or(full_mm);
+    (full_mm / step_mm).round().max(1.0) as u32
+}
+
 /// Round top of the chart above a peak: 1, 2, 4, 6, 8, 10, 20 .. N.
 fn chart_top(peak_n: f32) -> f32 {
     [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 20.0, 40.0, 100.0]
@@ -265,6 +294,13 @@ mod tests {
         assert!(red(&fault) > red(&calm) + 10, "{} {}", red(&fault), red(&calm));
         let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::NOTHING });
         assert_ne!(pushing, drawn(&TickRecord::NOTHING));
+    }
+
+    #[test]
+    fn the_legend_is_marked_at_whole_numbers() {
+        let marks = [5.0, 10.0, 15.0, 20.0, 25.0, 50.0, 100.0].map(legend_steps);
+        assert_eq!(marks, [5, 5, 3, 4, 5, 5, 5]);
+        assert_eq!(legend_steps(0.0), 1);
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub fn linear_from_oklab(lab: Vec3) -> Vec3 {
 
 /// Displacement colour map: from the dark red of liver at rest through ember to pale yellow.
 ///
-/// OKLab lightness rises linearly from 0.42 to 0.94 while the hue turns once from red to yellow, so equal steps of
+/// OKLab lightness rises linearly from 0.37 to 0.93 while the hue turns once from red to yellow, so equal steps of
 /// displacement are equal steps to the eye and the picture survives printing in grey. The usual maps start almost
 /// black, which would make an organ at rest a hole in a dark picture.
 #[derive(Debug, Clone)]
@@ -70,10 +70,10 @@ impl ColourMap {
     }
 
     fn exact(t: f32) -> Vec3 {
-        let lightness = 0.42 + 0.52 * t;
+        let lightness = 0.37 + 0.56 * t;
         let hue = (28.0 + 77.0 * t).to_radians();
         // Chroma rises to the most that sRGB holds at mid lightness and falls again towards pale yellow.
-        let chroma = 0.095 + 0.30 * t * (1.0 - t) * (1.0 - 0.25 * t) + 0.015 * t;
+        let chroma = 0.090 + 0.30 * t * (1.0 - t) * (1.0 - 0.25 * t) + 0.015 * t;
         let lab = Vec3::new(lightness, chroma * hue.cos(), chroma * hue.sin());
         linear_from_oklab(lab).clamp(Vec3::ZERO, Vec3::ONE)
     }

@@ -163,7 +163,7 @@ impl Raster {
 
     fn project(&self, vertex: &Vertex) -> Option<Projected> {
         let (pixel, inverse_depth) = self.projection.project(vertex.position_m)?;
-        if !(pixel.abs().max_element() < GUARD_PX) {
+        if !pixel.is_finite() || pixel.abs().max_element() > GUARD_PX {
             return None;
         }
         Some(Projected {

@@ -9,6 +9,7 @@ use super::scene::{Scene, nice_scale_m};
 use super::shade::Shader;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
+use glam::Vec2;
 use palpate_core::{Method, Organ};
 
 /// Size and fineness of the picture.
@@ -48,6 +49,7 @@ pub struct Renderer {
     captions: Captions,
     image: Image,
     full_scale_m: f32,
+    names_at: Vec<Option<Vec2>>,
 }
 
 impl Renderer {
@@ -73,6 +75,7 @@ impl Renderer {
             },
             image: Image::new(width, height),
             full_scale_m: nice_scale_m(0.0),
+            names_at: Vec::new(),
         }
     }
 
@@ -103,6 +106,9 @@ impl Renderer {
         self.raster.resolve(&mut self.shader, &mut self.image);
         self.scene.draw_ghost(&self.raster, &projection, &self.surface, &mut self.image);
         self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
+        let view = (&self.raster, &projection);
+        self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
+        self.overlay.draw_names(&mut self.image, &self.captions, &self.names_at);
         let legend = (self.scene.map(), self.full_scale_m);
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
         &self.image

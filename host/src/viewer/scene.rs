@@ -129,7 +129,7 @@ impl Scene {
             }
             let rest = Vec3::from_array(space.rest_position_m);
             let moved = surface_point(surface, organ.surface.node, space.node).unwrap_or(rest);
-            self.shapes.sphere(raster, moved, 0.013 * unit, linear(ACTIVE_COLOUR), Material::Plain);
+            self.shapes.sphere(raster, moved, 0.018 * unit, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
         self.shapes.sphere(raster, hip, 0.030 * unit, linear(0xdd_e6ee), Material::Polished);
@@ -154,7 +154,7 @@ impl Scene {
         }
         let direction = force_n / size_n;
         // The square root keeps a light touch visible and the largest force inside the picture.
-        let length_m = self.radius_m * 0.75 * (size_n / organ.max_force_n).min(1.5).sqrt();
+        let length_m = self.radius_m * 0.52 * (size_n / organ.max_force_n).min(1.5).sqrt();
         let gap_m = 0.040 * self.radius_m;
         let pushes = direction.dot(Vec3::from_array(space.outward_normal)) < 0.0;
         let ends = if pushes {
@@ -162,7 +162,7 @@ impl Scene {
         } else {
             (hip + direction * gap_m, hip + direction * (gap_m + length_m))
         };
-        let radius_m = 0.0105 * self.radius_m;
+        let radius_m = 0.0125 * self.radius_m;
         self.shapes.arrow(raster, ends, radius_m, linear(FORCE_COLOUR), Material::Luminous);
     }
 
@@ -199,6 +199,27 @@ impl Scene {
             });
         }
         self.mask.paint(image, GHOST_COLOUR, 0.42);
+    }
+
+    /// Pixel of each active node that is neither hidden nor being touched.
+    pub fn visible_nodes<const N: usize>(
+        &self,
+        organ: &Organ<'_, N>,
+        (raster, projection): (&Raster, &Projection),
+        surface: &Deformation,
+        record: &TickRecord,
+        found: &mut Vec<Option<Vec2>>,
+    ) {
+        found.clear();
+        found.extend(organ.spaces.iter().enumerate().map(|(i, space)| {
+            let touched = record.engaged.is_some_and(|index| usize::from(index) == i);
+            let place = surface_point(surface, organ.surface.node, space.node)
+                .unwrap_or(Vec3::from_array(space.rest_position_m));
+            let (pixel, inverse_depth) = projection.project(place)?;
+            let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
+            let hidden = front > 0.0 && front.recip() < inverse_depth.recip() - 0.05 * self.radius_m;
+            (!touched && !hidden).then_some(pixel)
+        }));
     }
 
     /// Rings the tool where the organ hides it.

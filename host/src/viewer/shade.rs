@@ -49,11 +49,11 @@ struct Lights {
     up: Vec3,
 }
 
-const KEY_COLOUR: Vec3 = Vec3::new(2.05, 1.92, 1.74);
-const FILL_COLOUR: Vec3 = Vec3::new(0.22, 0.29, 0.40);
-const SKY_COLOUR: Vec3 = Vec3::new(0.42, 0.47, 0.54);
-const GROUND_COLOUR: Vec3 = Vec3::new(0.16, 0.13, 0.12);
-const RIM_COLOUR: Vec3 = Vec3::new(0.42, 0.52, 0.66);
+const KEY_COLOUR: Vec3 = Vec3::new(1.50, 1.40, 1.27);
+const FILL_COLOUR: Vec3 = Vec3::new(0.10, 0.14, 0.21);
+const SKY_COLOUR: Vec3 = Vec3::new(0.25, 0.27, 0.31);
+const GROUND_COLOUR: Vec3 = Vec3::new(0.11, 0.085, 0.08);
+const RIM_COLOUR: Vec3 = Vec3::new(0.26, 0.33, 0.43);
 
 impl Shader {
     /// Makes the tables.
@@ -82,7 +82,7 @@ impl Shader {
         self.occlusion = super::occlusion::ambient(raster, std::mem::take(&mut self.occlusion));
         let projection = *raster.sample_projection();
         let lights = Lights {
-            key: Vec3::new(-0.48, 0.66, 0.58).normalize(),
+            key: Vec3::new(-0.62, 0.66, 0.42).normalize(),
             fill: Vec3::new(0.82, -0.05, 0.57).normalize(),
             up: projection.to_eye * Vec3::Z,
         };
@@ -163,13 +163,13 @@ impl Shader {
 /// Linear up to 0.7, then bent so that no highlight clips to a flat patch.
 fn shoulder(value: f32) -> f32 {
     const KNEE: f32 = 0.7;
-    if !(value > 0.0) {
-        0.0
-    } else if value <= KNEE {
-        value
-    } else {
+    if value > KNEE {
         let over = value - KNEE;
         KNEE + over / (1.0 + over / (1.0 - KNEE))
+    } else if value > 0.0 {
+        value
+    } else {
+        0.0
     }
 }
 
@@ -193,23 +193,25 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let diffuse = if tissue {
         // Light wraps round the terminator, more of it in red: what scattering inside tissue does to the eye.
         let wrap = |amount: f32| ((incidence + amount) / (1.0 + amount)).max(0.0);
-        Vec3::new(wrap(0.34), wrap(0.16), wrap(0.12)) * 0.92
+        Vec3::new(wrap(0.24), wrap(0.10), wrap(0.08)) * 0.95
     } else {
         Vec3::splat(lambert)
     };
     let fill = normal.dot(lights.fill).max(0.0);
     let mut light = albedo * (KEY_COLOUR * diffuse + FILL_COLOUR * fill + hemisphere);
 
-    let half = (lights.key + to_eye).normalize_or(to_eye);
-    let highlight = normal.dot(half).max(0.0);
+    // The half vector is not normalised: its squared length goes into the square of the cosine, which is all that is needed.
+    let half = lights.key + to_eye;
+    let along = normal.dot(half).max(0.0);
+    let squared = along * along / half.length_squared().max(1e-6);
     let grazing = 1.0 - facing;
     let fresnel = grazing * grazing * grazing * grazing;
     let (broad, sharp) = match surfel.material {
-        Material::Tissue => (0.085, 0.30),
+        Material::Tissue => (0.018, 0.17),
         Material::Polished => (0.25, 1.4),
         Material::Plain | Material::Luminous => (0.05, 0.0),
     };
-    let h4 = (highlight * highlight) * (highlight * highlight);
+    let h4 = squared * squared;
     let h16 = (h4 * h4) * (h4 * h4);
     let h64 = (h16 * h16) * (h16 * h16);
     let visible = (lambert * 4.0).min(1.0);

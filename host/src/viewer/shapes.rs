@@ -51,9 +51,9 @@ impl Shapes {
         material: Material,
     ) {
         let Some(axis) = (tip_m - tail_m).try_normalize() else { return };
-        let head_m = (5.0 * radius_m).min(tail_m.distance(tip_m));
+        let head_m = (6.5 * radius_m).min(tail_m.distance(tip_m));
         let neck_m = tip_m - axis * head_m;
-        let wide_m = head_m * 0.42;
+        let wide_m = head_m * 0.40;
         self.clear();
         let slope = (axis * wide_m, head_m);
         // Each pair of rings shares its normals, so every part is smooth in itself and sharp against the next.

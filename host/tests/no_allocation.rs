@@ -1,0 +1,62 @@
+//! Nothing in the tick's path allocates: exchange, controller, histogram, queue and hand-over, over 2 x 10^5 ticks.
+
+#[path = "common/synthetic.rs"]
+mod synthetic;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use palpate_core::{Config, Controller, Method, Organ, Phase};
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+#[test]
+fn two_hundred_thousand_ticks_without_an_allocation() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    for method in [Method::Hybrid, Method::Trilinear] {
+        let controller = Controller::new(&organ, Config::new(method)).expect("has the method");
+        // Both ways of the queue: it fills up, and then every push is refused.
+        let (records, mut drained) = rtrb::RingBuffer::new(60_000);
+        let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let controls = Controls::default();
+        let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+        let clock = VirtualClock::default();
+        let outputs = Outputs { records, latest };
+        let mut haptic = HapticLoop::new(controller, hand, &clock, LoopConfig::default(), &controls, outputs);
+        let mut engaged = 0;
+        assert_no_alloc(|| {
+            for index in 0..100_000_u64 {
+                let deadline_ns = index * 1_000_000;
+                clock.wait_until(deadline_ns, 0);
+                haptic.tick(index, 0, deadline_ns).expect("the simulated hand never fails");
+                let record = newest.read();
+                assert!(record.tick == index && record.phase == Phase::Active);
+                engaged += u64::from(record.engaged.is_some());
+            }
+        });
+        assert!(engaged > 50_000, "the strokes touch the organ: {engaged}");
+        assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 60_000);
+    }
+}
+
+/// Not a test of its own: what the next one runs in a process of its own, because the trap ends the process.
+#[test]
+#[ignore = "started by the_trap_is_armed, ends its process"]
+fn planted_allocation() {
+    let grown = assert_no_alloc(|| vec![1_u8; 64]);
+    assert_eq!(grown.len(), 64);
+}
+
+#[test]
+fn the_trap_is_armed() {
+    let this = std::env::current_exe().expect("a test has a file");
+    let status = std::process::Command::new(this)
+        .args(["--ignored", "--exact", "planted_allocation"])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .status()
+        .expect("it starts");
+    assert!(!status.success(), "an allocation inside the trap must not pass");
+}
