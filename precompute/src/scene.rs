@@ -272,3 +272,6 @@ impl Digest {
         *self.0.finalize().as_bytes()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -76,7 +76,7 @@ fn read_format(file: &Path, lines: &mut Lines<'_>) -> Result<Version, InputError
     }
     let version = match version {
         v if (2.0..3.0).contains(&v) => Version::V22,
-        v if v == 4.1 => Version::V41,
+        4.1 => Version::V41,
         v => return Err(line.error(format!("Gmsh format {v} is not read here"), SAVE_ASCII)),
     };
     close("MeshFormat", lines)?;

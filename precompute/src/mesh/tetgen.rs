@@ -140,7 +140,6 @@ fn nothing_more(lines: &mut Lines<'_>, noun: &str) -> Result<(), InputError> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::mesh::{LengthUnit, TetMesh};
 
     const NODE: &str =

@@ -1,0 +1,51 @@
+//! The scenes and meshes that come with the project resolve, and are what their README says.
+
+use std::path::PathBuf;
+
+use palpate_precompute::mesh::{MeshReport, Surface};
+use palpate_precompute::scene::{GridSpec, MaterialLaw, Scene};
+
+fn asset(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
+}
+
+#[test]
+fn both_organs_resolve_without_a_warning() {
+    for (name, a1, a2) in [("liver-small", 196, 331), ("liver-large", 323, 546)] {
+        let scene = Scene::load(&asset(&format!("{name}.toml"))).and_then(|scene| scene.resolve());
+        let scene = scene.unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(scene.name, name);
+        assert_eq!(scene.warnings, Vec::<String>::new());
+        assert_eq!(scene.materials[0].law, MaterialLaw::MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
+        assert_eq!(scene.fixed, scene.mesh.node_groups["F1"]);
+        let active: Vec<_> = scene.active.iter().map(|a| (a.name.as_str(), a.node)).collect();
+        assert_eq!(active, [("A1", a1), ("A2", a2)]);
+        assert_eq!(scene.grid, Some(GridSpec { radius_m: 0.05, spacing_m: 0.01 }));
+        assert_eq!(scene.mesh.node_groups["surface"], Surface::of(&scene.mesh).nodes);
+        assert_eq!(scene.mesh.tet_groups["tissue"].len(), scene.mesh.tets.len());
+    }
+}
+
+#[test]
+fn the_small_organ_measures_what_its_readme_says() {
+    let scene = Scene::load(&asset("liver-small.toml")).and_then(|scene| scene.resolve()).expect("sound");
+    let report = MeshReport::of(&scene.mesh);
+    assert_eq!((report.nodes, report.tets, report.pieces), (501, 1828, 1));
+    assert!(report.surface.manifold);
+    assert_eq!((report.surface.euler_characteristic, report.surface.nodes), (2, 345));
+    assert_eq!(report.tets_without_interior_vertex, 0);
+    assert!((report.high_m[0] - report.low_m[0] - 0.2).abs() < 1e-12);
+    // The README's figures come from the script that made the mesh, in another language: an independent check.
+    let near = |value: f64, stated: f64, digit: f64| (value - stated).abs() <= 0.5001 * digit;
+    assert!(near(report.volume_m3, 1.230738e-3, 1e-9), "{}", report.volume_m3);
+    assert!(near(report.dihedral_deg.min, 36.1, 0.1), "{}", report.dihedral_deg.min);
+    assert!(near(report.edge_m.min, 9.1e-3, 1e-4), "{}", report.edge_m.min);
+    assert!(near(report.edge_m.max, 35.3e-3, 1e-4), "{}", report.edge_m.max);
+    assert!(near(report.edge_m.mean, 18.1e-3, 1e-4), "{}", report.edge_m.mean);
+    assert!(near(report.tet_volume_m3.min, 145e-9, 1e-9), "{}", report.tet_volume_m3.min);
+    assert!(near(report.tet_volume_m3.mean, 673e-9, 1e-9), "{}", report.tet_volume_m3.mean);
+    let normal = Surface::of(&scene.mesh).normal(196).expect("A1 is on the surface");
+    for (found, stated) in normal.into_iter().zip([-0.02, 0.13, 0.99]) {
+        assert!(near(found, stated, 0.01), "{normal:?}");
+    }
+}
