@@ -1,6 +1,6 @@
 //! One byte per slot: which configurations are solved, and which cells and super-cells are therefore complete.
 //!
-//! CELL, SUPERCELL and INTERIOR follow from SOLVED. The writer derives them with [`derive`], the reader verifies them
+//! CELL, SUPERCELL and INTERIOR follow from SOLVED. The writer derives them with [`derive()`], the reader verifies them
 //! with [`first_inconsistent`], and both ask the same functions; the tick only looks them up.
 
 use crate::grid::BallLattice;

@@ -98,7 +98,7 @@ pub struct DisplacementTable<'a> {
 impl<'a> DisplacementTable<'a> {
     /// Checks that there is a row for every slot of the box and that every row is whole and finite.
     ///
-    /// Shapes: `row` one index per slot; `rows` row-major [row][surface vertex][xyz], metres. A ghost slot points at the row
+    /// Shapes: `row` one index per slot; `rows` row-major `[row][surface vertex][xyz]`, metres. A ghost slot points at the row
     /// of the nearest solved configuration, which keeps the displacement continuous.
     pub fn new(
         lattice: &BallLattice,

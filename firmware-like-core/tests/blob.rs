@@ -324,3 +324,33 @@ fn messages_say_the_mend() {
         assert!(message.len() > 40 && !message.contains('\n'), "{message}");
     }
 }
+
+/// The layout as `blob::format` documents it, read by hand: what a reader in another language relies on.
+#[test]
+fn layout_version_1_byte_by_byte() {
+    let blob = Recipe { rbf: false, displacement: false, ..small() }.blob();
+    let bytes = blob.bytes();
+    let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+    assert_eq!(&bytes[..8], b"PALPATE\0");
+    assert_eq!(u32_at(8), 1);
+    let header_len = u32_at(12) as usize;
+    assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
+    // Strings are a length and their bytes; floats four bytes.
+    assert_eq!(&bytes[24..39], b"\x04test\x09potential");
+    assert_eq!(&bytes[39..43], 8.0_f32.to_le_bytes());
+    assert_eq!(bytes[43..75], [7; 32]);
+    // The surface: node at 0 with 4 elements, then x, y, z at 64, 128, 192 (postcard integers, seven bits a byte).
+    assert_eq!(bytes[75..86], [0, 4, 64, 4, 0x80, 1, 4, 0xc0, 1, 4, 0x80]);
+    let start = (24 + header_len).next_multiple_of(64);
+    assert!(bytes[24 + header_len..start].iter().all(|&byte| byte == 0));
+    assert_eq!([0, 4, 8, 12].map(|at| u32_at(start + at)), [10, 11, 12, 13]);
+    // CRC-32 (ISO-HDLC), bit by bit.
+    let mut crc = u32::MAX;
+    for &byte in &bytes[..bytes.len() - 4] {
+        crc ^= u32::from(byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 0 { crc >> 1 } else { (crc >> 1) ^ 0xedb8_8320 };
+        }
+    }
+    assert_eq!(u32_at(bytes.len() - 4), !crc);
+}

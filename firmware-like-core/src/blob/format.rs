@@ -95,7 +95,7 @@ pub struct SurfaceHeader {
     pub node: PlaneRef,
     /// f32: x, y, z of each surface vertex at rest, metres.
     pub position_m: [PlaneRef; 3],
-    /// [u32; 3]: surface vertices (not mesh nodes) of each triangle, counter-clockwise seen from outside.
+    /// `[u32; 3]`: surface vertices (not mesh nodes) of each triangle, counter-clockwise seen from outside.
     pub triangles: PlaneRef,
     /// u8: 1 where the vertex is fixed, else 0.
     pub fixed: PlaneRef,
@@ -116,7 +116,7 @@ pub struct SpaceHeader {
     pub spacing_m: f32,
     /// Grid radius, metres.
     pub radius_m: f32,
-    /// u8 per slot of the box, see [`crate::flags`]; derived bits by [`crate::flags::derive`].
+    /// u8 per slot of the box, see [`crate::flags`]; derived bits by [`crate::flags::derive()`].
     pub flags: PlaneRef,
     /// f32 per slot: x, y, z of h in newtons, every slot finite (ghosts filled in), 0 at the rest point.
     pub force_n: Option<[PlaneRef; 3]>,
@@ -142,6 +142,6 @@ pub struct RbfHeader {
 pub struct DisplacementHeader {
     /// u32 per slot of the box: the row that holds its displacement.
     pub row: PlaneRef,
-    /// f32, row-major [row][surface vertex][xyz], metres.
+    /// f32, row-major `[row][surface vertex][xyz]`, metres.
     pub rows: PlaneRef,
 }
