@@ -194,6 +194,10 @@ mod tests {
         assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
         assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after it was taken");
         assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
+        // Newer than the last, but on its way for as long as the fault limit; also as the first one.
+        assert_eq!(watch.judge(&config, 40_000, Some(30_000)), Freshness::Fault);
+        assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::Hold);
+        let mut watch = StaleWatch::new(11_000);
         // A clock that is ahead must not postpone the fault.
         assert_eq!(watch.judge(&config, 12_000, Some(1_000_000)), Freshness::Fresh);
         assert_eq!(watch.judge(&config, 22_000, None), Freshness::Fault);
