@@ -119,9 +119,11 @@ fn both_versions_give_the_same_mesh_in_file_order() {
 
 #[test]
 fn lengths_are_scaled_to_metres() {
-    let raw = super::read(Path::new("body.msh"), V22.as_bytes()).expect("sound");
+    let text = V22.replacen("77 1 1 1", "77 1.125 2.25 3.25", 1);
+    let raw = super::read(Path::new("body.msh"), text.as_bytes()).expect("sound");
     let mesh = raw.finish(LengthUnit::Millimetre).expect("sound");
-    assert_eq!(mesh.nodes_m[4], [0.001, 0.001, 0.001]);
+    // To the last bit what a file in metres would give; times 1e-3 none of the three would be.
+    assert_eq!(mesh.nodes_m[4], [0.001125, 0.00225, 0.00325]);
 }
 
 #[test]

@@ -238,3 +238,19 @@ fn a_lie_about_the_length_is_not_believed() {
     let error = read(lie.as_bytes()).expect_err("planted").to_string();
     assert!(error.contains("bytes where"), "{error}");
 }
+
+#[test]
+fn a_block_that_swells_beyond_what_is_due_is_cut_off() {
+    let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    encoder.write_all(&vec![10; 1 << 20]).expect("to memory");
+    let block = encoder.finish().expect("to memory");
+    let header: Vec<u8> = [1, 1 << 20, 0, block.len() as u32].iter().flat_map(|n| n.to_le_bytes()).collect();
+    let data = format!("format=\"binary\">{}{}<", BASE64.encode(header), BASE64.encode(block));
+    let file = ASCII.replacen("byte_order", "compressor=\"vtkZLibDataCompressor\" byte_order", 1).replacen(
+        "format=\"ascii\">10 5 10<",
+        &data,
+        1,
+    );
+    let error = read(file.as_bytes()).expect_err("a megabyte for three cells").to_string();
+    assert!(error.contains("body.vtu:20: `types` holds 4 bytes where 3 are due; "), "{error}");
+}
