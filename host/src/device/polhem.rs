@@ -3,8 +3,9 @@
 //! Host to device: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Device to host: `x y z` in mm, four angles in
 //! rad, an info word. Both padded with spaces, newline as the last byte.
 //!
-//! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up; the
-//! sample is stamped with the tick that read it. Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
+//! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up. A sample
+//! is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
+//! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
@@ -18,7 +19,13 @@ pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
 /// A request without an answer for this long is given up, us.
-const REPLY_TIMEOUT_US: u64 = 4_000;
+///
+/// Short enough that two losses in a row (a request cut off, and the next one that runs into it) stay below the 10 ms of the stale limit.
+const REPLY_TIMEOUT_US: u64 = 2_000;
+/// Silence after a damaged line before the next request: whatever was on its way must not answer it, us.
+const QUIET_US: u64 = 2_000;
+/// Requests without an answer that are remembered.
+const MAX_PENDING: usize = 8;
 /// Pause between two wake-up newlines.
 const WAKE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -45,8 +52,54 @@ pub struct Polhem {
     config: PolhemConfig,
     /// Bytes of a line not yet complete.
     line: LineBuffer,
-    /// When the request still unanswered was sent.
-    awaiting_since_us: Option<u64>,
+    pending: Pending,
+    /// No request before this time.
+    quiet_until_us: u64,
+}
+
+/// Send times of the requests without an answer, oldest first.
+///
+/// One in the good case. After a reply that did not come it is not known whether it is lost or late, so its place is kept: the next
+/// reply then counts for it, which makes samples look older than they are, never younger.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pending {
+    sent_us: [u64; MAX_PENDING],
+    len: usize,
+    answered_since: bool,
+}
+
+impl Pending {
+    /// Takes the oldest for a reply.
+    fn answer(&mut self) -> Option<u64> {
+        let oldest = self.sent_us.first().copied().filter(|_| self.len > 0)?;
+        self.sent_us.rotate_left(1);
+        self.len -= 1;
+        self.answered_since = true;
+        Some(oldest)
+    }
+
+    fn sent(&mut self, now_us: u64) {
+        if self.len == MAX_PENDING {
+            self.sent_us.rotate_left(1);
+            self.len -= 1;
+        }
+        self.sent_us[self.len] = now_us;
+        self.len += 1;
+        self.answered_since = false;
+    }
+
+    fn newest_us(&self) -> Option<u64> {
+        self.len.checked_sub(1).map(|last| self.sent_us[last])
+    }
+}
+
+/// What one look at the port brought.
+#[derive(Debug, Clone, Copy, Default)]
+struct Received {
+    newest: Option<Reply>,
+    /// When the request of that reply was sent.
+    sent_us: Option<u64>,
+    damaged: bool,
 }
 
 impl core::fmt::Debug for Polhem {
@@ -65,10 +118,16 @@ impl Polhem {
     /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
-        let mut device = Self { port, config, line: LineBuffer::default(), awaiting_since_us: None };
+        let mut device = Self {
+            port,
+            config,
+            line: LineBuffer::default(),
+            pending: Pending::default(),
+            quiet_until_us: 0,
+        };
         device.wake()?;
-        // From here on a write that cannot go at once is a fault of the link, not something to wait for.
-        device.port.set_timeout(Duration::from_millis(1)).map_err(from_serial)?;
+        // From here on what cannot go at once is a fault of the link, not something to wait for.
+        device.port.set_timeout(Duration::ZERO).map_err(from_serial)?;
         Ok(device)
     }
 
@@ -99,10 +158,9 @@ impl Polhem {
         self.port.write_all(&request).map_err(DeviceError::from)
     }
 
-    /// Reads what is there; returns the newest complete reply and whether damage was seen.
-    fn receive(&mut self) -> Result<(Option<Reply>, bool), DeviceError> {
-        let mut newest = None;
-        let mut damaged = false;
+    /// Reads what is there.
+    fn receive(&mut self) -> Result<Received, DeviceError> {
+        let mut received = Received::default();
         let mut chunk = [0; 4 * LINE_LEN];
         // Bounded: a babbling device must not hold the tick.
         for _ in 0..4 {
@@ -118,35 +176,73 @@ impl Polhem {
             for byte in &chunk[..count] {
                 match self.line.push(*byte).map(|line| line.and_then(Reply::parse)) {
                     None => {}
-                    Some(Some(reply)) => newest = Some(reply),
-                    Some(None) => damaged = true,
+                    Some(Some(reply)) => {
+                        received.newest = Some(reply);
+                        received.sent_us = self.pending.answer().or(received.sent_us);
+                    }
+                    Some(None) => received.damaged = true,
                 }
             }
         }
-        Ok((newest, damaged))
+        Ok(received)
+    }
+
+    /// Whether the last request was given up; forgets those before it if they must have been lost.
+    fn gives_up(&mut self, now_us: u64) -> bool {
+        let given_up = self
+            .pending
+            .newest_us()
+            .is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US);
+        if given_up && self.pending.answered_since {
+            // Replies came, then silence: what is still open was lost, not late.
+            self.pending = Pending::default();
+            return false;
+        }
+        given_up
+    }
+
+    fn resynchronise(&mut self) -> Result<(), DeviceError> {
+        self.line = LineBuffer::default();
+        self.pending = Pending::default();
+        self.port.clear(ClearBuffer::Input).map_err(from_serial)
+    }
+
+    fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let received = self.receive()?;
+        if received.damaged {
+            self.quiet_until_us = now_us + QUIET_US;
+        }
+        let given_up = self.gives_up(now_us);
+        if self.quiet_until_us > 0 {
+            if now_us >= self.quiet_until_us {
+                self.quiet_until_us = 0;
+                self.resynchronise()?;
+            }
+        } else if self.pending.len == 0 || given_up {
+            self.send(self.config.workspace.to_device_n(hand_force_n))?;
+            self.pending.sent(now_us);
+        }
+        match (received.newest, received.sent_us) {
+            (Some(reply), Some(t_us)) => Ok(Some(Sample {
+                t_us,
+                position_m: self.config.workspace.to_model_m(reply.position_m),
+                buttons: reply.info,
+            })),
+            // A reply to no request is part of the damage: its age is not known.
+            _ if received.damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            _ if given_up => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            _ => Ok(None),
+        }
     }
 }
 
 impl Device for Polhem {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        let (reply, damaged) = self.receive()?;
-        let given_up =
-            self.awaiting_since_us.is_some_and(|since| now_us.saturating_sub(since) >= REPLY_TIMEOUT_US);
-        if reply.is_some() || damaged || given_up || self.awaiting_since_us.is_none() {
-            self.awaiting_since_us = None;
-            self.send(self.config.workspace.to_device_n(hand_force_n))?;
-            self.awaiting_since_us = Some(now_us);
-        }
-        match reply {
-            Some(reply) => Ok(Some(Sample {
-                t_us: now_us,
-                position_m: self.config.workspace.to_model_m(reply.position_m),
-                buttons: reply.info,
-            })),
-            None if damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
-            None if given_up => Err(DeviceError::new(DeviceErrorKind::Timeout)),
-            None => Ok(None),
-        }
+        self.exchange_lines(now_us, hand_force_n).map_err(|error| match error.kind() {
+            // The crate does not pass the OS code on; on a port that was open an unnamed error means that it is gone.
+            DeviceErrorKind::Io => DeviceError { kind: DeviceErrorKind::Disconnected, ..error },
+            _ => error,
+        })
     }
 
     fn stop(&mut self) {
@@ -155,7 +251,6 @@ impl Device for Polhem {
         for _ in 0..2 {
             let _ = self.send([0.0; 3]);
         }
-        let _ = self.port.flush();
     }
 
     fn info(&self) -> DeviceInfo {

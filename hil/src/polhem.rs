@@ -1,0 +1,170 @@
+//! Emulated firmware of a Polhem / WoodenHaptics: 64-byte text lines, one reply for each good request.
+//!
+//! Request: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Reply: `x y z` in mm (%8.3f), four angles in rad (%7.4f), an info word;
+//! padded with spaces, newline as byte 63. A line of another form is thrown away without a reply. No watchdog: the motors keep the
+//! last force that was understood.
+
+use crate::mechanism::Handle;
+use crate::transport::Transport;
+use palpate_core::{Vec3, vec3};
+use std::io;
+
+const LINE_LEN: usize = 64;
+/// Command word for which the forces are put on the motors.
+const NORMAL_OPERATION: i16 = 2;
+
+/// The device with its handle.
+#[derive(Debug, Clone)]
+pub struct EmulatedPolhem {
+    handle: Handle,
+    line: Vec<u8>,
+    force_n: Vec3,
+    info: i16,
+    requests: u64,
+    refused: u64,
+}
+
+impl EmulatedPolhem {
+    /// A device that has just been plugged in.
+    #[must_use]
+    pub const fn new(handle: Handle) -> Self {
+        Self { handle, line: Vec::new(), force_n: vec3::ZERO, info: 0, requests: 0, refused: 0 }
+    }
+
+    /// Force on the motors now, N.
+    #[must_use]
+    pub const fn force_n(&self) -> Vec3 {
+        self.force_n
+    }
+
+    /// Where the handle is, m.
+    #[must_use]
+    pub const fn position_m(&self) -> Vec3 {
+        self.handle.position_m()
+    }
+
+    /// Good requests so far.
+    #[must_use]
+    pub const fn requests(&self) -> u64 {
+        self.requests
+    }
+
+    /// Lines thrown away so far.
+    #[must_use]
+    pub const fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    /// Sets the info word of the replies.
+    pub const fn set_info(&mut self, info: i16) {
+        self.info = info;
+    }
+
+    /// Serves everything that has come over the link by `now_us`.
+    pub fn poll(&mut self, now_us: u64, link: &mut impl Transport) -> io::Result<()> {
+        self.handle.advance(now_us, self.force_n);
+        let mut buffer = [0; 256];
+        loop {
+            let count = link.receive(now_us, &mut buffer)?;
+            if count == 0 {
+                return Ok(());
+            }
+            for byte in &buffer[..count] {
+                if let Some(reply) = self.take(*byte) {
+                    link.send(now_us, reply.as_bytes())?;
+                }
+            }
+        }
+    }
+
+    /// Takes one byte; at the end of a good request (or of a waking newline) there is a reply.
+    fn take(&mut self, byte: u8) -> Option<String> {
+        if byte != b'\n' {
+            // One more than a line is enough to know that it is too long.
+            if self.line.len() < LINE_LEN {
+                self.line.push(byte);
+            }
+            return None;
+        }
+        let line = std::mem::take(&mut self.line);
+        if line.is_empty() {
+            return Some(self.reply());
+        }
+        match parse(&line) {
+            Some(force_n) => {
+                self.force_n = force_n;
+                self.requests += 1;
+                Some(self.reply())
+            }
+            None => {
+                self.refused += 1;
+                None
+            }
+        }
+    }
+
+    fn reply(&self) -> String {
+        let [x, y, z] = self.handle.position_m().map(|metres| metres * 1e3);
+        let angles = format!("{:7.4} {:7.4} {:7.4} {:7.4}", 0.1, -0.2, 0.3, 0.0);
+        let text = format!("{x:8.3} {y:8.3} {z:8.3} {angles} {}", self.info);
+        format!("{text:<63}\n")
+    }
+}
+
+/// Forces of a request in N; nothing for a line of another form, zero for another command than normal operation.
+fn parse(line: &[u8]) -> Option<Vec3> {
+    if line.len() + 1 != LINE_LEN {
+        return None;
+    }
+    let text = core::str::from_utf8(line).ok()?;
+    let numbers: Vec<i16> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
+    let [x, y, z, command, ..] = *<&[i16; 7]>::try_from(&numbers[..]).ok()?;
+    let force_n = [x, y, z].map(|milli_newtons| f32::from(milli_newtons) / 1000.0);
+    Some(if command == NORMAL_OPERATION { force_n } else { vec3::ZERO })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::MemoryTransport;
+
+    fn talk(device: &mut EmulatedPolhem, bytes: &[u8]) -> String {
+        let (mut there, mut here) = MemoryTransport::pair();
+        here.send(0, bytes).expect("memory");
+        device.poll(0, &mut there).expect("memory");
+        let mut buffer = [0; 4096];
+        let count = here.receive(0, &mut buffer).expect("memory");
+        String::from_utf8(buffer[..count].to_vec()).expect("text")
+    }
+
+    fn device() -> EmulatedPolhem {
+        let at = crate::mechanism::Waypoint { t_us: 0, position_m: [0.0125, -0.1, 0.0001] };
+        EmulatedPolhem::new(Handle::new(vec![at]))
+    }
+
+    #[test]
+    fn a_newline_wakes_it_and_a_request_is_answered_in_64_bytes() {
+        let mut device = device();
+        let reply = talk(&mut device, b"\n");
+        assert_eq!(reply.len(), LINE_LEN);
+        assert!(reply.starts_with("  12.500 -100.000    0.100 "), "{reply}");
+        let request = format!("{:<63}\n", "1500 -250 0 2 0 0 0");
+        assert_eq!(talk(&mut device, request.as_bytes()).len(), LINE_LEN);
+        assert_eq!(device.force_n(), [1.5, -0.25, 0.0]);
+        let other_command = format!("{:<63}\n", "1500 0 0 1 0 0 0");
+        talk(&mut device, other_command.as_bytes());
+        assert_eq!(device.force_n(), vec3::ZERO);
+    }
+
+    #[test]
+    fn anything_else_is_thrown_away_and_keeps_the_force() {
+        let mut device = device();
+        talk(&mut device, format!("{:<63}\n", "1000 0 0 2 0 0 0").as_bytes());
+        for bad in ["1 2 3 2 0 0", "1 2 3 2 0 0 0 0", "40000 0 0 2 0 0 0", "x 2 3 2 0 0 0"] {
+            assert_eq!(talk(&mut device, format!("{bad:<63}\n").as_bytes()), "", "{bad}");
+        }
+        assert_eq!(talk(&mut device, b"0 0 0 2 0 0 0\n"), "", "too short");
+        assert_eq!(talk(&mut device, format!("{:<90}\n", "0 0 0 2 0 0 0").as_bytes()), "", "too long");
+        assert_eq!((device.force_n(), device.refused()), ([1.0, 0.0, 0.0], 6));
+    }
+}

@@ -1,0 +1,132 @@
+//! Bytes to and from the driver under test: through a pseudo terminal, or through memory.
+
+use serialport::{SerialPort, TTYPort};
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// The device's end of a link. Neither call waits. Times are the caller's, so that faults can be repeated.
+pub trait Transport {
+    /// Reads what has come; 0 if nothing.
+    fn receive(&mut self, now_us: u64, buffer: &mut [u8]) -> io::Result<usize>;
+
+    /// Sends one frame.
+    fn send(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()>;
+}
+
+/// The master end of a pseudo terminal; the driver opens the other one like any serial port.
+#[derive(Debug)]
+pub struct PtyTransport {
+    port: TTYPort,
+}
+
+impl PtyTransport {
+    /// A new pseudo terminal: the device's end, and the port for the driver.
+    pub fn pair() -> io::Result<(Self, TTYPort)> {
+        let (mut device, driver) = TTYPort::pair()?;
+        device.set_timeout(Duration::ZERO)?;
+        Ok((Self { port: device }, driver))
+    }
+
+    /// Waits until something can be read, at most this long of real time: a terminal hands bytes on a moment after they were written.
+    pub fn wait_readable(&mut self, at_most: Duration) -> io::Result<bool> {
+        let until = std::time::Instant::now() + at_most;
+        loop {
+            if self.port.bytes_to_read()? > 0 {
+                return Ok(true);
+            }
+            if std::time::Instant::now() >= until {
+                return Ok(false);
+            }
+            std::thread::yield_now();
+        }
+    }
+}
+
+impl Transport for PtyTransport {
+    fn receive(&mut self, _now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        if self.port.bytes_to_read()? == 0 {
+            return Ok(0);
+        }
+        match self.port.read(buffer) {
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(0),
+            other => other,
+        }
+    }
+
+    fn send(&mut self, _now_us: u64, frame: &[u8]) -> io::Result<()> {
+        self.port.write_all(frame)
+    }
+}
+
+/// One end of a link in memory.
+#[derive(Debug, Clone)]
+pub struct MemoryTransport {
+    incoming: Arc<Mutex<VecDeque<u8>>>,
+    outgoing: Arc<Mutex<VecDeque<u8>>>,
+}
+
+impl MemoryTransport {
+    /// Both ends.
+    #[must_use]
+    pub fn pair() -> (Self, Self) {
+        let (one, other) = (Arc::default(), Arc::default());
+        let first = Self { incoming: Arc::clone(&one), outgoing: Arc::clone(&other) };
+        (first, Self { incoming: other, outgoing: one })
+    }
+}
+
+fn lock(queue: &Mutex<VecDeque<u8>>) -> MutexGuard<'_, VecDeque<u8>> {
+    // Bytes in a queue stay bytes, even if another test thread panicked.
+    queue.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Transport for MemoryTransport {
+    fn receive(&mut self, _now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        lock(&self.incoming).read(buffer)
+    }
+
+    fn send(&mut self, _now_us: u64, frame: &[u8]) -> io::Result<()> {
+        lock(&self.outgoing).extend(frame);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_carries_bytes_both_ways() {
+        let (mut one, mut other) = MemoryTransport::pair();
+        one.send(0, b"to the other").expect("memory");
+        other.send(0, b"back").expect("memory");
+        let mut buffer = [0; 64];
+        let count = other.receive(0, &mut buffer).expect("memory");
+        assert_eq!(&buffer[..count], b"to the other");
+        let count = one.receive(0, &mut buffer).expect("memory");
+        assert_eq!(&buffer[..count], b"back");
+        assert_eq!(one.receive(0, &mut buffer).expect("memory"), 0);
+    }
+
+    /// Every byte value: a terminal that is not raw would swallow or change some.
+    #[test]
+    fn a_pseudo_terminal_is_transparent() {
+        let (mut device, mut driver) = PtyTransport::pair().expect("a pseudo terminal");
+        let all: Vec<u8> = (0..=255).collect();
+        driver.write_all(&all).expect("room for 256 bytes");
+        let mut got = Vec::new();
+        let mut buffer = [0; 64];
+        while got.len() < all.len() && device.wait_readable(Duration::from_secs(2)).expect("open") {
+            let count = device.receive(0, &mut buffer).expect("open");
+            got.extend_from_slice(&buffer[..count]);
+        }
+        assert_eq!(got, all);
+        device.send(0, &all).expect("room for 256 bytes");
+        driver.set_timeout(Duration::from_secs(2)).expect("a setting");
+        let mut back = vec![0; all.len()];
+        driver.read_exact(&mut back).expect("as many bytes");
+        assert_eq!(back, all);
+    }
+}

@@ -1,0 +1,305 @@
+//! The host's real Polhem driver and the core's controller against the emulated device, over a pseudo terminal.
+//!
+//! Time is virtual and both sides go in step, so a busy machine changes nothing: a tick of the host, then the device answers.
+
+#[path = "../../host/tests/common/synthetic.rs"]
+mod synthetic;
+
+use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Vec3, vec3};
+use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
+use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::workspace::Workspace;
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::{DeviceError, DeviceErrorKind};
+use serialport::{SerialPort, TTYPort};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// Longest real time a byte may take through the terminal of a busy machine.
+const PATIENCE: Duration = Duration::from_millis(10);
+
+/// Device z is the outward normal of the first active node, and the device's origin lies on the surface there.
+fn workspace(organ: &Organ<'_>) -> Workspace {
+    let normal = organ.spaces[0].outward_normal;
+    let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
+    let second = vec3::cross(normal, first);
+    Workspace {
+        axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
+        model_origin_m: organ.spaces[0].rest_position_m,
+        ..Workspace::default()
+    }
+}
+
+/// The hand of the emulated device: from 8 mm above the surface to where 12 mm below would be without resistance.
+fn pressing() -> Handle {
+    let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
+    Handle::new(vec![at(0, 0.008), at(300_000, 0.008), at(1_000_000, -0.012)])
+}
+
+/// Both ends of the link after the device has been woken.
+struct Bench<'l, 'o> {
+    haptic: HapticLoop<'l, 'o, 'o, Polhem, &'l VirtualClock, 256>,
+    clock: &'l VirtualClock,
+    records: rtrb::Consumer<TickRecord>,
+    device: EmulatedPolhem,
+    link: Faulty<PtyTransport>,
+    driver_end: TTYPort,
+    index: u64,
+}
+
+impl<'l, 'o> Bench<'l, 'o> {
+    fn new(organ: &'o Organ<'o>, clock: &'l VirtualClock, controls: &'l Controls) -> Self {
+        let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
+        let driver_end = driver.try_clone_native().expect("a second handle");
+        let (mut link, mut device) =
+            (Faulty::new(link, Faults::default(), 11), EmulatedPolhem::new(pressing()));
+        let woken = AtomicBool::new(false);
+        let polhem = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !woken.load(Ordering::Relaxed) {
+                    device.poll(0, &mut link).expect("the terminal is open");
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+            });
+            let config = PolhemConfig { workspace: workspace(organ), ..PolhemConfig::default() };
+            let polhem = Polhem::with_port(Box::new(driver), config);
+            woken.store(true, Ordering::Relaxed);
+            polhem.expect("the emulator wakes up")
+        });
+        let controller = Controller::new(organ, Config::new(Method::Hybrid)).expect("has the method");
+        let (producer, records) = rtrb::RingBuffer::new(10_000);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let outputs = Outputs { records: producer, latest };
+        let haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
+        Self { haptic, clock, records, device, link, driver_end, index: 0 }
+    }
+
+    fn now_us(&self) -> u64 {
+        self.index * 1_000
+    }
+
+    /// One tick of the host, then the device's turn.
+    fn step(&mut self) -> Result<TickRecord, DeviceError> {
+        self.index += 1;
+        let now_us = self.now_us();
+        self.clock.wait_until(now_us * 1_000, 0);
+        self.haptic.tick(self.index, 0, now_us * 1_000)?;
+        let record = self.records.pop().expect("one record a tick");
+        self.serve();
+        Ok(record)
+    }
+
+    fn serve(&mut self) {
+        self.link.inner_mut().wait_readable(PATIENCE).expect("open");
+        let before = self.device.requests();
+        self.device.poll(self.now_us(), &mut self.link).expect("open");
+        let answered = self.device.requests() > before;
+        let patience = std::time::Instant::now() + PATIENCE;
+        while answered
+            && self.driver_end.bytes_to_read().is_ok_and(|count| count == 0)
+            && std::time::Instant::now() < patience
+        {
+            std::thread::yield_now();
+        }
+    }
+
+    fn run(&mut self, ticks: u64) -> Vec<TickRecord> {
+        (0..ticks).map(|_| self.step().expect("the device is there")).collect()
+    }
+}
+
+fn with_bench(test: impl FnOnce(&mut Bench<'_, '_>, &Controls)) {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let mut bench = Bench::new(&organ, &clock, &controls);
+    test(&mut bench, &controls);
+}
+
+/// Whatever the faults: finite, within the limit, no step beyond the slew limit, zero unless active.
+fn assert_safe(records: &[TickRecord]) {
+    let mut before = vec3::ZERO;
+    for record in records {
+        let force_n = record.hand_force_n;
+        assert!(vec3::is_finite(force_n) && vec3::norm(force_n) <= 8.0, "{record:?}");
+        let step_n = vec3::distance(force_n, before);
+        assert!(force_n == vec3::ZERO || step_n <= 2.001, "{step_n} N in one tick: {record:?}");
+        assert!(record.phase == Phase::Active || force_n == vec3::ZERO, "{record:?}");
+        before = force_n;
+    }
+}
+
+#[test]
+fn a_press_is_felt_through_the_whole_chain() {
+    with_bench(|bench, controls| {
+        let disarmed = bench.run(50);
+        assert!(disarmed.iter().all(|record| record.phase == Phase::Disarmed));
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "a real device is armed by a deliberate act only");
+        controls.arm();
+        let records = bench.run(1_600);
+        assert_safe(&records);
+        let last = records.last().expect("ticks ran");
+        assert_eq!((last.phase, last.engaged), (Phase::Active, Some(0)));
+        // Handle at rest between the hand's spring and the organ: both forces balance at a depth between 0 and 12 mm.
+        let [x, y, z] = bench.device.force_n();
+        assert!(z > 1.0 && x.abs() < 0.1 && y.abs() < 0.1, "{:?}", bench.device.force_n());
+        let balance_n = 400.0 * (bench.device.position_m()[2] + 0.012);
+        assert!((z - balance_n).abs() < 0.05, "{z} N against the hand's {balance_n} N");
+        assert!((vec3::norm(last.hand_force_n) - z).abs() < 0.05);
+        // One request a tick but for the start: the link keeps up with 1 kHz.
+        assert!(bench.device.requests() > 1_600, "{}", bench.device.requests());
+        assert_eq!(bench.device.refused(), 0);
+    });
+}
+
+#[test]
+fn the_end_of_the_loop_takes_the_force_away() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let mut bench = Bench::new(&organ, &clock, &controls);
+    controls.arm();
+    bench.run(1_400);
+    assert!(bench.device.force_n()[2] > 1.0);
+    let Bench { haptic, mut device, mut link, index, .. } = bench;
+    drop(haptic);
+    assert!(link.inner_mut().wait_readable(Duration::from_secs(2)).expect("open"));
+    std::thread::sleep(PATIENCE);
+    device.poll(index * 1_000, &mut link).expect("open");
+    assert_eq!(device.force_n(), vec3::ZERO);
+}
+
+#[test]
+fn a_silent_link_latches_zero_until_reset_and_armed() {
+    with_bench(|bench, controls| {
+        controls.arm();
+        let mut records = bench.run(1_500);
+        assert!(bench.device.force_n()[2] > 1.0);
+        bench.link.set_faults(Faults { drop: 1.0, ..Faults::default() });
+        let silent = bench.run(40);
+        // 10 ms without a sample; the last one may be a tick old.
+        for record in &silent[12..] {
+            assert_eq!((record.phase, record.hand_force_n), (Phase::SafeZero(Fault::Stale), vec3::ZERO));
+        }
+        let held: Vec<&TickRecord> =
+            silent.iter().filter(|record| record.hand_force_n != vec3::ZERO).collect();
+        assert!(held.len() <= 5, "the last force is held for at most a few ticks, not {}", held.len());
+        assert!(
+            bench.device.force_n()[2] > 1.0,
+            "without a watchdog and without a link the device cannot know"
+        );
+
+        bench.link.set_faults(Faults::default());
+        bench.run(10);
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "the first request that gets through takes it away");
+        records.extend(bench.run(500));
+        assert!(records[1_500..].iter().all(|record| record.hand_force_n == vec3::ZERO), "never by itself");
+
+        controls.reset();
+        controls.arm();
+        // The tool is below the surface and must cross it again before anything pushes back.
+        let again = bench.run(700);
+        assert!(again.iter().all(|record| record.phase == Phase::Active));
+        assert_safe(&again);
+    });
+}
+
+#[test]
+fn single_faults_are_ridden_out() {
+    for (name, faults) in [
+        ("drop", Faults { drop: 0.004, ..Faults::default() }),
+        ("truncate", Faults { truncate: 0.004, ..Faults::default() }),
+        ("delay", Faults { delay: 0.01, delay_us: 3_000, ..Faults::default() }),
+    ] {
+        with_bench(|bench, controls| {
+            controls.arm();
+            bench.link.set_faults(faults);
+            let records = bench.run(2_500);
+            assert_safe(&records);
+            let counts = bench.link.counts();
+            assert!(counts.dropped + counts.truncated + counts.delayed > 5, "{name}: {counts:?}");
+            assert_eq!(records.last().map(|record| record.phase), Some(Phase::Active), "{name}: {counts:?}");
+            assert!(bench.device.force_n()[2] > 1.0, "{name}");
+        });
+    }
+}
+
+/// The protocol has no checksum: a flipped bit may pass for another number. What is left then are the controller's own limits.
+#[test]
+fn a_storm_of_faults_is_never_worse_than_zero() {
+    let faults = Faults { drop: 0.05, truncate: 0.05, corrupt: 0.10, delay: 0.05, delay_us: 15_000 };
+    with_bench(|bench, controls| {
+        controls.arm();
+        bench.run(1_200);
+        bench.link.set_faults(faults);
+        let records = bench.run(1_500);
+        assert_safe(&records);
+        assert!(matches!(records.last().expect("ticks ran").phase, Phase::SafeZero(_)));
+        bench.link.set_faults(Faults::default());
+        bench.run(60);
+        assert_eq!(bench.device.force_n(), vec3::ZERO);
+    });
+}
+
+/// Replies that are all 50 ms late are fresh bytes with old contents.
+#[test]
+fn a_link_that_is_always_late_is_stale() {
+    with_bench(|bench, controls| {
+        controls.arm();
+        bench.run(1_200);
+        bench.link.set_faults(Faults { delay: 1.0, delay_us: 50_000, ..Faults::default() });
+        let records = bench.run(300);
+        assert_safe(&records);
+        assert_eq!(records.last().map(|record| record.phase), Some(Phase::SafeZero(Fault::Stale)));
+    });
+}
+
+#[test]
+fn an_unplugged_device_ends_the_loop() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let mut bench = Bench::new(&organ, &clock, &controls);
+    bench.run(20);
+    let Bench { mut haptic, link, index, .. } = bench;
+    drop(link);
+    let lost = (1..20).find_map(|i| haptic.tick(index + i, 0, (index + i) * 1_000_000).err());
+    assert_eq!(lost.map(|error| error.kind()), Some(DeviceErrorKind::Disconnected));
+}
+
+#[test]
+fn a_device_that_never_wakes_is_a_timeout() {
+    let (_link, driver) = PtyTransport::pair().expect("a pseudo terminal");
+    let config = PolhemConfig { wake_timeout: Duration::from_millis(250), ..PolhemConfig::default() };
+    let refused = Polhem::with_port(Box::new(driver), config);
+    assert_eq!(refused.err().map(|error| error.kind()), Some(DeviceErrorKind::Timeout));
+}
+
+/// What the tests above rely on: the force on the emulated motors is what the host sent, axis by axis.
+#[test]
+fn forces_arrive_on_the_right_axes() {
+    use palpate_host::Device;
+    let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
+    let mut link = Faulty::new(link, Faults::default(), 1);
+    let mut device = EmulatedPolhem::new(Handle::new(Vec::new()));
+    let woken = AtomicBool::new(false);
+    let mut polhem = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !woken.load(Ordering::Relaxed) {
+                device.poll(0, &mut link).expect("open");
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        });
+        let polhem = Polhem::with_port(Box::new(driver), PolhemConfig::default());
+        woken.store(true, Ordering::Relaxed);
+        polhem.expect("wakes up")
+    });
+    device.poll(0, &mut link).expect("open");
+    let sent: Vec3 = [1.25, -2.5, 0.75];
+    for tick in 1..10 {
+        polhem.exchange(tick * 1_000, sent).expect("a good link");
+        link.inner_mut().wait_readable(PATIENCE).expect("open");
+        device.poll(tick * 1_000, &mut link).expect("open");
+    }
+    assert_eq!(device.force_n(), sent);
+}
