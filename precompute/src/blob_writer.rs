@@ -43,10 +43,17 @@ impl std::fmt::Display for PackError {
             Self::Store(error) => write!(f, "{error}"),
             Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
             Self::Empty { active } => {
-                write!(f, "active node {active} has no solved configuration; run `palpate precompute` to the end first")
+                write!(
+                    f,
+                    "active node {active} has no solved configuration; run `palpate precompute` to the end first"
+                )
             }
-            Self::TooLarge(what) => write!(f, "{what} is too large for a blob; shorten it or pack fewer methods"),
-            Self::Mesh(fault) => write!(f, "the mesh in the store is not usable: {fault:?}; precompute again"),
+            Self::TooLarge(what) => {
+                write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
+            }
+            Self::Mesh(fault) => {
+                write!(f, "the mesh in the store is not usable: {fault:?}; precompute again")
+            }
         }
     }
 }
@@ -87,7 +94,8 @@ fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless
 /// Packs every space of `store` with the tables of `methods` and returns the blob's bytes.
 pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
     let identity = store.identity()?;
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
+    let grid =
+        SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
     let (nodes_m, tets, fixed) = store.mesh()?;
     let mesh = TetMesh::new(nodes_m, tets).map_err(PackError::Mesh)?;
     let surface = Surface::of(&mesh);
@@ -95,7 +103,18 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
     let surface_header = write_surface(&mut planes, &mesh, &surface, &fixed)?;
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        spaces.push(write_space(&mut planes, store, &grid, &mesh, &surface, active, &name, node, methods, identity.visual)?);
+        spaces.push(write_space(
+            &mut planes,
+            store,
+            &grid,
+            &mesh,
+            &surface,
+            active,
+            &name,
+            node,
+            methods,
+            identity.visual,
+        )?);
     }
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
@@ -117,7 +136,8 @@ fn write_surface(
     let position = |axis: usize| -> Vec<f32> {
         surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
     };
-    let vertex = |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32;
+    let vertex =
+        |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32;
     let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
     let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
     Ok(SurfaceHeader {
@@ -147,7 +167,8 @@ fn write_space(
     }
     let values = lattice_values(grid, &samples);
     let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
-    let fit = |kernel| fit_rbf(kernel, &samples).map_err(|error| PackError::Fit { active: name.into(), error });
+    let fit =
+        |kernel| fit_rbf(kernel, &samples).map_err(|error| PackError::Fit { active: name.into(), error });
     let flags = planes.push(&values.flags)?;
     let force_n = if methods.iter().any(|m| on_lattice.contains(m)) {
         Some(planes.push3(&values.force_n)?)
@@ -208,7 +229,8 @@ fn padded(plane: &Vec<f64>) -> Vec<f64> {
 }
 
 fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> Result<Vec<u8>, PackError> {
-    let encode = |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
+    let encode =
+        |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
     let mut header = encode(postcard::to_stdvec(preamble))?;
     for space in spaces {
         header.extend(encode(postcard::to_stdvec(space))?);

@@ -44,7 +44,8 @@ impl DofMap {
                 has_pressure[node as usize] |= pressures && moves;
             }
         }
-        let order = nested_dissection(elements, node_count, |node| has_displacement[node] || has_pressure[node]);
+        let order =
+            nested_dissection(elements, node_count, |node| has_displacement[node] || has_pressure[node]);
         let mut displacement = vec![[ABSENT; 3]; node_count];
         let mut pressure = vec![ABSENT; node_count];
         let mut next = 0u32;

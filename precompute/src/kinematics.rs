@@ -66,8 +66,8 @@ mod tests {
                 let mut minus = h;
                 plus[(i, j)] += step;
                 minus[(i, j)] -= step;
-                let slope =
-                    (Kinematics::new(&plus).volume_change - Kinematics::new(&minus).volume_change) / (2.0 * step);
+                let slope = (Kinematics::new(&plus).volume_change - Kinematics::new(&minus).volume_change)
+                    / (2.0 * step);
                 assert!((slope - k.cofactor[(i, j)]).abs() < 1e-9, "dJ/dF[{i},{j}]");
             }
         }

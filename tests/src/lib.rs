@@ -71,7 +71,9 @@ pub fn nearest_node(mesh: &TetMesh, point_m: [f64; 3]) -> u32 {
     let distance = |n: u32| -> f64 {
         mesh.nodes_m[n as usize].iter().zip(point_m).map(|(x, p)| (x - p) * (x - p)).sum()
     };
-    (0..mesh.nodes_m.len() as u32).min_by(|&a, &b| distance(a).total_cmp(&distance(b))).expect("the mesh has nodes")
+    (0..mesh.nodes_m.len() as u32)
+        .min_by(|&a, &b| distance(a).total_cmp(&distance(b)))
+        .expect("the mesh has nodes")
 }
 
 /// A soft beam of 80 x 40 x 40 mm held at its left end, with the middle of its top face as active node.

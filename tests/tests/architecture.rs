@@ -41,7 +41,8 @@ fn the_arrows_point_one_way() {
 fn the_core_takes_no_default_features_along() {
     // A default feature of a dependency is how `std` leaks into a no_std crate.
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
-    let core = metadata.packages.iter().find(|p| p.name.as_str() == "palpate-core").expect("the core is a member");
+    let core =
+        metadata.packages.iter().find(|p| p.name.as_str() == "palpate-core").expect("the core is a member");
     let leaky: Vec<&str> = core
         .dependencies
         .iter()

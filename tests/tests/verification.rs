@@ -88,7 +88,8 @@ fn uniaxial_mooney_rivlin_follows_its_closed_form() {
         let (nodes, body) = free_box(mooney_rivlin());
         let side = 1.0 / l.sqrt();
         let pressure = 2.0 * (c10 / l + c01 * (l + 1.0 / (l * l)));
-        let result = homogeneous(&body, &nodes, &Matrix3::from_diagonal(&Vector3::new(l, side, side)), pressure);
+        let result =
+            homogeneous(&body, &nodes, &Matrix3::from_diagonal(&Vector3::new(l, side, side)), pressure);
         let area = 0.04 * 0.04;
         let pull: f64 = nodes
             .iter()
@@ -119,7 +120,8 @@ fn small_strains_obey_hookes_law_with_e_of_six_times_c10_plus_c01() {
     let pressure = 2.0 * (1300.0 / l + 1280.0 * (l + 1.0 / (l * l)));
     let side = 1.0 / f64::sqrt(l);
     let result = homogeneous(&body, &nodes, &Matrix3::from_diagonal(&Vector3::new(l, side, side)), pressure);
-    let pull: f64 = (0..nodes.len()).filter(|&n| nodes[n][0] > 0.06 - 1e-9).map(|n| result.nodal_force_n[3 * n]).sum();
+    let pull: f64 =
+        (0..nodes.len()).filter(|&n| nodes[n][0] > 0.06 - 1e-9).map(|n| result.nodal_force_n[3 * n]).sum();
     let strain_stress = young * 1e-6 * 0.04 * 0.04;
     assert!((pull / strain_stress - 1.0).abs() < 3e-6, "{pull} N against {strain_stress} N");
 }
@@ -188,7 +190,13 @@ fn energy_is_the_work_along_a_path() {
         // Gauss-Legendre with five points on the straight path: exact to the tenth order of the step.
         let end = [0.006, 0.004, -0.009];
         let nodes = [0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415, 0.9530899229693320];
-        let weights = [0.1184634425280945, 0.2393143352496832, 0.2844444444444444, 0.2393143352496832, 0.1184634425280945];
+        let weights = [
+            0.1184634425280945,
+            0.2393143352496832,
+            0.2844444444444444,
+            0.2393143352496832,
+            0.1184634425280945,
+        ];
         let mut work = 0.0;
         for (t, w) in nodes.into_iter().zip(weights) {
             here = solver.advance(&here.seed, end.map(|x| t * x)).expect("the beam follows");

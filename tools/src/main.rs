@@ -1,1 +1,57 @@
-fn main() {}
+//! `palpate`: the command line over all crates. Only parsing and exit codes here; one file per command in `cmd/`.
+//!
+//! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad input.
+#![forbid(unsafe_code)]
+
+mod blob;
+mod cmd;
+mod failure;
+mod progress;
+mod touch;
+mod truth;
+mod workbench;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Touch a nonlinear soft organ: solve its hyperelastic model offline, interpolate it at 1 kHz.
+///
+/// The way of the data: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with `palpate demo`.
+#[derive(Debug, Parser)]
+#[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(cmd::demo::Args),
+    Path(cmd::path::Args),
+    Precompute(cmd::precompute::Args),
+    Pack(cmd::pack::Args),
+    Query(cmd::query::Args),
+    Inspect(cmd::inspect::Args),
+    Run(cmd::run::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let done = match cli.command {
+        Command::Demo(args) => cmd::demo::run(&args),
+        Command::Path(args) => cmd::path::run(&args),
+        Command::Precompute(args) => cmd::precompute::run(&args),
+        Command::Pack(args) => cmd::pack::run(&args),
+        Command::Query(args) => cmd::query::run(&args),
+        Command::Inspect(args) => cmd::inspect::run(&args),
+        Command::Run(args) => cmd::run::run(&args),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("palpate: {}", failure.line());
+            failure.exit_code()
+        }
+    }
+}

@@ -92,7 +92,10 @@ impl std::fmt::Display for ExpansionError {
         match self {
             Self::Store(error) => write!(f, "{error}"),
             Self::Rest(failure) => {
-                write!(f, "the body cannot be solved at rest: {failure}; fix at least three nodes off one line")
+                write!(
+                    f,
+                    "the body cannot be solved at rest: {failure}; fix at least three nodes off one line"
+                )
             }
             Self::Interrupted => {
                 write!(f, "interrupted; every finished configuration is kept, run the same command to go on")
@@ -170,8 +173,11 @@ impl Expansion {
         let known: HashMap<GridIndex, Record> =
             store.records(self.active)?.into_iter().map(|r| (r.index, r)).collect();
         let points: Vec<GridIndex> = self.grid.lattice.points().collect();
-        let mut state =
-            Progress { counts: TagCounts { unknown: points.len(), ..Default::default() }, round: 0, solved_now: 0 };
+        let mut state = Progress {
+            counts: TagCounts { unknown: points.len(), ..Default::default() },
+            round: 0,
+            solved_now: 0,
+        };
         let mut tags = HashMap::with_capacity(points.len() + 1);
         if !known.contains_key(&[0; 3]) {
             self.solve_rest(store)?;
@@ -187,7 +193,8 @@ impl Expansion {
             if round.is_empty() {
                 return Ok(state.counts);
             }
-            let (done, open): (Vec<_>, Vec<_>) = round.into_iter().partition(|t| known.contains_key(&t.target));
+            let (done, open): (Vec<_>, Vec<_>) =
+                round.into_iter().partition(|t| known.contains_key(&t.target));
             // Tags are entered after the round only, so that no point of a round can be another's parent.
             let mut decided: Vec<(GridIndex, ConfigTag)> =
                 done.iter().map(|t| (t.target, known[&t.target].tag)).collect();
@@ -239,7 +246,8 @@ impl Expansion {
                         };
                         let mut solver = Solver::new(self.problem.clone());
                         while !stop.load(Ordering::Relaxed) && !abandon.load(Ordering::Relaxed) {
-                            let Some(transition) = transitions.get(next.fetch_add(1, Ordering::Relaxed)) else {
+                            let Some(transition) = transitions.get(next.fetch_add(1, Ordering::Relaxed))
+                            else {
                                 return;
                             };
                             let outcome = self.solve_transition(&mut solver, &reader, transition, round);
@@ -288,7 +296,8 @@ impl Expansion {
                 (record, Some(StoredSeed::pack(&configuration.seed)))
             }
             Err(failure) => {
-                let record = Record::failed(t.target, round, t.parent, &failure, start.elapsed().as_secs_f64());
+                let record =
+                    Record::failed(t.target, round, t.parent, &failure, start.elapsed().as_secs_f64());
                 (record, None)
             }
         })

@@ -360,13 +360,20 @@ impl Store {
             _ => "version of the solver",
         };
         let short = |s: &str| s.chars().take(40).collect::<String>();
-        Err(StoreError::Mismatch { path: self.path.clone(), what, stored: short(&stored), wanted: short(wanted) })
+        Err(StoreError::Mismatch {
+            path: self.path.clone(),
+            what,
+            stored: short(&stored),
+            wanted: short(wanted),
+        })
     }
 
     /// Value of a `meta` key.
     pub fn meta(&self, key: &str) -> Result<String, StoreError> {
         let found: Option<String> = self.wrap(
-            self.connection.query_row("SELECT value FROM meta WHERE key = ?1", [key], |row| row.get(0)).optional(),
+            self.connection
+                .query_row("SELECT value FROM meta WHERE key = ?1", [key], |row| row.get(0))
+                .optional(),
         )?;
         found.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
     }
@@ -382,7 +389,8 @@ impl Store {
             scene_name: self.meta("scene_name")?,
             scene: self.meta("scene")?,
             content_hash: self.meta("content_hash")?,
-            mesh_hash: unhex(&self.meta("mesh_hash")?).ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
+            mesh_hash: unhex(&self.meta("mesh_hash")?)
+                .ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
             law: self.meta("law")?,
             max_force_n: self.parsed("max_force_n")?,
             spacing_m: self.parsed("spacing_m")?,
@@ -393,18 +401,18 @@ impl Store {
 
     /// Active nodes (name, mesh node), in the order of their ids.
     pub fn active(&self) -> Result<Vec<(String, u32)>, StoreError> {
-        let mut statement = self.wrap(self.connection.prepare("SELECT name, node FROM active ORDER BY id"))?;
+        let mut statement =
+            self.wrap(self.connection.prepare("SELECT name, node FROM active ORDER BY id"))?;
         let rows = self.wrap(statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))))?;
         self.wrap(rows.collect())
     }
 
     /// Nodes, tetrahedra and fixed nodes of the body.
     pub fn mesh(&self) -> Result<(Vec<[f64; 3]>, Vec<[u32; 4]>, Vec<u32>), StoreError> {
-        let (nodes, tets, fixed): (Vec<u8>, Vec<u8>, Vec<u8>) = self.wrap(self.connection.query_row(
-            "SELECT nodes_m, tets, fixed FROM mesh",
-            [],
-            |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
-        ))?;
+        let (nodes, tets, fixed): (Vec<u8>, Vec<u8>, Vec<u8>) =
+            self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed FROM mesh", [], |row| {
+                Ok((row.get(0)?, row.get(1)?, row.get(2)?))
+            }))?;
         let coordinates: Vec<f64> = nodes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
         let corners: Vec<u32> = tets.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
         let fixed: Vec<u32> = fixed.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
@@ -425,14 +433,20 @@ impl Store {
         let mut records = Vec::new();
         while let Some(row) = self.wrap(rows.next())? {
             let tag: String = self.wrap(row.get(3))?;
-            let tag = ConfigTag::from_name(&tag).ok_or_else(|| self.corrupt(format!("unknown tag `{tag}`")))?;
+            let tag =
+                ConfigTag::from_name(&tag).ok_or_else(|| self.corrupt(format!("unknown tag `{tag}`")))?;
             records.push(self.wrap(read_record(row, tag))?);
         }
         Ok(records)
     }
 
     /// Commits one decided point; `seed` is what its children will start from.
-    pub fn commit(&self, active: usize, record: &Record, seed: Option<&StoredSeed>) -> Result<(), StoreError> {
+    pub fn commit(
+        &self,
+        active: usize,
+        record: &Record,
+        seed: Option<&StoredSeed>,
+    ) -> Result<(), StoreError> {
         let r = record;
         let s = &r.stiffness_n_m;
         let solved = r.tag.is_solved();
@@ -505,14 +519,19 @@ impl Store {
 
     /// Displacement of every node of one configuration, m (f32 as stored).
     pub fn displacements(&self, active: usize, index: GridIndex) -> Result<Vec<[f32; 3]>, StoreError> {
-        let nodes = self.wrap(self.connection.query_row("SELECT length(nodes_m) / 24 FROM mesh", [], |row| {
-            row.get::<_, i64>(0)
-        }))? as usize;
+        let nodes = self.wrap(self.connection.query_row(
+            "SELECT length(nodes_m) / 24 FROM mesh",
+            [],
+            |row| row.get::<_, i64>(0),
+        ))? as usize;
         let state: Vec<u8> = self.wrap(
             self.connection
-                .prepare_cached("SELECT state FROM configuration WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4")
+                .prepare_cached(
+                    "SELECT state FROM configuration WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4",
+                )
                 .and_then(|mut statement| {
-                    statement.query_row(params![active as i64, index[0], index[1], index[2]], |row| row.get(0))
+                    statement
+                        .query_row(params![active as i64, index[0], index[1], index[2]], |row| row.get(0))
                 }),
         )?;
         let values: Vec<f32> = state.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
@@ -531,8 +550,12 @@ pub struct StoredSeed {
 impl StoredSeed {
     /// Rounds `seed` to what is stored.
     pub fn pack(seed: &Seed) -> Self {
-        let bytes = |values: &[f64]| values.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect::<Vec<u8>>();
-        Self { state: bytes(&seed.state), sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect() }
+        let bytes =
+            |values: &[f64]| values.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect::<Vec<u8>>();
+        Self {
+            state: bytes(&seed.state),
+            sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect(),
+        }
     }
 
     fn unpack(&self, displacement_m: [f64; 3]) -> Option<Seed> {

@@ -25,8 +25,10 @@ const GHOST_FORCE_LIMIT: f64 = 2.0;
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     let slots = grid.lattice.slots();
     let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
-    let mut values =
-        LatticeValues { force_n: [vec![0.0; slots], vec![0.0; slots], vec![0.0; slots]], flags: vec![0; slots] };
+    let mut values = LatticeValues {
+        force_n: [vec![0.0; slots], vec![0.0; slots], vec![0.0; slots]],
+        flags: vec![0; slots],
+    };
     let mut store = |slot: usize, force: [f64; 3], bits: u8| {
         for (plane, component) in values.force_n.iter_mut().zip(force) {
             plane[slot] = component as f32;
@@ -58,8 +60,7 @@ fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> 
     let nearest = samples.iter().map(|s| squared_distance(s.index, index)).min().unwrap_or(0);
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     for sample in samples.iter().filter(|s| squared_distance(s.index, index) == nearest) {
-        let step: [f64; 3] =
-            std::array::from_fn(|i| f64::from(index[i] - sample.index[i]) * grid.spacing_m);
+        let step: [f64; 3] = std::array::from_fn(|i| f64::from(index[i] - sample.index[i]) * grid.spacing_m);
         for (i, total) in sum.iter_mut().enumerate() {
             let change: f64 = sample.stiffness_n_m[i].iter().zip(step).map(|(s, d)| s * d).sum();
             *total += sample.force_n[i] + change;

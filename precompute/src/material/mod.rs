@@ -43,7 +43,9 @@ impl Material {
             MaterialLaw::StVenantKirchhoff { lambda_pa, mu_pa } => {
                 Some(Self::StVenantKirchhoff(StVenantKirchhoff { lambda_pa, mu_pa }))
             }
-            MaterialLaw::MooneyRivlin { c10_pa, c01_pa } => Some(Self::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })),
+            MaterialLaw::MooneyRivlin { c10_pa, c01_pa } => {
+                Some(Self::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }))
+            }
             _ => None,
         }
     }
@@ -130,7 +132,8 @@ mod tests {
             let s = law.second_piola(&gamma);
             for (i, j) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)] {
                 let e = unit(i, j) * step;
-                let slope = (law.strain_energy_density(&(gamma + e)) - law.strain_energy_density(&(gamma - e)))
+                let slope = (law.strain_energy_density(&(gamma + e))
+                    - law.strain_energy_density(&(gamma - e)))
                     / (2.0 * step);
                 let want = if i == j { s[(i, j)] } else { 2.0 * s[(i, j)] };
                 assert!((slope - want).abs() < 1e-6 * s.norm(), "{} S[{i},{j}]: {slope} {want}", law.name());
@@ -145,10 +148,14 @@ mod tests {
             let t = law.tangent();
             for (i, j) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)] {
                 let e = unit(i, j);
-                let slope =
-                    (law.second_piola(&(gamma + e * step)) - law.second_piola(&(gamma - e * step))) / (2.0 * step);
+                let slope = (law.second_piola(&(gamma + e * step)) - law.second_piola(&(gamma - e * step)))
+                    / (2.0 * step);
                 let want = Matrix3::identity() * (t.alpha_pa * e.trace()) + e * t.beta_pa;
-                assert!((slope - want).norm() < 1e-8 * (t.alpha_pa.abs() + t.beta_pa.abs()), "{}", law.name());
+                assert!(
+                    (slope - want).norm() < 1e-8 * (t.alpha_pa.abs() + t.beta_pa.abs()),
+                    "{}",
+                    law.name()
+                );
             }
         }
     }

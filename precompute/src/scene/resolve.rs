@@ -36,7 +36,7 @@ pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
         Some(table) => Some(finite(place, "force_n_per_m3", &table.get_ref().force_n_per_m3)?),
         None => None,
     };
-    lookup.check_support(file.fixed.span(), &fixed)?;
+    lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let warnings = lookup.warnings;
     let visual = file.needs.visual;
     let text = place.canonical();
@@ -421,7 +421,15 @@ impl Lookup<'_> {
     }
 
     /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.
-    fn check_support(&mut self, fixed_span: Range<usize>, fixed: &[u32]) -> Result<(), InputError> {
+    ///
+    /// A tool that holds an active node stops the body from turning about a line of fixed nodes, unless the node is
+    /// on that line or on another piece: then no equilibrium is unique, and the scene is refused.
+    fn check_support(
+        &mut self,
+        fixed_span: Range<usize>,
+        fixed: &[u32],
+        active: &[ActiveNode],
+    ) -> Result<(), InputError> {
         let piece_of = surface::pieces(self.mesh);
         let mut held: BTreeMap<u32, Vec<[f64; 3]>> = BTreeMap::new();
         for &node in fixed {
@@ -444,6 +452,23 @@ impl Lookup<'_> {
                 ));
             };
             if on_a_line(points) {
+                let turns_under = active.iter().find(|a| {
+                    let held_too =
+                        (piece_of[a.node as usize] == piece).then_some(self.mesh.nodes_m[a.node as usize]);
+                    on_a_line(&points.iter().copied().chain(held_too).collect::<Vec<_>>())
+                });
+                if let Some(active) = turns_under {
+                    let what = format!(
+                        "the {} lie on a line, and holding active node \"{}\" does not stop the body from turning about it",
+                        count(points.len(), "fixed node"),
+                        active.name
+                    );
+                    return Err(self.place.error(
+                        fixed_span,
+                        what,
+                        "fix at least three nodes that are not on one line",
+                    ));
+                }
                 self.warnings.push(format!(
                     "the {} of the piece of the body they hold lie on a line: it can turn about it",
                     count(points.len(), "fixed node")

@@ -60,8 +60,10 @@ impl SymbolicFactor {
             },
         )
         .expect("the pattern is square, sorted and fits in memory");
-        let pressure_diagonal =
-            pressure_diagonal.iter().map(|&(equation, size)| (pattern.column_starts[equation], size)).collect();
+        let pressure_diagonal = pressure_diagonal
+            .iter()
+            .map(|&(equation, size)| (pattern.column_starts[equation], size))
+            .collect();
         Self { symbolic, pressure_diagonal }
     }
 

@@ -18,11 +18,7 @@ static METIS: Mutex<()> = Mutex::new(());
 const METIS_OK: i32 = 1;
 
 /// Nodes with `keep(node)`, in elimination order. Deterministic: METIS seeds itself.
-pub fn nested_dissection(
-    elements: &[Tet4],
-    node_count: usize,
-    keep: impl Fn(usize) -> bool,
-) -> Vec<usize> {
+pub fn nested_dissection(elements: &[Tet4], node_count: usize, keep: impl Fn(usize) -> bool) -> Vec<usize> {
     let kept: Vec<usize> = (0..node_count).filter(|&n| keep(n)).collect();
     let mut index = vec![usize::MAX; node_count];
     for (i, &node) in kept.iter().enumerate() {

@@ -1,0 +1,200 @@
+//! Configuration spaces: the same numbers whatever the threads and the interruptions, and a blob that gives them back.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
+use palpate_precompute::blob_writer::pack;
+use palpate_precompute::configuration_space::{
+    Expansion, ExpansionError, Record, SpaceGrid, Store, StoreError, StoreIdentity, TagCounts,
+};
+use palpate_precompute::solve::{Problem, Solver};
+use palpate_tests::{mooney_rivlin, soft_beam};
+
+/// A space of 2 cells around the soft beam's active node.
+struct Bench {
+    mesh: palpate_precompute::mesh::TetMesh,
+    fixed: Vec<u32>,
+    active: u32,
+    problem: Arc<Problem>,
+    grid: SpaceGrid,
+    identity: StoreIdentity,
+}
+
+impl Bench {
+    fn new(max_force_n: f64) -> Self {
+        let (mesh, fixed, active, body) = soft_beam(mooney_rivlin());
+        let grid = SpaceGrid::new(0.005, 0.01).expect("the grid is valid");
+        let identity = StoreIdentity {
+            scene_name: "beam".into(),
+            scene: String::new(),
+            content_hash: format!("{max_force_n}"),
+            mesh_hash: mesh.content_hash(),
+            law: "mooney-rivlin".into(),
+            max_force_n,
+            spacing_m: grid.spacing_m,
+            radius_m: grid.radius_m,
+            visual: true,
+        };
+        Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
+    }
+
+    fn store(&self, path: &Path) -> Result<Store, StoreError> {
+        let active = [("A".to_string(), self.active)];
+        Store::create_or_resume(path, &self.identity, &self.mesh, &self.fixed, &active)
+    }
+
+    fn expansion(&self, threads: usize) -> Expansion {
+        Expansion {
+            problem: self.problem.clone(),
+            active: 0,
+            grid: self.grid,
+            max_force_n: self.identity.max_force_n,
+            threads,
+        }
+    }
+
+    fn solve(&self, path: &Path, threads: usize) -> (Store, TagCounts) {
+        let store = self.store(path).expect("the store opens");
+        let counts =
+            self.expansion(threads).run(&store, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        (store, counts)
+    }
+}
+
+/// Everything a record holds but the seconds, bit for bit.
+fn bits(records: &[Record]) -> Vec<String> {
+    records
+        .iter()
+        .map(|r| {
+            let numbers = [r.energy_j, r.residual_n, r.min_jacobian, r.volume_m3];
+            let all: Vec<u64> =
+                numbers.iter().chain(&r.force_n).chain(r.stiffness_n_m.iter()).map(|x| x.to_bits()).collect();
+            format!(
+                "{:?} {:?} {} {:?} {:?} {} {} {all:x?}",
+                r.index, r.tag, r.round, r.parent, r.failure, r.iterations, r.inverted
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn the_papers_four_grids_have_the_papers_numbers_of_points() {
+    for (cells, points) in [(5, 514), (7, 1418), (10, 4168), (15, 14146)] {
+        let lattice = BallLattice::new(0.1 / cells as f32, 0.1).expect("the grid is valid");
+        assert_eq!(lattice.count(), points, "r_G / {cells}");
+    }
+}
+
+#[test]
+fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
+    let bench = Bench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let (one, counts) = bench.solve(&folder.path().join("one.space"), 1);
+    let (two, again) = bench.solve(&folder.path().join("two.space"), 2);
+    assert_eq!(counts, again);
+    let expected = bits(&one.records(0).expect("records"));
+    assert!(counts.solved() > 20, "{counts:?}");
+    assert_eq!(expected, bits(&two.records(0).expect("records")));
+
+    let path = folder.path().join("torn.space");
+    for stop_after in [3, 5, 9] {
+        let store = bench.store(&path).expect("the store opens");
+        let stop = AtomicBool::new(false);
+        let ended = bench.expansion(2).run(&store, &stop, |p| {
+            stop.store(p.solved_now >= stop_after, Ordering::Relaxed);
+        });
+        assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
+    }
+    let (torn, counts_torn) = bench.solve(&path, 2);
+    assert_eq!(counts, counts_torn);
+    assert_eq!(expected, bits(&torn.records(0).expect("records")));
+}
+
+#[test]
+fn points_beyond_the_force_limit_end_the_expansion() {
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let (free, all) = Bench::new(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
+    assert_eq!((all.expandable, all.terminating, all.failed, all.unknown), (32, 0, 0, 0));
+    let largest = free.records(0).expect("records").iter().map(Record::force_norm_n).fold(0.0, f64::max);
+    let bench = Bench::new(0.5 * largest);
+    let (limited, counts) = bench.solve(&folder.path().join("limited.space"), 2);
+    assert!(counts.terminating > 0 && counts.expandable > 0, "{counts:?}");
+    for record in limited.records(0).expect("records") {
+        let beyond = record.force_norm_n() >= 0.5 * largest;
+        assert_eq!(record.tag == ConfigTag::Terminating, beyond, "{:?}", record.index);
+        if let Some(parent) = record.parent {
+            let parent = limited.records(0).expect("records").into_iter().find(|r| r.index == parent);
+            assert_eq!(parent.expect("a parent is stored").tag, ConfigTag::Expandable);
+        }
+    }
+}
+
+#[test]
+fn a_store_of_another_scene_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let path = folder.path().join("a.space");
+    drop(Bench::new(1.0).store(&path).expect("the store opens"));
+    let refused = Bench::new(2.0).store(&path).expect_err("another force limit is another scene");
+    let line = refused.to_string();
+    assert!(line.contains("a.space") && line.contains("scene or mesh") && line.contains("--out"), "{line}");
+}
+
+#[test]
+fn the_blob_gives_the_solved_forces_back_by_every_method() {
+    let bench = Bench::new(f64::INFINITY);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
+    let bytes = pack(&store, &Method::ALL).expect("the space packs");
+    let words: Vec<u64> =
+        bytes.chunks(8).map(|c| c.iter().rev().fold(0, |w, b| (w << 8) | u64::from(*b))).collect();
+    let organ: Organ<'_> =
+        Organ::read(&bytemuck::cast_slice(&words)[..bytes.len()]).expect("the blob is its own reader's");
+    let space = &organ.spaces[0];
+    let records = store.records(0).expect("records");
+    let largest = records.iter().map(Record::force_norm_n).fold(0.0, f64::max);
+    assert_eq!(records.len(), 33, "the ball of two cells has 32 points and the rest point");
+    for record in &records {
+        let at = bench.grid.displacement_m(record.index).map(|x| x as f32);
+        for method in Method::ALL {
+            let found = space.force(method, at).expect("every method was packed");
+            for (exact, force) in record.force_n.iter().zip(found.force_n) {
+                let error = (exact - f64::from(force)).abs();
+                assert!(error < 2e-5 * largest, "{} at {:?}: off by {error} N", method.name(), record.index);
+            }
+        }
+    }
+    // Between the points: against a fresh solve.
+    let mut solver = Solver::new(bench.problem.clone());
+    let rest = solver.rest().expect("the beam is held");
+    let d = [0.0021, -0.0017, 0.0034];
+    let truth = solver.advance(&rest.seed, d).expect("a step of 4 mm converges");
+    for method in Method::ALL {
+        let found = space.force(method, d.map(|x| x as f32)).expect("every method was packed");
+        let squared: f64 =
+            truth.force_n.iter().zip(found.force_n).map(|(a, b)| (a - f64::from(b)).powi(2)).sum();
+        let size: f64 = truth.force_n.iter().map(|f| f * f).sum();
+        // 5 mm cells on a body that stiffens by half over them.
+        assert!(squared.sqrt() < 0.05 * size.sqrt(), "{}: off by {} N", method.name(), squared.sqrt());
+        assert_ne!(found.coverage, Coverage::Extrapolated, "{}", method.name());
+        if method == Method::Trilinear {
+            assert!(
+                squared.sqrt() > 1e-4 * size.sqrt(),
+                "a coarse table cannot be exact: is the truth its own input?"
+            );
+        }
+    }
+    // The eye: the active node moves with the tool.
+    let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
+    assert!(space.displacement_into(d.map(|x| x as f32), &mut moved));
+    let vertex = organ
+        .surface
+        .node
+        .iter()
+        .position(|&n| n == bench.active)
+        .expect("the active node is on the surface");
+    for (u, d) in moved[vertex].iter().zip(d) {
+        assert!((f64::from(*u) - d).abs() < 1e-6, "{u} m, the tool is at {d} m");
+    }
+}

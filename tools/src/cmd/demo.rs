@@ -1,0 +1,325 @@
+//! `palpate demo`: the whole way on the bundled organ, without hardware or display.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Method, Organ};
+use palpate_host::SessionSummary;
+use palpate_host::device::script::StrokeConfig;
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_precompute::blob_writer::{pack, write_atomically};
+use palpate_precompute::configuration_space::{Store, TagCounts};
+use serde_json::json;
+
+use crate::blob;
+use crate::failure::Failure;
+use crate::progress::SpaceProgress;
+use crate::touch;
+use crate::truth::{self, Checked, MethodError, Visit};
+use crate::workbench::{Workbench, stop_flag, threads};
+
+/// Solve, pack, touch and check the bundled organ: the whole way in one command.
+///
+/// Solves the 514-point configuration spaces of two active nodes of a liver-like phantom (incompressible
+/// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the felt force with fresh
+/// finite-element solves at 200 visited positions. Everything it makes stays in the output folder. A second run finds
+/// the solved spaces there; --fresh solves them again.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Seconds of palpation
+    #[arg(long, default_value_t = 10.0)]
+    seconds: f64,
+    /// PNG frames instead of a window, even where there is a display
+    #[arg(long)]
+    headless: bool,
+    /// Output folder
+    #[arg(long, default_value = "palpate-demo")]
+    out: PathBuf,
+    /// Solve the spaces again even if the folder holds them
+    #[arg(long)]
+    fresh: bool,
+    /// Interpolation method of the loop
+    #[arg(long, default_value = "hybrid", value_parser = super::pack::method)]
+    method: Method,
+    /// Print the figures as JSON (they are always in summary.json)
+    #[arg(long)]
+    json: bool,
+}
+
+const SCENE: &str = include_str!("../../../assets/liver-small.toml");
+const MESH: &str = include_str!("../../../assets/liver-small.msh");
+/// Positions at which the felt force is checked.
+const CHECKS: usize = 200;
+
+/// What solving came to.
+struct Solved {
+    names: Vec<String>,
+    counts: Vec<TagCounts>,
+    points: usize,
+    solved_now: usize,
+    seconds: f64,
+    threads: usize,
+}
+
+impl Solved {
+    fn configurations(&self) -> usize {
+        self.counts.iter().map(TagCounts::solved).sum()
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    if !(args.seconds > 0.0 && args.seconds.is_finite()) {
+        return Err(Failure::input("--seconds must be a positive number"));
+    }
+    let stop = stop_flag()?;
+    let at = |name: &str| args.out.join(name);
+    std::fs::create_dir_all(&args.out).map_err(|error| Failure::file(&args.out, &error))?;
+    for (name, text) in [("liver-small.toml", SCENE), ("liver-small.msh", MESH)] {
+        write_atomically(&at(name), text.as_bytes()).map_err(|error| Failure::file(&at(name), &error))?;
+    }
+    let say = |text: String| {
+        if !args.json {
+            println!("{text}");
+        }
+    };
+
+    let bench = Workbench::load(&at("liver-small.toml"))?;
+    say(format!(
+        "organ        {}: {} nodes, {} tetrahedra, {}, {} fixed nodes",
+        bench.scene.name,
+        bench.scene.mesh.nodes_m.len(),
+        bench.scene.mesh.tets.len(),
+        bench.body.material.name(),
+        bench.scene.fixed.len()
+    ));
+    if args.fresh {
+        for name in ["liver-small.space", "liver-small.space-wal", "liver-small.space-shm"] {
+            match std::fs::remove_file(at(name)) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(Failure::file(&at(name), &error));
+                }
+                _ => {}
+            }
+        }
+    }
+    let store = bench.store(&at("liver-small.space"))?;
+    let solved = solve(&bench, &store, &stop)?;
+    for (name, counts) in solved.names.iter().zip(&solved.counts) {
+        say(format!(
+            "space {name:6} {} of {} points solved: {} reachable, {} beyond {} N; {} failed, {} not reached",
+            counts.solved(),
+            solved.points,
+            counts.expandable,
+            counts.terminating,
+            bench.scene.max_force_n,
+            counts.failed,
+            counts.unknown
+        ));
+    }
+    say(format!(
+        "solved       {} configurations ({} now) in {:.1} s on {} threads",
+        solved.configurations(),
+        solved.solved_now,
+        solved.seconds,
+        solved.threads
+    ));
+
+    let start = Instant::now();
+    let bytes = pack(&store, &Method::ALL)?;
+    let blob_path = at("liver-small.blob");
+    write_atomically(&blob_path, &bytes).map_err(|error| Failure::file(&blob_path, &error))?;
+    say(format!(
+        "packed       {:.2} MB, all five methods, in {:.1} s",
+        bytes.len() as f64 * 1e-6,
+        start.elapsed().as_secs_f64()
+    ));
+
+    let file = blob::load(&blob_path)?;
+    let organ = blob::organ(&blob_path, &file)?;
+    let frames = at("frames");
+    clear_frames(&frames)?;
+    let (summary, visits) = palpate(args, &organ, &frames, &stop)?;
+    say(format!("\nmethod       {}\n{summary}", args.method.name()));
+    if stop.load(Ordering::Relaxed) {
+        return Err(Failure::work("interrupted; the hand was left with zero force, the spaces are kept"));
+    }
+
+    let start = Instant::now();
+    let chosen = spread(&visits, CHECKS);
+    let (checked, unsolved) = truth::check(&bench, &store, &chosen, solved.threads, &stop)?;
+    let errors: Vec<MethodError> = Method::ALL
+        .iter()
+        .filter_map(|method| truth::method_error(&organ, *method, &checked))
+        .chain([truth::loop_error(&checked)])
+        .collect();
+    say(format!(
+        "\nforce error against {} fresh finite-element solves at visited positions ({:.1} s, {unsolved} unsolved):\n{}",
+        checked.len(),
+        start.elapsed().as_secs_f64(),
+        error_table(&errors, args.method)
+    ));
+    write_forces(&at("forces.csv"), &bench, &organ, &checked)?;
+    let figures = figures(args, &solved, bytes.len(), &summary, &errors, checked.len());
+    let text = serde_json::to_string_pretty(&figures).map_err(Failure::work)?;
+    let json_path = at("summary.json");
+    write_atomically(&json_path, text.as_bytes()).map_err(|error| Failure::file(&json_path, &error))?;
+    if args.json {
+        println!("{text}");
+    } else {
+        println!("\npictures     {}\nfigures      {}", frames.display(), json_path.display());
+    }
+    Ok(())
+}
+
+fn solve(bench: &Workbench, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
+    let start = Instant::now();
+    let mut solved = Solved {
+        names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
+        counts: Vec::new(),
+        points: bench.grid()?.lattice.count(),
+        solved_now: 0,
+        seconds: 0.0,
+        threads: threads(None),
+    };
+    for (index, active) in bench.scene.active.iter().enumerate() {
+        let expansion = bench.expansion(index, solved.threads)?;
+        let mut progress = SpaceProgress::new(&active.name, expansion.total());
+        let mut now = 0;
+        let counts = expansion.run(store, stop, |p| {
+            now = p.solved_now;
+            progress.update(p);
+        });
+        progress.finish();
+        solved.counts.push(counts?);
+        solved.solved_now += now;
+    }
+    solved.seconds = start.elapsed().as_secs_f64();
+    Ok(solved)
+}
+
+/// The session; returns what the tool visited while it touched.
+fn palpate(
+    args: &Args,
+    organ: &Organ<'_>,
+    frames: &Path,
+    stop: &AtomicBool,
+) -> Result<(SessionSummary, Vec<Visit>), Failure> {
+    let nodes = organ.spaces.len().max(1) as f32;
+    // The tour touches every active node once in the time there is.
+    let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
+    let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
+    let show = touch::Show { seconds: Some(args.seconds), headless: args.headless, pictures: frames };
+    let mut visits = Vec::new();
+    let summary = touch::run(
+        organ,
+        args.method,
+        show,
+        stop,
+        || Ok(SimulatedHand::new(organ, hand)),
+        |record| {
+            if let Some(space) = record.engaged {
+                visits.push(Visit {
+                    active: usize::from(space),
+                    displacement_m: record.displacement_m,
+                    reaction_n: record.reaction_n,
+                });
+            }
+        },
+    )?;
+    Ok((summary, visits))
+}
+
+/// `count` visits, evenly spread over the session.
+fn spread(visits: &[Visit], count: usize) -> Vec<Visit> {
+    let count = count.min(visits.len());
+    (0..count).map(|i| visits[(2 * i + 1) * visits.len() / (2 * count)]).collect()
+}
+
+/// Frames of an earlier run would mix with the new ones.
+fn clear_frames(folder: &Path) -> Result<(), Failure> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
+    for entry in entries.flatten().filter(|e| e.path().extension().is_some_and(|x| x == "png")) {
+        std::fs::remove_file(entry.path()).map_err(|error| Failure::file(&entry.path(), &error))?;
+    }
+    Ok(())
+}
+
+fn error_table(errors: &[MethodError], used: Method) -> String {
+    let mut table =
+        String::from("  method       mean mN   max mN   mean % (Eq. 14)   max %   own data all round\n");
+    for e in errors {
+        let name = if e.method == "loop" { format!("felt ({})", used.name()) } else { e.method.clone() };
+        table.push_str(&format!(
+            "  {name:<14}{:>6.1}{:>9.1}{:>14.2}{:>12.1}{:>15}\n",
+            1e3 * e.mean_n,
+            1e3 * e.max_n,
+            1e2 * e.mean_relative,
+            1e2 * e.max_relative,
+            if e.method == "loop" { String::new() } else { format!("{:.0} %", 1e2 * e.covered) }
+        ));
+    }
+    table.trim_end().into()
+}
+
+fn write_forces(
+    path: &Path,
+    bench: &Workbench,
+    organ: &Organ<'_>,
+    checked: &[Checked],
+) -> Result<(), Failure> {
+    let mut table = String::from("active,x_m,y_m,z_m,fe_fx_n,fe_fy_n,fe_fz_n");
+    for method in Method::ALL {
+        let name = method.name();
+        table.push_str(&format!(",{name}_fx_n,{name}_fy_n,{name}_fz_n,{name}_coverage"));
+    }
+    table.push('\n');
+    for c in checked {
+        let ([x, y, z], [fx, fy, fz]) = (c.visit.displacement_m, c.force_n);
+        table.push_str(&format!(
+            "{},{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?}",
+            bench.scene.active[c.visit.active].name
+        ));
+        for method in Method::ALL {
+            let found =
+                organ.spaces.get(c.visit.active).and_then(|s| s.force(method, c.visit.displacement_m));
+            if let Some(found) = found {
+                let [fx, fy, fz] = found.force_n;
+                table.push_str(&format!(",{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));
+            }
+        }
+        table.push('\n');
+    }
+    write_atomically(path, table.as_bytes()).map_err(|error| Failure::file(path, &error))
+}
+
+fn figures(
+    args: &Args,
+    solved: &Solved,
+    blob_bytes: usize,
+    summary: &SessionSummary,
+    errors: &[MethodError],
+    checks: usize,
+) -> serde_json::Value {
+    let spaces: Vec<_> = solved
+        .names
+        .iter()
+        .zip(&solved.counts)
+        .map(|(name, c)| {
+            json!({ "active": name, "points": solved.points, "expandable": c.expandable, "terminating": c.terminating,
+                    "failed": c.failed, "unknown": c.unknown })
+        })
+        .collect();
+    let tick = &summary.latency.compute;
+    let wake = &summary.latency.wake;
+    json!({
+        "configurations": solved.configurations(), "solved_now": solved.solved_now, "solve_seconds": solved.seconds,
+        "threads": solved.threads, "spaces": spaces, "blob_bytes": blob_bytes, "method": args.method.name(),
+        "seconds": args.seconds, "ticks": summary.ticks, "missed_deadlines": summary.latency.skipped_periods,
+        "tick_ns": { "p50": tick.p50_ns, "p99": tick.p99_ns, "max": tick.max_ns },
+        "lateness_ns": { "p50": wake.p50_ns, "p99": wake.p99_ns, "max": wake.max_ns },
+        "frames": summary.frames_written, "checks": checks, "errors": errors,
+    })
+}

@@ -1,0 +1,9 @@
+//! One file per command of the contract.
+
+pub(crate) mod demo;
+pub(crate) mod inspect;
+pub(crate) mod pack;
+pub(crate) mod path;
+pub(crate) mod precompute;
+pub(crate) mod query;
+pub(crate) mod run;

@@ -1,0 +1,119 @@
+//! `palpate query`: asks a blob for forces at given displacements, as the real-time loop would.
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Method, Organ, Space};
+use palpate_precompute::blob_writer::write_atomically;
+
+use super::pack::method;
+use crate::blob;
+use crate::failure::Failure;
+
+/// Ask a blob for the force at given displacements of an active node.
+///
+/// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is cell,
+/// supercell or scattered where the method has its own data all round, and extrapolated where it has not. The force
+/// is always finite.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// The .blob file
+    blob: PathBuf,
+    /// Active node; the first if not given
+    #[arg(long)]
+    active: Option<String>,
+    /// Interpolation method
+    #[arg(long, value_parser = method)]
+    method: Method,
+    /// CSV file with the displacements
+    #[arg(long)]
+    points: PathBuf,
+    /// CSV file to write
+    #[arg(long)]
+    csv: PathBuf,
+    /// Also write the displacement of every visual node: columns uN_x_m, uN_y_m, uN_z_m, N the mesh node
+    #[arg(long)]
+    displacements: bool,
+}
+
+/// The space called `name`, or the first.
+pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Option<&'o Space<'a>> {
+    organ.spaces.iter().find(|s| name.is_none_or(|name| s.name == name))
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let file = blob::load(&args.blob)?;
+    let organ = blob::organ(&args.blob, &file)?;
+    let space = find_space(&organ, args.active.as_deref()).ok_or_else(|| {
+        let names: Vec<&str> = organ.spaces.iter().map(|s| s.name.as_str()).collect();
+        Failure::input(format!("{}: no such active node; it has {}", args.blob.display(), names.join(", ")))
+    })?;
+    if !space.has(args.method) {
+        return Err(Failure::input(format!(
+            "{}: {} was not packed; run `palpate pack` with --method {}",
+            args.blob.display(),
+            args.method.name(),
+            args.method.name()
+        )));
+    }
+    if args.displacements && space.displacement.is_none() {
+        return Err(Failure::input(format!(
+            "{}: holds no displacements; set visual = true under [needs] and pack again",
+            args.blob.display()
+        )));
+    }
+    let points = read_points(&args.points)?;
+    let mut table = String::from("x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage");
+    if args.displacements {
+        for node in organ.surface.node {
+            table.push_str(&format!(",u{node}_x_m,u{node}_y_m,u{node}_z_m"));
+        }
+    }
+    table.push('\n');
+    let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
+    for point in points {
+        let [x, y, z] = point;
+        let at = point.map(|v| v as f32);
+        let found = space.force(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
+        let [fx, fy, fz] = found.force_n;
+        table.push_str(&format!("{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));
+        if args.displacements {
+            space.displacement_into(at, &mut moved);
+            for [ux, uy, uz] in &moved {
+                table.push_str(&format!(",{ux:?},{uy:?},{uz:?}"));
+            }
+        }
+        table.push('\n');
+    }
+    write_atomically(&args.csv, table.as_bytes()).map_err(|error| Failure::file(&args.csv, &error))
+}
+
+fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {
+    let at = |line: u64, what: String| {
+        Failure::input(format!(
+            "{}:{line}: {what}; the header is x_m,y_m,z_m, one point a line",
+            path.display()
+        ))
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|error| Failure::input(format!("{}: {error}; check the name", path.display())))?;
+    let header = reader.headers().map_err(|error| at(1, error.to_string()))?;
+    let column = |name: &str| header.iter().position(|h| h == name);
+    let (Some(x), Some(y), Some(z)) = (column("x_m"), column("y_m"), column("z_m")) else {
+        return Err(at(1, "columns x_m, y_m and z_m are not all there".into()));
+    };
+    let mut points = Vec::new();
+    for (row, record) in reader.records().enumerate() {
+        let line = row as u64 + 2;
+        let record = record.map_err(|error| at(line, error.to_string()))?;
+        let number = |column: usize| -> Result<f64, Failure> {
+            let text = record.get(column).unwrap_or("");
+            text.parse().map_err(|_| at(line, format!("`{text}` is not a number")))
+        };
+        points.push([number(x)?, number(y)?, number(z)?]);
+    }
+    Ok(points)
+}

@@ -1,0 +1,76 @@
+//! `palpate run`: the 1 kHz loop on a blob and a device.
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Method, Organ, Phase};
+use palpate_host::Device;
+use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::rt::LoopEnd;
+
+use super::pack::method;
+use crate::blob;
+use crate::failure::Failure;
+use crate::touch;
+use crate::workbench::stop_flag;
+
+/// Touch the organ in a blob: the 1 kHz loop, a device and the viewer.
+///
+/// Without a display (or with --headless) PNG frames are written instead of a window. A real device is armed by its
+/// button or by the window's key, never by starting. Ctrl-C ends the session with zero force.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// The .blob file
+    blob: PathBuf,
+    /// The device: sim (a simulated hand), or polhem:PORT (Polhem / WoodenHaptics on a serial port)
+    #[arg(long, default_value = "sim")]
+    device: String,
+    /// Interpolation method; the first that the blob holds if not given
+    #[arg(long, value_parser = method)]
+    method: Option<Method>,
+    /// Seconds to run; until Ctrl-C if not given
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// PNG frames instead of a window
+    #[arg(long)]
+    headless: bool,
+    /// Folder for frames and screenshots
+    #[arg(long, default_value = "palpate-frames")]
+    pictures: PathBuf,
+}
+
+fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure> {
+    match name.split_once(':') {
+        None if name == "sim" => Ok(Box::new(SimulatedHand::new(organ, SimulatedConfig::default()))),
+        Some(("polhem", port)) => {
+            let device = Polhem::open(port, PolhemConfig::default());
+            Ok(Box::new(
+                device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
+            ))
+        }
+        _ => Err(Failure::input(format!("no device `{name}`; choose sim or polhem:PORT"))),
+    }
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let file = blob::load(&args.blob)?;
+    let organ = blob::organ(&args.blob, &file)?;
+    let packed = || Method::ALL.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
+    let method = args.method.or_else(packed).ok_or_else(|| {
+        Failure::input(format!(
+            "{}: holds no method for all its active nodes; pack again",
+            args.blob.display()
+        ))
+    })?;
+    let show = touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures };
+    let stop = stop_flag()?;
+    let summary = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
+    println!("method       {}\n{summary}", method.name());
+    match (summary.end, summary.phase) {
+        (LoopEnd::DeviceLost(error), _) => Err(Failure::work(format!("device lost: {error}"))),
+        (_, Phase::SafeZero(fault)) => Err(Failure::work(format!("ended in safe zero: {}", fault.name()))),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,72 @@
+//! How a command ends badly: one line and an exit code.
+
+use std::path::Path;
+use std::process::ExitCode;
+
+use palpate_precompute::configuration_space::ExpansionError;
+
+/// A command's failure.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// Something the user gave cannot be used: exit code 2.
+    Input(anyhow::Error),
+    /// The input was fine, the work was not: exit code 1.
+    Work(anyhow::Error),
+}
+
+impl Failure {
+    /// Bad input, in one line that names the culprit and the mend.
+    pub(crate) fn input(message: impl std::fmt::Display) -> Self {
+        Self::Input(anyhow::anyhow!("{message}"))
+    }
+
+    /// Failed work, in one line.
+    pub(crate) fn work(message: impl std::fmt::Display) -> Self {
+        Self::Work(anyhow::anyhow!("{message}"))
+    }
+
+    /// A file that cannot be read or written.
+    pub(crate) fn file(path: &Path, error: &std::io::Error) -> Self {
+        Self::input(format!("{}: {error}; check the name, the folder and its permissions", path.display()))
+    }
+
+    /// The message on one line: causes appended, line breaks folded.
+    pub(crate) fn line(&self) -> String {
+        let (Self::Input(error) | Self::Work(error)) = self;
+        format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
+    }
+
+    /// 2 for bad input, 1 for failed work.
+    pub(crate) fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Input(_) => ExitCode::from(2),
+            Self::Work(_) => ExitCode::from(1),
+        }
+    }
+}
+
+impl From<ExpansionError> for Failure {
+    fn from(error: ExpansionError) -> Self {
+        match error {
+            ExpansionError::Store(_) | ExpansionError::Rest(_) => Self::input(error),
+            ExpansionError::Interrupted | ExpansionError::Worker => Self::work(error),
+        }
+    }
+}
+
+macro_rules! bad_input {
+    ($($error:ty),* $(,)?) => { $(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::input(error)
+            }
+        }
+    )* };
+}
+
+bad_input!(
+    palpate_precompute::error::InputError,
+    palpate_precompute::body::DegenerateElement,
+    palpate_precompute::configuration_space::StoreError,
+    palpate_precompute::blob_writer::PackError,
+);

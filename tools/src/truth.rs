@@ -1,0 +1,164 @@
+//! Fresh finite-element solves at visited positions, and how far each method is from them.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use palpate_core::{ConfigTag, Coverage, Method, Organ};
+use palpate_precompute::configuration_space::{GridIndex, Store};
+use palpate_precompute::solve::{Problem, Solver};
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::workbench::Workbench;
+
+/// A position the tool visited.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Visit {
+    /// Which active node (and space).
+    pub active: usize,
+    /// Its displacement, m.
+    pub displacement_m: [f32; 3],
+    /// What the loop made of it, N.
+    pub reaction_n: [f32; 3],
+}
+
+/// A visit with the force that finite elements give there.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Checked {
+    /// The visit.
+    pub visit: Visit,
+    /// h by finite elements, N.
+    pub force_n: [f64; 3],
+}
+
+/// Errors of one method over all checked visits (paper, Eqs. 13 and 14, and the error vector).
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct MethodError {
+    /// The method.
+    pub method: String,
+    /// Mean |error vector|, N.
+    pub mean_n: f64,
+    /// Largest |error vector|, N.
+    pub max_n: f64,
+    /// Eq. (13): mean absolute error a component, N.
+    pub mean_component_n: f64,
+    /// Eq. (14) over components of at least 0.5 N: mean relative error.
+    pub mean_relative: f64,
+    /// Largest relative error over these components.
+    pub max_relative: f64,
+    /// Share of queries with the method's own data all round.
+    pub covered: f64,
+}
+
+/// Components below this are left out of relative errors, as in the paper, N.
+const RELATIVE_FROM_N: f64 = 0.5;
+
+/// Solves at every visit, on all cores. Visits that cannot be solved are left out and counted.
+pub(crate) fn check(
+    bench: &Workbench,
+    store: &Store,
+    visits: &[Visit],
+    threads: usize,
+    stop: &AtomicBool,
+) -> Result<(Vec<Checked>, usize), Failure> {
+    let grid = bench.grid()?;
+    let problems: Vec<Arc<Problem>> = bench.scene.active.iter().map(|a| bench.problem(a)).collect();
+    let mut solved: Vec<Vec<GridIndex>> = Vec::new();
+    for active in 0..problems.len() {
+        let records = store.records(active)?;
+        solved.push(records.iter().filter(|r| r.tag == ConfigTag::Expandable).map(|r| r.index).collect());
+    }
+    let nearest = |visit: &Visit| -> Option<GridIndex> {
+        let cells = visit.displacement_m.map(|x| f64::from(x) / grid.spacing_m);
+        let distance = |index: &GridIndex| -> f64 {
+            index.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
+        };
+        solved[visit.active].iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    };
+    let (next, path) = (AtomicUsize::new(0), store.path());
+    let found: Vec<Vec<(usize, [f64; 3])>> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|_| {
+                scope.spawn(|| -> Result<Vec<(usize, [f64; 3])>, Failure> {
+                    let reader = Store::open(path)?;
+                    let mut solvers: Vec<Solver> = problems.iter().map(|p| Solver::new(p.clone())).collect();
+                    let mut results = Vec::new();
+                    while !stop.load(Ordering::Relaxed) {
+                        let at = next.fetch_add(1, Ordering::Relaxed);
+                        let Some(visit) = visits.get(at) else { break };
+                        let Some(index) = nearest(visit) else { continue };
+                        let seed = reader.seed(visit.active, index, grid.displacement_m(index))?;
+                        let target = visit.displacement_m.map(f64::from);
+                        if let Ok(c) = solvers[visit.active].advance(&seed, target) {
+                            results.push((at, c.force_n));
+                        }
+                    }
+                    Ok(results)
+                })
+            })
+            .collect();
+        workers
+            .into_iter()
+            .map(|worker| {
+                worker.join().map_err(|_| Failure::work("a worker stopped on an internal error"))?
+            })
+            .collect::<Result<_, _>>()
+    })?;
+    if stop.load(Ordering::Relaxed) {
+        return Err(Failure::work("interrupted while checking the felt force"));
+    }
+    let mut found: Vec<(usize, [f64; 3])> = found.into_iter().flatten().collect();
+    found.sort_unstable_by_key(|(at, _)| *at);
+    let unsolved = visits.len() - found.len();
+    let checked = found.into_iter().map(|(at, force_n)| Checked { visit: visits[at], force_n }).collect();
+    Ok((checked, unsolved))
+}
+
+/// Errors of `method` at the checked visits.
+pub(crate) fn method_error(organ: &Organ<'_>, method: Method, checked: &[Checked]) -> Option<MethodError> {
+    let answers: Option<Vec<([f32; 3], bool)>> = checked
+        .iter()
+        .map(|c| {
+            let found = organ.spaces.get(c.visit.active)?.force(method, c.visit.displacement_m)?;
+            Some((found.force_n, found.coverage != Coverage::Extrapolated))
+        })
+        .collect();
+    Some(errors(method.name(), checked, &answers?))
+}
+
+/// Errors of what the loop itself computed while it ran.
+pub(crate) fn loop_error(checked: &[Checked]) -> MethodError {
+    let answers: Vec<_> = checked.iter().map(|c| (c.visit.reaction_n, true)).collect();
+    errors("loop", checked, &answers)
+}
+
+fn errors(method: &str, checked: &[Checked], answers: &[([f32; 3], bool)]) -> MethodError {
+    let (mut sum, mut max_n, mut components, mut covered) = (0.0, 0.0f64, 0.0, 0usize);
+    let (mut relative, mut max_relative, mut relatives) = (0.0, 0.0f64, 0usize);
+    for (truth, (force, own)) in checked.iter().zip(answers) {
+        covered += usize::from(*own);
+        let mut squared = 0.0;
+        for (exact, found) in truth.force_n.iter().zip(force) {
+            let error = (exact - f64::from(*found)).abs();
+            squared += error * error;
+            components += error;
+            if exact.abs() >= RELATIVE_FROM_N {
+                relative += error / exact.abs();
+                max_relative = max_relative.max(error / exact.abs());
+                relatives += 1;
+            }
+        }
+        sum += f64::sqrt(squared);
+        max_n = max_n.max(squared.sqrt());
+    }
+    let count = checked.len().max(1) as f64;
+    MethodError {
+        method: method.into(),
+        mean_n: sum / count,
+        max_n,
+        mean_component_n: components / (3.0 * count),
+        mean_relative: relative / relatives.max(1) as f64,
+        max_relative,
+        covered: covered as f64 / count,
+    }
+}

@@ -1,0 +1,124 @@
+//! A loaded scene with its body: what `path`, `precompute` and `demo` start from.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use palpate_precompute::body::Body;
+use palpate_precompute::configuration_space::{Expansion, SpaceGrid, Store, StoreIdentity};
+use palpate_precompute::material::Material;
+use palpate_precompute::scene::{ActiveNode, ResolvedScene, Scene};
+use palpate_precompute::solve::Problem;
+
+use crate::failure::Failure;
+
+/// A scene ready to be solved.
+#[derive(Debug)]
+pub(crate) struct Workbench {
+    /// Name of the scene file, for messages.
+    pub path: PathBuf,
+    /// The scene.
+    pub scene: ResolvedScene,
+    /// Its body.
+    pub body: Arc<Body>,
+}
+
+impl Workbench {
+    /// Loads a scene and its mesh; warnings go to standard error.
+    pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
+        let scene = Scene::load(path)?.resolve()?;
+        for warning in &scene.warnings {
+            eprintln!("palpate: warning: {warning}");
+        }
+        // `check_supported` of the scene has refused everything but one region of a known law.
+        let material =
+            scene.materials.first().and_then(|region| Material::of_scene(&region.law)).ok_or_else(|| {
+                Failure::input(format!("{}: this version cannot solve its material", path.display()))
+            })?;
+        let body = Arc::new(Body::new(&scene.mesh, material, &scene.fixed)?);
+        Ok(Self { path: path.to_path_buf(), scene, body })
+    }
+
+    /// The active node called `name`, or the first one.
+    pub(crate) fn active(&self, name: Option<&str>) -> Result<(usize, &ActiveNode), Failure> {
+        let nodes = &self.scene.active;
+        let found = match name {
+            None => nodes.iter().enumerate().next(),
+            Some(name) => nodes.iter().enumerate().find(|(_, a)| a.name == name),
+        };
+        found.ok_or_else(|| {
+            let names: Vec<&str> = nodes.iter().map(|a| a.name.as_str()).collect();
+            Failure::input(format!(
+                "{}: no active node `{}`; it has {}",
+                self.path.display(),
+                name.unwrap_or(""),
+                names.join(", ")
+            ))
+        })
+    }
+
+    /// The problem of one active node.
+    pub(crate) fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
+        Arc::new(Problem::new(self.body.clone(), active.node))
+    }
+
+    /// The grid of the scene.
+    pub(crate) fn grid(&self) -> Result<SpaceGrid, Failure> {
+        let grid = self.scene.grid.ok_or_else(|| {
+            Failure::input(format!("{}: no [grid]; add radius_m and spacing_m", self.path.display()))
+        })?;
+        SpaceGrid::new(grid.spacing_m, grid.radius_m)
+            .map_err(|error| Failure::input(format!("{}: [grid]: {error}", self.path.display())))
+    }
+
+    /// Opens or creates the scene's store.
+    pub(crate) fn store(&self, path: &Path) -> Result<Store, Failure> {
+        let grid = self.grid()?;
+        let identity = StoreIdentity {
+            scene_name: self.scene.name.clone(),
+            scene: self.scene.text.clone(),
+            content_hash: hex(&self.scene.content_hash()),
+            mesh_hash: self.scene.mesh.content_hash(),
+            law: self.body.material.name().into(),
+            max_force_n: self.scene.max_force_n,
+            spacing_m: grid.spacing_m,
+            radius_m: grid.radius_m,
+            visual: self.scene.visual,
+        };
+        let active: Vec<(String, u32)> = self.scene.active.iter().map(|a| (a.name.clone(), a.node)).collect();
+        Ok(Store::create_or_resume(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
+    }
+
+    /// The expansion of one active node's space.
+    pub(crate) fn expansion(&self, index: usize, threads: usize) -> Result<Expansion, Failure> {
+        Ok(Expansion {
+            problem: self.problem(&self.scene.active[index]),
+            active: index,
+            grid: self.grid()?,
+            max_force_n: self.scene.max_force_n,
+            threads,
+        })
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Worker threads: as asked, or one a core.
+pub(crate) fn threads(asked: Option<usize>) -> usize {
+    asked.filter(|&n| n > 0).unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}
+
+/// A flag that Ctrl-C and SIGTERM raise; a second signal ends the process at once.
+pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let raised = stop.clone();
+    ctrlc::set_handler(move || {
+        if raised.swap(true, std::sync::atomic::Ordering::SeqCst) {
+            std::process::exit(130);
+        }
+    })
+    .map_err(|error| Failure::work(format!("cannot catch Ctrl-C: {error}")))?;
+    Ok(stop)
+}

@@ -1,0 +1,197 @@
+//! The command line as a user types it: exit codes, the files it writes, one clear line for bad input.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use palpate_tests::{mooney_rivlin, soft_beam, write_beam_scene};
+
+fn palpate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("the folder's name is plain")
+}
+
+/// Runs a command that must be refused with exit code 2 and one line holding every word.
+fn refused(arguments: &[&str], words: &[&str]) {
+    let output = palpate(arguments);
+    let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}: {line}");
+    assert_eq!(line.lines().filter(|l| !l.contains("warning")).count(), 1, "one line, not: {line}");
+    for word in words {
+        assert!(line.contains(word), "`{word}` is not in: {line}");
+    }
+}
+
+const MR: &str = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
+const GRID: &str = "radius_m = 0.01\nspacing_m = 0.005";
+
+#[test]
+fn a_path_is_a_table_with_every_column() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let csv = folder.path().join("path.csv");
+    let moved = folder.path().join("moved.csv");
+    let arguments = [
+        "path",
+        text(&scene),
+        "--active",
+        "A",
+        "--direction=0,0,-1",
+        "--step-mm",
+        "1",
+        "--steps",
+        "4",
+        "--csv",
+        text(&csv),
+        "--displacements",
+        text(&moved),
+    ];
+    let output = palpate(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = std::fs::read_to_string(&csv).expect("the table is written");
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(
+        lines[0],
+        "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterations,residual_n,min_jacobian,inverted,volume_m3,status"
+    );
+    assert_eq!(lines.len(), 5);
+    let last: Vec<&str> = lines[4].split(',').collect();
+    assert_eq!((last[0], last[13]), ("4", "ok"));
+    let number = |column: usize| last[column].parse::<f64>().expect("a number");
+    assert!((number(3) + 0.004).abs() < 1e-15, "the fourth step is at -4 mm");
+    assert!(number(6) < -0.05, "pressing down takes a downward force on the body, not {} N", number(6));
+    let nodes = soft_beam(mooney_rivlin()).0.nodes_m.len();
+    let displacements = std::fs::read_to_string(&moved).expect("the displacements are written");
+    assert_eq!(displacements.lines().count(), 1 + 4 * nodes);
+}
+
+#[test]
+fn a_path_that_fails_keeps_its_rows_and_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let svk = "law = \"st-venant-kirchhoff\"\nyoung_pa = 15480.0\npoisson = 0.49";
+    let scene = write_beam_scene(folder.path(), svk, GRID, 100.0);
+    let csv = folder.path().join("path.csv");
+    // St. Venant-Kirchhoff has no barrier: pressed through the whole beam it must collapse somewhere.
+    let arguments = [
+        "path",
+        text(&scene),
+        "--direction=-0.2,0,-1",
+        "--step-mm",
+        "10",
+        "--steps",
+        "40",
+        "--csv",
+        text(&csv),
+    ];
+    let output = palpate(&arguments);
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = std::fs::read_to_string(&csv).expect("the rows so far are written");
+    let last = table.lines().last().expect("a row");
+    assert!(last.ends_with(",failed"), "{last}");
+    assert_eq!(last.split(',').count(), 14, "a failed row has every column: {last}");
+    assert!(table.lines().count() > 2, "rows so far are kept:\n{table}");
+}
+
+#[test]
+fn scene_to_blob_to_query() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let at = |name: &str| folder.path().join(name);
+    let (space, blob, points, forces, dump) =
+        (at("a.space"), at("a.blob"), at("in.csv"), at("out.csv"), at("dump.csv"));
+    let ok = |arguments: &[&str]| {
+        let output = palpate(arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    ok(&["precompute", text(&scene), "--out", text(&space), "--threads", "2"]);
+    let again = ok(&["precompute", text(&scene), "--out", text(&space)]);
+    assert!(again.contains(" 0 solved now"), "a finished space is not solved again: {again}");
+    ok(&["pack", text(&space), "--method", "trilinear,rbf-cubic", "--out", text(&blob)]);
+    ok(&["inspect", text(&space), "--csv", text(&dump)]);
+    assert_eq!(std::fs::read_to_string(&dump).expect("the dump").lines().count(), 1 + 33);
+    // One lattice table serves three methods.
+    let shown: serde_json::Value =
+        serde_json::from_str(&ok(&["inspect", text(&blob), "--json"])).expect("JSON");
+    assert_eq!(
+        shown["spaces"][0]["methods"],
+        serde_json::json!(["trilinear", "tricubic", "hybrid", "rbf-cubic"])
+    );
+    std::fs::write(&points, "x_m,y_m,z_m\n0,0,0\n0.005,0,0\n1,0,0\n").expect("the folder can be written");
+    ok(&["query", text(&blob), "--method", "trilinear", "--points", text(&points), "--csv", text(&forces)]);
+    let answers = std::fs::read_to_string(&forces).expect("the answers");
+    let rows: Vec<Vec<&str>> = answers.lines().map(|l| l.split(',').collect()).collect();
+    assert_eq!(rows[0], ["x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n", "coverage"]);
+    assert_eq!(rows[1][3..], ["0.0", "0.0", "0.0", "cell"]);
+    assert_eq!(rows[3][6], "extrapolated");
+    assert!(rows[3][3].parse::<f64>().expect("a number").is_finite());
+    // What was solved at a grid point is what the query says there.
+    let dumped = std::fs::read_to_string(&dump).expect("the dump");
+    let solved = dumped.lines().find(|l| l.starts_with("A,1,0,0,")).expect("the point is in the dump");
+    let exact: f64 = solved.split(',').nth(14).expect("fx_n").parse().expect("a number");
+    let found: f64 = rows[2][3].parse().expect("a number");
+    assert!((exact - found).abs() < 1e-6 * exact.abs(), "{exact} N solved, {found} N in the blob");
+    refused(
+        &["query", text(&blob), "--method", "rbf-linear", "--points", text(&points), "--csv", text(&forces)],
+        &["a.blob", "rbf-linear", "palpate pack"],
+    );
+}
+
+#[test]
+fn damaged_and_newer_blobs_are_refused_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let (space, blob) = (folder.path().join("a.space"), folder.path().join("a.blob"));
+    assert!(palpate(&["precompute", text(&scene), "--out", text(&space)]).status.success());
+    assert!(palpate(&["pack", text(&space), "--out", text(&blob)]).status.success());
+    let good = std::fs::read(&blob).expect("the blob");
+    let mut flipped = good.clone();
+    flipped[good.len() / 2] ^= 0x10;
+    std::fs::write(&blob, &flipped).expect("the folder can be written");
+    refused(&["inspect", text(&blob)], &["a.blob", "checksum", "palpate pack"]);
+    std::fs::write(&blob, &good[..good.len() - 100]).expect("the folder can be written");
+    refused(&["inspect", text(&blob)], &["a.blob", "cut short"]);
+    // A newer version with a checksum of its own.
+    let mut newer = good;
+    newer[8] += 1;
+    let end = newer.len() - 4;
+    let sum = palpate_core::blob::format::CHECKSUM.checksum(&newer[..end]);
+    newer[end..].copy_from_slice(&sum.to_le_bytes());
+    std::fs::write(&blob, &newer).expect("the folder can be written");
+    refused(&["run", text(&blob), "--headless", "--seconds", "1"], &["a.blob", "version 2"]);
+    std::fs::remove_file(&blob).expect("the blob is there");
+    refused(&["inspect", text(&blob)], &["a.blob"]);
+}
+
+#[test]
+fn bad_scenes_are_refused_in_one_line_and_leave_nothing_behind() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let out = folder.path().join("a.space");
+    let good = std::fs::read_to_string(&scene).expect("the scene");
+    let mesh = folder.path().join("beam.msh");
+    let good_mesh = std::fs::read_to_string(&mesh).expect("the mesh");
+    let refuse = |text_now: String, words: &[&str]| {
+        std::fs::write(&scene, text_now).expect("the folder can be written");
+        refused(&["precompute", text(&scene), "--out", text(&out)], words);
+        assert!(!out.exists(), "nothing half-written");
+    };
+    refuse(good.replace("beam.msh", "missing.msh"), &["missing.msh"]);
+    refuse(good.replace("max_force_n", "max_forse_n"), &["beam.toml:", "max_forse_n", "max_force_n"]);
+    let active_line = good.lines().find(|l| l.starts_with("node = ")).expect("an active node").to_string();
+    refuse(good.replace(&active_line, "node = 99999"), &["beam.toml:", "99999"]);
+    refuse(good.replace(&active_line, "node = 0"), &["beam.toml:", "fixed"]);
+    let fixed_line = good.lines().find(|l| l.starts_with("nodes = ")).expect("fixed nodes").to_string();
+    refuse(good.replace(&fixed_line, "nodes = []"), &["beam.toml:", "fixed"]);
+    refuse(good.replace(&fixed_line, "nodes = [0]"), &["beam.toml:", "line"]);
+    // A mesh cut off in the middle, and one with a tetrahedron turned inside out.
+    std::fs::write(&mesh, &good_mesh[..good_mesh.len() / 2]).expect("the folder can be written");
+    refuse(good.clone(), &["beam.msh:"]);
+    let tet = good_mesh.lines().find(|l| l.contains(" 4 2 1 1 ")).expect("a tetrahedron");
+    let mut words: Vec<&str> = tet.split(' ').collect();
+    words.swap(5, 6);
+    std::fs::write(&mesh, good_mesh.replace(tet, &words.join(" "))).expect("the folder can be written");
+    refuse(good.clone(), &["beam.msh:", "element 1", "vertices"]);
+}
