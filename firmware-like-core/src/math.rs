@@ -24,7 +24,7 @@ pub fn sqrt_f64(x: f64) -> f64 {
 /// Largest integer not above `x`, for |x| < 2^22. Beyond that, and for NaN, some integer.
 ///
 /// Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits of the sum. A cast saturates and looks for
-/// NaN, which the caller has excluded already, and `f32::floor` is a call at the x86-64 baseline: both cost three times as much.
+/// NaN, which the caller has excluded already, and `f32::floor` is a call at the x86-64 baseline.
 #[inline]
 pub fn floor_small(x: f32) -> i32 {
     const SHIFT: f32 = 12_582_912.0;

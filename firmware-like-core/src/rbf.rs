@@ -96,7 +96,7 @@ impl RbfTable<'_, f64> {
 /// sum_i w_i phi(|x - x_i|^2) for the three components.
 ///
 /// Why in two passes over small blocks: with phi and three weighted sums in one loop the compiler packs lanes of different
-/// components into one vector and spends more on shuffles than on arithmetic (measured: 2.4 times slower).
+/// components into one vector and spends more on shuffles than on arithmetic (measured: 2.7 times slower).
 #[inline]
 fn sum_over_centres<T>(table: &RbfTable<'_, T>, position: [T; 3], phi: impl Fn(T) -> T) -> [T; 3]
 where
