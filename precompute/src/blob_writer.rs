@@ -119,7 +119,8 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
         law: short_text(&identity.law, "the law's name")?,
-        max_force_n: identity.max_force_n as f32,
+        // A scene without a device has no limit; the blob holds finite numbers only.
+        max_force_n: (identity.max_force_n as f32).min(f32::MAX),
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
         space_count: spaces.len() as u32,

@@ -99,7 +99,7 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
     assert_eq!(expected, bits(&two.records(0).expect("records")));
 
     let path = folder.path().join("torn.space");
-    for stop_after in [3, 5, 9] {
+    for stop_after in [1, 3, 5] {
         let store = bench.store(&path).expect("the store opens");
         let stop = AtomicBool::new(false);
         let ended = bench.expansion(2).run(&store, &stop, |p| {
@@ -177,7 +177,9 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
         let size: f64 = truth.force_n.iter().map(|f| f * f).sum();
         // 5 mm cells on a body that stiffens by half over them.
         assert!(squared.sqrt() < 0.05 * size.sqrt(), "{}: off by {} N", method.name(), squared.sqrt());
-        assert_ne!(found.coverage, Coverage::Extrapolated, "{}", method.name());
+        // Two cells along the radius hold whole cells, but no whole super-cell.
+        let whole = method != Method::Tricubic;
+        assert_eq!(found.coverage != Coverage::Extrapolated, whole, "{}", method.name());
         if method == Method::Trilinear {
             assert!(
                 squared.sqrt() > 1e-4 * size.sqrt(),

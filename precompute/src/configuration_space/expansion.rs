@@ -230,11 +230,12 @@ impl Expansion {
         mut decided: impl FnMut(&Record),
     ) -> Result<(), ExpansionError> {
         let next = AtomicUsize::new(0);
-        let (sender, receiver) = mpsc::channel::<Outcome>();
         // Raised on a store error, so that workers do not solve on for nothing.
         let abandon = AtomicBool::new(false);
         let path: PathBuf = store.path().to_path_buf();
         let workers = self.threads.clamp(1, transitions.len().max(1));
+        // Bounded: what is solved is committed before much more is, so that a kill loses little and a stop is prompt.
+        let (sender, receiver) = mpsc::sync_channel::<Outcome>(workers);
         let committed = std::thread::scope(|scope| {
             let handles: Vec<_> = (0..workers)
                 .map(|_| {
