@@ -448,7 +448,8 @@ mod tests {
         let blob = synthetic::organ(&Shape::default());
         let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
         let mut config = SimulatedConfig::default();
-        config.strokes.seconds_per_node = 2.0;
+        // Quick strokes: this hand's time stands still while the machine is busy elsewhere.
+        config.strokes.seconds_per_node = 1.0;
         let hand = SimulatedHand::new(&organ, config);
         run_session(&organ, Config::new(Method::Hybrid), hand, options, stop, |record| on_record(record))
     }
@@ -462,14 +463,14 @@ mod tests {
             picture: RendererConfig { width: 320, height: 180, samples: 1 },
         };
         let mut ticks = Vec::new();
-        let summary = run(&SessionOptions { view, ..options(0.8) }, &AtomicBool::new(false), |record| {
+        let summary = run(&SessionOptions { view, ..options(1.2) }, &AtomicBool::new(false), |record| {
             ticks.push(record.tick);
         })
         .expect("it runs");
         assert_eq!(summary.end, LoopEnd::Completed);
         assert_eq!(ticks.len() as u64, summary.ticks);
         assert!(ticks.windows(2).all(|pair| pair[0] < pair[1]));
-        assert_eq!(summary.ticks + summary.latency.skipped_periods, 800);
+        assert_eq!(summary.ticks + summary.latency.skipped_periods, 1_200);
         assert!(summary.touch.contacts >= 1 && summary.touch.peak_reaction_n > 0.5, "{summary}");
         let found = std::fs::read_dir(directory.path().join("frames")).expect("there").count() as u64;
         assert!(summary.frames_written >= 2 && found == summary.frames_written);

@@ -5,12 +5,14 @@ use glam::{Mat3, Vec2, Vec3};
 /// Steepest elevation; at the pole "up" would be undefined.
 const MAX_ELEVATION_RAD: f32 = 1.5;
 
-/// Perspective camera that always looks at its target; z of the model is up.
+/// Perspective camera that always looks at its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrbitCamera {
     /// Point in the middle of the picture, m.
     pub target_m: Vec3,
-    /// Angle round the z axis, rad; 0 looks from +x.
+    /// Unit vector that points up in the picture.
+    pub up: Vec3,
+    /// Angle round the up axis, rad.
     pub azimuth_rad: f32,
     /// Angle above the horizon, rad.
     pub elevation_rad: f32,
@@ -23,13 +25,20 @@ pub struct OrbitCamera {
 impl OrbitCamera {
     /// Frames a ball, seen from `direction` (from the ball towards the eye).
     #[must_use]
-    pub fn framing(centre_m: Vec3, radius_m: f32, direction: Vec3) -> Self {
-        let direction = direction.try_normalize().unwrap_or(Vec3::X);
+    pub fn framing(centre_m: Vec3, radius_m: f32, direction: Vec3, up: Vec3) -> Self {
+        let up = up.try_normalize().unwrap_or(Vec3::Z);
+        let front = up.any_orthonormal_vector();
+        let direction = direction.try_normalize().unwrap_or(front);
         let field_of_view_rad: f32 = 0.5;
         Self {
             target_m: centre_m,
-            azimuth_rad: direction.y.atan2(direction.x),
-            elevation_rad: direction.z.clamp(-1.0, 1.0).asin().clamp(-MAX_ELEVATION_RAD, MAX_ELEVATION_RAD),
+            up,
+            azimuth_rad: direction.dot(up.cross(front)).atan2(direction.dot(front)),
+            elevation_rad: direction
+                .dot(up)
+                .clamp(-1.0, 1.0)
+                .asin()
+                .clamp(-MAX_ELEVATION_RAD, MAX_ELEVATION_RAD),
             distance_m: radius_m.max(1e-6) / (0.5 * field_of_view_rad).sin(),
             field_of_view_rad,
         }
@@ -52,14 +61,18 @@ impl OrbitCamera {
     pub fn projection(&self, width: usize, height: usize) -> Projection {
         let (sin_azimuth, cos_azimuth) = self.azimuth_rad.sin_cos();
         let (sin_elevation, cos_elevation) = self.elevation_rad.sin_cos();
-        let backward = Vec3::new(cos_azimuth * cos_elevation, sin_azimuth * cos_elevation, sin_elevation);
-        let right = Vec3::new(-sin_azimuth, cos_azimuth, 0.0);
+        let front = self.up.any_orthonormal_vector();
+        let side = self.up.cross(front);
+        let level = front * cos_azimuth + side * sin_azimuth;
+        let backward = level * cos_elevation + self.up * sin_elevation;
+        let right = side * cos_azimuth - front * sin_azimuth;
         let up = backward.cross(right);
         let focal_px = 0.5 * height as f32 / (0.5 * self.field_of_view_rad).tan();
         Projection {
             eye_m: self.target_m + backward * self.distance_m,
             // Rows of the matrix are the axes of the eye's frame.
             to_eye: Mat3::from_cols(right, up, backward).transpose(),
+            up: self.up,
             focal_px,
             centre_px: Vec2::new(0.5 * width as f32, 0.5 * height as f32),
             near_m: self.distance_m * 0.02,
@@ -74,6 +87,8 @@ pub struct Projection {
     pub eye_m: Vec3,
     /// Rotation from the model frame to the eye frame.
     pub to_eye: Mat3,
+    /// Up, in the model frame: where the sky's light comes from.
+    pub up: Vec3,
     /// Focal length, pixels.
     pub focal_px: f32,
     /// Principal point, pixels.
@@ -120,7 +135,7 @@ mod tests {
     use super::*;
 
     fn camera() -> OrbitCamera {
-        OrbitCamera::framing(Vec3::new(0.1, -0.2, 0.3), 0.1, Vec3::new(1.0, 0.4, 0.5))
+        OrbitCamera::framing(Vec3::new(0.1, -0.2, 0.3), 0.1, Vec3::new(1.0, 0.4, 0.5), Vec3::Z)
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub mod renderer;
 pub mod scene;
 pub mod shade;
 pub mod shapes;
+pub mod smooth;
+pub mod viewpoint;
 pub mod window;
 
 pub use frames::FrameWriter;

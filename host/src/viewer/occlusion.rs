@@ -200,7 +200,7 @@ mod tests {
     /// A flat wall is open; the foot of two walls that meet is not.
     #[test]
     fn a_corner_is_darker_than_a_flat_wall() {
-        let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.0, 0.6));
+        let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.0, 0.6), Vec3::Z);
         let projection = camera.projection(160, 120);
         let mut raster = Raster::new(160, 120, 1, &projection);
         let floor = quad([

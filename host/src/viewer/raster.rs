@@ -273,6 +273,7 @@ mod tests {
         Projection {
             eye_m: Vec3::new(0.0, 0.0, 1.0),
             to_eye: Mat3::IDENTITY,
+            up: Vec3::Y,
             focal_px: 1.0,
             centre_px: Vec2::new(0.5 * width as f32, 0.5 * height as f32),
             near_m: 0.01,

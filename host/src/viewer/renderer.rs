@@ -7,6 +7,7 @@ use super::overlay::{Captions, Overlay};
 use super::raster::Raster;
 use super::scene::{Scene, nice_scale_m};
 use super::shade::Shader;
+use super::viewpoint;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
 use glam::Vec2;
@@ -59,7 +60,7 @@ impl Renderer {
         let RendererConfig { width, height, samples } = config;
         let surface = Deformation::at_rest(organ);
         let scene = Scene::new(organ, &surface);
-        let camera = scene.camera(organ, &surface, width as f32 / height.max(1) as f32);
+        let camera = viewpoint::choose(organ, &surface, width as f32 / height.max(1) as f32);
         Self {
             raster: Raster::new(width, height, samples, &camera.projection(width, height)),
             camera,
@@ -104,7 +105,8 @@ impl Renderer {
         self.raster.begin(&projection);
         self.scene.draw_solids(&mut self.raster, organ, &self.surface, record, self.full_scale_m);
         self.raster.resolve(&mut self.shader, &mut self.image);
-        self.scene.draw_ghost(&self.raster, &projection, &self.surface, &mut self.image);
+        let scale_m = self.full_scale_m;
+        self.scene.draw_ghost(&self.raster, &projection, &self.surface, scale_m, &mut self.image);
         self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
         let view = (&self.raster, &projection);
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
@@ -114,10 +116,11 @@ impl Renderer {
         &self.image
     }
 
-    /// The organ sits a little left of the middle: the figures are on the right.
+    /// The organ sits a little left of and above the middle: figures are on the right, the chart below.
     fn projection(&self) -> Projection {
         let mut projection = self.camera.projection(self.image.width(), self.image.height());
-        projection.centre_px.x -= 0.055 * self.image.width() as f32;
+        projection.centre_px.x -= 0.045 * self.image.width() as f32;
+        projection.centre_px.y -= 0.045 * self.image.height() as f32;
         projection
     }
 }

@@ -1,11 +1,13 @@
 //! The things in the picture: deformed organ, ghost of its rest shape, nodes, tool and force.
 
-use super::camera::{OrbitCamera, Projection};
+use super::camera::Projection;
 use super::image::{Image, StrokeMask};
 use super::palette::{ColourMap, linear};
 use super::raster::{Raster, Vertex};
 use super::shade::Material;
 use super::shapes::Shapes;
+use super::smooth::Smooth;
+use super::viewpoint;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
@@ -22,12 +24,23 @@ const GHOST_COLOUR: u32 = 0xdf_e9f2;
 /// Below this the force arrow would be all head, N.
 const LEAST_FORCE_N: f32 = 0.02;
 
+/// Strength of the ghost's mesh against its outline.
+const GHOST_MESH: f32 = 0.42;
+
+/// Edge of the rest surface.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    ends: [u32; 2],
+    /// Normals of the triangles on either side; twice the same on a border.
+    normals: [Vec3; 2],
+}
+
 /// What does not change during a session, and buffers that are reused.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    centre_m: Vec3,
     radius_m: f32,
-    edges: Vec<[u32; 2]>,
+    edges: Vec<Edge>,
+    smooth: Smooth,
     fixed: Vec<bool>,
     map: ColourMap,
     vertices: Vec<Vertex>,
@@ -39,59 +52,17 @@ impl Scene {
     /// Prepares an organ.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation) -> Self {
-        let low = rest.rest_m().iter().copied().fold(Vec3::INFINITY, Vec3::min);
-        let high = rest.rest_m().iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-        let (centre_m, radius_m) = if rest.rest_m().is_empty() {
-            (Vec3::ZERO, 0.1)
-        } else {
-            (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6))
-        };
-        let mut edges: Vec<[u32; 2]> = organ
-            .surface
-            .triangles
-            .iter()
-            .flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]].map(|[i, j]| [*i.min(j), *i.max(j)]))
-            .collect();
-        edges.sort_unstable();
-        edges.dedup();
+        let (_, radius_m) = viewpoint::bounds(rest);
         Self {
-            centre_m,
             radius_m,
-            edges,
+            edges: edges(organ.surface.triangles, rest.rest_m()),
+            smooth: Smooth::new(organ.surface.triangles, rest.rest_m().len()),
             fixed: organ.surface.fixed.iter().map(|fixed| *fixed != 0).collect(),
             map: ColourMap::new(),
             vertices: Vec::new(),
             shapes: Shapes::default(),
             mask: StrokeMask::default(),
         }
-    }
-
-    /// A camera that sees the active nodes from outside and has the whole organ in the free part of the picture.
-    #[must_use]
-    pub fn camera<const N: usize>(
-        &self,
-        organ: &Organ<'_, N>,
-        rest: &Deformation,
-        aspect: f32,
-    ) -> OrbitCamera {
-        let normals: Vec3 = organ.spaces.iter().map(|space| Vec3::from_array(space.outward_normal)).sum();
-        let facing = normals.try_normalize().unwrap_or(Vec3::new(0.3, -1.0, 0.4));
-        // From straight above a dent shows no depth: look along the surface from the side and from the front.
-        let flat = Vec3::new(facing.x, facing.y, 0.0).try_normalize().unwrap_or(Vec3::NEG_Y);
-        let side = Vec3::new(-flat.y, flat.x, 0.0);
-        let direction = flat + 0.35 * side + Vec3::Z * (0.28 + 0.25 * facing.z.max(0.0));
-        let mut camera = OrbitCamera::framing(self.centre_m, self.radius_m, direction);
-        // Near enough that every vertex stays inside the middle of the picture, in closed form: |x| f <= share (D - z).
-        let projection = camera.projection(1, 1);
-        let tangent = (0.5 * camera.field_of_view_rad).tan();
-        let share = Vec2::new(0.62 * aspect, 0.66) * tangent;
-        camera.distance_m = rest
-            .rest_m()
-            .iter()
-            .map(|point| projection.to_eye * (*point - self.centre_m))
-            .map(|eye| eye.z + (eye.x.abs() / share.x).max(eye.y.abs() / share.y))
-            .fold(0.2 * self.radius_m, f32::max);
-        camera
     }
 
     /// The colour map of the organ.
@@ -119,7 +90,8 @@ impl Scene {
                 Vertex { position_m, normal, albedo }
             },
         ));
-        raster.draw(&self.vertices, organ.surface.triangles, Material::Tissue);
+        self.smooth.refine(&mut self.vertices);
+        raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
         let unit = self.radius_m;
         for (i, space) in organ.spaces.iter().enumerate() {
@@ -166,12 +138,13 @@ impl Scene {
         self.shapes.arrow(raster, ends, radius_m, linear(FORCE_COLOUR), Material::Luminous);
     }
 
-    /// Lays the rest shape over the picture where it differs from the present one: fine lines, faint where hidden.
+    /// Lays the rest shape over the picture where it differs from the present one: its outline, and its mesh faintly.
     pub fn draw_ghost(
         &mut self,
         raster: &Raster,
         projection: &Projection,
         surface: &Deformation,
+        full_scale_m: f32,
         image: &mut Image,
     ) {
         if surface.largest_m() < 0.5e-3 {
@@ -180,25 +153,36 @@ impl Scene {
         let line = (image.height() as f32 / 720.0).max(0.6);
         self.mask.reset(0, 0, image.width(), image.height());
         let weight_of = |vertex: u32| {
-            let t = ((surface.magnitude_m(vertex as usize) - 1.0e-3) / 5.0e-3).clamp(0.0, 1.0);
+            let t = ((surface.magnitude_m(vertex as usize) / full_scale_m - 0.06) / 0.30).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };
-        for [a, b] in &self.edges {
-            let (weight_a, weight_b) = (weight_of(*a), weight_of(*b));
+        for edge in &self.edges {
+            let [weight_a, weight_b] = edge.ends.map(weight_of);
             if weight_a.max(weight_b) <= 0.0 {
                 continue;
             }
-            let ends = [*a, *b].map(|vertex| projection.project(surface.rest_m()[vertex as usize]));
-            let [Some((from, near_from)), Some((to, near_to))] = ends else { continue };
-            self.mask.segment_where(from.to_array(), to.to_array(), 0.42 * line, |x, y, t| {
+            let [a, b] = edge.ends.map(|vertex| surface.rest_m()[vertex as usize]);
+            let (Some((from, near_from)), Some((to, near_to))) =
+                (projection.project(a), projection.project(b))
+            else {
+                continue;
+            };
+            let [one, other] = edge.normals.map(|normal| normal.dot(projection.eye_m - a) > 0.0);
+            let outline = one != other;
+            let strength = if outline { 1.0 } else { GHOST_MESH };
+            self.mask.segment_where(from.to_array(), to.to_array(), 0.45 * line, |x, y, t| {
                 let inverse_depth = near_from + (near_to - near_from) * t;
-                let weight = weight_a + (weight_b - weight_a) * t;
+                let weight = strength * (weight_a + (weight_b - weight_a) * t);
                 // A hair nearer, so that a line lying on the surface is not broken up.
                 let hidden = raster.inverse_depth_at(x, y) > inverse_depth * 1.002;
-                if hidden { 0.10 * weight } else { weight }
+                match (hidden, outline) {
+                    (false, _) => weight,
+                    (true, true) => 0.25 * weight,
+                    (true, false) => 0.0,
+                }
             });
         }
-        self.mask.paint(image, GHOST_COLOUR, 0.42);
+        self.mask.paint(image, GHOST_COLOUR, 0.62);
     }
 
     /// Pixel of each active node that is neither hidden nor being touched.
@@ -252,6 +236,23 @@ impl Scene {
         self.mask.polyline(&points, 0.7 * (image.height() as f32 / 720.0).max(0.6));
         self.mask.paint(image, GHOST_COLOUR, 0.7);
     }
+}
+
+/// Every edge once, with the normals of its two triangles.
+fn edges(triangles: &[[u32; 3]], rest_m: &[Vec3]) -> Vec<Edge> {
+    let mut sides: Vec<([u32; 2], Vec3)> = triangles
+        .iter()
+        .flat_map(|&[a, b, c]| {
+            let [p, q, r] = [a, b, c].map(|corner| rest_m[corner as usize]);
+            let normal = (q - p).cross(r - p);
+            [[a, b], [b, c], [c, a]].map(|[i, j]| ([i.min(j), i.max(j)], normal))
+        })
+        .collect();
+    sides.sort_by_key(|(ends, _)| *ends);
+    sides
+        .chunk_by(|(one, _), (other, _)| one == other)
+        .map(|same| Edge { ends: same[0].0, normals: [same[0].1, same[same.len() - 1].1] })
+        .collect()
 }
 
 /// Where the surface now has a mesh node.

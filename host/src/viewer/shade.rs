@@ -49,7 +49,7 @@ struct Lights {
     up: Vec3,
 }
 
-const KEY_COLOUR: Vec3 = Vec3::new(1.50, 1.40, 1.27);
+const KEY_COLOUR: Vec3 = Vec3::new(1.28, 1.20, 1.09);
 const FILL_COLOUR: Vec3 = Vec3::new(0.10, 0.14, 0.21);
 const SKY_COLOUR: Vec3 = Vec3::new(0.25, 0.27, 0.31);
 const GROUND_COLOUR: Vec3 = Vec3::new(0.11, 0.085, 0.08);
@@ -84,7 +84,7 @@ impl Shader {
         let lights = Lights {
             key: Vec3::new(-0.62, 0.66, 0.42).normalize(),
             fill: Vec3::new(0.82, -0.05, 0.57).normalize(),
-            up: projection.to_eye * Vec3::Z,
+            up: projection.to_eye * projection.up,
         };
         let surfels = raster.surfels();
         let stride = raster.sample_width();
@@ -207,7 +207,7 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let grazing = 1.0 - facing;
     let fresnel = grazing * grazing * grazing * grazing;
     let (broad, sharp) = match surfel.material {
-        Material::Tissue => (0.018, 0.17),
+        Material::Tissue => (0.020, 0.26),
         Material::Polished => (0.25, 1.4),
         Material::Plain | Material::Luminous => (0.05, 0.0),
     };
@@ -215,7 +215,7 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let h16 = (h4 * h4) * (h4 * h4);
     let h64 = (h16 * h16) * (h16 * h16);
     let visible = (lambert * 4.0).min(1.0);
-    light += KEY_COLOUR * (visible * (broad * h16 + sharp * h64 * (0.5 + 0.5 * h16)));
+    light += KEY_COLOUR * (visible * (broad * h16 + sharp * h64 * (0.15 + 0.85 * h16 * h16)));
     // The rim stands for the bright surroundings mirrored at a grazing angle, so it fades where the ground would be.
     light + RIM_COLOUR * (fresnel * (0.45 + 0.55 * normal.dot(lights.up)).max(0.0) * 0.8)
 }

@@ -132,7 +132,7 @@ mod tests {
     use crate::viewer::camera::OrbitCamera;
 
     fn raster() -> Raster {
-        let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.3, 0.4));
+        let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.3, 0.4), Vec3::Z);
         Raster::new(200, 200, 1, &camera.projection(200, 200))
     }
 

@@ -1,0 +1,161 @@
+//! From where to look at an organ nobody has seen before: strokes in profile, the long side across, the fixed part in sight.
+
+use super::camera::OrbitCamera;
+use crate::deformation::Deformation;
+use glam::{Vec2, Vec3};
+use palpate_core::Organ;
+
+/// Directions tried round the up axis.
+const AZIMUTHS: usize = 48;
+/// Elevations tried, rad.
+const ELEVATIONS: [f32; 2] = [0.26, 0.44];
+/// Cosine between the view and the normal of an active node at which strokes show best: neither end-on nor hidden.
+const PROFILE: f32 = 0.5;
+/// Most active nodes that are asked.
+const MOST_NODES: usize = 32;
+/// Free part of the picture, across and down, as a share of its size: the rest is for figures.
+const FREE: Vec2 = Vec2::new(0.60, 0.64);
+/// Room for tool and arrow above an active node, in radii of the organ.
+const ROOM: f32 = 0.30;
+
+/// A camera with the whole organ in the free part of the picture.
+///
+/// A model does not say which way is up. The organ's long side is laid across the picture, seen from where the active nodes face, and
+/// the axis of the model nearest to the direction that is then up becomes up.
+#[must_use]
+pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: f32) -> OrbitCamera {
+    let (centre_m, radius_m) = bounds(rest);
+    let normals: Vec<Vec3> =
+        organ.spaces.iter().take(MOST_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
+    let up = up_axis(&normals, longest_axis(rest, centre_m));
+    let fixed: Vec<Vec3> = rest
+        .normal()
+        .iter()
+        .zip(organ.surface.fixed)
+        .filter(|(_, fixed)| **fixed != 0)
+        .map(|(normal, _)| *normal)
+        .collect();
+    let camera = |azimuth: usize, elevation_rad: f32| {
+        let mut camera = OrbitCamera::framing(centre_m, radius_m, up.any_orthonormal_vector(), up);
+        camera.azimuth_rad = core::f32::consts::TAU * azimuth as f32 / AZIMUTHS as f32;
+        camera.elevation_rad = elevation_rad;
+        camera
+    };
+    let candidates = (0..AZIMUTHS).flat_map(|azimuth| ELEVATIONS.map(|elevation| camera(azimuth, elevation)));
+    let merit = |camera: &OrbitCamera| {
+        let projection = camera.projection(1, 1);
+        let view = projection.to_eye.row(2);
+        let right = projection.to_eye.row(0);
+        let (low, high) = rest
+            .rest_m()
+            .iter()
+            .map(|point| right.dot(*point - centre_m))
+            .fold((0.0_f32, 0.0_f32), |(low, high), x| (low.min(x), high.max(x)));
+        let width = (high - low) / (2.0 * radius_m);
+        profile(&normals, view) + 1.4 * width + 0.35 * share_in_sight(&fixed, view)
+    };
+    let best = candidates.max_by(|a, b| merit(a).total_cmp(&merit(b)));
+    let mut camera = best.unwrap_or_else(|| camera(0, ELEVATIONS[0]));
+    camera.distance_m = distance_m(organ, rest, &camera, aspect);
+    camera
+}
+
+/// Middle and radius of the bounding box; a default size for a blob without a surface.
+#[must_use]
+pub fn bounds(rest: &Deformation) -> (Vec3, f32) {
+    let low = rest.rest_m().iter().copied().fold(Vec3::INFINITY, Vec3::min);
+    let high = rest.rest_m().iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+    if rest.rest_m().is_empty() {
+        return (Vec3::ZERO, 0.1);
+    }
+    (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6))
+}
+
+fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
+    let facing =
+        normals.iter().sum::<Vec3>().try_normalize().unwrap_or(Vec3::new(0.3, -1.0, 0.4).normalize());
+    let across = (long - facing * long.dot(facing)).normalize_or(facing.any_orthonormal_vector());
+    let above = facing.cross(across);
+    let nearest = |a: &Vec3, b: &Vec3| above.dot(*a).abs().total_cmp(&above.dot(*b).abs());
+    Vec3::AXES.into_iter().max_by(nearest).unwrap_or(Vec3::Z)
+}
+
+/// 1 where every stroke is seen in profile, falling below 0 where it is seen end-on or from behind.
+fn profile(normals: &[Vec3], view: Vec3) -> f32 {
+    let merit = |normal: &Vec3| {
+        let off = (normal.dot(view) - PROFILE) / 0.5;
+        (1.0 - off * off).max(-1.5)
+    };
+    normals.iter().map(merit).sum::<f32>() / normals.len().max(1) as f32
+}
+
+fn share_in_sight(normals: &[Vec3], view: Vec3) -> f32 {
+    normals.iter().filter(|normal| normal.dot(view) > 0.1).count() as f32 / normals.len().max(1) as f32
+}
+
+/// Near enough that every point just stays inside the free part: |x| f <= share (D - z), solved for D.
+fn distance_m<const N: usize>(
+    organ: &Organ<'_, N>,
+    rest: &Deformation,
+    camera: &OrbitCamera,
+    aspect: f32,
+) -> f32 {
+    let (_, radius_m) = bounds(rest);
+    let projection = camera.projection(1, 1);
+    let share = FREE * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
+    let hands = organ.spaces.iter().map(|space| {
+        Vec3::from_array(space.rest_position_m) + Vec3::from_array(space.outward_normal) * (ROOM * radius_m)
+    });
+    rest.rest_m()
+        .iter()
+        .copied()
+        .chain(hands)
+        .map(|point| projection.to_eye * (point - camera.target_m))
+        .map(|eye| eye.z + (eye.x.abs() / share.x).max(eye.y.abs() / share.y))
+        .fold(0.2 * radius_m, f32::max)
+}
+
+/// Direction in which the surface is longest: power iteration on its covariance.
+fn longest_axis(rest: &Deformation, centre_m: Vec3) -> Vec3 {
+    let mut axis = Vec3::new(0.6, 0.5, 0.4);
+    for _ in 0..50 {
+        let next: Vec3 = rest.rest_m().iter().map(|point| *point - centre_m).map(|p| p * p.dot(axis)).sum();
+        axis = next.normalize_or(Vec3::X);
+    }
+    axis
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::synthetic::{self, Shape};
+
+    #[test]
+    fn everything_is_in_the_free_part_and_the_nodes_face_the_eye() {
+        for half_axes_m in [[0.085, 0.060, 0.045], [0.03, 0.12, 0.04], [0.02, 0.03, 0.09]] {
+            let blob = synthetic::organ(&Shape { half_axes_m, ..Shape::default() });
+            let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+            let rest = Deformation::at_rest(&organ);
+            let projection = choose(&organ, &rest, 16.0 / 9.0).projection(1280, 720);
+            let mut reached = Vec2::ZERO;
+            for point in rest.rest_m() {
+                let (pixel, _) = projection.project(*point).expect("in front");
+                reached = reached.max((pixel - projection.centre_px).abs() / projection.centre_px);
+            }
+            assert!(reached.x <= FREE.x + 1e-3 && reached.y <= FREE.y + 1e-3, "{reached}");
+            assert!(reached.x > 0.35 || reached.y > 0.35, "the organ is not tiny: {reached}");
+            let view = projection.to_eye.row(2);
+            let seen =
+                organ.spaces.iter().filter(|space| Vec3::from_array(space.outward_normal).dot(view) > 0.0);
+            assert!(seen.count() >= 2);
+        }
+    }
+
+    #[test]
+    fn the_longest_axis_is_found() {
+        let blob = synthetic::organ(&Shape { half_axes_m: [0.02, 0.09, 0.03], ..Shape::default() });
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let rest = Deformation::at_rest(&organ);
+        assert!(longest_axis(&rest, bounds(&rest).0).y.abs() > 0.99);
+    }
+}
