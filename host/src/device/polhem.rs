@@ -18,14 +18,13 @@ use std::time::{Duration, Instant};
 pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
-/// A request without an answer for this long is given up, us.
-///
-/// Short enough that two losses in a row (a request cut off, and the next one that runs into it) stay below the 10 ms of the stale limit.
+/// After this long without an answer the next request is sent all the same, us.
 const REPLY_TIMEOUT_US: u64 = 2_000;
-/// Silence after a damaged line before the next request: whatever was on its way must not answer it, us.
-const QUIET_US: u64 = 2_000;
-/// Requests without an answer that are remembered.
-const MAX_PENDING: usize = 8;
+/// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
+/// late all the time is not mistaken for one that loses.
+const SILENCE_US: u64 = 3_000;
+/// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
+const MAX_PENDING: usize = 16;
 /// Pause between two wake-up newlines.
 const WAKE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -53,43 +52,58 @@ pub struct Polhem {
     /// Bytes of a line not yet complete.
     line: LineBuffer,
     pending: Pending,
-    /// No request before this time.
-    quiet_until_us: u64,
 }
 
 /// Send times of the requests without an answer, oldest first.
 ///
-/// One in the good case. After a reply that did not come it is not known whether it is lost or late, so its place is kept: the next
-/// reply then counts for it, which makes samples look older than they are, never younger.
+/// One in the good case. The protocol has no numbers: after a reply that did not come it is not known whether it is lost or late, so its
+/// place is kept and the next reply counts for it. Samples may look older than they are, not younger. As soon as a reply leaves
+/// others open, sending pauses: either they come too, or there is silence and they were lost.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pending {
     sent_us: [u64; MAX_PENDING],
     len: usize,
-    answered_since: bool,
+    /// While sending pauses: when something last came.
+    pausing_since_us: Option<u64>,
 }
 
 impl Pending {
-    /// Takes the oldest for a reply.
-    fn answer(&mut self) -> Option<u64> {
-        let oldest = self.sent_us.first().copied().filter(|_| self.len > 0)?;
-        self.sent_us.rotate_left(1);
-        self.len -= 1;
-        self.answered_since = true;
-        Some(oldest)
-    }
-
     fn sent(&mut self, now_us: u64) {
         if self.len == MAX_PENDING {
-            self.sent_us.rotate_left(1);
-            self.len -= 1;
+            self.take_oldest();
         }
         self.sent_us[self.len] = now_us;
         self.len += 1;
-        self.answered_since = false;
     }
 
-    fn newest_us(&self) -> Option<u64> {
-        self.len.checked_sub(1).map(|last| self.sent_us[last])
+    fn take_oldest(&mut self) -> Option<u64> {
+        let oldest = self.sent_us.first().copied().filter(|_| self.len > 0)?;
+        self.sent_us.rotate_left(1);
+        self.len -= 1;
+        Some(oldest)
+    }
+
+    /// A reply, or what is left of one, has come: when its request was sent.
+    fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
+        let oldest = self.take_oldest();
+        self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
+        oldest
+    }
+
+    /// Ends the pause after silence; true if it just ended.
+    fn ends_pause(&mut self, now_us: u64) -> bool {
+        let ends =
+            self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
+        if ends {
+            *self = Self::default();
+        }
+        ends
+    }
+
+    /// Whether the newest request has waited too long.
+    fn is_overdue(&self, now_us: u64) -> bool {
+        let newest_us = self.len.checked_sub(1).map(|last| self.sent_us[last]);
+        newest_us.is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US)
     }
 }
 
@@ -118,13 +132,7 @@ impl Polhem {
     /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
-        let mut device = Self {
-            port,
-            config,
-            line: LineBuffer::default(),
-            pending: Pending::default(),
-            quiet_until_us: 0,
-        };
+        let mut device = Self { port, config, line: LineBuffer::default(), pending: Pending::default() };
         device.wake()?;
         // From here on what cannot go at once is a fault of the link, not something to wait for.
         device.port.set_timeout(Duration::ZERO).map_err(from_serial)?;
@@ -159,7 +167,7 @@ impl Polhem {
     }
 
     /// Reads what is there.
-    fn receive(&mut self) -> Result<Received, DeviceError> {
+    fn receive(&mut self, now_us: u64) -> Result<Received, DeviceError> {
         let mut received = Received::default();
         let mut chunk = [0; 4 * LINE_LEN];
         // Bounded: a babbling device must not hold the tick.
@@ -178,47 +186,26 @@ impl Polhem {
                     None => {}
                     Some(Some(reply)) => {
                         received.newest = Some(reply);
-                        received.sent_us = self.pending.answer().or(received.sent_us);
+                        received.sent_us = self.pending.answered(now_us, false).or(received.sent_us);
                     }
-                    Some(None) => received.damaged = true,
+                    Some(None) => {
+                        received.damaged = true;
+                        self.pending.answered(now_us, true);
+                    }
                 }
             }
         }
         Ok(received)
     }
 
-    /// Whether the last request was given up; forgets those before it if they must have been lost.
-    fn gives_up(&mut self, now_us: u64) -> bool {
-        let given_up = self
-            .pending
-            .newest_us()
-            .is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US);
-        if given_up && self.pending.answered_since {
-            // Replies came, then silence: what is still open was lost, not late.
-            self.pending = Pending::default();
-            return false;
-        }
-        given_up
-    }
-
-    fn resynchronise(&mut self) -> Result<(), DeviceError> {
-        self.line = LineBuffer::default();
-        self.pending = Pending::default();
-        self.port.clear(ClearBuffer::Input).map_err(from_serial)
-    }
-
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        let received = self.receive()?;
-        if received.damaged {
-            self.quiet_until_us = now_us + QUIET_US;
+        let received = self.receive(now_us)?;
+        if self.pending.ends_pause(now_us) {
+            self.line = LineBuffer::default();
+            self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
         }
-        let given_up = self.gives_up(now_us);
-        if self.quiet_until_us > 0 {
-            if now_us >= self.quiet_until_us {
-                self.quiet_until_us = 0;
-                self.resynchronise()?;
-            }
-        } else if self.pending.len == 0 || given_up {
+        let overdue = self.pending.is_overdue(now_us);
+        if self.pending.pausing_since_us.is_none() && (self.pending.len == 0 || overdue) {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
             self.pending.sent(now_us);
         }
@@ -230,7 +217,7 @@ impl Polhem {
             })),
             // A reply to no request is part of the damage: its age is not known.
             _ if received.damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
-            _ if given_up => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            _ if overdue => Err(DeviceError::new(DeviceErrorKind::Timeout)),
             _ => Ok(None),
         }
     }

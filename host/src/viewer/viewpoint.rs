@@ -77,7 +77,9 @@ fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
     let across = (long - facing * long.dot(facing)).normalize_or(facing.any_orthonormal_vector());
     let above = facing.cross(across);
     let nearest = |a: &Vec3, b: &Vec3| above.dot(*a).abs().total_cmp(&above.dot(*b).abs());
-    Vec3::AXES.into_iter().max_by(nearest).unwrap_or(Vec3::Z)
+    let axis = Vec3::AXES.into_iter().max_by(nearest).unwrap_or(Vec3::Z);
+    // Where the active nodes clearly face up or down, they belong on the upper side, in the light.
+    if axis.dot(facing) < -0.25 { -axis } else { axis }
 }
 
 /// 1 where every stroke is seen in profile, falling below 0 where it is seen end-on or from behind.
