@@ -5,13 +5,13 @@ use std::path::Path;
 use bytemuck::Pod;
 use palpate_core::Method;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SpaceHeader,
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SpaceHeader,
     SurfaceHeader, VERSION, plane_area_start,
 };
 use palpate_core::rbf::LANES;
 
 use crate::configuration_space::{SpaceGrid, Store, StoreError};
-use crate::fit::{FitError, Kernel, fit_rbf, lattice_values, nearest_solved, samples};
+use crate::fit::{FitError, Kernel, RbfFit, Sample, fit_rbf, lattice_values, nearest_solved, samples};
 use crate::mesh::{Surface, TetMesh};
 
 /// Why a space could not be packed.
@@ -26,11 +26,8 @@ pub enum PackError {
         /// Why.
         error: FitError,
     },
-    /// The space holds no configuration yet.
-    Empty {
-        /// Name of the active node.
-        active: String,
-    },
+    /// No space holds a configuration yet.
+    Empty,
     /// A part does not fit in the layout.
     TooLarge(&'static str),
     /// The mesh in the store is not a body.
@@ -42,12 +39,7 @@ impl std::fmt::Display for PackError {
         match self {
             Self::Store(error) => write!(f, "{error}"),
             Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
-            Self::Empty { active } => {
-                write!(
-                    f,
-                    "active node {active} has no solved configuration; run `palpate precompute` to the end first"
-                )
-            }
+            Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {
                 write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
             }
@@ -91,30 +83,38 @@ fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless
     heapless::String::try_from(text).map_err(|_| PackError::TooLarge(what))
 }
 
-/// Packs every space of `store` with the tables of `methods` and returns the blob's bytes.
-pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
+/// A packed blob.
+#[derive(Debug, Clone)]
+pub struct Packed {
+    /// The file's bytes.
+    pub bytes: Vec<u8>,
+    /// Active nodes without any solved configuration, which are not in it.
+    pub left_out: Vec<String>,
+}
+
+/// Packs every solved space of `store` with the tables of `methods`.
+pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let grid =
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
     let (nodes_m, tets, fixed) = store.mesh()?;
     let mesh = TetMesh::new(nodes_m, tets).map_err(PackError::Mesh)?;
     let surface = Surface::of(&mesh);
-    let mut planes = PlaneArea::default();
-    let surface_header = write_surface(&mut planes, &mesh, &surface, &fixed)?;
-    let mut spaces = Vec::new();
+    let visual = identity.visual;
+    let mut packer = Packer { store, grid, mesh, surface, methods, visual, planes: PlaneArea::default() };
+    let surface_header = packer.surface(&fixed)?;
+    let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        spaces.push(write_space(
-            &mut planes,
-            store,
-            &grid,
-            &mesh,
-            &surface,
-            active,
-            &name,
-            node,
-            methods,
-            identity.visual,
-        )?);
+        let samples = samples(&packer.grid, &store.records(active)?);
+        // The rest point alone is no space.
+        if samples.len() > 1 {
+            spaces.push(packer.space(active, &name, node, &samples)?);
+        } else {
+            left_out.push(name);
+        }
+    }
+    if spaces.is_empty() {
+        return Err(PackError::Empty);
     }
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
@@ -125,101 +125,112 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Vec<u8>, PackError> {
         surface: surface_header,
         space_count: spaces.len() as u32,
     };
-    assemble(&preamble, &spaces, &planes)
+    Ok(Packed { bytes: assemble(&preamble, &spaces, &packer.planes)?, left_out })
 }
 
-fn write_surface(
-    planes: &mut PlaneArea,
-    mesh: &TetMesh,
-    surface: &Surface,
-    fixed: &[u32],
-) -> Result<SurfaceHeader, PackError> {
-    let position = |axis: usize| -> Vec<f32> {
-        surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
-    };
-    let vertex =
-        |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32;
-    let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
-    let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
-    Ok(SurfaceHeader {
-        node: planes.push(&surface.nodes)?,
-        position_m: planes.push3(&[position(0), position(1), position(2)])?,
-        triangles: planes.push(&triangles)?,
-        fixed: planes.push(&held)?,
-    })
-}
-
-#[allow(clippy::too_many_arguments)]
-fn write_space(
-    planes: &mut PlaneArea,
-    store: &Store,
-    grid: &SpaceGrid,
-    mesh: &TetMesh,
-    surface: &Surface,
-    active: usize,
-    name: &str,
-    node: u32,
-    methods: &[Method],
+/// What every space of a blob shares while it is packed.
+struct Packer<'s> {
+    store: &'s Store,
+    grid: SpaceGrid,
+    mesh: TetMesh,
+    surface: Surface,
+    methods: &'s [Method],
     visual: bool,
-) -> Result<SpaceHeader, PackError> {
-    let samples = samples(grid, &store.records(active)?);
-    if samples.is_empty() {
-        return Err(PackError::Empty { active: name.into() });
+    planes: PlaneArea,
+}
+
+impl Packer<'_> {
+    fn surface(&mut self, fixed: &[u32]) -> Result<SurfaceHeader, PackError> {
+        let Self { surface, mesh, planes, .. } = self;
+        let position = |axis: usize| -> Vec<f32> {
+            surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
+        };
+        let vertex = |node: u32| {
+            surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32
+        };
+        let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
+        let held: Vec<u8> =
+            surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
+        Ok(SurfaceHeader {
+            node: planes.push(&surface.nodes)?,
+            position_m: planes.push3(&[position(0), position(1), position(2)])?,
+            triangles: planes.push(&triangles)?,
+            fixed: planes.push(&held)?,
+        })
     }
-    let values = lattice_values(grid, &samples);
-    let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
-    let fit =
-        |kernel| fit_rbf(kernel, &samples).map_err(|error| PackError::Fit { active: name.into(), error });
-    let flags = planes.push(&values.flags)?;
-    let force_n = if methods.iter().any(|m| on_lattice.contains(m)) {
-        Some(planes.push3(&values.force_n)?)
-    } else {
-        None
-    };
-    let rbf_linear = if methods.contains(&Method::RbfLinear) {
-        let fit = fit(Kernel::Linear)?;
-        let narrow = |plane: &Vec<f64>| padded(plane).into_iter().map(|x| x as f32).collect::<Vec<f32>>();
-        Some(RbfHeader {
-            centres: planes.push3(&fit.centres.each_ref().map(narrow))?,
-            weights: planes.push3(&fit.weights.each_ref().map(narrow))?,
+
+    fn space(
+        &mut self,
+        active: usize,
+        name: &str,
+        node: u32,
+        samples: &[Sample],
+    ) -> Result<SpaceHeader, PackError> {
+        let values = lattice_values(&self.grid, samples);
+        let flags = self.planes.push(&values.flags)?;
+        let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
+        let has_lattice = self.methods.iter().any(|m| on_lattice.contains(m));
+        let force_n = has_lattice.then(|| self.planes.push3(&values.force_n)).transpose()?;
+        let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, samples)? {
+            Some(fit) => {
+                let narrow = |plane: &Vec<f64>| padded(plane).into_iter().map(|x| x as f32).collect();
+                Some(self.rbf_planes::<f32>(&fit, narrow)?)
+            }
+            None => None,
+        };
+        let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, samples)? {
+            Some(fit) => Some(self.rbf_planes::<f64>(&fit, |plane| padded(plane))?),
+            None => None,
+        };
+        let displacement = if self.visual { Some(self.displacement(active, samples)?) } else { None };
+        let normal = self.surface.normal(node).expect("an active node is on the surface");
+        Ok(SpaceHeader {
+            name: short_text(name, "an active node's name")?,
+            node,
+            rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
+            outward_normal: normal.map(|x| x as f32),
+            spacing_m: self.grid.spacing_m as f32,
+            radius_m: self.grid.radius_m as f32,
+            flags,
+            force_n,
+            rbf_linear,
+            rbf_cubic,
+            displacement,
         })
-    } else {
-        None
-    };
-    let rbf_cubic = if methods.contains(&Method::RbfCubic) {
-        let fit = fit(Kernel::Cubic)?;
-        Some(RbfHeader {
-            centres: planes.push3(&fit.centres.each_ref().map(padded))?,
-            weights: planes.push3(&fit.weights.each_ref().map(padded))?,
+    }
+
+    fn fit(
+        &self,
+        method: Method,
+        kernel: Kernel,
+        name: &str,
+        samples: &[Sample],
+    ) -> Result<Option<RbfFit>, PackError> {
+        let wanted = self.methods.contains(&method);
+        let fitted = wanted.then(|| fit_rbf(kernel, samples)).transpose();
+        fitted.map_err(|error| PackError::Fit { active: name.into(), error })
+    }
+
+    fn rbf_planes<T: Pod>(
+        &mut self,
+        fit: &RbfFit,
+        convert: impl Fn(&Vec<f64>) -> Vec<T>,
+    ) -> Result<RbfHeader, PackError> {
+        Ok(RbfHeader {
+            centres: self.planes.push3(&fit.centres.each_ref().map(&convert))?,
+            weights: self.planes.push3(&fit.weights.each_ref().map(&convert))?,
         })
-    } else {
-        None
-    };
-    let displacement = if visual {
-        let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * surface.nodes.len());
-        for sample in &samples {
-            let all = store.displacements(active, sample.index)?;
-            rows.extend(surface.nodes.iter().map(|&n| all[n as usize]));
+    }
+
+    fn displacement(&mut self, active: usize, samples: &[Sample]) -> Result<DisplacementHeader, PackError> {
+        let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * self.surface.nodes.len());
+        for sample in samples {
+            let all = self.store.displacements(active, sample.index)?;
+            rows.extend(self.surface.nodes.iter().map(|&n| all[n as usize]));
         }
-        let row = planes.push(&nearest_solved(grid, &samples))?;
-        Some(DisplacementHeader { row, rows: planes.push(rows.as_flattened())? })
-    } else {
-        None
-    };
-    let normal = surface.normal(node).expect("an active node is on the surface");
-    Ok(SpaceHeader {
-        name: short_text(name, "an active node's name")?,
-        node,
-        rest_position_m: mesh.nodes_m[node as usize].map(|x| x as f32),
-        outward_normal: normal.map(|x| x as f32),
-        spacing_m: grid.spacing_m as f32,
-        radius_m: grid.radius_m as f32,
-        flags,
-        force_n,
-        rbf_linear,
-        rbf_cubic,
-        displacement,
-    })
+        let row = self.planes.push(&nearest_solved(&self.grid, samples))?;
+        Ok(DisplacementHeader { row, rows: self.planes.push(rows.as_flattened())? })
+    }
 }
 
 /// Zeros up to the core's lane count.
@@ -237,7 +248,7 @@ fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> 
         header.extend(encode(postcard::to_stdvec(space))?);
     }
     let start = plane_area_start(header.len()).ok_or(PackError::TooLarge("the header"))?;
-    let total = start + planes.bytes.len() + CHECKSUM_BYTES;
+    let total = start + planes.bytes.len() + CHECKSUM_LEN;
     let mut blob = Vec::with_capacity(total);
     blob.extend_from_slice(&MAGIC);
     blob.extend_from_slice(&VERSION.to_le_bytes());
@@ -250,8 +261,6 @@ fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> 
     blob.extend_from_slice(&CHECKSUM.checksum(&blob).to_le_bytes());
     Ok(blob)
 }
-
-const CHECKSUM_BYTES: usize = palpate_core::blob::format::CHECKSUM_LEN;
 
 /// Writes a whole file under a temporary name in the same folder, then renames it: never a half-written file.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {

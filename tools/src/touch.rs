@@ -56,7 +56,10 @@ pub(crate) fn run<D: Device>(
     };
     loop {
         let device = device()?;
-        let config = config(organ, method, device.info().max_force_n);
+        let info = device.info();
+        let config = config(organ, method, info.max_force_n);
+        // A real device is armed by a deliberate press of its button; the press after that grasps.
+        options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         match run_session(organ, config, device, &options, stop, &mut on_record) {
             Err(SessionError::Viewer(error)) if matches!(options.view, View::Window { .. }) => {
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");

@@ -41,7 +41,7 @@ pub(crate) struct Args {
     #[arg(long)]
     fresh: bool,
     /// Interpolation method of the loop
-    #[arg(long, default_value = "hybrid", value_parser = super::pack::method)]
+    #[arg(long, default_value = "tricubic", value_parser = super::pack::method)]
     method: Method,
     /// Print the figures as JSON (they are always in summary.json)
     #[arg(long)]
@@ -128,7 +128,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     ));
 
     let start = Instant::now();
-    let bytes = pack(&store, &Method::ALL)?;
+    let bytes = pack(&store, &Method::ALL)?.bytes;
     let blob_path = at("liver-small.blob");
     write_atomically(&blob_path, &bytes).map_err(|error| Failure::file(&blob_path, &error))?;
     say(format!(

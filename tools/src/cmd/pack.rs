@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
-use palpate_precompute::blob_writer::{pack, write_atomically};
+use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
 use palpate_precompute::configuration_space::Store;
 
 use crate::failure::Failure;
@@ -33,7 +33,10 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
-    let bytes = pack(&store, &args.methods)?;
+    let Packed { bytes, left_out } = pack(&store, &args.methods)?;
+    for name in left_out {
+        eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
+    }
     write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
     let names: Vec<&str> = args.methods.iter().map(|m| m.name()).collect();
     println!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", "));
