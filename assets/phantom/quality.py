@@ -8,6 +8,7 @@ from . import volume
 
 F1_WIDTH_M = 0.022  # F1: the left end, surface nodes less than this from the smallest x
 F2_DEPTH_M = 0.016  # F2: the top, surface nodes less than this below the largest y
+SMALLEST_DIHEDRAL_DEGREES = 30.0
 
 
 def inside_sets(x, triangles):
@@ -65,7 +66,7 @@ def euler_characteristic(triangles):
     return len(links) - len(directed) // 2 + len(triangles)
 
 
-def check(mesh, active, limits):
+def check(mesh, active, most_surface_nodes):
     """Asserts every requirement on a mesh read back from its file and returns the figures as (label, text) rows."""
     x, elements = mesh
     tets, triangles = elements[3, "tissue"], elements[2, "surface"]
@@ -82,20 +83,20 @@ def check(mesh, active, limits):
     say("nodes", len(x))
     say("tets", len(tets))
     say("surface nodes / triangles", f"{len(on_surface)} / {len(triangles)}")
-    assert len(on_surface) <= limits["surface_nodes"]
+    assert len(on_surface) <= most_surface_nodes, "too many surface nodes"
     say("interior nodes", len(x) - len(on_surface))
     say("volume", f"{volumes.sum():.6e} m3")
-    assert 1.1e-3 < volumes.sum() < 1.3e-3
+    assert 1.1e-3 < volumes.sum() < 1.3e-3, "the volume is not that of a liver this size"
     say("smallest / mean tet", f"{volumes.min() * 1e9:.0f} / {volumes.mean() * 1e9:.0f} mm3")
     size = np.ptp(x, axis=0)
     say("extent x, y, z", ", ".join(f"{v * 1e3:.1f}" for v in size) + " mm")
-    assert abs(size[0] - 0.2) < 0.003
+    assert abs(size[0] - 0.2) < 1e-6, "the body is not 0.2 m across"
     centre = (x[tets].mean(axis=1) * volumes[:, None]).sum(axis=0) / volumes.sum()
     say("centre of gravity", "(" + ", ".join(f"{v * 1e3:.1f}" for v in centre) + ") mm")
 
     say("dihedral: smallest, 1st percentile of the tets", f"{angles.min():.1f}, {np.percentile(angles.min(axis=1), 1):.1f} degrees")
     say("dihedral: mean of the tets' smallest, largest", f"{angles.min(axis=1).mean():.1f}, {angles.max():.1f} degrees")
-    assert angles.min() > limits["dihedral_degrees"]
+    assert angles.min() > SMALLEST_DIHEDRAL_DEGREES, "a sliver"
     edges = np.unique(np.sort(np.concatenate([tets[:, list(pair[:2])] for pair in volume.EDGES]), axis=1), axis=0)
     length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1) * 1e3
     say("edge length: range, mean", f"{length.min():.1f} to {length.max():.1f}, {length.mean():.1f} mm")
@@ -118,13 +119,17 @@ def check(mesh, active, limits):
     for name, node in active.items():
         assert node in on_surface and not any(node in nodes for nodes in fixed.values()), f"{name} is not a free surface node"
         tilt = np.degrees(np.arccos(np.clip((face[(triangles == node).any(axis=1)] @ normals[node]).min(), -1.0, 1.0)))
-        around = angles[(tets == node).any(axis=1)].min()
-        assert tilt < 30.0 and around > 25.0 and normals[node, 2] > 0.5, f"{name} has no good neighbourhood on the front"
+        star = (tets == node).any(axis=1)
+        inner = np.setdiff1d(tets[star], on_surface).size
+        around = angles[star].min()
+        assert tilt < 30.0 and around > 33.0 and normals[node, 2] > 0.5, f"{name} has no good neighbourhood on the front"
+        assert star.sum() >= 10 and inner >= 3, f"too few tets around {name} to bear a tool"
         away = np.linalg.norm(x[node] - centre) * 1e3, (x[:, 0].max() - x[node, 0]) * 1e3
         say(f"{name}", f"node {node} at (" + ", ".join(f"{v * 1e3:.1f}" for v in x[node]) + ") mm")
         say(f"{name}: normal", "(" + ", ".join(f"{v:.2f}" for v in normals[node]) + ")")
         say(f"{name}: to the centre of gravity, to the tip along x", f"{away[0]:.0f}, {away[1]:.0f} mm")
         say(f"{name}: triangles' largest tilt, tets' smallest dihedral", f"{tilt:.0f}, {around:.0f} degrees")
+        say(f"{name}: tets around it, their volume", f"{star.sum()}, {volumes[star].sum() * 1e9:.0f} mm3")
         depth = [np.linalg.norm(x[fixed[f]] - x[node], axis=1).min() * 1e3 for f in ("F1", "F2")]
         say(f"{name}: nearest node of F1, of F2", f"{depth[0]:.0f}, {depth[1]:.0f} mm")
     return rows

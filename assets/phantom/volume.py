@@ -30,7 +30,7 @@ def dihedral_angles(corners):
 def fill(surface_x, triangles, size):
     """Tets of the volume inside the closed surface, by Gmsh's Delaunay mesher and its optimisers. The surface stays as given.
 
-    `size(x, y, z)` is the wanted edge length inside. Returns positions (surface vertices first, in order) and tets.
+    `size((x, y, z))` is the wanted edge length inside. Returns positions (surface vertices first, in order) and tets.
     """
     import gmsh  # here, so that checking the files needs numpy only
 
@@ -48,7 +48,7 @@ def fill(surface_x, triangles, size):
         gmsh.model.geo.addSurfaceLoop([1], 1)
         gmsh.model.geo.addVolume([1], 1)
         gmsh.model.geo.synchronize()
-        gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size(x, y, z))
+        gmsh.model.mesh.setSizeCallback(lambda dim, tag, x, y, z, lc: size((x, y, z)))
         gmsh.model.mesh.generate(3)
         for _ in range(3):
             gmsh.model.mesh.optimize("")
