@@ -176,7 +176,7 @@ impl ElementState {
 ///
 /// force_a = V (F S - p cof F) g_a
 ///
-/// K_ab = V [ (g_a . S g_b) I + alpha f_a f_b^T + beta/2 (f_b f_a^T + (g_a . g_b) F F^T) ] + p V [F (g_a x g_b)]x
+/// K_ab = V [ (g_a . S g_b) I + alpha f_a f_b^T + beta/2 (f_b f_a^T + (g_a . g_b) F F^T) ] + p V cross(F (g_a x g_b))
 ///
 /// (dgamma of w at vertex b is sym(f_b-weighted w (x) g_b); contract with the tangent and with v at vertex a.)
 #[inline]

@@ -5,8 +5,8 @@ use std::path::Path;
 use bytemuck::Pod;
 use palpate_core::Method;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SpaceHeader,
-    SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader,
+    SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
 use palpate_core::rbf::LANES;
 
@@ -30,8 +30,6 @@ pub enum PackError {
     Empty,
     /// A part does not fit in the layout.
     TooLarge(&'static str),
-    /// The mesh in the store is not a body.
-    Mesh(crate::mesh::MeshFault),
 }
 
 impl std::fmt::Display for PackError {
@@ -42,9 +40,6 @@ impl std::fmt::Display for PackError {
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {
                 write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
-            }
-            Self::Mesh(fault) => {
-                write!(f, "the mesh in the store is not usable: {fault:?}; precompute again")
             }
         }
     }
@@ -97,8 +92,7 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let grid =
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
-    let (nodes_m, tets, fixed) = store.mesh()?;
-    let mesh = TetMesh::new(nodes_m, tets).map_err(PackError::Mesh)?;
+    let (mesh, fixed) = store.body()?;
     let surface = Surface::of(&mesh);
     let visual = identity.visual;
     let mut packer = Packer { store, grid, mesh, surface, methods, visual, planes: PlaneArea::default() };
@@ -149,8 +143,7 @@ impl Packer<'_> {
             surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32
         };
         let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
-        let held: Vec<u8> =
-            surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
+        let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
         Ok(SurfaceHeader {
             node: planes.push(&surface.nodes)?,
             position_m: planes.push3(&[position(0), position(1), position(2)])?,
@@ -173,13 +166,13 @@ impl Packer<'_> {
         let force_n = has_lattice.then(|| self.planes.push3(&values.force_n)).transpose()?;
         let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, samples)? {
             Some(fit) => {
-                let narrow = |plane: &Vec<f64>| padded(plane).into_iter().map(|x| x as f32).collect();
+                let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();
                 Some(self.rbf_planes::<f32>(&fit, narrow)?)
             }
             None => None,
         };
         let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, samples)? {
-            Some(fit) => Some(self.rbf_planes::<f64>(&fit, |plane| padded(plane))?),
+            Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
             None => None,
         };
         let displacement = if self.visual { Some(self.displacement(active, samples)?) } else { None };
@@ -214,11 +207,11 @@ impl Packer<'_> {
     fn rbf_planes<T: Pod>(
         &mut self,
         fit: &RbfFit,
-        convert: impl Fn(&Vec<f64>) -> Vec<T>,
+        convert: impl Fn(&[f64]) -> Vec<T>,
     ) -> Result<RbfHeader, PackError> {
         Ok(RbfHeader {
-            centres: self.planes.push3(&fit.centres.each_ref().map(&convert))?,
-            weights: self.planes.push3(&fit.weights.each_ref().map(&convert))?,
+            centres: self.planes.push3(&fit.centres.each_ref().map(|plane| convert(plane)))?,
+            weights: self.planes.push3(&fit.weights.each_ref().map(|plane| convert(plane)))?,
         })
     }
 
@@ -234,8 +227,8 @@ impl Packer<'_> {
 }
 
 /// Zeros up to the core's lane count.
-fn padded(plane: &Vec<f64>) -> Vec<f64> {
-    let mut plane = plane.clone();
+fn padded(plane: &[f64]) -> Vec<f64> {
+    let mut plane = plane.to_vec();
     plane.resize(plane.len().next_multiple_of(LANES), 0.0);
     plane
 }

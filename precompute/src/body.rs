@@ -6,8 +6,8 @@ use crate::mesh::TetMesh;
 
 /// A meshed body of one material, held at its fixed nodes.
 ///
-/// State vector: displacement u, 3 per node, node-major [m]; then for an incompressible law one pressure
-/// multiplier per node [Pa]. Node order is file order, so states can be stored and compared across solvers.
+/// State vector: displacement u, 3 per node, node-major, in m; then for an incompressible law one pressure
+/// multiplier per node, in Pa. Node order is file order, so states can be stored and compared across solvers.
 #[derive(Debug)]
 pub struct Body {
     /// One element per tetrahedron, file order.
@@ -81,7 +81,7 @@ impl Body {
         self.material.shear_modulus_pa() * self.edge_m * self.edge_m
     }
 
-    /// Factor s between pressures [Pa] and the scaled unknowns q = p / s [m]: s = mu / l. It gives both halves of
+    /// Factor s between pressures in Pa and the scaled unknowns q = p / s in m: s = mu / l. It gives both halves of
     /// the saddle-point matrix the same size, so that one residual norm speaks for both.
     pub fn pressure_scale(&self) -> f64 {
         self.material.shear_modulus_pa() / self.edge_m

@@ -7,11 +7,11 @@
 //! Derivatives used by the assembly, for an element of volume V with gradients g_a:
 //!
 //! - force on node a:          -p V cof(F) g_a                   (dJ/dF = cof F)
-//! - tangent, nodes a and b:   -p V d2J/du_a du_b = p V [m_ab]x,  m_ab = F (g_a x g_b)
+//! - tangent, nodes a and b:   -p V d2J/du_a du_b = p V cross(m_ab),  m_ab = F (g_a x g_b)
 //! - coupling, node a and any pressure vertex:  -V/4 cof(F) g_a
 //! - constraint of each pressure vertex:         V/4 (1 - J)
 //!
-//! where [m]x v = m x v. Derivation of the second line: cof(F) (x x y) = (F x) x (F y), so the second derivative of
+//! where cross(m) v = m x v. Derivation of the second line: cof(F) (x x y) = (F x) x (F y), so the second derivative of
 //! det F along v (x) g_a and w (x) g_b is (v x w) . F (g_a x g_b) = -v . (m_ab x w). No inverse of F appears, so
 //! everything stays finite through J = 0.
 //!
@@ -20,13 +20,13 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-/// [m]x, the matrix of v -> m x v.
+/// cross(m), the matrix of v -> m x v.
 #[inline]
 pub fn cross_matrix(m: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -m.z, m.y, m.z, 0.0, -m.x, -m.y, m.x, 0.0)
 }
 
-/// Tangent block of the pressure term between two vertices: p V [F (g_a x g_b)]x.
+/// Tangent block of the pressure term between two vertices: p V cross(F (g_a x g_b)).
 #[inline]
 pub fn pressure_tangent(
     pressure_volume: f64,

@@ -148,7 +148,7 @@ fn force_is_the_gradient_of_energy_and_stiffness_that_of_force() {
             });
             // Central difference of fourth order.
             let slope = |value: &dyn Fn(&Configuration) -> f64| {
-                let [a, b, c, d] = around.each_ref().map(|c| value(c));
+                let [a, b, c, d] = around.each_ref().map(value);
                 (a - 8.0 * b + 8.0 * c - d) / (12.0 * step)
             };
             let (dw, force) = (slope(&|c| c.energy_j), here.force_n[axis]);
@@ -189,7 +189,7 @@ fn energy_is_the_work_along_a_path() {
         let mut here = solver.rest().expect("the beam is held");
         // Gauss-Legendre with five points on the straight path: exact to the tenth order of the step.
         let end = [0.006, 0.004, -0.009];
-        let nodes = [0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415, 0.9530899229693320];
+        let nodes = [0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415, 0.953_089_922_969_332];
         let weights = [
             0.1184634425280945,
             0.2393143352496832,

@@ -1,7 +1,7 @@
 //! Expansion of one configuration space (paper, sections 4.3 and 5.1), in rounds.
 //!
 //! Round 0 solves the rest point. Round r solves every unknown point that has an expandable neighbour (of the 26)
-//! decided in an earlier round, from the parent that [`parent_of`] names. Which points a round holds and where each
+//! decided in an earlier round, from the parent that `parent_of` names. Which points a round holds and where each
 //! starts from follow from the lattice and from the tags of earlier rounds alone, never from which worker was done
 //! first; so one thread, many threads and any interrupted and resumed run give the same numbers. Resuming is nothing
 //! special: the same rounds are walked, and a point that the store already holds is not solved again.

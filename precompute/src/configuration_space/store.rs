@@ -407,8 +407,8 @@ impl Store {
         self.wrap(rows.collect())
     }
 
-    /// Nodes, tetrahedra and fixed nodes of the body.
-    pub fn mesh(&self) -> Result<(Vec<[f64; 3]>, Vec<[u32; 4]>, Vec<u32>), StoreError> {
+    /// Mesh (without groups) and fixed nodes of the body.
+    pub fn body(&self) -> Result<(TetMesh, Vec<u32>), StoreError> {
         let (nodes, tets, fixed): (Vec<u8>, Vec<u8>, Vec<u8>) =
             self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed FROM mesh", [], |row| {
                 Ok((row.get(0)?, row.get(1)?, row.get(2)?))
@@ -422,7 +422,9 @@ impl Store {
         if !tets.iter().flatten().chain(&fixed).all(in_range) {
             return Err(self.corrupt("its mesh names a node that is not there"));
         }
-        Ok((nodes_m, tets, fixed))
+        let mesh = TetMesh::new(nodes_m, tets)
+            .map_err(|fault| self.corrupt(format!("its mesh is not a body ({fault:?})")))?;
+        Ok((mesh, fixed))
     }
 
     /// All decided points of one active node, sorted by grid index.

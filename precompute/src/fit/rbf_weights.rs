@@ -90,7 +90,8 @@ pub fn fit_rbf(kernel: Kernel, samples: &[Sample]) -> Result<RbfFit, FitError> {
     let misfit = &forces - &matrix * &weights;
     let misfit_n = misfit.norm_max();
     let largest = forces.norm_max();
-    if !(misfit_n <= MISFIT * largest.max(f64::MIN_POSITIVE)) {
+    // A NaN is no fit either.
+    if misfit_n.is_nan() || misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
         return Err(FitError { kernel, centres: n, misfit_n });
     }
     Ok(RbfFit {

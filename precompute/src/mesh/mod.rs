@@ -1,6 +1,6 @@
 //! Meshes: what a body looks like before anything pulls at it.
 //!
-//! A reader per file format fills a [`raw::RawMesh`], which remembers the tag and line of every node and element, so
+//! A reader per file format fills a `RawMesh`, which remembers the tag and line of every node and element, so
 //! that the checks every format shares can name the culprit the way the file does. What leaves this module is a
 //! [`TetMesh`]: metres, 0-based file order, every tet with positive volume.
 

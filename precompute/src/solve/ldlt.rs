@@ -149,8 +149,8 @@ impl Factor {
         let n = pattern.unknowns();
         let mut triplets = Vec::with_capacity(2 * pattern.entries());
         for column in 0..n {
-            for place in pattern.column_starts[column]..pattern.column_starts[column + 1] {
-                let (row, value) = (pattern.rows[place], matrix[place]);
+            let span = pattern.column_starts[column]..pattern.column_starts[column + 1];
+            for (&row, &value) in pattern.rows[span.clone()].iter().zip(&matrix[span]) {
                 triplets.push(Triplet::new(row, column, value));
                 if row != column {
                     triplets.push(Triplet::new(column, row, value));

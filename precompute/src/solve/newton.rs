@@ -168,8 +168,8 @@ impl Solver {
             let mut next_residual = self.evaluate(&next, true);
             if iterations > 1 {
                 let mut halvings = 0;
-                // The comparison is written so that a NaN is halved too.
-                while !(next_residual < residual_n) {
+                // A step into a NaN is halved too.
+                while next_residual.is_nan() || next_residual >= residual_n {
                     if halvings == self.newton.max_halvings {
                         return Err(failure(FailureReason::LineSearch, iterations, residual_n));
                     }
