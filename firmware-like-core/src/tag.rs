@@ -11,7 +11,7 @@ pub enum ConfigTag {
     Expandable,
     /// Solved, but the reaction is beyond the device's force: the expansion stops here.
     Terminating,
-    /// Newton did not converge from any parent tried. Expected physics, not an error.
+    /// Newton did not converge from its parent. Expected physics, not an error.
     Failed,
 }
 

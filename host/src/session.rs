@@ -179,13 +179,27 @@ pub struct SessionSummary {
     pub mean_frame_ms: f32,
 }
 
+impl SessionSummary {
+    /// Share of the ticks in touch by the data behind their force.
+    fn write_coverage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "\ncoverage    ")?;
+        for (kind, ticks) in Coverage::ALL.iter().zip(self.touch.coverage_ticks) {
+            if ticks > 0 {
+                let share = 100.0 * ticks as f64 / self.touch.engaged_ticks as f64;
+                write!(f, " {} {share:.1} %", kind.name())?;
+            }
+        }
+        Ok(())
+    }
+}
+
 impl fmt::Display for SessionSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "device       {}", self.device.name)?;
         writeln!(f, "{}", self.real_time)?;
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
-        writeln!(
+        write!(
             f,
             "touch        {} contacts, {:.1} % of the ticks; peak force {:.2} N on the body, {:.2} N for the hand; \
              peak displacement {:.1} mm",
@@ -195,16 +209,8 @@ impl fmt::Display for SessionSummary {
             touch.peak_hand_force_n,
             touch.peak_displacement_m * 1e3
         )?;
-        write!(f, "coverage    ")?;
-        for (kind, ticks) in Coverage::ALL.iter().zip(touch.coverage_ticks) {
-            if ticks > 0 {
-                write!(
-                    f,
-                    " {} {:.1} %",
-                    kind.name(),
-                    100.0 * ticks as f64 / touch.engaged_ticks.max(1) as f64
-                )?;
-            }
+        if touch.engaged_ticks > 0 {
+            self.write_coverage(f)?;
         }
         match self.end {
             LoopEnd::Completed => {}

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use bytemuck::Pod;
 use palpate_core::Method;
+use palpate_core::blob::DEFAULT_MAX_SPACES;
 use palpate_core::blob::format::{
     ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader,
     SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
@@ -106,6 +107,9 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
         } else {
             left_out.push(name);
         }
+    }
+    if spaces.len() > DEFAULT_MAX_SPACES {
+        return Err(PackError::TooLarge("the number of active nodes"));
     }
     if spaces.is_empty() {
         return Err(PackError::Empty);

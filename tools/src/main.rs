@@ -6,6 +6,7 @@
 mod blob;
 mod cmd;
 mod failure;
+mod output;
 mod progress;
 mod touch;
 mod truth;

@@ -3,16 +3,19 @@
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-use palpate_core::{Config, Method, Organ};
-use palpate_host::rt::TickRecord;
+use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
-use palpate_host::viewer::RendererConfig;
+use palpate_host::viewer::{RendererConfig, ViewerError};
 use palpate_host::{Device, SessionError, SessionOptions, SessionSummary, run_session};
 
 use crate::failure::Failure;
 
 /// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
 const HEADLESS_RATE_HZ: f32 = 2.0;
+
+/// Room for the hand round the organ, m.
+const WORKSPACE_MARGIN_M: f32 = 0.3;
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +31,12 @@ pub(crate) struct Show<'p> {
 /// Controller settings for `organ` and a device of `device_force_n`.
 pub(crate) fn config(organ: &Organ<'_>, method: Method, device_force_n: f32) -> Config {
     let mut config = Config::new(method);
-    config.limits.max_force_n = device_force_n.min(organ.max_force_n);
+    // Neither a scene without a device nor an ideal simulated one lifts the default limit.
+    config.limits.max_force_n = config.limits.max_force_n.min(device_force_n).min(organ.max_force_n);
+    // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
+    let reach =
+        organ.surface.position_m.iter().flat_map(|plane| plane.iter()).fold(0.0f32, |m, x| m.max(x.abs()));
+    config.limits.max_position_m = config.limits.max_position_m.max(reach + WORKSPACE_MARGIN_M);
     config
 }
 
@@ -54,20 +62,37 @@ pub(crate) fn run<D: Device>(
         view: if show.headless { frames.clone() } else { window },
         ..SessionOptions::default()
     };
+    let mut moved = false;
     loop {
         let device = device()?;
         let info = device.info();
         let config = config(organ, method, info.max_force_n);
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
-        match run_session(organ, config, device, &options, stop, &mut on_record) {
-            Err(SessionError::Viewer(error)) if matches!(options.view, View::Window { .. }) => {
+        match run_session(organ, config, device, &options, stop, |record| {
+            moved = true;
+            on_record(record);
+        }) {
+            Err(SessionError::Viewer(ViewerError::NoDisplay(error)))
+                if matches!(options.view, View::Window { .. }) && !moved =>
+            {
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
                 options.view = frames.clone();
             }
-            Err(SessionError::Controller(error)) => return Err(Failure::input(error)),
+            Err(error @ (SessionError::Controller(_) | SessionError::Seconds(_))) => {
+                return Err(Failure::input(error));
+            }
             Err(error) => return Err(Failure::work(error)),
             Ok(summary) => return Ok(summary),
         }
+    }
+}
+
+/// A session that lost its device or ended in a fault is a failure, whatever it showed before.
+pub(crate) fn judge(summary: &SessionSummary) -> Result<(), Failure> {
+    match (summary.end, summary.phase) {
+        (LoopEnd::DeviceLost(error), _) => Err(Failure::work(format!("device lost: {error}"))),
+        (_, Phase::SafeZero(fault)) => Err(Failure::work(format!("ended in safe zero: {}", fault.name()))),
+        _ => Ok(()),
     }
 }

@@ -52,6 +52,8 @@ pub struct Polhem {
     /// Bytes of a line not yet complete.
     line: LineBuffer,
     pending: Pending,
+    /// The last request carried a force.
+    rendering: bool,
 }
 
 /// Send times of the requests without an answer, oldest first.
@@ -132,7 +134,8 @@ impl Polhem {
     /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
-        let mut device = Self { port, config, line: LineBuffer::default(), pending: Pending::default() };
+        let mut device =
+            Self { port, config, line: LineBuffer::default(), pending: Pending::default(), rendering: false };
         device.wake()?;
         // From here on what cannot go at once is a fault of the link, not something to wait for.
         device.port.set_timeout(Duration::ZERO).map_err(from_serial)?;
@@ -158,10 +161,14 @@ impl Polhem {
         // The tail of the reply may still be on its way; it would look like an answer to the first request.
         while let Ok(1..) = self.port.read(&mut scratch) {}
         self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
-        self.send([0.0; 3])
+        self.send([0.0; 3])?;
+        // Its reply is no answer to a later request: let it come, and forget it.
+        while let Ok(1..) = self.port.read(&mut scratch) {}
+        self.port.clear(ClearBuffer::Input).map_err(from_serial)
     }
 
     fn send(&mut self, device_n: Vec3) -> Result<(), DeviceError> {
+        self.rendering = device_n != [0.0; 3];
         let request = request(device_n, self.config.max_force_n);
         self.port.write_all(&request).map_err(DeviceError::from)
     }
@@ -205,7 +212,10 @@ impl Polhem {
             self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
         }
         let overdue = self.pending.is_overdue(now_us);
-        if self.pending.pausing_since_us.is_none() && (self.pending.len == 0 || overdue) {
+        let free = self.pending.pausing_since_us.is_none() && (self.pending.len == 0 || overdue);
+        // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
+        let release = self.rendering && hand_force_n == [0.0; 3];
+        if free || release {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
             self.pending.sent(now_us);
         }

@@ -256,6 +256,7 @@ impl Store {
             store.initialise(identity, mesh, fixed, active)?;
         }
         store.check(identity, active)?;
+        store.refresh(identity)?;
         Ok(store)
     }
 
@@ -331,6 +332,20 @@ impl Store {
                 .map_err(at)?;
         }
         transaction.commit().map_err(at)
+    }
+
+    /// Takes over what may change between runs because no number depends on it.
+    fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+        let current = [
+            ("scene_name", identity.scene_name.clone()),
+            ("scene", identity.scene.clone()),
+            ("visual", identity.visual.to_string()),
+        ];
+        for (key, value) in current {
+            let sql = "UPDATE meta SET value = ?2 WHERE key = ?1 AND value <> ?2";
+            self.wrap(self.connection.execute(sql, params![key, value]))?;
+        }
+        Ok(())
     }
 
     fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {

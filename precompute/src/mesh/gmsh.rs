@@ -363,7 +363,7 @@ impl<'a> Reader<'a> {
             }
             Kind::HigherOrder => Err(line.error(
                 format!("element {tag} is of second or higher order (Gmsh type {element_type})"),
-                "save the mesh with order 1; `order = 2` in the scene builds the mid-edge nodes itself",
+                "save the mesh with order 1; mid-edge nodes are not read from files",
             )),
             Kind::Refused(shape) => Err(line.error(
                 format!("element {tag} is a {shape} (Gmsh type {element_type})"),

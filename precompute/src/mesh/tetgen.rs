@@ -80,7 +80,7 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
     if per_tet != 4 {
         return Err(header.error(
             format!("the tetrahedra have {per_tet} nodes each"),
-            "save the mesh with order 1 (without TetGen's -o2); `order = 2` in the scene builds the mid-edge nodes itself",
+            "save the mesh with order 1 (without TetGen's -o2); mid-edge nodes are not read from files",
         ));
     }
     for index in 0..n {
@@ -200,7 +200,7 @@ mod tests {
         );
         assert_says(ele("2 4 1", "3 4 1"), "body.ele:3: ", "ends where a tetrahedron", "truncated");
         assert_says(ele("2 4 1", "1 4 1"), "body.ele:3: ", "a tetrahedron more than", "counts");
-        assert_says(ele("2 4 1", "2 10 1"), "body.ele:1: ", "10 nodes each", "`order = 2` in the scene");
+        assert_says(ele("2 4 1", "2 10 1"), "body.ele:1: ", "10 nodes each", "mid-edge nodes are not read");
         assert_says(ele("1 2 3 4 0", "1 2 3 5 0"), "body.ele:3: ", "element 1 names node 5", "same run");
         assert_says(
             ele("0 1 2 3 1", "1 0 2 3 1"),

@@ -51,7 +51,7 @@ impl Cells {
                 1..=6 => {}
                 21..=37 | 51..=81 => {
                     let what = format!("cell {index} is of second or higher order (VTK type {cell_type})");
-                    let mend = "save the mesh with order 1; `order = 2` in the scene builds the mid-edge nodes itself";
+                    let mend = "save the mesh with order 1; mid-edge nodes are not read from files";
                     return Err(error(what, mend));
                 }
                 other => {

@@ -13,8 +13,8 @@ use crate::error::{InputError, count, nearest_word};
 use crate::mesh::tetrahedral::{cross, distance, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, surface};
 
-/// More cells along the radius than anybody can solve: 70 million points. Beyond it lies a slip of the unit.
-const MOST_CELLS: f64 = 256.0;
+/// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
+const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
 
 pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
     let Scene { place, file } = scene;

@@ -457,7 +457,7 @@ fn grids_in_every_way() {
         "`spacing_m` = 0 is not a positive",
         "correct",
     );
-    refuses("spacing_m = 0.01", "spacing_m = 0.0001", "block.toml:21", "over 256 cells", "coarser");
+    refuses("spacing_m = 0.01", "spacing_m = 0.0001", "block.toml:21", "over 126 cells", "coarser");
     refuses(
         "radius_m = 0.05",
         "radius_m = -1",

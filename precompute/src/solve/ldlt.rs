@@ -223,9 +223,16 @@ impl Factor {
             if worst.is_nan() {
                 return f64::INFINITY;
             }
+            if worst > best {
+                // The last correction made it worse: take it back, so that x is what `best` speaks of.
+                for (x, c) in x.iter_mut().zip(&self.correction[..n * columns]) {
+                    *x -= c;
+                }
+                break;
+            }
             // Converged, or no longer gaining a digit a step.
             let stalled = worst > 0.3 * best;
-            best = best.min(worst);
+            best = worst;
             if worst <= REFINED || stalled {
                 break;
             }

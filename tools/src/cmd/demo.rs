@@ -9,12 +9,13 @@ use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_precompute::blob_writer::{pack, write_atomically};
+use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
 use palpate_precompute::configuration_space::{Store, TagCounts};
 use serde_json::json;
 
 use crate::blob;
 use crate::failure::Failure;
+use crate::output;
 use crate::progress::SpaceProgress;
 use crate::touch;
 use crate::truth::{self, Checked, MethodError, Visit};
@@ -80,11 +81,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     for (name, text) in [("liver-small.toml", SCENE), ("liver-small.msh", MESH)] {
         write_atomically(&at(name), text.as_bytes()).map_err(|error| Failure::file(&at(name), &error))?;
     }
-    let say = |text: String| {
-        if !args.json {
-            println!("{text}");
-        }
-    };
+    let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
 
     let bench = Workbench::load(&at("liver-small.toml"))?;
     say(format!(
@@ -94,7 +91,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         bench.scene.mesh.tets.len(),
         bench.body.material.name(),
         bench.scene.fixed.len()
-    ));
+    ))?;
     if args.fresh {
         for name in ["liver-small.space", "liver-small.space-wal", "liver-small.space-shm"] {
             match std::fs::remove_file(at(name)) {
@@ -117,7 +114,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             bench.scene.max_force_n,
             counts.failed,
             counts.unknown
-        ));
+        ))?;
     }
     say(format!(
         "solved       {} configurations ({} now) in {:.1} s on {} threads",
@@ -125,27 +122,33 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         solved.solved_now,
         solved.seconds,
         solved.threads
-    ));
+    ))?;
 
     let start = Instant::now();
-    let bytes = pack(&store, &Method::ALL)?.bytes;
+    let Packed { bytes, left_out } = pack(&store, &Method::ALL)?;
+    // From here on spaces of the blob and active nodes of the scene are numbered alike.
+    if !left_out.is_empty() {
+        return Err(Failure::work(format!("nothing could be solved around {}", left_out.join(", "))));
+    }
     let blob_path = at("liver-small.blob");
     write_atomically(&blob_path, &bytes).map_err(|error| Failure::file(&blob_path, &error))?;
     say(format!(
         "packed       {:.2} MB, all five methods, in {:.1} s",
         bytes.len() as f64 * 1e-6,
         start.elapsed().as_secs_f64()
-    ));
+    ))?;
 
     let file = blob::load(&blob_path)?;
     let organ = blob::organ(&blob_path, &file)?;
     let frames = at("frames");
     clear_frames(&frames)?;
     let (summary, visits) = palpate(args, &organ, &frames, &stop)?;
-    say(format!("\nmethod       {}\n{summary}", args.method.name()));
+    say(format!("\nmethod       {}\n{summary}", args.method.name()))?;
     if stop.load(Ordering::Relaxed) {
         return Err(Failure::work("interrupted; the hand was left with zero force, the spaces are kept"));
     }
+
+    touch::judge(&summary)?;
 
     let start = Instant::now();
     let chosen = spread(&visits, CHECKS);
@@ -160,16 +163,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         checked.len(),
         start.elapsed().as_secs_f64(),
         error_table(&errors, args.method)
-    ));
+    ))?;
     write_forces(&at("forces.csv"), &bench, &organ, &checked)?;
     let figures = figures(args, &solved, bytes.len(), &summary, &errors, checked.len());
     let text = serde_json::to_string_pretty(&figures).map_err(Failure::work)?;
     let json_path = at("summary.json");
     write_atomically(&json_path, text.as_bytes()).map_err(|error| Failure::file(&json_path, &error))?;
     if args.json {
-        println!("{text}");
+        output::line(format!("{text}"))?;
     } else {
-        println!("\npictures     {}\nfigures      {}", frames.display(), json_path.display());
+        output::line(format!("\npictures     {}\nfigures      {}", frames.display(), json_path.display()))?;
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::output;
 use crate::workbench::Workbench;
 
 /// Show what a mesh, scene (.toml), space (.space) or blob (.blob) holds.
@@ -38,9 +39,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         _ => mesh(&args.file)?,
     };
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+        output::line(format!("{}", serde_json::to_string_pretty(&figures).map_err(Failure::work)?))?;
     } else {
-        println!("{text}");
+        output::line(format!("{text}"))?;
     }
     Ok(())
 }

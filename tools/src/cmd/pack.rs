@@ -8,6 +8,7 @@ use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
 use palpate_precompute::configuration_space::Store;
 
 use crate::failure::Failure;
+use crate::output;
 
 /// Fit the tables of a .space file and pack them into a .blob for the real-time loop.
 #[derive(Debug, ClapArgs)]
@@ -39,6 +40,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
     let names: Vec<&str> = args.methods.iter().map(|m| m.name()).collect();
-    println!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", "));
+    output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
     Ok(())
 }

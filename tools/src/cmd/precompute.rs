@@ -6,6 +6,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 
 use crate::failure::Failure;
+use crate::output;
 use crate::progress::SpaceProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
 
@@ -49,7 +50,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         });
         progress.finish();
         let counts = counts?;
-        println!(
+        output::line(format!(
             "{name}: {} of {} points solved ({} reachable, {} beyond f_max), {} failed, {} not reached; {} solved now \
              in {:.1} s on {} threads",
             counts.solved(),
@@ -61,8 +62,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             solved_now,
             start.elapsed().as_secs_f64(),
             expansion.threads
-        );
+        ))?;
     }
-    println!("{}", args.out.display());
+    output::line(format!("{}", args.out.display()))?;
     Ok(())
 }

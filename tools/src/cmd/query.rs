@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     if args.displacements && space.displacement.is_none() {
         return Err(Failure::input(format!(
-            "{}: holds no displacements; set visual = true under [needs] and pack again",
+            "{}: holds no displacements; set visual = true under [needs], run `palpate precompute` again (nothing is solved anew) and pack",
             args.blob.display()
         )));
     }

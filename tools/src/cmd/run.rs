@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ, Phase};
+use palpate_core::{Method, Organ};
 use palpate_host::Device;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::rt::LoopEnd;
 
 use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
+use crate::output;
 use crate::touch;
 use crate::workbench::stop_flag;
 
@@ -26,7 +26,7 @@ pub(crate) struct Args {
     /// The device: sim (a simulated hand), or polhem:PORT (Polhem / WoodenHaptics on a serial port)
     #[arg(long, default_value = "sim")]
     device: String,
-    /// Interpolation method; the first that the blob holds if not given
+    /// Interpolation method; if not given the first that the blob holds of tricubic, rbf-cubic, rbf-linear
     #[arg(long, value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
@@ -53,11 +53,15 @@ fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure
     }
 }
 
+/// Without --method: the most accurate that costs the same whatever the grid, then the others.
+const PREFERENCE: [Method; 5] =
+    [Method::Tricubic, Method::RbfCubic, Method::RbfLinear, Method::Hybrid, Method::Trilinear];
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
-    let packed = || Method::ALL.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
+    let packed = || PREFERENCE.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
     let method = args.method.or_else(packed).ok_or_else(|| {
         Failure::input(format!(
             "{}: holds no method for all its active nodes; pack again",
@@ -67,10 +71,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let show = touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures };
     let stop = stop_flag()?;
     let summary = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
-    println!("method       {}\n{summary}", method.name());
-    match (summary.end, summary.phase) {
-        (LoopEnd::DeviceLost(error), _) => Err(Failure::work(format!("device lost: {error}"))),
-        (_, Phase::SafeZero(fault)) => Err(Failure::work(format!("ended in safe zero: {}", fault.name()))),
-        _ => Ok(()),
-    }
+    output::line(format!("method       {}\n{summary}", method.name()))?;
+    touch::judge(&summary)
 }

@@ -188,7 +188,7 @@ fn other_elements_are_refused_by_name() {
         &error,
         "body.msh:23",
         "element 200 is of second or higher order",
-        "`order = 2` in the scene",
+        "mid-edge nodes are not read",
     );
     let error = broken(V41, "3 1 4 2\n100", "3 1 6 2\n100");
     assert_says(&error, "body.msh:41", "element 100 is a prism", "tetrahedra only");
