@@ -175,16 +175,15 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
         let squared: f64 =
             truth.force_n.iter().zip(found.force_n).map(|(a, b)| (a - f64::from(b)).powi(2)).sum();
         let size: f64 = truth.force_n.iter().map(|f| f * f).sum();
-        // 5 mm cells on a body that stiffens by half over them.
-        assert!(squared.sqrt() < 0.05 * size.sqrt(), "{}: off by {} N", method.name(), squared.sqrt());
+        // 5 mm cells on a body that stiffens over them; the kernel r has a kink at each of its 33 centres.
+        let bound = if method == Method::RbfLinear { 0.10 } else { 0.05 };
+        let relative = (squared / size).sqrt();
+        assert!(relative < bound, "{}: off by {:.1} %", method.name(), 100.0 * relative);
         // Two cells along the radius hold whole cells, but no whole super-cell.
         let whole = method != Method::Tricubic;
         assert_eq!(found.coverage != Coverage::Extrapolated, whole, "{}", method.name());
         if method == Method::Trilinear {
-            assert!(
-                squared.sqrt() > 1e-4 * size.sqrt(),
-                "a coarse table cannot be exact: is the truth its own input?"
-            );
+            assert!(relative > 1e-4, "a coarse table cannot be exact: is the truth its own input?");
         }
     }
     // The eye: the active node moves with the tool.
