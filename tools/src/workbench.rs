@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
 use palpate_precompute::configuration_space::{Expansion, SpaceGrid, Store, StoreIdentity};
@@ -110,12 +111,18 @@ pub(crate) fn threads(asked: Option<usize>) -> usize {
     asked.filter(|&n| n > 0).unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
-/// A flag that Ctrl-C and SIGTERM raise; a second signal ends the process at once.
+/// A second signal ends the process at once, but not before the first had this long to be heeded: some senders
+/// signal twice in a row, and the hand must be let go first.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A flag that Ctrl-C and SIGTERM raise; work that goes on regardless is ended by a later second one.
 pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
+    let mut first: Option<Instant> = None;
     ctrlc::set_handler(move || {
-        if raised.swap(true, std::sync::atomic::Ordering::SeqCst) {
+        raised.store(true, Ordering::SeqCst);
+        if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
             std::process::exit(130);
         }
     })
