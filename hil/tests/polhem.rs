@@ -312,3 +312,23 @@ fn forces_arrive_on_the_right_axes() {
     }
     assert_eq!(device.force_n(), sent);
 }
+
+#[test]
+fn a_babbling_device_still_gets_its_zero() {
+    with_bench(|bench, controls| {
+        controls.arm();
+        bench.run(1_400);
+        assert!(bench.device.force_n()[2] > 1.0, "the hand leans on the organ");
+        // Damaged lines, unasked, every tick: the driver waits for silence that never comes, and the controller faults.
+        let mut records = Vec::new();
+        for _ in 0..30 {
+            let now_us = bench.now_us();
+            palpate_hil::Transport::send(bench.link.inner_mut(), now_us, b"babble babble\n").expect("open");
+            records.push(bench.step().expect("the device is there"));
+        }
+        assert_safe(&records);
+        let last = records.last().expect("ticks ran");
+        assert!(matches!(last.phase, Phase::SafeZero(_)), "{last:?}");
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "the zero of a fault reaches the device");
+    });
+}

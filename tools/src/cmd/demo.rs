@@ -170,7 +170,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let json_path = at("summary.json");
     write_atomically(&json_path, text.as_bytes()).map_err(|error| Failure::file(&json_path, &error))?;
     if args.json {
-        output::line(format!("{text}"))?;
+        output::line(text)?;
     } else {
         output::line(format!("\npictures     {}\nfigures      {}", frames.display(), json_path.display()))?;
     }

@@ -39,9 +39,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         _ => mesh(&args.file)?,
     };
     if args.json {
-        output::line(format!("{}", serde_json::to_string_pretty(&figures).map_err(Failure::work)?))?;
+        output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?)?;
     } else {
-        output::line(format!("{text}"))?;
+        output::line(text)?;
     }
     Ok(())
 }
