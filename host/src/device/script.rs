@@ -5,6 +5,9 @@ use palpate_core::{Organ, Vec3, vec3};
 /// Button bit the script holds while it grasps; matches the default of `ContactConfig::grasp_button`.
 pub const GRASP_BUTTON: u32 = 1;
 
+/// Fastest the target ever moves: a brisk arm, far below the overspeed trip of 2 m/s that no script may set off.
+pub const MAX_TARGET_SPEED_M_S: f32 = 0.8;
+
 /// Size and speed of the strokes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StrokeConfig {
@@ -16,7 +19,7 @@ pub struct StrokeConfig {
     pub pull_m: f32,
     /// Height of the hand above the surface between strokes, m.
     pub clearance_m: f32,
-    /// Time for everything done at one node, s.
+    /// Time for everything done at one node, s; longer where a motion would exceed [`MAX_TARGET_SPEED_M_S`].
     pub seconds_per_node: f32,
 }
 
@@ -44,6 +47,15 @@ impl Segment {
         let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
         let straight = vec3::add(self.from_m, vec3::scale(vec3::sub(self.to_m, self.from_m), s));
         vec3::add(straight, vec3::scale(self.bow_m, 4.0 * s * (1.0 - s)))
+    }
+
+    /// Takes more time if the motion would be faster anywhere. Time and speed are in inverse proportion, so one look is enough.
+    fn slow_down_to(&mut self, max_m_s: f32) {
+        const STEPS: u16 = 200;
+        let step_s = self.duration_s / f32::from(STEPS);
+        let at = |step: u16| self.at(step_s * f32::from(step));
+        let longest_m = (1..=STEPS).map(|step| vec3::distance(at(step - 1), at(step))).fold(0.0, f32::max);
+        self.duration_s *= (longest_m / (step_s * max_m_s)).max(1.0);
     }
 }
 
@@ -105,6 +117,7 @@ impl Script {
         let wanted_s = config.seconds_per_node.max(0.1) * nodes.len().max(1) as f32;
         for segment in &mut plan.segments {
             segment.duration_s *= wanted_s / planned_s;
+            segment.slow_down_to(MAX_TARGET_SPEED_M_S);
         }
         Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
     }
@@ -210,6 +223,20 @@ mod tests {
             before = now;
         }
         assert!(vec3::distance(start, before) < 1e-4);
+    }
+
+    #[test]
+    fn a_tour_in_a_hurry_stays_below_the_speed_of_an_arm() {
+        let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.25], [0.0, 0.0, 1.0])];
+        let hurry = StrokeConfig { seconds_per_node: 0.5, ..StrokeConfig::default() };
+        let mut script = Script::over_nodes(&nodes, vec3::ZERO, &hurry);
+        let (mut before, mut fastest, dt_s) = (script.target_m(), 0.0_f32, 1e-3);
+        for _ in 0..(script.duration_s() / dt_s) as usize {
+            script.advance(dt_s);
+            fastest = fastest.max(vec3::distance(before, script.target_m()) / dt_s);
+            before = script.target_m();
+        }
+        assert!(fastest > 0.95 * MAX_TARGET_SPEED_M_S && fastest < 1.02 * MAX_TARGET_SPEED_M_S, "{fastest}");
     }
 
     #[test]
