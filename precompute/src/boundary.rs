@@ -1,103 +1,175 @@
-//! Boundary conditions by elimination: which nodal values are unknown, and in what order.
+//! What is held: fixed nodes, the tool's handle on the body, and how either is imposed.
 //!
-//! Fixed nodes (the paper's script F) and the active node (script A) are eliminated rather than tied by Lagrange
-//! multipliers. The reaction is then the internal force at the active node, which equals the multiplier to
-//! rounding; multipliers kept in the matrix cost hundreds of delayed pivots instead. Deviation from the paper,
-//! in the algebra only.
+//! Both of the paper's scripts, F (fixed nodes) and A (active node), prescribe displacements. By default they are eliminated:
+//! the reaction is then the internal force where the body is held. With [`Constraints::Multipliers`] every prescribed
+//! component keeps its equation and gets a Lagrange multiplier, as in the paper; the multiplier is the reaction. The two
+//! agree to rounding; eliminating is faster, and spares a symmetric factorisation without pivoting the zero diagonal.
 
-use crate::element::Tet4;
+use nalgebra::{Matrix3, Rotation3, Vector3};
+
+use crate::body::Body;
+use crate::scene::Constraints;
 use crate::solve::ordering::nested_dissection;
 
 /// Marks a value that is prescribed to zero or does not exist.
 pub const ABSENT: u32 = u32::MAX;
 
-/// Numbers the unknowns of one body held at `fixed` nodes and at one active node.
+/// The nodes a tool holds: one active node, or a patch that moves as a rigid body.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Handle {
+    /// The node whose displacement is meant; the patch turns about it.
+    pub centre: u32,
+    /// All nodes held, the centre among them, ascending.
+    pub nodes: Vec<u32>,
+}
+
+impl Handle {
+    /// A single active node.
+    pub fn node(node: u32) -> Self {
+        Self { centre: node, nodes: vec![node] }
+    }
+
+    /// A rigid patch of nodes round `centre`.
+    pub fn patch(centre: u32, nodes: &[u32]) -> Self {
+        let mut nodes = nodes.to_vec();
+        nodes.push(centre);
+        nodes.sort_unstable();
+        nodes.dedup();
+        Self { centre, nodes }
+    }
+}
+
+/// Prescribed motion of a handle from the body's rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// Displacement of the centre, m.
+    pub displacement_m: [f64; 3],
+    /// Rotation vector of a patch about the centre, rad; means nothing for a single node.
+    pub rotation_rad: [f64; 3],
+}
+
+impl Pose {
+    /// A displacement without rotation.
+    pub fn translation(displacement_m: [f64; 3]) -> Self {
+        Self { displacement_m, rotation_rad: [0.0; 3] }
+    }
+
+    /// The pose a share of the way from here to `target`.
+    pub fn towards(&self, target: &Self, share: f64) -> Self {
+        let mix = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + share * (b[i] - a[i]));
+        Self {
+            displacement_m: mix(self.displacement_m, target.displacement_m),
+            rotation_rad: mix(self.rotation_rad, target.rotation_rad),
+        }
+    }
+
+    /// Displacement from rest of a point at `arm_m` from the centre: t + (R - I) arm.
+    pub fn displacement_of(&self, arm_m: &Vector3<f64>) -> Vector3<f64> {
+        let turn = Rotation3::from_scaled_axis(Vector3::from(self.rotation_rad));
+        Vector3::from(self.displacement_m) + (turn.matrix() - Matrix3::identity()) * arm_m
+    }
+}
+
+/// Numbers the unknowns of a body held at its fixed nodes and at a handle.
 ///
-/// Free nodes are ordered by nested dissection of the mesh graph; each gives its displacement components and,
-/// for an incompressible law, its pressure one after the other, so that the factorisation sees dense 3 x 3 or
-/// 4 x 4 blocks. The three prescribed components of the active node get the indices `unknowns() + axis`.
+/// Free nodes are ordered by nested dissection of the mesh graph; each gives its displacement components and its pressures
+/// one after the other, so that the factorisation sees dense blocks. With elimination the three prescribed components of the
+/// handle get the indices `unknowns() + axis`, shared by all its nodes: a translation moves them alike.
 #[derive(Debug)]
 pub struct DofMap {
     displacement: Vec<[u32; 3]>,
     pressure: Vec<u32>,
+    /// Multiplier equations of held nodes; empty with elimination.
+    multipliers: Vec<(u32, [u32; 3])>,
     unknowns: usize,
 }
 
 impl DofMap {
-    /// Unknowns of `elements` over `node_count` nodes. With `pressures`, every node of an element that has a free
-    /// vertex carries a multiplier; a node all of whose elements are held on every vertex would leave a zero row
-    /// and gets none.
-    pub fn new(
-        elements: &[Tet4],
-        node_count: usize,
-        fixed: &[bool],
-        active_node: u32,
-        pressures: bool,
-    ) -> Self {
-        let held = |node: u32| fixed[node as usize] || node == active_node;
-        let mut has_displacement = vec![false; node_count];
-        let mut has_pressure = vec![false; node_count];
-        for element in elements {
-            let moves = element.nodes.iter().any(|&n| !held(n));
-            for &node in &element.nodes {
-                has_displacement[node as usize] |= !held(node);
-                has_pressure[node as usize] |= pressures && moves;
+    /// Unknowns of `body`. A pressure all of whose elements are held on every node would leave a zero row and gets none.
+    pub fn new(body: &Body, handle: Option<&Handle>, constraints: Constraints) -> Self {
+        let handle_nodes: &[u32] = handle.map_or(&[], |h| &h.nodes);
+        let mut held = body.fixed.clone();
+        for &node in handle_nodes {
+            held[node as usize] = true;
+        }
+        let keep_held = constraints == Constraints::Multipliers;
+        let mut has_pressure = vec![false; body.pressure_sites.len()];
+        for (index, element) in body.elements.iter().enumerate() {
+            let moves = keep_held || body.nodes_of(index).iter().any(|&n| !held[n as usize]);
+            for &pressure in element.pressures.iter().filter(|&&p| moves && p != ABSENT) {
+                has_pressure[pressure as usize] = true;
             }
         }
-        let order =
-            nested_dissection(elements, node_count, |node| has_displacement[node] || has_pressure[node]);
-        let mut displacement = vec![[ABSENT; 3]; node_count];
-        let mut pressure = vec![ABSENT; node_count];
+        let mut pressures_at = vec![Vec::new(); body.node_count()];
+        for (pressure, &(vertex, _)) in body.pressure_sites.iter().enumerate() {
+            if has_pressure[pressure] {
+                pressures_at[vertex as usize].push(pressure);
+            }
+        }
+        let moves = |node: usize| keep_held || !held[node];
+        let order = nested_dissection(body, |node| moves(node) || !pressures_at[node].is_empty());
+        let mut dofs = Self {
+            displacement: vec![[ABSENT; 3]; body.node_count()],
+            pressure: vec![ABSENT; body.pressure_sites.len()],
+            multipliers: Vec::new(),
+            unknowns: 0,
+        };
         let mut next = 0u32;
         for &node in &order {
-            if has_displacement[node] {
-                displacement[node] = [next, next + 1, next + 2];
+            if moves(node) {
+                dofs.displacement[node] = [next, next + 1, next + 2];
                 next += 3;
             }
-            if has_pressure[node] {
-                pressure[node] = next;
+            for &pressure in &pressures_at[node] {
+                dofs.pressure[pressure] = next;
                 next += 1;
             }
+            if keep_held && held[node] {
+                dofs.multipliers.push((node as u32, [next, next + 1, next + 2]));
+                next += 3;
+            }
         }
-        displacement[active_node as usize] = [next, next + 1, next + 2];
-        Self { displacement, pressure, unknowns: next as usize }
+        dofs.unknowns = next as usize;
+        if !keep_held {
+            let n = dofs.unknowns as u32;
+            for &node in handle_nodes {
+                dofs.displacement[node as usize] = [n, n + 1, n + 2];
+            }
+        }
+        dofs
     }
+}
 
+impl DofMap {
     /// Number of equations.
     pub fn unknowns(&self) -> usize {
         self.unknowns
     }
 
-    /// Equation of each displacement component of `node`; `>= unknowns()` for the active node, [`ABSENT`] if fixed.
+    /// Equation of each displacement component of `node`; `>= unknowns()` where the handle holds it, [`ABSENT`] if fixed.
     #[inline]
     pub fn displacement(&self, node: u32) -> [u32; 3] {
         self.displacement[node as usize]
     }
 
-    /// Equation of the pressure multiplier of `node`, or [`ABSENT`].
+    /// Equation of a pressure unknown, or [`ABSENT`].
     #[inline]
-    pub fn pressure(&self, node: u32) -> u32 {
-        self.pressure[node as usize]
+    pub fn pressure(&self, pressure: u32) -> u32 {
+        if pressure == ABSENT { ABSENT } else { self.pressure[pressure as usize] }
     }
 
-    /// The 16 local unknowns of an element: 4 x 3 displacements, node-major, then 4 pressures.
-    pub fn element(&self, element: &Tet4) -> [u32; 16] {
-        let mut dofs = [ABSENT; 16];
-        for (a, &node) in element.nodes.iter().enumerate() {
-            dofs[3 * a..3 * a + 3].copy_from_slice(&self.displacement(node));
-            dofs[12 + a] = self.pressure(node);
-        }
-        dofs
+    /// Held nodes with the equations of their multipliers; empty with elimination.
+    pub fn multipliers(&self) -> &[(u32, [u32; 3])] {
+        &self.multipliers
     }
 
-    /// Pairs (equation, position in the state vector) of every unknown; see [`crate::body::Body`] for the state.
+    /// Pairs (equation, position in the state vector) of every unknown of the state; see [`Body`] for the state.
     pub fn state_positions(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let nodes = self.displacement.len();
         let displacements = self.displacement.iter().enumerate().flat_map(|(node, dofs)| {
             dofs.iter().enumerate().map(move |(axis, &dof)| (dof as usize, 3 * node + axis))
         });
-        let pressures =
-            self.pressure.iter().enumerate().map(move |(node, &dof)| (dof as usize, 3 * nodes + node));
+        let offset = 3 * self.displacement.len();
+        let pressures = self.pressure.iter().enumerate().map(move |(p, &dof)| (dof as usize, offset + p));
         displacements.chain(pressures).filter(|&(dof, _)| dof < self.unknowns)
     }
 }

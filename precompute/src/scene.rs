@@ -16,9 +16,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::body::{Body, DegenerateElement, Model, Region};
+use crate::boundary::Handle;
+use crate::element::Order;
 use crate::error::InputError;
+use crate::material::Material;
 use crate::mesh::TetMesh;
-use file::{Place, SceneFile, Tables};
+use crate::solve::{SolveFailure, settle};
+use file::{Place, SceneFile};
 
 /// The grids of the paper: number of points and cells along the radius.
 pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -51,6 +56,12 @@ pub struct ResolvedScene {
     pub max_force_n: f64,
     /// Force per undeformed volume, N/m^3.
     pub body_force: Option<[f64; 3]>,
+    /// Pressure field of incompressible regions.
+    pub pressure_pair: PressurePair,
+    /// How displacements are prescribed.
+    pub constraints: Constraints,
+    /// Whether solutions with inverted elements count as failed.
+    pub reject_inverted: bool,
     /// Whether the blob is to hold displacements for the eye.
     pub visual: bool,
     /// The scene as TOML with sorted keys and without comments, for the store and for people.
@@ -63,28 +74,31 @@ pub struct ResolvedScene {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MaterialRegion {
     /// The constitutive law with its parameters.
-    pub law: MaterialLaw,
+    pub material: Material,
+    /// Bulk modulus of a law with a pressure, Pa; `None` is exactly incompressible.
+    pub bulk_modulus_pa: Option<f64>,
     /// The part's tets, ascending; `None` is the whole body.
     pub tets: Option<Vec<u32>>,
 }
 
-/// A constitutive law with its parameters in pascals.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[allow(
-    missing_docs,
-    reason = "the parameters are the textbook's: Lame constants, Mooney-Rivlin's C10 and C01"
-)]
-pub enum MaterialLaw {
-    /// Small strain, linear.
-    LinearElastic { lambda_pa: f64, mu_pa: f64 },
-    /// Green-St. Venant strain, linear stress.
-    StVenantKirchhoff { lambda_pa: f64, mu_pa: f64 },
-    /// St. Venant-Kirchhoff with the incompressibility condition J = 1 imposed by a pressure.
-    ModifiedStVenantKirchhoff { lambda_pa: f64, mu_pa: f64 },
-    /// Incompressible two-parameter Mooney-Rivlin.
-    MooneyRivlin { c10_pa: f64, c01_pa: f64 },
-    /// Compressible neo-Hookean.
-    NeoHookean { lambda_pa: f64, mu_pa: f64 },
+/// The pressure field of incompressible regions: linear and continuous, beside displacements of either order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum PressurePair {
+    /// As it is: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures oscillate) or P2/P1 (Taylor-Hood).
+    #[default]
+    Plain,
+    /// With polynomial pressure projection (Bochev and Dohrmann 2004), for equal orders.
+    Stabilised,
+}
+
+/// How prescribed displacements are imposed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Constraints {
+    /// Taken out of the equations.
+    #[default]
+    Elimination,
+    /// By Lagrange multipliers, as in the paper.
+    Multipliers,
 }
 
 /// A node that a tool may touch.
@@ -94,6 +108,8 @@ pub struct ActiveNode {
     pub name: String,
     /// Mesh node.
     pub node: u32,
+    /// Nodes that move with it as a rigid patch, itself among them; empty for a single node.
+    pub patch: Vec<u32>,
 }
 
 /// Ball-shaped lattice of displacements of an active node.
@@ -146,79 +162,107 @@ impl Scene {
 
     /// Refuses what the format can say and this version of the solver cannot do.
     ///
-    /// Laws other than these two, second-order elements, several regions, body forces and sampling driven by the
-    /// error are part of the scene format from the start, so that scenes need not change when the solver learns them.
+    /// Sampling driven by the error is part of the scene format from the start, so that scenes need not change when the
+    /// solver learns it.
     pub fn check_supported(&self) -> Result<(), InputError> {
-        let unsupported = |span: std::ops::Range<usize>, what: &str, mend: &str| {
-            Err(self.place.error(span, format!("{what} not available in this version"), mend))
-        };
-        if let Some(order) = self.file.mesh.get_ref().order.as_ref().filter(|order| *order.get_ref() == 2) {
-            return unsupported(order.span(), "`order = 2` is", "use `order = 1`");
-        }
-        let materials = self.file.material.tables();
-        if let Some(second) = materials.get(1) {
-            return unsupported(
-                second.span.clone(),
-                "several [[material]] regions are",
-                "use one [material]",
-            );
-        }
-        for material in &materials {
-            let law = &material.table.law;
-            if !material::AVAILABLE.contains(&law.get_ref().as_str()) && material::is_law(law.get_ref()) {
-                let what = format!("the law \"{}\" is", law.get_ref());
-                return unsupported(law.span(), &what, &format!("use {}", material::AVAILABLE.join(" or ")));
-            }
-            if let Some(group) = &material.table.group {
-                return unsupported(
-                    group.span(),
-                    "a material for one `group` is",
-                    "give one material without `group`",
-                );
-            }
-        }
-        if let Some(force) = &self.file.body_force {
-            return unsupported(force.span(), "[body_force] is", "remove the table");
-        }
         if let Some((span, key)) = self.file.grid.as_ref().and_then(|grid| grid.get_ref().error_driven()) {
             let mend = "give `spacing_m`, or `points` = 514, 1418, 4168 or 14146";
-            return unsupported(span, &format!("sampling driven by the error (`{key}`) is"), mend);
+            let what = format!("sampling driven by the error (`{key}`) is not available in this version");
+            return Err(self.place.error(span, what, mend));
         }
         Ok(())
     }
 }
 
+impl ActiveNode {
+    /// What the tool holds.
+    pub fn handle(&self) -> Handle {
+        Handle::patch(self.node, &self.patch)
+    }
+}
+
+/// Why a scene gives no body to be touched.
+#[derive(Debug)]
+pub enum BodyError {
+    /// An element without volume.
+    Degenerate(DegenerateElement),
+    /// No rest under the body force.
+    NoRest(SolveFailure),
+}
+
+impl std::fmt::Display for BodyError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Degenerate(element) => element.fmt(f),
+            Self::NoRest(failure) => {
+                write!(f, "the body finds no rest under its [body_force] ({failure}); lower the force")
+            }
+        }
+    }
+}
+
+impl std::error::Error for BodyError {}
+
 impl ResolvedScene {
+    /// The body of the scene, settled under its body force.
+    pub fn body(&self) -> Result<Body, BodyError> {
+        let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
+        settle(body).map_err(BodyError::NoRest)
+    }
+
+    /// What the scene says of the body, for [`Body::new`].
+    pub fn model(&self) -> Model {
+        let mut region_of_tet = Vec::new();
+        for (index, region) in (0_u16..).zip(&self.materials) {
+            for &tet in region.tets.iter().flatten() {
+                region_of_tet.resize(self.mesh.tets.len(), 0);
+                region_of_tet[tet as usize] = index;
+            }
+        }
+        let region = |r: &MaterialRegion| Region { material: r.material, bulk_modulus_pa: r.bulk_modulus_pa };
+        Model {
+            order: Order::from_number(self.order).expect("the scene's order was checked when it was read"),
+            pressure_pair: self.pressure_pair,
+            regions: self.materials.iter().map(region).collect(),
+            region_of_tet,
+            fixed: self.fixed.clone(),
+            body_force_n_m3: self.body_force.unwrap_or_default(),
+        }
+    }
+
     /// BLAKE3 of everything that changes a solved number: the model, the active nodes, the grid and the force limit.
     ///
     /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
     /// name, `visual` and the warnings are not.
     pub fn content_hash(&self) -> [u8; 32] {
-        let mut digest = Digest::new("palpate scene v1");
+        let mut digest = Digest::new("palpate scene v2");
         digest.bytes(&self.model_hash());
         digest.count(self.active.len());
         for active in &self.active {
             digest.text(&active.name);
             digest.indices(&[active.node]);
+            digest.indices(&active.patch);
         }
         match self.grid {
             Some(GridSpec { radius_m, spacing_m }) => digest.numbers(&[1.0, radius_m, spacing_m]),
             None => digest.numbers(&[0.0]),
         }
         digest.numbers(&[self.max_force_n]);
+        digest.count(usize::from(self.reject_inverted));
         digest.finish()
     }
 
     /// BLAKE3 of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the same model hash
     /// give the same force for the same displacement of the same node.
     pub fn model_hash(&self) -> [u8; 32] {
-        let mut digest = Digest::new("palpate model v1");
+        let mut digest = Digest::new("palpate model v2");
         digest.bytes(&self.mesh.content_hash());
         digest.count(usize::from(self.order));
         digest.count(self.materials.len());
         for region in &self.materials {
-            digest.text(region.law.name());
-            digest.numbers(&region.law.parameters_pa());
+            digest.text(region.material.name());
+            digest.numbers(&region.material.parameters());
+            digest.numbers(region.bulk_modulus_pa.as_slice());
             match &region.tets {
                 Some(tets) => {
                     digest.count(1);
@@ -229,6 +273,14 @@ impl ResolvedScene {
         }
         digest.indices(&self.fixed);
         digest.numbers(self.body_force.as_ref().map_or(&[][..], |force| &force[..]));
+        digest.text(match self.pressure_pair {
+            PressurePair::Plain => "plain",
+            PressurePair::Stabilised => "stabilised",
+        });
+        digest.text(match self.constraints {
+            Constraints::Elimination => "elimination",
+            Constraints::Multipliers => "multipliers",
+        });
         digest.finish()
     }
 }

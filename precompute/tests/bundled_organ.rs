@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use palpate_precompute::material::{Material, MooneyRivlin};
 use palpate_precompute::mesh::{MeshReport, Surface};
-use palpate_precompute::scene::{GridSpec, MaterialLaw, Scene};
+use palpate_precompute::scene::{GridSpec, Scene};
 
 fn asset(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
@@ -16,7 +17,8 @@ fn both_organs_resolve_without_a_warning() {
         let scene = scene.unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(scene.name, name);
         assert_eq!(scene.warnings, Vec::<String>::new());
-        assert_eq!(scene.materials[0].law, MaterialLaw::MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
+        let law = MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 };
+        assert_eq!(scene.materials[0].material, Material::MooneyRivlin(law));
         assert_eq!(scene.fixed, scene.mesh.node_groups["F1"]);
         let active: Vec<_> = scene.active.iter().map(|a| (a.name.as_str(), a.node)).collect();
         assert_eq!(active, [("A1", a1), ("A2", a2)]);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate_precompute::body::Body;
+use palpate_precompute::body::{Body, Model};
 use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::mesh::TetMesh;
 
@@ -81,7 +81,8 @@ pub fn soft_beam(material: Material) -> (TetMesh, Vec<u32>, u32, Arc<Body>) {
     let mesh = box_mesh([4, 2, 2], 0.02);
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
     let active = nearest_node(&mesh, [0.06, 0.02, 0.04]);
-    let body = Arc::new(Body::new(&mesh, material, &fixed).expect("every element has volume"));
+    let body =
+        Arc::new(Body::new(&mesh, &Model::uniform(material, &fixed)).expect("every element has volume"));
     (mesh, fixed, active, body)
 }
 

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
 use palpate_precompute::configuration_space::{Expansion, SpaceGrid, Store, StoreIdentity};
-use palpate_precompute::material::Material;
 use palpate_precompute::scene::{ActiveNode, ResolvedScene, Scene};
 use palpate_precompute::solve::Problem;
 
@@ -31,12 +30,8 @@ impl Workbench {
         for warning in &scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }
-        // `check_supported` of the scene has refused everything but one region of a known law.
-        let material =
-            scene.materials.first().and_then(|region| Material::of_scene(&region.law)).ok_or_else(|| {
-                Failure::input(format!("{}: this version cannot solve its material", path.display()))
-            })?;
-        let body = Arc::new(Body::new(&scene.mesh, material, &scene.fixed)?);
+        let body =
+            Arc::new(scene.body().map_err(|error| Failure::work(format!("{}: {error}", path.display())))?);
         Ok(Self { path: path.to_path_buf(), scene, body })
     }
 
@@ -60,7 +55,9 @@ impl Workbench {
 
     /// The problem of one active node.
     pub(crate) fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
-        Arc::new(Problem::new(self.body.clone(), active.node))
+        let mut problem = Problem::with(self.body.clone(), Some(active.handle()), self.scene.constraints);
+        problem.newton.reject_inverted = self.scene.reject_inverted;
+        Arc::new(problem)
     }
 
     /// The grid of the scene.
@@ -80,7 +77,7 @@ impl Workbench {
             scene: self.scene.text.clone(),
             content_hash: hex(&self.scene.content_hash()),
             mesh_hash: self.scene.mesh.content_hash(),
-            law: self.body.material.name().into(),
+            law: self.body.law_names(),
             max_force_n: self.scene.max_force_n,
             spacing_m: grid.spacing_m,
             radius_m: grid.radius_m,

@@ -13,6 +13,7 @@ use palpate_core::ConfigTag;
 use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
 
 use super::GridIndex;
+use crate::boundary::Pose;
 use crate::mesh::TetMesh;
 use crate::solve::{Configuration, Seed, SolveFailure};
 
@@ -584,7 +585,7 @@ impl StoredSeed {
         }
         let mut columns = self.sensitivity.chunks_exact(self.state.len()).map(numbers);
         let sensitivity = [columns.next()?, columns.next()?, columns.next()?];
-        Some(Seed { displacement_m, state: numbers(&self.state), sensitivity })
+        Some(Seed { pose: Pose::translation(displacement_m), state: numbers(&self.state), sensitivity })
     }
 }
 

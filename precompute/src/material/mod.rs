@@ -1,162 +1,452 @@
-//! Hyperelastic laws: strain energy density W, second Piola stress S = dW/dgamma, material tangent dS/dgamma.
+//! Hyperelastic laws: strain energy density W, stress, material tangent, and the third derivative along given directions.
 //!
-//! Each law has its own file with the derivation. All are functions of the Green-St. Venant strain gamma; an
-//! incompressible law adds the multiplier term p (1 - J), which lives in [`crate::incompressibility`] because it
-//! is the same for all of them.
+//! Every law but the linear one is a function of invariants,
+//!
+//! W = f(I1, I2, J, I4),   I1 = tr C,  I2 = cof F : cof F,  J = det F,  I4 = |F a|^2,
+//!
+//! and has its own file with f, its derivatives, the second Piola stress and the material tangent they make. This file
+//! turns derivatives of f into those of W by the chain rule:
+//!
+//! - second Piola stress S = dW/dgamma = 2 f1 I + 2 f2 (I1 I - C) + fJ J C^-1 + 2 f4 a (x) a,
+//! - material tangent dS/dgamma = sum_mn f_mn (dI_m/dgamma) (x) (dI_n/dgamma) + 4 f2 (I (x) I - Is)
+//!   + fJ J (C^-1 (x) C^-1 - 2 C^-1 o C^-1), Is the symmetric identity, o the symmetrised product;
+//!
+//! the assembly takes them in their F form, first Piola P = F S and elasticity A = dP/dF, which divide by nothing:
+//!
+//! - P = 2 f1 F + 2 f2 (I1 F - F F^T F) + fJ cof F + 2 f4 (F a) (x) a
+//! - A = sum_mn f_mn (dI_m/dF) (x) (dI_n/dF) + f1 I1'' + f2 I2'' + fJ J'' + f4 I4''
+//!
+//! with I1'' = 2 d_ij d_KL,  I4'' = 2 d_ij a_K a_L,  J'' = e_ijm e_KLM F_mM  and
+//! I2'' = 4 F_iK F_jL + 2 I1 d_ij d_KL - 2 (d_ij C_KL + F_iL F_jK + (F F^T)_ij d_KL).
+//!
+//! An incompressible law carries the multiplier term (p0 + q)(1 - J): the rest pressure p0, which makes the undeformed
+//! state free of stress, is part of f; the excess q over it comes from [`crate::pressure`].
 
+mod holzapfel_gasser_ogden;
+mod linear_elastic;
 mod mooney_rivlin;
+mod neo_hookean;
 mod st_venant_kirchhoff;
 
-pub use mooney_rivlin::MooneyRivlin;
-pub use st_venant_kirchhoff::StVenantKirchhoff;
+#[cfg(test)]
+mod tests;
 
-use nalgebra::Matrix3;
+pub use holzapfel_gasser_ogden::HolzapfelGasserOgden;
+pub use linear_elastic::LinearElastic;
+pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};
+pub use neo_hookean::NeoHookean;
+pub use st_venant_kirchhoff::{Lame, StVenantKirchhoff};
 
-use crate::scene::MaterialLaw;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
-/// Constant isotropic material tangent dS/dgamma = alpha I (x) I + beta (symmetric identity):
-/// dS = alpha tr(dgamma) I + beta dgamma.
-///
-/// Both laws here are quadratic in gamma, so their tangent is constant and isotropic; the element stiffness
-/// then has the closed form of [`crate::assembly`], four times fewer operations than a 6 x 6 contraction.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct IsotropicTangent {
-    /// Coefficient of I (x) I, Pa.
-    pub alpha_pa: f64,
-    /// Coefficient of the symmetric identity, Pa.
-    pub beta_pa: f64,
+use crate::kinematics::{Kinematics, mixed_cofactor};
+
+/// Positions of the invariants in [`Derivatives`].
+const I1: usize = 0;
+const I2: usize = 1;
+const J: usize = 2;
+const I4: usize = 3;
+
+/// Invariants of the deformation less their values at rest.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Invariants {
+    /// I1 - 3.
+    pub i1: f64,
+    /// I2 - 3.
+    pub i2: f64,
+    /// J - 1.
+    pub j: f64,
+    /// I4 - 1; 0 for a law without fibres.
+    pub i4: f64,
 }
 
-/// A hyperelastic law.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Value of f and its first and second derivatives by (I1, I2, J, I4), Pa.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Derivatives {
+    /// f, J/m^3, zero at rest.
+    pub energy: f64,
+    /// First derivatives.
+    pub first: [f64; 4],
+    /// Second derivatives, symmetric.
+    pub second: [[f64; 4]; 4],
+}
+
+/// Third derivatives of f; only the upper part m <= n <= o is read.
+pub type Third = [[[f64; 4]; 4]; 4];
+
+/// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
+pub type SymmetricThird = [f64; 10];
+
+/// Index triples (i <= j <= k) of [`SymmetricThird`].
+pub const THIRD_INDICES: [[usize; 3]; 10] = [
+    [0, 0, 0],
+    [0, 0, 1],
+    [0, 0, 2],
+    [0, 1, 1],
+    [0, 1, 2],
+    [0, 2, 2],
+    [1, 1, 1],
+    [1, 1, 2],
+    [1, 2, 2],
+    [2, 2, 2],
+];
+
+/// dP/dF as a symmetric 9 x 9 matrix; component (i, K) of a 3 x 3 tensor is number 3 K + i.
+pub type Elasticity = [[f64; 9]; 9];
+
+/// A hyperelastic law with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Material {
+    /// Small strain, linear.
+    LinearElastic(LinearElastic),
     /// Geometrically nonlinear, linear material (paper, Eq. 6).
     StVenantKirchhoff(StVenantKirchhoff),
-    /// Nonlinear material, incompressible (paper, Eq. 7 with its misprint mended).
+    /// The same with J = 1 by a multiplier (the paper's "modified St. Venant").
+    ModifiedStVenantKirchhoff(StVenantKirchhoff),
+    /// Incompressible, unreduced invariants (paper, Eq. 7 with its misprint mended).
     MooneyRivlin(MooneyRivlin),
+    /// Incompressible, reduced invariants.
+    ReducedMooneyRivlin(ReducedMooneyRivlin),
+    /// Compressible, with a barrier at J -> 0.
+    NeoHookean(NeoHookean),
+    /// Incompressible with one family of fibres.
+    HolzapfelGasserOgden(HolzapfelGasserOgden),
 }
 
 impl Material {
-    /// The law of a scene, or `None` if this version cannot solve it (the scene's own check says so to the user).
-    pub fn of_scene(law: &MaterialLaw) -> Option<Self> {
-        match *law {
-            MaterialLaw::StVenantKirchhoff { lambda_pa, mu_pa } => {
-                Some(Self::StVenantKirchhoff(StVenantKirchhoff { lambda_pa, mu_pa }))
-            }
-            MaterialLaw::MooneyRivlin { c10_pa, c01_pa } => {
-                Some(Self::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }))
-            }
-            _ => None,
-        }
-    }
-
-    /// Strain energy density W(gamma), J/m^3, zero at rest.
-    #[inline]
-    pub fn strain_energy_density(&self, green_strain: &Matrix3<f64>) -> f64 {
-        match self {
-            Self::StVenantKirchhoff(law) => law.strain_energy_density(green_strain),
-            Self::MooneyRivlin(law) => law.strain_energy_density(green_strain),
-        }
-    }
-
-    /// Second Piola-Kirchhoff stress S = dW/dgamma, Pa, without the pressure part.
-    #[inline]
-    pub fn second_piola(&self, green_strain: &Matrix3<f64>) -> Matrix3<f64> {
-        match self {
-            Self::StVenantKirchhoff(law) => law.second_piola(green_strain),
-            Self::MooneyRivlin(law) => law.second_piola(green_strain),
-        }
-    }
-
-    /// Material tangent dS/dgamma, Pa.
-    #[inline]
-    pub fn tangent(&self) -> IsotropicTangent {
-        match self {
-            Self::StVenantKirchhoff(law) => law.tangent(),
-            Self::MooneyRivlin(law) => law.tangent(),
-        }
-    }
-
-    /// Pressure multiplier at rest if the law is incompressible (J = 1 by a multiplier), Pa.
-    pub fn rest_pressure_pa(&self) -> Option<f64> {
-        match self {
-            Self::StVenantKirchhoff(_) => None,
-            Self::MooneyRivlin(law) => Some(law.rest_pressure_pa()),
-        }
-    }
-
-    /// Shear modulus at rest, Pa: the scale by which residuals and pressures are made dimensionless.
-    pub fn shear_modulus_pa(&self) -> f64 {
-        match self {
-            Self::StVenantKirchhoff(law) => law.mu_pa,
-            Self::MooneyRivlin(law) => 2.0 * (law.c10_pa + law.c01_pa),
-        }
-    }
-
     /// Name in the scene file.
     pub fn name(&self) -> &'static str {
         match self {
+            Self::LinearElastic(_) => "linear",
             Self::StVenantKirchhoff(_) => "st-venant-kirchhoff",
+            Self::ModifiedStVenantKirchhoff(_) => "modified-st-venant-kirchhoff",
             Self::MooneyRivlin(_) => "mooney-rivlin",
+            Self::ReducedMooneyRivlin(_) => "mooney-rivlin-reduced",
+            Self::NeoHookean(_) => "neo-hookean",
+            Self::HolzapfelGasserOgden(_) => "holzapfel-gasser-ogden",
+        }
+    }
+
+    /// Every parameter of the law, in a fixed order: what a hash of the model takes in.
+    pub fn parameters(&self) -> Vec<f64> {
+        match self {
+            Self::LinearElastic(LinearElastic { lame })
+            | Self::StVenantKirchhoff(StVenantKirchhoff { lame })
+            | Self::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame })
+            | Self::NeoHookean(NeoHookean { lame }) => vec![lame.lambda_pa, lame.mu_pa],
+            Self::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })
+            | Self::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }) => vec![*c10_pa, *c01_pa],
+            Self::HolzapfelGasserOgden(HolzapfelGasserOgden { c10_pa, k1_pa, k2, dispersion, fibre }) => {
+                vec![*c10_pa, *k1_pa, *k2, *dispersion, fibre[0], fibre[1], fibre[2]]
+            }
+        }
+    }
+
+    /// Pressure at rest of an incompressible law, Pa; `None` if the law needs no multiplier.
+    pub fn rest_pressure_pa(&self) -> Option<f64> {
+        match self {
+            Self::LinearElastic(_) | Self::StVenantKirchhoff(_) | Self::NeoHookean(_) => None,
+            Self::ModifiedStVenantKirchhoff(_) | Self::ReducedMooneyRivlin(_) => Some(0.0),
+            Self::MooneyRivlin(law) => Some(law.rest_pressure_pa()),
+            Self::HolzapfelGasserOgden(law) => Some(law.rest_pressure_pa()),
+        }
+    }
+
+    /// Shear modulus at rest, Pa (of the matrix, where there are fibres): the scale of residuals and pressures.
+    pub fn shear_modulus_pa(&self) -> f64 {
+        match self {
+            Self::LinearElastic(law) => law.lame.mu_pa,
+            Self::StVenantKirchhoff(law) | Self::ModifiedStVenantKirchhoff(law) => law.lame.mu_pa,
+            Self::NeoHookean(law) => law.lame.mu_pa,
+            Self::MooneyRivlin(law) => 2.0 * (law.c10_pa + law.c01_pa),
+            Self::ReducedMooneyRivlin(law) => 2.0 * (law.c10_pa + law.c01_pa),
+            Self::HolzapfelGasserOgden(law) => 2.0 * law.c10_pa,
+        }
+    }
+
+    /// Fibre direction, a unit vector of the undeformed body; zero for a law without fibres.
+    fn fibre(&self) -> Vector3<f64> {
+        match self {
+            Self::HolzapfelGasserOgden(law) => Vector3::from(law.fibre),
+            _ => Vector3::zeros(),
+        }
+    }
+
+    #[inline]
+    fn invariants(&self, k: &Kinematics) -> Invariants {
+        let i4 = match self {
+            Self::HolzapfelGasserOgden(law) => {
+                // |a + H a|^2 - 1 without cancellation.
+                let a = Vector3::from(law.fibre);
+                let stretch = k.displacement_gradient * a;
+                2.0 * stretch.dot(&a) + stretch.norm_squared()
+            }
+            _ => 0.0,
+        };
+        Invariants { i1: k.first_invariant, i2: k.second_invariant, j: k.volume_change, i4 }
+    }
+
+    /// Derivatives of f; `None` for the linear law, which is no function of invariants of C.
+    #[inline]
+    fn derivatives(&self, at: &Invariants) -> Option<Derivatives> {
+        match self {
+            Self::LinearElastic(_) => None,
+            Self::StVenantKirchhoff(law) | Self::ModifiedStVenantKirchhoff(law) => Some(law.derivatives(at)),
+            Self::MooneyRivlin(law) => Some(law.derivatives(at)),
+            Self::ReducedMooneyRivlin(law) => Some(law.derivatives(at)),
+            Self::NeoHookean(law) => Some(law.derivatives(at)),
+            Self::HolzapfelGasserOgden(law) => Some(law.derivatives(at)),
+        }
+    }
+
+    /// Third derivatives of f; `None` where they vanish.
+    fn third(&self, at: &Invariants) -> Option<Third> {
+        match self {
+            Self::LinearElastic(_)
+            | Self::StVenantKirchhoff(_)
+            | Self::ModifiedStVenantKirchhoff(_)
+            | Self::MooneyRivlin(_) => None,
+            Self::ReducedMooneyRivlin(law) => Some(law.third(at)),
+            Self::NeoHookean(law) => Some(law.third(at)),
+            Self::HolzapfelGasserOgden(law) => Some(law.third(at)),
+        }
+    }
+
+    /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
+    #[inline]
+    pub fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
+        let f = &k.deformation_gradient;
+        match self.derivatives(&self.invariants(k)) {
+            None => {
+                let Self::LinearElastic(law) = self else { unreachable!("every other law has derivatives") };
+                law.stress(&k.displacement_gradient)
+            }
+            Some(d) => {
+                let mut stress = k.cofactor * (d.first[J] - q_pa) + f * (2.0 * d.first[I1]);
+                if d.first[I2] != 0.0 {
+                    stress += second_invariant_slope(k) * d.first[I2];
+                }
+                if d.first[I4] != 0.0 {
+                    let a = self.fibre();
+                    stress += f * a * a.transpose() * (2.0 * d.first[I4]);
+                }
+                (d.energy - q_pa * k.volume_change, stress)
+            }
+        }
+    }
+
+    /// [`Material::stress`] with the elasticity dP/dF at fixed pressure.
+    #[inline]
+    pub fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Elasticity) {
+        let Some(d) = self.derivatives(&self.invariants(k)) else {
+            let Self::LinearElastic(law) = self else { unreachable!("every other law has derivatives") };
+            let (energy, stress) = law.stress(&k.displacement_gradient);
+            return (energy, stress, law.elasticity());
+        };
+        let f = &k.deformation_gradient;
+        let f_j = d.first[J] - q_pa;
+        let slope_i2 = second_invariant_slope(k);
+        let mut stress = k.cofactor * f_j + f * (2.0 * d.first[I1]) + slope_i2 * d.first[I2];
+        let right = f.transpose() * f;
+        let left = f * f.transpose();
+        // Coefficients of d_ij (..)_KL and of (..)_ij d_KL.
+        let f2 = d.first[I2];
+        let mut inner = right * (-2.0 * f2);
+        let isotropic = 2.0 * d.first[I1] + 2.0 * f2 * (k.first_invariant + 3.0);
+        for axis in 0..3 {
+            inner[(axis, axis)] += isotropic;
+        }
+        if d.first[I4] != 0.0 {
+            let a = self.fibre();
+            stress += f * a * a.transpose() * (2.0 * d.first[I4]);
+            inner += a * a.transpose() * (2.0 * d.first[I4]);
+        }
+        let mut elasticity = [[0.0; 9]; 9];
+        for large_k in 0..3 {
+            for i in 0..3 {
+                let row = &mut elasticity[3 * large_k + i];
+                for large_l in 0..3 {
+                    row[3 * large_l + i] += inner[(large_k, large_l)];
+                    for j in 0..3 {
+                        row[3 * large_l + j] += f2
+                            * (4.0 * f[(i, large_k)] * f[(j, large_l)]
+                                - 2.0 * f[(i, large_l)] * f[(j, large_k)]);
+                    }
+                }
+                for j in 0..3 {
+                    row[3 * large_k + j] -= 2.0 * f2 * left[(i, j)];
+                }
+            }
+        }
+        add_determinant_curvature(&mut elasticity, f, f_j);
+        self.add_second_derivatives(&mut elasticity, k, &d, &slope_i2);
+        (d.energy - q_pa * k.volume_change, stress, elasticity)
+    }
+
+    /// sum_mn f_mn (dI_m/dF) (x) (dI_n/dF), of the pairs that the law has.
+    #[inline]
+    fn add_second_derivatives(
+        &self,
+        elasticity: &mut Elasticity,
+        k: &Kinematics,
+        d: &Derivatives,
+        slope_i2: &Matrix3<f64>,
+    ) {
+        let f = &k.deformation_gradient;
+        let a = self.fibre();
+        let slopes = [2.0 * f, *slope_i2, k.cofactor, 2.0 * (f * a) * a.transpose()];
+        for (m, left) in slopes.iter().enumerate() {
+            if d.second[m].iter().all(|&s| s == 0.0) {
+                continue;
+            }
+            // f_mn dI_n/dF summed over n first: one outer product a row of f''.
+            let mut right = Matrix3::zeros();
+            for (n, slope) in slopes.iter().enumerate() {
+                if d.second[m][n] != 0.0 {
+                    right += slope * d.second[m][n];
+                }
+            }
+            for (row, l) in elasticity.iter_mut().zip(left.iter()) {
+                for (entry, r) in row.iter_mut().zip(right.iter()) {
+                    *entry += l * r;
+                }
+            }
+        }
+    }
+
+    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
+    ///
+    /// With I[i], I[ij], I[ijk] the derivatives of an invariant along the directions G_i,
+    ///
+    /// D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations) + sum_mno f_mno I_m[i] I_n[j] I_o[k],
+    ///
+    /// and the multiplier adds - q J[ijk] - (q_i J[jk] + 2 permutations).
+    pub fn third_along(
+        &self,
+        k: &Kinematics,
+        q_pa: f64,
+        gradients: &[Matrix3<f64>; 3],
+        dq_pa: &[f64; 3],
+    ) -> SymmetricThird {
+        let at = self.invariants(k);
+        let Some(d) = self.derivatives(&at) else { return [0.0; 10] };
+        let third = self.third(&at);
+        let along = InvariantsAlong::new(k, gradients, &self.fibre());
+        THIRD_INDICES.map(|[i, j, l]| {
+            let cubic = along.cubic(i, j, l);
+            let mut sum = (d.first[J] - q_pa) * cubic[J] + d.first[I2] * cubic[I2];
+            for (p, [a, b]) in [(i, [j, l]), (j, [i, l]), (l, [i, j])] {
+                let square = along.square(a, b);
+                sum -= dq_pa[p] * square[J];
+                for m in 0..4 {
+                    for n in 0..4 {
+                        if d.second[m][n] != 0.0 {
+                            sum += d.second[m][n] * along.linear[p][m] * square[n];
+                        }
+                    }
+                }
+            }
+            if let Some(third) = &third {
+                for m in 0..4 {
+                    for n in 0..4 {
+                        for o in 0..4 {
+                            let mut sorted = [m, n, o];
+                            sorted.sort_unstable();
+                            let f_mno = third[sorted[0]][sorted[1]][sorted[2]];
+                            if f_mno != 0.0 {
+                                sum += f_mno * along.linear[i][m] * along.linear[j][n] * along.linear[l][o];
+                            }
+                        }
+                    }
+                }
+            }
+            sum
+        })
+    }
+}
+
+/// dI2/dF = 2 (I1 F - F F^T F).
+#[inline]
+fn second_invariant_slope(k: &Kinematics) -> Matrix3<f64> {
+    let f = &k.deformation_gradient;
+    (f * (k.first_invariant + 3.0) - f * (f.transpose() * f)) * 2.0
+}
+
+/// Adds `factor` times the second derivative of det F: e_ijm e_KLM F_mM.
+#[inline]
+fn add_determinant_curvature(elasticity: &mut Elasticity, f: &Matrix3<f64>, factor: f64) {
+    // (first, second, sign): e_(first, second, third) with third the axis left over.
+    const PAIRS: [(usize, usize, usize, f64); 6] =
+        [(0, 1, 2, 1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (1, 0, 2, -1.0), (2, 1, 0, -1.0), (0, 2, 1, -1.0)];
+    for (large_k, large_l, large_m, material_sign) in PAIRS {
+        for (i, j, m, spatial_sign) in PAIRS {
+            elasticity[3 * large_k + i][3 * large_l + j] +=
+                factor * material_sign * spatial_sign * f[(m, large_m)];
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Derivatives of the four invariants along three directions of F.
+struct InvariantsAlong {
+    /// [direction][invariant].
+    linear: [[f64; 4]; 3],
+    /// [pair of directions][invariant], pairs in the order 00 01 02 11 12 22.
+    squares: [[f64; 4]; 6],
+    directions: [Matrix3<f64>; 3],
+    /// Derivatives of cof F along one direction, and along two.
+    cofactor_slopes: [Matrix3<f64>; 3],
+    cofactor_curvatures: [Matrix3<f64>; 6],
+}
 
-    fn laws() -> [Material; 2] {
-        [
-            Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49)),
-            Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }),
-        ]
+const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+
+/// Position of a pair of directions in [`PAIRS`].
+#[inline]
+fn pair(i: usize, j: usize) -> usize {
+    let (low, high) = if i <= j { (i, j) } else { (j, i) };
+    [0, 2, 3][low] + high
+}
+
+impl InvariantsAlong {
+    fn new(k: &Kinematics, directions: &[Matrix3<f64>; 3], fibre: &Vector3<f64>) -> Self {
+        let f = &k.deformation_gradient;
+        let stretched = directions.map(|g| g * fibre);
+        let fibre_now = f * fibre;
+        let cofactor_slopes = directions.map(|g| mixed_cofactor(f, &g));
+        let cofactor_curvatures = PAIRS.map(|(i, j)| mixed_cofactor(&directions[i], &directions[j]));
+        let linear = std::array::from_fn(|i| {
+            [
+                2.0 * f.dot(&directions[i]),
+                2.0 * k.cofactor.dot(&cofactor_slopes[i]),
+                k.cofactor.dot(&directions[i]),
+                2.0 * fibre_now.dot(&stretched[i]),
+            ]
+        });
+        let squares = std::array::from_fn(|p| {
+            let (i, j) = PAIRS[p];
+            [
+                2.0 * directions[i].dot(&directions[j]),
+                2.0 * (cofactor_slopes[i].dot(&cofactor_slopes[j]) + k.cofactor.dot(&cofactor_curvatures[p])),
+                cofactor_slopes[i].dot(&directions[j]),
+                2.0 * stretched[i].dot(&stretched[j]),
+            ]
+        });
+        Self { linear, squares, directions: *directions, cofactor_slopes, cofactor_curvatures }
     }
 
-    fn strain() -> Matrix3<f64> {
-        Matrix3::new(0.21, -0.07, 0.03, -0.07, -0.18, 0.11, 0.03, 0.11, 0.09)
+    #[inline]
+    fn square(&self, i: usize, j: usize) -> &[f64; 4] {
+        &self.squares[pair(i, j)]
     }
 
-    /// A symmetric unit change of strain; off-diagonal entries move in pairs, so W changes by 2 S_ij.
-    fn unit(i: usize, j: usize) -> Matrix3<f64> {
-        let mut e = Matrix3::zeros();
-        e[(i, j)] = 1.0;
-        e[(j, i)] = 1.0;
-        e
-    }
-
-    #[test]
-    fn stress_is_the_derivative_of_the_energy() {
-        for law in laws() {
-            let (gamma, step) = (strain(), 1e-5);
-            let s = law.second_piola(&gamma);
-            for (i, j) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)] {
-                let e = unit(i, j) * step;
-                let slope = (law.strain_energy_density(&(gamma + e))
-                    - law.strain_energy_density(&(gamma - e)))
-                    / (2.0 * step);
-                let want = if i == j { s[(i, j)] } else { 2.0 * s[(i, j)] };
-                assert!((slope - want).abs() < 1e-6 * s.norm(), "{} S[{i},{j}]: {slope} {want}", law.name());
-            }
-        }
-    }
-
-    #[test]
-    fn tangent_is_the_derivative_of_the_stress() {
-        for law in laws() {
-            let (gamma, step) = (strain(), 1e-4);
-            let t = law.tangent();
-            for (i, j) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)] {
-                let e = unit(i, j);
-                let slope = (law.second_piola(&(gamma + e * step)) - law.second_piola(&(gamma - e * step)))
-                    / (2.0 * step);
-                let want = Matrix3::identity() * (t.alpha_pa * e.trace()) + e * t.beta_pa;
-                assert!(
-                    (slope - want).norm() < 1e-8 * (t.alpha_pa.abs() + t.beta_pa.abs()),
-                    "{}",
-                    law.name()
-                );
-            }
-        }
+    /// Third derivatives; I1 and I4 are quadratic in F and have none.
+    #[inline]
+    fn cubic(&self, i: usize, j: usize, l: usize) -> [f64; 4] {
+        let curvature = |a, b| &self.cofactor_curvatures[pair(a, b)];
+        let slope = &self.cofactor_slopes;
+        let second =
+            slope[i].dot(curvature(j, l)) + slope[j].dot(curvature(i, l)) + slope[l].dot(curvature(i, j));
+        [0.0, 2.0 * second, curvature(i, j).dot(&self.directions[l]), 0.0]
     }
 }

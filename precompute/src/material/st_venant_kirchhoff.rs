@@ -1,26 +1,19 @@
 //! St. Venant-Kirchhoff: linear elasticity carried to large rotations (paper, Eq. 6).
 
-use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
 
-use super::IsotropicTangent;
+use super::{Derivatives, I1, I2, Invariants};
 
-/// W = lambda/2 (tr gamma)^2 + mu gamma:gamma
-///
-/// S = dW/dgamma = lambda (tr gamma) I + 2 mu gamma
-///
-/// dS/dgamma = lambda I (x) I + 2 mu (symmetric identity), constant.
-///
-/// It has no barrier at J -> 0: a compressed element can collapse, which is why half of the paper's loading paths
-/// end early with this law. Source: Peterlik 2010, section 2.1. Deviation: none.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StVenantKirchhoff {
+/// Lame's constants.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Lame {
     /// First Lame coefficient, Pa.
     pub lambda_pa: f64,
     /// Second Lame coefficient (shear modulus), Pa.
     pub mu_pa: f64,
 }
 
-impl StVenantKirchhoff {
+impl Lame {
     /// From Young's modulus E and Poisson's ratio nu:
     /// lambda = E nu / ((1 + nu)(1 - 2 nu)),  mu = E / (2 (1 + nu)).
     pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
@@ -29,23 +22,44 @@ impl StVenantKirchhoff {
             mu_pa: young_pa / (2.0 * (1.0 + poisson)),
         }
     }
+}
 
-    /// W(gamma), J/m^3.
-    #[inline]
-    pub fn strain_energy_density(&self, green_strain: &Matrix3<f64>) -> f64 {
-        let trace = green_strain.trace();
-        0.5 * self.lambda_pa * trace * trace + self.mu_pa * green_strain.norm_squared()
+/// W = lambda/2 (tr gamma)^2 + mu gamma:gamma
+///
+/// S = dW/dgamma = lambda (tr gamma) I + 2 mu gamma
+///
+/// dS/dgamma = lambda I (x) I + 2 mu Is, constant.
+///
+/// In invariants, with i1 = I1 - 3 = 2 tr gamma, i2 = I2 - 3 and gamma:gamma = i1^2/4 + i1 - i2/2:
+///
+/// f = lambda/8 i1^2 + mu (i1^2/4 + i1 - i2/2),   f1 = (lambda/4 + mu/2) i1 + mu,   f2 = -mu/2,   f11 = lambda/4 + mu/2.
+///
+/// It has no barrier at J -> 0: a compressed element can collapse, which is why half of the paper's loading paths
+/// end early with this law. The "modified" law of the paper adds the multiplier term q (1 - J) and keeps lambda; its
+/// rest pressure is zero. Source: Peterlik 2010, section 2.1. Deviation: none.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StVenantKirchhoff {
+    /// Lame's constants.
+    pub lame: Lame,
+}
+
+impl StVenantKirchhoff {
+    /// From Young's modulus and Poisson's ratio.
+    pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
+        Self { lame: Lame::from_young_poisson(young_pa, poisson) }
     }
 
-    /// S(gamma), Pa.
     #[inline]
-    pub fn second_piola(&self, green_strain: &Matrix3<f64>) -> Matrix3<f64> {
-        Matrix3::identity() * (self.lambda_pa * green_strain.trace()) + green_strain * (2.0 * self.mu_pa)
-    }
-
-    /// dS/dgamma, Pa.
-    #[inline]
-    pub fn tangent(&self) -> IsotropicTangent {
-        IsotropicTangent { alpha_pa: self.lambda_pa, beta_pa: 2.0 * self.mu_pa }
+    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+        let Lame { lambda_pa, mu_pa } = self.lame;
+        let slope = 0.25 * lambda_pa + 0.5 * mu_pa;
+        let mut d = Derivatives {
+            energy: 0.5 * slope * at.i1 * at.i1 + mu_pa * (at.i1 - 0.5 * at.i2),
+            ..Derivatives::default()
+        };
+        d.first[I1] = slope * at.i1 + mu_pa;
+        d.first[I2] = -0.5 * mu_pa;
+        d.second[I1][I1] = slope;
+        d
     }
 }

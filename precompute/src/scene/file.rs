@@ -24,6 +24,8 @@ pub(super) struct SceneFile {
     pub(super) device: Option<DeviceTable>,
     pub(super) body_force: Option<Spanned<BodyForceTable>>,
     #[serde(default)]
+    pub(super) solver: SolverTable,
+    #[serde(default)]
     pub(super) needs: NeedsTable,
 }
 
@@ -46,6 +48,13 @@ pub(super) struct MaterialTable {
     pub(super) mu_pa: Option<Spanned<f64>>,
     pub(super) c10_pa: Option<Spanned<f64>>,
     pub(super) c01_pa: Option<Spanned<f64>>,
+    /// Of a law with a pressure: nearly incompressible instead of exactly.
+    pub(super) bulk_pa: Option<Spanned<f64>>,
+    pub(super) k1_pa: Option<Spanned<f64>>,
+    pub(super) k2: Option<Spanned<f64>>,
+    pub(super) dispersion: Option<Spanned<f64>>,
+    /// Direction, of any length.
+    pub(super) fibre: Option<Spanned<[f64; 3]>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -75,6 +84,10 @@ pub(super) struct ActiveTable {
     /// In metres, whatever the mesh file's unit.
     pub(super) nearest: Option<Spanned<[f64; 3]>>,
     pub(super) group: Option<Spanned<String>>,
+    /// Nodes that move with the node as a rigid body.
+    pub(super) patch: Option<Spanned<Vec<Spanned<i64>>>>,
+    /// The same for every surface node this near.
+    pub(super) patch_radius_m: Option<Spanned<f64>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -110,7 +123,20 @@ pub(super) struct DeviceTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct BodyForceTable {
     /// Per undeformed volume.
-    pub(super) force_n_per_m3: Spanned<[f64; 3]>,
+    pub(super) force_n_per_m3: Option<Spanned<[f64; 3]>>,
+    /// Or as weight: density times gravity.
+    pub(super) density_kg_m3: Option<Spanned<f64>>,
+    pub(super) gravity_m_s2: Option<Spanned<[f64; 3]>>,
+}
+
+#[derive(Debug, Default, serde::Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct SolverTable {
+    /// plain | stabilised
+    pub(super) pressure: Option<Spanned<String>>,
+    /// elimination | multipliers
+    pub(super) constraints: Option<Spanned<String>>,
+    pub(super) reject_inverted: bool,
 }
 
 #[derive(Debug, serde::Deserialize)]

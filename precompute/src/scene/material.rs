@@ -2,72 +2,64 @@
 
 use toml::Spanned;
 
-use super::MaterialLaw;
 use super::file::{Located, MaterialTable, Place};
 use crate::error::{InputError, nearest_word};
+use crate::material::{
+    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+    StVenantKirchhoff,
+};
 
 /// Every law of the scene format.
-const LAWS: [&str; 5] =
-    ["linear", "st-venant-kirchhoff", "modified-st-venant-kirchhoff", "mooney-rivlin", "neo-hookean"];
+const LAWS: [&str; 7] = [
+    "linear",
+    "st-venant-kirchhoff",
+    "modified-st-venant-kirchhoff",
+    "mooney-rivlin",
+    "mooney-rivlin-reduced",
+    "neo-hookean",
+    "holzapfel-gasser-ogden",
+];
 
-/// The laws this version can solve.
-pub(super) const AVAILABLE: [&str; 2] = ["st-venant-kirchhoff", "mooney-rivlin"];
-
-/// Whether the format knows the law at all.
-pub(super) fn is_law(name: &str) -> bool {
-    LAWS.contains(&name)
-}
-
-impl MaterialLaw {
-    /// The word of the scene file.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::LinearElastic { .. } => "linear",
-            Self::StVenantKirchhoff { .. } => "st-venant-kirchhoff",
-            Self::ModifiedStVenantKirchhoff { .. } => "modified-st-venant-kirchhoff",
-            Self::MooneyRivlin { .. } => "mooney-rivlin",
-            Self::NeoHookean { .. } => "neo-hookean",
-        }
-    }
-
-    /// The two parameters in the order of the variant's fields.
-    pub fn parameters_pa(&self) -> [f64; 2] {
-        match *self {
-            Self::LinearElastic { lambda_pa, mu_pa }
-            | Self::StVenantKirchhoff { lambda_pa, mu_pa }
-            | Self::ModifiedStVenantKirchhoff { lambda_pa, mu_pa }
-            | Self::NeoHookean { lambda_pa, mu_pa } => [lambda_pa, mu_pa],
-            Self::MooneyRivlin { c10_pa, c01_pa } => [c10_pa, c01_pa],
-        }
-    }
-}
-
-/// The law of a table; odd but solvable parameters are added to `warnings`.
+/// The law of a table and its bulk modulus; odd but solvable parameters are added to `warnings`.
 pub(super) fn law(
     place: &Place,
     material: &Located<'_, MaterialTable>,
     warnings: &mut Vec<String>,
-) -> Result<MaterialLaw, InputError> {
+) -> Result<(Material, Option<f64>), InputError> {
     let name = &material.table.law;
     let table = Parameters { place, material };
-    if name.get_ref() == "mooney-rivlin" {
-        return table.mooney_rivlin(warnings);
-    }
-    if !is_law(name.get_ref()) {
-        let mend = match nearest_word(name.get_ref(), LAWS) {
-            Some(guess) => format!("did you mean \"{guess}\"? (laws: {})", LAWS.join(", ")),
-            None => format!("choose one of {}", LAWS.join(", ")),
-        };
-        return Err(place.error(name.span(), format!("unknown law \"{}\"", name.get_ref()), mend));
-    }
-    let [lambda_pa, mu_pa] = table.lame()?;
-    Ok(match name.get_ref().as_str() {
-        "linear" => MaterialLaw::LinearElastic { lambda_pa, mu_pa },
-        "st-venant-kirchhoff" => MaterialLaw::StVenantKirchhoff { lambda_pa, mu_pa },
-        "modified-st-venant-kirchhoff" => MaterialLaw::ModifiedStVenantKirchhoff { lambda_pa, mu_pa },
-        _ => MaterialLaw::NeoHookean { lambda_pa, mu_pa },
-    })
+    let law = match name.get_ref().as_str() {
+        "linear" => Material::LinearElastic(LinearElastic { lame: table.lame()? }),
+        "st-venant-kirchhoff" => Material::StVenantKirchhoff(StVenantKirchhoff { lame: table.lame()? }),
+        "modified-st-venant-kirchhoff" => {
+            Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame: table.lame()? })
+        }
+        "neo-hookean" => Material::NeoHookean(NeoHookean { lame: table.lame()? }),
+        "mooney-rivlin" => {
+            let (c10_pa, c01_pa) = table.mooney_rivlin(warnings)?;
+            Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })
+        }
+        "mooney-rivlin-reduced" => {
+            let (c10_pa, c01_pa) = table.mooney_rivlin(warnings)?;
+            Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa })
+        }
+        "holzapfel-gasser-ogden" => table.holzapfel()?,
+        unknown => {
+            let mend = match nearest_word(unknown, LAWS) {
+                Some(guess) => format!("did you mean \"{guess}\"? (laws: {})", LAWS.join(", ")),
+                None => format!("choose one of {}", LAWS.join(", ")),
+            };
+            return Err(place.error(name.span(), format!("unknown law \"{unknown}\""), mend));
+        }
+    };
+    let bulk_modulus_pa = table.bulk(&law)?;
+    Ok((law, bulk_modulus_pa))
 }
+
+/// What each family of laws wants.
+const LAME: &str = "either `young_pa` and `poisson`, or `lambda_pa` and `mu_pa`";
+const MOONEY_RIVLIN: &str = "`c10_pa` and `c01_pa`";
+const HOLZAPFEL: &str = "`c10_pa`, `k1_pa`, `k2` and `fibre`, and `dispersion` if it is not 0";
 
 struct Parameters<'a> {
     place: &'a Place,
@@ -75,7 +67,7 @@ struct Parameters<'a> {
 }
 
 impl Parameters<'_> {
-    /// Given keys of the table by name.
+    /// Given numbers of the table by key.
     fn given(&self) -> impl Iterator<Item = (&'static str, &Spanned<f64>)> {
         let t = self.material.table;
         [
@@ -85,19 +77,37 @@ impl Parameters<'_> {
             ("mu_pa", &t.mu_pa),
             ("c10_pa", &t.c10_pa),
             ("c01_pa", &t.c01_pa),
+            ("bulk_pa", &t.bulk_pa),
+            ("k1_pa", &t.k1_pa),
+            ("k2", &t.k2),
+            ("dispersion", &t.dispersion),
         ]
         .into_iter()
         .filter_map(|(key, value)| Some((key, value.as_ref()?)))
     }
 
-    /// The values of two keys, which must be the only ones given; both finite.
-    fn pair(&self, keys: [&'static str; 2], wanted: &str) -> Result<[&Spanned<f64>; 2], InputError> {
+    /// Refuses keys of other laws.
+    fn nothing_but(&self, keys: &[&str], wanted: &str) -> Result<(), InputError> {
         let law = self.material.table.law.get_ref();
-        if let Some((key, value)) = self.given().find(|(key, _)| !keys.contains(key)) {
-            let what = format!("`{key}` does not belong to the law \"{law}\" here");
-            return Err(self.place.error(value.span(), what, format!("give {wanted}")));
+        let fibre = self.material.table.fibre.as_ref().map(|f| ("fibre", f.span()));
+        let all = self.given().map(|(key, value)| (key, value.span())).chain(fibre);
+        match all.into_iter().find(|(key, _)| *key != "bulk_pa" && !keys.contains(key)) {
+            None => Ok(()),
+            Some((key, span)) => {
+                let what = format!("`{key}` does not belong to the law \"{law}\" here");
+                Err(self.place.error(span, what, format!("give {wanted}")))
+            }
         }
-        let mut found = [None; 2];
+    }
+
+    /// The values of keys, all of which must be there and finite.
+    fn values<const N: usize>(
+        &self,
+        keys: [&'static str; N],
+        wanted: &str,
+    ) -> Result<[&Spanned<f64>; N], InputError> {
+        let law = self.material.table.law.get_ref();
+        let mut found = [None; N];
         for (slot, key) in found.iter_mut().zip(keys) {
             let Some((_, value)) = self.given().find(|(given, _)| *given == key) else {
                 let what = format!("the law \"{law}\" lacks `{key}`");
@@ -108,15 +118,16 @@ impl Parameters<'_> {
             }
             *slot = Some(value);
         }
-        Ok(found.map(|value| value.expect("both keys were found above")))
+        Ok(found.map(|value| value.expect("every key was found above")))
     }
 
     fn wrong(&self, key: &str, value: &Spanned<f64>, rule: &str, mend: &str) -> InputError {
         self.place.error(value.span(), format!("`{key}` = {} {rule}", value.get_ref()), mend)
     }
 
-    fn mooney_rivlin(&self, warnings: &mut Vec<String>) -> Result<MaterialLaw, InputError> {
-        let [c10, c01] = self.pair(["c10_pa", "c01_pa"], "`c10_pa` and `c01_pa`")?;
+    fn mooney_rivlin(&self, warnings: &mut Vec<String>) -> Result<(f64, f64), InputError> {
+        self.nothing_but(&["c10_pa", "c01_pa"], MOONEY_RIVLIN)?;
+        let [c10, c01] = self.values(["c10_pa", "c01_pa"], MOONEY_RIVLIN)?;
         let (c10_pa, c01_pa) = (*c10.get_ref(), *c01.get_ref());
         if c10_pa + c01_pa <= 0.0 {
             let rule = "and `c01_pa` must have a positive sum (the shear modulus is twice it)";
@@ -129,15 +140,70 @@ impl Parameters<'_> {
                 ));
             }
         }
-        Ok(MaterialLaw::MooneyRivlin { c10_pa, c01_pa })
+        Ok((c10_pa, c01_pa))
+    }
+
+    fn holzapfel(&self) -> Result<Material, InputError> {
+        self.nothing_but(&["c10_pa", "k1_pa", "k2", "dispersion", "fibre"], HOLZAPFEL)?;
+        let [c10, k1, k2] = self.values(["c10_pa", "k1_pa", "k2"], HOLZAPFEL)?;
+        for (key, value) in [("c10_pa", c10), ("k1_pa", k1), ("k2", k2)] {
+            if *value.get_ref() <= 0.0 {
+                return Err(self.wrong(key, value, "must be positive", "correct the value"));
+            }
+        }
+        let dispersion = match &self.material.table.dispersion {
+            None => 0.0,
+            Some(value) if (0.0..=1.0 / 3.0).contains(value.get_ref()) => *value.get_ref(),
+            Some(value) => {
+                let mend = "0 is all fibres parallel, 0.3333 is isotropic";
+                return Err(self.wrong("dispersion", value, "must be from 0 to 1/3", mend));
+            }
+        };
+        let Some(fibre) = &self.material.table.fibre else {
+            let what = "the law \"holzapfel-gasser-ogden\" lacks `fibre`";
+            return Err(self.place.error(
+                self.material.table.law.span(),
+                what,
+                "give the fibre direction, for example `fibre = [1.0, 0.0, 0.0]`",
+            ));
+        };
+        let direction = nalgebra::Vector3::from(*fibre.get_ref());
+        let Some(direction) = direction.try_normalize(0.0).filter(|d| d.iter().all(|c| c.is_finite())) else {
+            let what = format!("`fibre` = {:?} is no direction", fibre.get_ref());
+            return Err(self.place.error(fibre.span(), what, "give a vector that is not zero"));
+        };
+        Ok(Material::HolzapfelGasserOgden(HolzapfelGasserOgden {
+            c10_pa: *c10.get_ref(),
+            k1_pa: *k1.get_ref(),
+            k2: *k2.get_ref(),
+            dispersion,
+            fibre: direction.into(),
+        }))
+    }
+
+    /// The bulk modulus, which only a law with a pressure can have.
+    fn bulk(&self, law: &Material) -> Result<Option<f64>, InputError> {
+        let Some(value) = &self.material.table.bulk_pa else { return Ok(None) };
+        if law.rest_pressure_pa().is_none() {
+            let what =
+                format!("`bulk_pa` does not belong to the law \"{}\", which has no pressure", law.name());
+            return Err(self.place.error(value.span(), what, "remove it: `poisson` or `lambda_pa` says it"));
+        }
+        let bulk = *value.get_ref();
+        if !(bulk.is_finite() && bulk > 0.0) {
+            let mend = "give the bulk modulus in pascals, or leave it out for exact incompressibility";
+            return Err(self.wrong("bulk_pa", value, "must be a positive number", mend));
+        }
+        Ok(Some(bulk))
     }
 
     /// Lame's constants, from themselves or from Young's modulus and Poisson's ratio.
-    fn lame(&self) -> Result<[f64; 2], InputError> {
-        let wanted = "either `young_pa` and `poisson`, or `lambda_pa` and `mu_pa`";
+    fn lame(&self) -> Result<Lame, InputError> {
         let t = self.material.table;
         if t.young_pa.is_some() || t.poisson.is_some() {
-            let [young, poisson] = self.pair(["young_pa", "poisson"], wanted)?;
+            let keys = ["young_pa", "poisson"];
+            self.nothing_but(&keys, LAME)?;
+            let [young, poisson] = self.values(keys, LAME)?;
             let (e, nu) = (*young.get_ref(), *poisson.get_ref());
             if e <= 0.0 {
                 return Err(self.wrong(
@@ -152,9 +218,11 @@ impl Parameters<'_> {
                     "give a ratio below 0.5 (0.49 is nearly incompressible), or take an incompressible law";
                 return Err(self.wrong("poisson", poisson, "must be above -1 and below 0.5", mend));
             }
-            return Ok([e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), e / (2.0 * (1.0 + nu))]);
+            return Ok(Lame::from_young_poisson(e, nu));
         }
-        let [lambda, mu] = self.pair(["lambda_pa", "mu_pa"], wanted)?;
+        let keys = ["lambda_pa", "mu_pa"];
+        self.nothing_but(&keys, LAME)?;
+        let [lambda, mu] = self.values(keys, LAME)?;
         if *mu.get_ref() <= 0.0 {
             return Err(self.wrong("mu_pa", mu, "must be positive", "give the shear modulus in pascals"));
         }
@@ -162,6 +230,6 @@ impl Parameters<'_> {
             let rule = "makes the bulk modulus lambda + 2 mu / 3 negative or zero";
             return Err(self.wrong("lambda_pa", lambda, rule, "give a larger `lambda_pa`"));
         }
-        Ok([*lambda.get_ref(), *mu.get_ref()])
+        Ok(Lame { lambda_pa: *lambda.get_ref(), mu_pa: *mu.get_ref() })
     }
 }

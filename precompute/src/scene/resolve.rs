@@ -7,8 +7,11 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{ActiveTable, FixedTable, GridTable, Located, Place, Tables};
-use super::{ActiveNode, GRID_POINTS, GridSpec, MaterialRegion, ResolvedScene, Scene, material};
+use super::file::{ActiveTable, BodyForceTable, FixedTable, GridTable, Located, Place, SolverTable, Tables};
+use super::{
+    ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
+    material,
+};
 use crate::error::{InputError, count, nearest_word};
 use crate::mesh::tetrahedral::{cross, distance, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, surface};
@@ -32,10 +35,8 @@ pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
         Some(device) => positive(place, "max_force_n", &device.max_force_n)?,
         None => f64::INFINITY,
     };
-    let body_force = match &file.body_force {
-        Some(table) => Some(finite(place, "force_n_per_m3", &table.get_ref().force_n_per_m3)?),
-        None => None,
-    };
+    let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
+    let (pressure_pair, constraints) = solver(place, &file.solver)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let warnings = lookup.warnings;
     let visual = file.needs.visual;
@@ -50,10 +51,50 @@ pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
         grid,
         max_force_n,
         body_force,
+        pressure_pair,
+        constraints,
+        reject_inverted: file.solver.reject_inverted,
         visual,
         text,
         warnings,
     })
+}
+
+/// Force per volume, given as such or as weight.
+fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3], InputError> {
+    let BodyForceTable { force_n_per_m3, density_kg_m3, gravity_m_s2 } = table.get_ref();
+    match (force_n_per_m3, density_kg_m3, gravity_m_s2) {
+        (Some(force), None, None) => finite(place, "force_n_per_m3", force),
+        (None, Some(density), Some(gravity)) => {
+            let density_kg_m3 = positive(place, "density_kg_m3", density)?;
+            Ok(finite(place, "gravity_m_s2", gravity)?.map(|g| density_kg_m3 * g))
+        }
+        _ => Err(place.error(
+            table.span(),
+            "[body_force] does not say one force",
+            "give `force_n_per_m3`, or `density_kg_m3` and `gravity_m_s2`",
+        )),
+    }
+}
+
+fn solver(place: &Place, table: &SolverTable) -> Result<(PressurePair, Constraints), InputError> {
+    let pair = match table.pressure.as_ref().map(|word| (word.get_ref().as_str(), word)) {
+        None | Some(("plain", _)) => PressurePair::Plain,
+        Some(("stabilised", _)) => PressurePair::Stabilised,
+        Some((other, word)) => {
+            let what = format!("unknown pressure field \"{other}\"");
+            return Err(place.error(word.span(), what, "use \"plain\" or \"stabilised\""));
+        }
+    };
+    let constraints = match table.constraints.as_ref().map(|word| (word.get_ref().as_str(), word)) {
+        None | Some(("elimination", _)) => Constraints::Elimination,
+        Some(("multipliers", _)) => Constraints::Multipliers,
+        Some((other, word)) => {
+            let what = format!("unknown kind of constraints \"{other}\"");
+            return Err(place.error(word.span(), what, "use \"elimination\" or \"multipliers\""));
+        }
+    };
+    Ok((pair, constraints))
 }
 
 fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
@@ -76,7 +117,7 @@ fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
                 place.error(
                     order.span(),
                     format!("`order` = {} is neither 1 nor 2", order.get_ref()),
-                    "use `order = 1`",
+                    "use `order = 1` or `order = 2`",
                 )
             })?
         }
@@ -107,7 +148,7 @@ impl Lookup<'_> {
         let mut owner: Vec<Option<usize>> = vec![None; self.mesh.tets.len()];
         let mut regions = Vec::new();
         for (index, table) in tables.iter().enumerate() {
-            let law = material::law(self.place, table, &mut self.warnings)?;
+            let (law, bulk_modulus_pa) = material::law(self.place, table, &mut self.warnings)?;
             let tets = match &table.table.group {
                 Some(group) => Some(self.group(&self.mesh.tet_groups, "volumes", group)?.to_vec()),
                 None if tables.len() > 1 => {
@@ -127,7 +168,7 @@ impl Lookup<'_> {
                     ));
                 }
             }
-            regions.push(MaterialRegion { law, tets });
+            regions.push(MaterialRegion { material: law, bulk_modulus_pa, tets });
         }
         let Some(last) = tables.last() else {
             return Err(self.place.error(
@@ -287,17 +328,22 @@ impl Lookup<'_> {
 
     fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
         let name = at.table.name.get_ref();
-        let one = |node| vec![ActiveNode { name: name.clone(), node }];
+        if let (Some(group), true) =
+            (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
+        {
+            let what = "a patch needs one node to turn about, not a `group`";
+            return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
+        }
         match (&at.table.node, &at.table.nearest, &at.table.group) {
             (Some(index), None, None) => {
                 let node = self.node(index)?;
                 self.touchable(index.span(), node, name, fixed)?;
-                Ok(one(node))
+                Ok(vec![self.handle(at.table, name, node, fixed)?])
             }
             (None, Some(point), None) => {
                 let node = self.nearest(point)?;
                 self.touchable(point.span(), node, name, fixed)?;
-                Ok(one(node))
+                Ok(vec![self.handle(at.table, name, node, fixed)?])
             }
             (None, None, Some(group)) => {
                 let members = self.group(&self.mesh.node_groups, "nodes", group)?;
@@ -313,7 +359,7 @@ impl Lookup<'_> {
                 }
                 Ok(nodes
                     .into_iter()
-                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node })
+                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() })
                     .collect())
             }
             (None, None, None) => {
@@ -325,6 +371,40 @@ impl Lookup<'_> {
                 Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
             }
         }
+    }
+
+    /// The active node with the patch of nodes that moves with it.
+    fn handle(
+        &self,
+        table: &ActiveTable,
+        name: &str,
+        node: u32,
+        fixed: &[u32],
+    ) -> Result<ActiveNode, InputError> {
+        let (span, mut patch) = match (&table.patch, &table.patch_radius_m) {
+            (None, None) => return Ok(ActiveNode { name: name.into(), node, patch: Vec::new() }),
+            (Some(patch), Some(_)) => {
+                let what = "both `patch` and `patch_radius_m` are given";
+                return Err(self.place.error(patch.span(), what, "keep one of the two"));
+            }
+            (Some(patch), None) => {
+                let nodes = patch.get_ref().iter().map(|n| self.node(n)).collect::<Result<Vec<_>, _>>()?;
+                (patch.span(), nodes)
+            }
+            (None, Some(radius)) => {
+                let radius_m = positive(self.place, "patch_radius_m", radius)?;
+                let centre = self.mesh.nodes_m[node as usize];
+                let near = |n: &&u32| distance(&self.mesh.nodes_m[**n as usize], &centre) <= radius_m;
+                (radius.span(), self.skin.nodes.iter().filter(near).copied().collect())
+            }
+        };
+        patch.push(node);
+        patch.sort_unstable();
+        patch.dedup();
+        for &member in &patch {
+            self.touchable(span.clone(), member, name, fixed)?;
+        }
+        Ok(ActiveNode { name: name.into(), node, patch })
     }
 
     /// The surface node nearest to a point in metres; the lowest index of equally near ones.

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use super::*;
+use crate::material::{Lame, MooneyRivlin, StVenantKirchhoff};
 use crate::mesh::testing::cube;
 
 /// Each line has a place in the errors below, so lines are replaced and never added in the middle.
@@ -120,10 +121,10 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!((scene.mesh.nodes_m.len(), scene.mesh.tets.len()), (64, 162));
     assert_eq!(scene.mesh.nodes_m[63], [0.3; 3], "centimetres became metres");
     assert_eq!(scene.order, 1);
-    let law = MaterialLaw::MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 };
-    assert_eq!(scene.materials, [MaterialRegion { law, tets: None }]);
+    let material = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
+    assert_eq!(scene.materials, [MaterialRegion { material, bulk_modulus_pa: None, tets: None }]);
     assert_eq!(scene.fixed, (0..16).collect::<Vec<u32>>());
-    let active = |name: &str, node| ActiveNode { name: name.into(), node };
+    let active = |name: &str, node| ActiveNode { name: name.into(), node, patch: vec![] };
     assert_eq!(scene.active, [active("A1", 63), active("A2", 48 + 4 + 1)]);
     assert_eq!(scene.grid, Some(GridSpec { radius_m: 0.05, spacing_m: 0.01 }));
     assert_eq!(scene.max_force_n, 8.0);
@@ -222,33 +223,65 @@ fn wrong_meshes_name_the_scene_or_the_mesh_file() {
 #[test]
 fn what_this_version_cannot_do_is_refused_and_not_ignored() {
     let bench = Bench::new();
-    let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
     let later = "not available in this version";
-    refuses("order = 1", "order = 2", "block.toml:5", later, "`order = 1`");
-    let available = "use st-venant-kirchhoff or mooney-rivlin";
-    for law in ["linear", "modified-st-venant-kirchhoff", "neo-hookean"] {
-        let to = format!("law = \"{law}\"\nyoung_pa = 1e4\npoisson = 0.4");
-        let from = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
-        bench.refuses(from, &to, "block.toml:7", &format!("\"{law}\" is {later}"), available);
-    }
-    refuses(
-        "[device]",
-        "[body_force]\nforce_n_per_m3 = [0, 0, -1e4]\n[device]",
-        "block.toml:22",
-        later,
-        "remove",
-    );
-    refuses("c01_pa = 1280.0", "c01_pa = 1280.0\ngroup = \"all\"", "block.toml:10", later, "without `group`");
     for key in ["tolerance_n = 0.1", "tolerance_relative = 0.05", "cannot_be_felt = true"] {
         let name = key.split_once(' ').expect("a key").0;
         bench.refuses("spacing_m = 0.01", key, "block.toml:21", &format!("`{name}`) is {later}"), "`points`");
     }
-    let two = SCENE
-        .replace("[material]", "[[material]]\ngroup = \"all\"")
-        .replace("[fixed]", "[[material]]\nlaw = \"linear\"\nmu_pa = 1.0\nlambda_pa = 1.0\n[fixed]");
-    let error = bench.resolve(&two).unwrap_err();
-    assert_eq!(error.line, Some(12), "{error}");
-    assert!(error.what.contains("several [[material]] regions are not available"), "{error}");
+}
+
+#[test]
+fn every_law_is_read_with_its_parameters() {
+    let bench = Bench::new();
+    let from = "law = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
+    let material = |to: &str| bench.with(from, to).expect("sound").materials[0].clone();
+    for law in ["linear", "st-venant-kirchhoff", "modified-st-venant-kirchhoff", "neo-hookean"] {
+        let region = material(&format!("law = \"{law}\"\nlambda_pa = 2e4\nmu_pa = 1e4"));
+        assert_eq!((region.material.name(), region.material.parameters()), (law, vec![2e4, 1e4]));
+    }
+    for law in ["mooney-rivlin", "mooney-rivlin-reduced"] {
+        let region = material(&format!("law = \"{law}\"\nc10_pa = 1e3\nc01_pa = 2e3\nbulk_pa = 5e6"));
+        assert_eq!((region.material.name(), region.material.parameters()), (law, vec![1e3, 2e3]));
+        assert_eq!(region.bulk_modulus_pa, Some(5e6));
+    }
+    let law = "holzapfel-gasser-ogden";
+    let fibres = "c10_pa = 1e3\nk1_pa = 2e3\nk2 = 1.5\nfibre = [0.0, 3.0, 4.0]";
+    let region = material(&format!("law = \"{law}\"\n{fibres}\ndispersion = 0.1"));
+    assert_eq!(region.material.parameters(), [1e3, 2e3, 1.5, 0.1, 0.0, 0.6, 0.8]);
+
+    let refuses = |to: &str, line: usize, what, mend| {
+        bench.refuses(from, to, &format!("block.toml:{line}"), what, mend);
+    };
+    refuses(&format!("law = \"{law}\"\nc10_pa = 1\nk1_pa = 1\nk2 = 1"), 7, "lacks `fibre`", "direction");
+    let zero = fibres.replace("[0.0, 3.0, 4.0]", "[0.0, 0.0, 0.0]");
+    refuses(&format!("law = \"{law}\"\n{zero}"), 11, "is no direction", "not zero");
+    let wide = format!("law = \"{law}\"\n{fibres}\ndispersion = 0.5");
+    refuses(&wide, 12, "must be from 0 to 1/3", "isotropic");
+    let bulk = "law = \"neo-hookean\"\nlambda_pa = 2e4\nmu_pa = 1e4\nbulk_pa = 1e6";
+    refuses(bulk, 10, "which has no pressure", "remove it");
+}
+
+#[test]
+fn order_regions_body_force_patch_and_solver_are_read() {
+    let bench = Bench::new();
+    assert_eq!(bench.with("order = 1", "order = 2").expect("sound").order, 2);
+    let table = |text: &str| bench.with("[device]", &format!("{text}\n[device]"));
+    let force = |text: &str| table(&format!("[body_force]\n{text}")).map(|scene| scene.body_force);
+    assert_eq!(force("force_n_per_m3 = [0, 0, -1e4]").expect("sound"), Some([0.0, 0.0, -1e4]));
+    let weight = "density_kg_m3 = 1000.0\ngravity_m_s2 = [0, 0, -9.81]";
+    assert_eq!(force(weight).expect("sound"), Some([0.0, 0.0, -9810.0]));
+    let error = force("density_kg_m3 = 1000.0").unwrap_err();
+    assert!(error.what.contains("does not say one force"), "{error}");
+    let solver =
+        table("[solver]\npressure = \"stabilised\"\nconstraints = \"multipliers\"\nreject_inverted = true");
+    let solver = solver.expect("sound");
+    assert_eq!(solver.pressure_pair, PressurePair::Stabilised);
+    assert_eq!(solver.constraints, Constraints::Multipliers);
+    assert!(solver.reject_inverted);
+    for (key, what) in [("pressure", "unknown pressure field"), ("constraints", "unknown kind")] {
+        let error = table(&format!("[solver]\n{key} = \"x\"")).unwrap_err();
+        assert!(error.what.contains(what), "{error}");
+    }
 }
 
 #[test]
@@ -316,14 +349,17 @@ fn young_and_poisson_become_lame_constants() {
     let from = "\"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
     let to = "\"st-venant-kirchhoff\"\nyoung_pa = 15480\npoisson = 0.49";
     let scene = bench.with(from, to).expect("sound");
-    let MaterialLaw::StVenantKirchhoff { lambda_pa, mu_pa } = scene.materials[0].law else {
+    let Material::StVenantKirchhoff(StVenantKirchhoff { lame: Lame { lambda_pa, mu_pa } }) =
+        scene.materials[0].material
+    else {
         panic!("{:?}", scene.materials);
     };
     // The paper's liver: mu = E / 2.98, lambda = 0.49 E / (1.49 * 0.02).
     assert!((lambda_pa / 254_536.912_751_677_9 - 1.0).abs() < 1e-14, "{lambda_pa}");
     assert!((mu_pa / 5_194.630_872_483_221 - 1.0).abs() < 1e-14, "{mu_pa}");
     let direct = bench.with(from, "\"st-venant-kirchhoff\"\nlambda_pa = 2.0\nmu_pa = 3.0").expect("sound");
-    assert_eq!(direct.materials[0].law, MaterialLaw::StVenantKirchhoff { lambda_pa: 2.0, mu_pa: 3.0 });
+    let lame = Lame { lambda_pa: 2.0, mu_pa: 3.0 };
+    assert_eq!(direct.materials[0].material, Material::StVenantKirchhoff(StVenantKirchhoff { lame }));
 }
 
 #[test]
@@ -401,7 +437,7 @@ fn active_nodes_in_every_way() {
     let bench = Bench::new();
     let scene = bench.with("node = 63", "group = \"right\"").expect("sound");
     assert_eq!(scene.active.len(), 16 + 1);
-    assert_eq!(scene.active[0], ActiveNode { name: "A1-48".into(), node: 48 });
+    assert_eq!(scene.active[0], ActiveNode { name: "A1-48".into(), node: 48, patch: vec![] });
     let scene = bench.with("node = 63", "group = \"all\"").expect("sound");
     // 64 nodes less 16 fixed ones less the 8 inside.
     assert_eq!(scene.active.len(), 40 + 1);

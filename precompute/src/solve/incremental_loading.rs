@@ -1,48 +1,63 @@
-//! Incremental loading: from a solved configuration to a new position of the active node.
+//! Incremental loading: from a solved configuration to a new pose of the handle.
 
 use super::{Configuration, Seed, SolveFailure, Solver};
+use crate::boundary::Pose;
 
 /// Step control.
 #[derive(Debug, Clone, Copy)]
 pub struct LoadingOptions {
     /// The step may be halved this often before the transition is given up.
     pub max_halvings: u32,
+    /// Tries of the smallest step from a slightly disturbed guess, before the transition is given up: a guess that sits on
+    /// a symmetric saddle or at the edge of Newton's basin often needs no more than a push.
+    pub perturbations: u32,
 }
 
 impl Default for LoadingOptions {
     fn default() -> Self {
-        Self { max_halvings: 5 }
+        Self { max_halvings: 5, perturbations: 2 }
     }
 }
 
+/// Largest disturbance of a displacement component, in mean edge lengths.
+const PUSH: f64 = 1e-3;
+
 impl Solver {
-    /// Transition from `from` to `target_m` (the paper's C -> C').
+    /// Transition from `from` to a displacement of the handle (the paper's C -> C').
+    pub fn advance(&mut self, from: &Seed, target_m: [f64; 3]) -> Result<Configuration, SolveFailure> {
+        let target = Pose { displacement_m: target_m, ..from.pose };
+        self.advance_to(from, &target)
+    }
+
+    /// Transition from `from` to a pose of the handle.
     ///
     /// The whole step is tried first, with the tangent predictor state + X dd as the guess (measured: one 5 mm step
     /// takes 3 iterations where five 1 mm increments take 15 to 20); a step that fails is halved, a step that
-    /// succeeds is followed by the largest that is left.
+    /// succeeds is followed by the largest that is left. At last the guess is disturbed, by a fixed pseudo-random push.
     /// Deviation from the paper: it splits every transition into M equal increments without a predictor.
-    pub fn advance(&mut self, from: &Seed, target_m: [f64; 3]) -> Result<Configuration, SolveFailure> {
+    pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
-        let (mut halvings, mut iterations, mut increments) = (0, 0, 0);
+        let (mut halvings, mut pushes) = (0, 0);
+        let (mut iterations, mut factorisations, mut increments) = (0, 0, 0);
         let mut here: Option<Configuration> = None;
+        let mut guess = vec![0.0; from.state.len()];
         loop {
             let seed = here.as_ref().map_or(from, |c| &c.seed);
             let last = done + step >= 1.0;
-            let position = if last {
-                target_m
-            } else {
-                std::array::from_fn(|i| {
-                    from.displacement_m[i] + (done + step) * (target_m[i] - from.displacement_m[i])
-                })
-            };
-            match self.solve_at(position, predicted(seed, position)) {
+            let pose = if last { *target } else { from.pose.towards(target, done + step) };
+            predict(seed, &pose, &mut guess);
+            if pushes > 0 {
+                self.push(&mut guess, pushes);
+            }
+            match self.solve_at(&pose, &guess) {
                 Ok(mut configuration) => {
                     iterations += configuration.iterations;
+                    factorisations += configuration.factorisations;
                     increments += 1;
                     done += step;
                     if last {
                         configuration.iterations = iterations;
+                        configuration.factorisations = factorisations;
                         configuration.increments = increments;
                         return Ok(configuration);
                     }
@@ -51,27 +66,44 @@ impl Solver {
                 }
                 Err(failure) => {
                     iterations += failure.iterations;
-                    halvings += 1;
-                    if halvings > self.loading.max_halvings {
+                    factorisations += self.factorisations;
+                    if halvings < self.loading.max_halvings {
+                        halvings += 1;
+                        step *= 0.5;
+                    } else if pushes < self.loading.perturbations {
+                        pushes += 1;
+                    } else {
                         return Err(SolveFailure { iterations, ..failure });
                     }
-                    step *= 0.5;
                 }
             }
         }
     }
+
+    /// Adds a pseudo-random displacement to every node; the same one for the same `number`.
+    fn push(&self, state: &mut [f64], number: u32) {
+        let size = PUSH * self.problem.body.edge_m;
+        let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(u64::from(number));
+        for value in &mut state[..self.problem.body.displacement_len()] {
+            bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            *value += size * ((bits >> 11) as f64 / (1_u64 << 52) as f64 - 1.0);
+        }
+        // What is held stays where it is held.
+        for (node, _) in self.problem.body.fixed.iter().enumerate().filter(|(_, fixed)| **fixed) {
+            state[3 * node..3 * node + 3].fill(0.0);
+        }
+    }
 }
 
-/// First-order guess of the state at `position_m`.
-fn predicted(seed: &Seed, position_m: [f64; 3]) -> Vec<f64> {
-    let mut state = seed.state.clone();
+/// First-order guess of the state at `pose`.
+fn predict(seed: &Seed, pose: &Pose, state: &mut [f64]) {
+    state.copy_from_slice(&seed.state);
     for (axis, column) in seed.sensitivity.iter().enumerate() {
-        let change = position_m[axis] - seed.displacement_m[axis];
+        let change = pose.displacement_m[axis] - seed.pose.displacement_m[axis];
         if change != 0.0 {
             for (value, slope) in state.iter_mut().zip(column) {
                 *value += change * slope;
             }
         }
     }
-    state
 }

@@ -1,25 +1,34 @@
-//! Newton-Raphson with line search at one prescribed position, ending in the condensed derivatives.
+//! Newton-Raphson with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
 
-use nalgebra::Matrix3;
-
-use super::{Configuration, Seed, Solver};
-use crate::assembly::ActiveCoupling;
+use super::{Configuration, Solver};
+use crate::boundary::Pose;
 
 /// Convergence control.
 #[derive(Debug, Clone, Copy)]
 pub struct NewtonOptions {
-    /// Iterations at most.
+    /// Iterations at most, those with a frozen factor counted alike.
     pub max_iterations: u32,
     /// A state is converged when its residual is below this share of the force scale. One more correction follows,
     /// with the factor that the sensitivities need anyway, so the final residual is about its square.
     pub tolerance: f64,
     /// Halvings of a step that does not lower the residual.
     pub max_halvings: u32,
+    /// Whether steps with a frozen factor are tried where they are estimated to be cheaper.
+    pub frozen_factor: bool,
+    /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states are stable
+    /// and smooth, and a hole in the space costs far more accuracy.
+    pub reject_inverted: bool,
 }
 
 impl Default for NewtonOptions {
     fn default() -> Self {
-        Self { max_iterations: 25, tolerance: 1e-8, max_halvings: 5 }
+        Self {
+            max_iterations: 40,
+            tolerance: 1e-8,
+            max_halvings: 5,
+            frozen_factor: true,
+            reject_inverted: false,
+        }
     }
 }
 
@@ -36,6 +45,8 @@ pub enum FailureReason {
     MaxIterations,
     /// The tangent could not be solved to working accuracy.
     SingularTangent,
+    /// Solved, but with inverted elements, which were to be rejected.
+    Inverted,
 }
 
 impl FailureReason {
@@ -47,6 +58,7 @@ impl FailureReason {
             Self::LineSearch => "line-search",
             Self::MaxIterations => "max-iterations",
             Self::SingularTangent => "singular-tangent",
+            Self::Inverted => "inverted",
         }
     }
 }
@@ -78,189 +90,243 @@ impl std::error::Error for SolveFailure {}
 
 /// A residual this many times the first one is hopeless.
 const HOPELESS: f64 = 1e8;
+/// Frozen steps start when a fresh Newton step has brought the residual below this share of the force scale ...
+const NEAR: f64 = 0.1;
+/// ... and end when a step gains less than this factor.
+const WORTH: f64 = 0.3;
+
+/// What the next step is made with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Next {
+    Fresh,
+    Frozen,
+}
 
 impl Solver {
-    /// Assembles at `state` and returns the residual norm, N.
-    fn evaluate(&mut self, state: &[f64], with_tangent: bool) -> f64 {
+    /// Equilibrium with the handle at `pose`, from the guess `state`.
+    pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
+        self.state.copy_from_slice(state);
+        self.hold(pose);
+        self.factorisations = 0;
+        let (residual_n, iterations) = self.equilibrate()?;
+        self.condense(pose, residual_n, iterations)
+    }
+
+    /// Newton's iteration from `self.state` until the residual is below the tolerance; returns it and the iterations.
+    ///
+    /// The first full step is always taken: prescribing the displacement puts the whole residual into the handle's
+    /// elements, and spreading it over the body raises the norm legitimately. From then on a step is halved until the residual
+    /// falls. Once near, steps use the factor at hand as long as that is estimated to be cheaper than a fresh one.
+    pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
+        let mut iterations = 0;
+        let mut residual_n = self.evaluate(true);
+        let first = residual_n.max(self.scale_n());
+        let mut next = Next::Fresh;
+        let mut has_tangent = true;
+        loop {
+            if !residual_n.is_finite() {
+                return Err(SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n });
+            }
+            if residual_n > HOPELESS * first {
+                return Err(SolveFailure { reason: FailureReason::Diverged, iterations, residual_n });
+            }
+            if residual_n <= self.newton.tolerance * self.scale_n() {
+                return Ok((residual_n, iterations));
+            }
+            if iterations >= self.newton.max_iterations {
+                return Err(SolveFailure { reason: FailureReason::MaxIterations, iterations, residual_n });
+            }
+            iterations += 1;
+            if next == Next::Frozen {
+                if let Some(reached) = self.frozen_step(residual_n) {
+                    has_tangent = false;
+                    next = self.after_frozen(residual_n, reached);
+                    residual_n = reached;
+                    continue;
+                }
+                // Not a good step: the state is where it was, but the residual must be found again.
+                residual_n = self.evaluate(true);
+                has_tangent = true;
+            }
+            if !has_tangent {
+                self.evaluate(true);
+            }
+            if !self.newton_step() {
+                return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
+            }
+            let (reached, full) = self.line_search(residual_n, iterations > 1);
+            let Some(reached) = reached else {
+                return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
+            };
+            has_tangent = false;
+            next = Next::Fresh;
+            if full && self.newton.frozen_factor {
+                self.history.clear();
+                self.history.push(&self.step);
+                if reached <= NEAR * self.scale_n() {
+                    next = Next::Frozen;
+                }
+            }
+            residual_n = reached;
+        }
+    }
+
+    /// Whether to go on with the frozen factor after a step from residual `before` to `reached`.
+    fn after_frozen(&self, before: f64, reached: f64) -> Next {
+        let tolerance = self.newton.tolerance * self.scale_n();
+        let gain = reached / before;
+        if gain >= WORTH || self.history.is_full() {
+            return Next::Fresh;
+        }
+        // A fresh factor roughly squares the relative residual; a frozen step goes on gaining what it gained.
+        let frozen_steps = ((tolerance / reached).ln() / gain.ln()).ceil().max(1.0);
+        let relative = reached / self.scale_n();
+        let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
+        let fresh_cost = 0.5 * self.problem.symbolic.factor_over_solve() + 2.0;
+        if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Fresh }
+    }
+
+    /// One quasi-Newton step with the factor at hand. `None` if it does not lower the residual: the state stays.
+    fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
+        }
+        let n = self.residual.len();
+        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
+        if !self.history.accelerate(&mut self.step) {
+            return None;
+        }
+        self.move_by(1.0);
+        self.swap_trial();
+        let reached = self.evaluate(false);
+        // Written so that a NaN is refused too.
+        if !(reached < residual_n) {
+            self.swap_trial_back();
+            return None;
+        }
+        self.history.push(&self.step);
+        Some(reached)
+    }
+
+    /// Takes the largest step of 1, 1/2, 1/4 .. that lowers the residual (the full one in any case if not `must_fall`);
+    /// returns the residual there, and whether the step was the full one.
+    fn line_search(&mut self, residual_n: f64, must_fall: bool) -> (Option<f64>, bool) {
+        let mut omega = 1.0;
+        for halvings in 0..=self.newton.max_halvings {
+            self.move_by(omega);
+            self.swap_trial();
+            let reached = self.evaluate(false);
+            // A step into a NaN is halved too, the first one not excepted.
+            if reached < residual_n || (!must_fall && reached.is_finite()) {
+                return (Some(reached), halvings == 0);
+            }
+            self.swap_trial_back();
+            omega *= 0.5;
+        }
+        (None, false)
+    }
+
+    /// Assembles at the state and returns the residual norm, N.
+    pub(super) fn evaluate(&mut self, with_tangent: bool) -> f64 {
         let problem = &*self.problem;
         if with_tangent {
-            self.assembled.assemble(&problem.body, &problem.pattern, state);
+            self.assembled.assemble(&problem.body, &problem.pattern, &self.state);
         } else {
-            self.assembled.assemble_residual(&problem.body, state);
+            self.assembled.assemble_residual(&problem.body, &self.state);
         }
-        self.assembled.residual_into(&problem.body, &problem.dofs, &mut self.residual);
+        self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
+        let scale = problem.body.stiffness_scale_n_m();
+        let held = problem.dofs.multipliers().iter().zip(&self.multipliers).zip(&self.targets_m);
+        for ((&(node, equations), multiplier), target) in held {
+            let displacement = problem.dofs.displacement(node);
+            for axis in 0..3 {
+                let u = self.state[3 * node as usize + axis];
+                self.residual[displacement[axis] as usize] -= scale * multiplier[axis];
+                self.residual[equations[axis] as usize] = -scale * (u - target[axis]);
+            }
+        }
         norm(&self.residual)
     }
 
     /// Force against which residuals are measured: the reaction, or a millionth of mu l^2 near rest.
-    fn scale_n(&self) -> f64 {
-        let h = self.assembled.force_at(self.problem.active_node);
-        norm(&h) + 1e-6 * self.problem.body.force_scale_n()
+    pub(super) fn scale_n(&self) -> f64 {
+        let h = self.assembled.force_on(self.problem.handle_nodes());
+        let floor = 1e-6 * self.problem.body.force_scale_n();
+        match self.problem.handle {
+            Some(_) => norm(&h) + floor,
+            None => self.assembled.load * norm(&self.problem.body.external_force_n) + floor,
+        }
     }
 
-    /// state + omega * step over the unknowns (pressures rescaled to Pa).
-    fn moved(&self, state: &[f64], omega: f64) -> Vec<f64> {
-        let mut moved = state.to_vec();
-        let forces = 3 * self.problem.body.node_count;
-        let pressure_scale = self.problem.body.pressure_scale();
-        for &(equation, position) in &self.positions {
+    /// trial = state + omega step over the unknowns (pressures rescaled to Pa); multipliers move along.
+    fn move_by(&mut self, omega: f64) {
+        let body = &self.problem.body;
+        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        self.trial.copy_from_slice(&self.state);
+        for &(equation, position) in &self.problem.positions {
             let unit = if position < forces { 1.0 } else { pressure_scale };
-            moved[position] += omega * unit * self.step[equation];
+            self.trial[position] += omega * unit * self.step[equation];
         }
-        moved
+        for (multiplier, (_, equations)) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            for (value, &equation) in multiplier.iter_mut().zip(equations) {
+                *value += omega * self.step[equation as usize];
+            }
+        }
+        self.moved_by = omega;
+    }
+
+    /// The trial becomes the state.
+    fn swap_trial(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+    }
+
+    /// The state before the last move becomes the state again.
+    fn swap_trial_back(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+        for (multiplier, (_, equations)) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            for (value, &equation) in multiplier.iter_mut().zip(equations) {
+                *value -= self.moved_by * self.step[equation as usize];
+            }
+        }
     }
 
     /// K step = -residual, with the tangent just assembled.
     fn newton_step(&mut self) -> bool {
         let problem = &*self.problem;
-        for r in &mut self.residual {
-            *r = -*r;
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
         }
+        self.factorisations += 1;
         self.factor
             .factorise_and_solve(
                 &problem.symbolic,
                 &problem.pattern,
                 &self.assembled.tangent,
-                &self.residual,
+                &self.right[..self.residual.len()],
                 &mut self.step,
             )
             .is_ok()
     }
 
-    /// Equilibrium with the active node at `displacement_m`, from the guess `state`.
-    ///
-    /// The first full step is always taken: prescribing the displacement puts the whole residual into the active
-    /// node's elements, and spreading it over the body raises the norm legitimately. From then on a step is halved
-    /// until the residual falls.
-    ///
-    /// At convergence, with K the tangent over the unknowns and K_fA its columns at the active node,
-    /// X = -K^-1 K_fA (du/dd and dp/dd),   S = K_AA + K_Af X (symmetric).
-    pub fn solve_at(
-        &mut self,
-        displacement_m: [f64; 3],
-        mut state: Vec<f64>,
-    ) -> Result<Configuration, SolveFailure> {
-        let active = 3 * self.problem.active_node as usize;
-        state[active..active + 3].copy_from_slice(&displacement_m);
-        let mut iterations = 0;
-        let mut residual_n = self.evaluate(&state, true);
-        let first = residual_n.max(self.scale_n());
-        loop {
-            if !residual_n.is_finite() {
-                return Err(failure(FailureReason::NotFinite, iterations, residual_n));
-            }
-            if residual_n > HOPELESS * first {
-                return Err(failure(FailureReason::Diverged, iterations, residual_n));
-            }
-            let converged = residual_n <= self.newton.tolerance * self.scale_n();
-            if !converged && iterations >= self.newton.max_iterations {
-                return Err(failure(FailureReason::MaxIterations, iterations, residual_n));
-            }
-            if converged {
-                return self.finish(displacement_m, state, residual_n, iterations);
-            }
-            if !self.newton_step() {
-                return Err(failure(FailureReason::SingularTangent, iterations, residual_n));
-            }
-            iterations += 1;
-            let mut omega = 1.0;
-            let mut next = self.moved(&state, omega);
-            let mut next_residual = self.evaluate(&next, true);
-            if iterations > 1 {
-                let mut halvings = 0;
-                // A step into a NaN is halved too.
-                while next_residual.is_nan() || next_residual >= residual_n {
-                    if halvings == self.newton.max_halvings {
-                        return Err(failure(FailureReason::LineSearch, iterations, residual_n));
-                    }
-                    halvings += 1;
-                    omega *= 0.5;
-                    next = self.moved(&state, omega);
-                    next_residual = self.evaluate(&next, false);
-                }
-                if halvings > 0 {
-                    next_residual = self.evaluate(&next, true);
-                }
-            }
-            state = next;
-            residual_n = next_residual;
+    /// The last correction of a converged state: one step with the factor at hand, kept if it lowers the residual.
+    pub(super) fn polish(&mut self, residual_n: f64) -> f64 {
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
         }
-    }
-
-    /// Sensitivities, last correction and condensed quantities; the tangent of the converged state is assembled.
-    fn finish(
-        &mut self,
-        displacement_m: [f64; 3],
-        mut state: Vec<f64>,
-        mut residual_n: f64,
-        iterations: u32,
-    ) -> Result<Configuration, SolveFailure> {
-        let problem = self.problem.clone();
-        let (body, n) = (&problem.body, problem.unknowns());
-        let coupling = ActiveCoupling::assemble(body, &problem.pattern, problem.active_node, &state);
-        let right: Vec<f64> = coupling.free.iter().flatten().map(|k| -k).collect();
-        let (pattern, tangent) = (&problem.pattern, &self.assembled.tangent);
-        let solved =
-            self.factor.factorise_and_solve(&problem.symbolic, pattern, tangent, &right, &mut self.columns);
-        if solved.is_err() {
-            return Err(failure(FailureReason::SingularTangent, iterations, residual_n));
+        let n = self.residual.len();
+        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
+        self.move_by(1.0);
+        self.swap_trial();
+        let reached = self.evaluate(false);
+        if reached <= residual_n {
+            return reached;
         }
-        let mut stiffness = coupling.own;
-        let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
-        let forces = 3 * body.node_count;
-        let pressure_scale = body.pressure_scale();
-        for (j, state_column) in sensitivity.iter_mut().enumerate() {
-            let x = &self.columns[j * n..(j + 1) * n];
-            for (i, row) in coupling.free.iter().enumerate() {
-                stiffness[(i, j)] += dot(row, x);
-            }
-            for &(equation, position) in &self.positions {
-                let unit = if position < forces { 1.0 } else { pressure_scale };
-                state_column[position] = unit * x[equation];
-            }
-            state_column[3 * problem.active_node as usize + j] = 1.0;
-        }
-        // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
-        let stiffness_n_m: Matrix3<f64> = 0.5 * (stiffness + stiffness.transpose());
-        for r in &mut self.residual {
-            *r = -*r;
-        }
-        self.factor.correct(&problem.symbolic, &self.residual, &mut self.step);
-        let corrected = self.moved(&state, 1.0);
-        let corrected_n = self.evaluate(&corrected, false);
-        if corrected_n <= residual_n {
-            (state, residual_n) = (corrected, corrected_n);
-        } else {
-            // At the rounding floor already.
-            self.evaluate(&state, false);
-        }
-        let force_n = self.assembled.force_at(problem.active_node);
-        if !(self.assembled.energy_j.is_finite() && stiffness_n_m.iter().all(|s| s.is_finite())) {
-            return Err(failure(FailureReason::NotFinite, iterations, residual_n));
-        }
-        Ok(Configuration {
-            seed: Seed { displacement_m, state, sensitivity },
-            energy_j: self.assembled.energy_j,
-            force_n,
-            stiffness_n_m,
-            residual_n,
-            min_jacobian: self.assembled.min_jacobian,
-            inverted: self.assembled.inverted,
-            volume_m3: self.assembled.volume_m3,
-            iterations,
-            increments: 1,
-        })
+        // At the rounding floor already.
+        self.swap_trial_back();
+        self.evaluate(false)
     }
 }
 
-fn failure(reason: FailureReason, iterations: u32, residual_n: f64) -> SolveFailure {
-    SolveFailure { reason, iterations, residual_n }
-}
-
-fn norm(v: &[f64]) -> f64 {
+pub(super) fn norm(v: &[f64]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }

@@ -9,7 +9,7 @@ use std::sync::Mutex;
 
 use metis_sys::{METIS_NodeND, METIS_SetDefaultOptions};
 
-use crate::element::Tet4;
+use crate::body::Body;
 
 /// METIS keeps its random state in globals.
 static METIS: Mutex<()> = Mutex::new(());
@@ -18,17 +18,17 @@ static METIS: Mutex<()> = Mutex::new(());
 const METIS_OK: i32 = 1;
 
 /// Nodes with `keep(node)`, in elimination order. Deterministic: METIS seeds itself.
-pub fn nested_dissection(elements: &[Tet4], node_count: usize, keep: impl Fn(usize) -> bool) -> Vec<usize> {
-    let kept: Vec<usize> = (0..node_count).filter(|&n| keep(n)).collect();
-    let mut index = vec![usize::MAX; node_count];
+pub fn nested_dissection(body: &Body, keep: impl Fn(usize) -> bool) -> Vec<usize> {
+    let kept: Vec<usize> = (0..body.node_count()).filter(|&n| keep(n)).collect();
+    let mut index = vec![usize::MAX; body.node_count()];
     for (i, &node) in kept.iter().enumerate() {
         index[node] = i;
     }
     let mut neighbours = vec![Vec::new(); kept.len()];
-    for element in elements {
-        let local = element.nodes.map(|n| index[n as usize]);
-        for &a in local.iter().filter(|&&a| a != usize::MAX) {
-            neighbours[a].extend(local.iter().filter(|&&b| b != usize::MAX && b != a).map(|&b| b as i32));
+    for nodes in body.connectivity.chunks(body.order.nodes()) {
+        let local = || nodes.iter().map(|&n| index[n as usize]).filter(|&i| i != usize::MAX);
+        for a in local() {
+            neighbours[a].extend(local().filter(|&b| b != a).map(|b| b as i32));
         }
     }
     let mut starts = Vec::with_capacity(kept.len() + 1);
@@ -79,23 +79,18 @@ fn metis_order(starts: &mut [i32], adjacency: &mut [i32]) -> Option<Vec<i32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::body::Model;
+    use crate::material::{Material, StVenantKirchhoff};
 
     #[test]
     fn the_order_is_a_permutation_of_the_kept_nodes() {
-        let elements: Vec<Tet4> = (0..40u32)
-            .map(|k| {
-                let x = f64::from(k);
-                Tet4::new(
-                    [k, k + 1, k + 2, k + 3],
-                    [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0], [x, 0.0, 1.0]],
-                )
-                .unwrap()
-            })
-            .collect();
-        let order = nested_dissection(&elements, 43, |n| n % 7 != 0);
+        let mesh = crate::mesh::testing::cube(3, 1.0);
+        let material = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(1.0, 0.3));
+        let body = Body::new(&mesh, &Model::uniform(material, &[])).unwrap();
+        let order = nested_dissection(&body, |n| n % 7 != 0);
         let mut sorted = order.clone();
         sorted.sort_unstable();
-        assert_eq!(sorted, (0..43).filter(|n| n % 7 != 0).collect::<Vec<_>>());
-        assert_eq!(order, nested_dissection(&elements, 43, |n| n % 7 != 0), "same graph, same order");
+        assert_eq!(sorted, (0..64).filter(|n| n % 7 != 0).collect::<Vec<_>>());
+        assert_eq!(order, nested_dissection(&body, |n| n % 7 != 0), "same graph, same order");
     }
 }

@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         bench.scene.name,
         bench.scene.mesh.nodes_m.len(),
         bench.scene.mesh.tets.len(),
-        bench.body.material.name(),
+        bench.body.law_names(),
         bench.scene.fixed.len()
     ))?;
     if args.fresh {

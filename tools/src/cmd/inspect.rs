@@ -72,13 +72,13 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let text = format!(
         "scene   {}\nlaw     {}\nfixed   {} nodes\nactive  {}\ngrid    {grid_text}\nf_max   {} N\n\n{mesh_text}",
         scene.name,
-        bench.body.material.name(),
+        bench.body.law_names(),
         scene.fixed.len(),
         active.join(", "),
         scene.max_force_n
     );
     let figures = json!({
-        "name": scene.name, "law": bench.body.material.name(), "fixed": scene.fixed.len(), "active": scene.active,
+        "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
         "grid": scene.grid, "points": grid.map(|g| g.lattice.count()), "max_force_n": scene.max_force_n,
         "mesh": mesh_figures,
     });

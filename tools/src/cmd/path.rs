@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         match solver.advance(&here.seed, target) {
             Ok(configuration) => {
                 push_row(&mut table, step, &configuration);
-                push_displacements(&mut displacements, step, &configuration, bench.body.node_count);
+                push_displacements(&mut displacements, step, &configuration, bench.body.node_count());
                 here = configuration;
             }
             Err(failure) => {
@@ -108,7 +108,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn push_row(table: &mut String, step: u32, c: &Configuration) {
-    let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.displacement_m, c.force_n);
+    let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.pose.displacement_m, c.force_n);
     table.push_str(&format!(
         "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok\n",
         c.energy_j, c.iterations, c.residual_n, c.min_jacobian, c.inverted, c.volume_m3

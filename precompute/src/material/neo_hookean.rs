@@ -1,0 +1,47 @@
+//! Compressible neo-Hookean with a logarithmic barrier.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Derivatives, I1, Invariants, J, Lame, Third};
+
+/// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2
+///
+/// S = dW/dgamma = mu (I - C^-1) + lambda ln J C^-1
+///
+/// dS/dgamma = lambda C^-1 (x) C^-1 + 2 (mu - lambda ln J) C^-1 o C^-1
+///
+/// In invariants, with l = ln J:
+///
+/// f1 = mu/2,   fJ = (lambda l - mu) / J,   fJJ = (mu + lambda - lambda l) / J^2,   fJJJ = (2 lambda l - 2 mu - 3 lambda) / J^3.
+///
+/// W -> infinity as J -> 0: no element can collapse, and J <= 0 is NaN, which Newton's line search steps back from. Agrees
+/// with linear elasticity at small strain. Source: Bonet and Wood 2008, section 6.4.3. Deviation: none.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct NeoHookean {
+    /// Lame's constants at rest.
+    pub lame: Lame,
+}
+
+impl NeoHookean {
+    #[inline]
+    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+        let Lame { lambda_pa, mu_pa } = self.lame;
+        let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
+        let mut d = Derivatives {
+            energy: 0.5 * mu_pa * at.i1 - mu_pa * log + 0.5 * lambda_pa * log * log,
+            ..Derivatives::default()
+        };
+        d.first[I1] = 0.5 * mu_pa;
+        d.first[J] = (lambda_pa * log - mu_pa) * inverse;
+        d.second[J][J] = (mu_pa + lambda_pa - lambda_pa * log) * inverse * inverse;
+        d
+    }
+
+    pub(super) fn third(&self, at: &Invariants) -> Third {
+        let Lame { lambda_pa, mu_pa } = self.lame;
+        let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
+        let mut third = Third::default();
+        third[J][J][J] = (2.0 * lambda_pa * log - 2.0 * mu_pa - 3.0 * lambda_pa) * inverse.powi(3);
+        third
+    }
+}

@@ -1,0 +1,374 @@
+"""A static hyperelastic body in GetFEM on one of the project's meshes: the peer whose numbers check ours.
+
+    u = 0 on the fixed nodes,   u = d on the active node,   find u (and p) with   dW/du = 0 elsewhere
+
+Force: by the tool ON the body at the active node, dW/dd, N. What the hand feels is the opposite.
+Energy: strain energy relative to rest, J; the constraint p (1 - J) adds nothing at a solution.
+SI units throughout. p > 0 is compression.
+
+Both Dirichlet conditions are eliminated: GetFEM assembles the whole body, the rows and columns of prescribed
+displacements are left out of what MUMPS gets, and the reaction is what the assembled residual leaves there. MUMPS
+factorises them as symmetric. Both are GetFEM's fastest ways (README.md has the others).
+
+Needs Debian's python3-getfem (see `install`), run with /usr/bin/python3.
+"""
+
+import os
+
+# Before numpy loads its BLAS: one thread, for times that can be compared and digits that can be repeated.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import pathlib
+import sys
+import time
+import tomllib
+
+MISSING = "GetFEM is missing: run tests/peers/install (Debian's python3-getfem), then use /usr/bin/python3"
+try:
+    import getfem as gf
+    import numpy as np
+except ImportError as error:
+    sys.exit(f"{MISSING} ({error})")
+
+# What the times below are read from; wall time, unless a caller puts time.process_time here.
+clock = time.perf_counter
+
+gf.util_trace_level(0)
+gf.util_warning_level(0)
+
+# Liver, as in the bundled scenes and in the paper.
+YOUNG_PA, POISSON = 15480.0, 0.49
+LAMBDA_PA = YOUNG_PA * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
+MU_PA = YOUNG_PA / (2 * (1 + POISSON))
+C10_PA, C01_PA = 1300.0, 1280.0
+
+# First Piola stress P (Pa) and strain energy density W (J/m3) in GetFEM's language; F = I + grad u, E = (F'F - I)/2.
+# Written by hand as stresses, and not as potentials for GetFEM to derive: it assembles those 2 to 7 times slower.
+F = "(Id(3)+Grad_u)"
+E = f"Green_Lagrangian({F})"
+C = f"Right_Cauchy_Green({F})"
+J = f"Det({F})"
+F_INV_T = f"(Inv({F})')"  # transposed
+STRAIN = "Sym(Grad_u)"
+I1 = f"Trace({C})"
+I2 = f"(0.5*(sqr({I1})-{C}:{C}))"
+PRESSURE = f"-p*{J}*{F_INV_T}"
+
+ST_VENANT_STRESS = f"{F}*(lambda*Trace({E})*Id(3)+2*mu*{E})"
+ST_VENANT_ENERGY = f"0.5*lambda*sqr(Trace({E}))+mu*({E}:{E})"
+
+# dJbar1/dF = 2 J^-2/3 (F - I1/3 F^-T),   dJbar2/dF = 2 J^-4/3 (I1 F - F C - 2/3 I2 F^-T)
+REDUCED_STRESS = (
+    f"2*c10*pow({J},-2/3)*({F}-({I1}/3)*{F_INV_T})"
+    f"+2*c01*pow({J},-4/3)*({I1}*{F}-{F}*{C}-(2/3*{I2})*{F_INV_T})"
+)
+
+# law: (P without the pressure, W, incompressible, pressure at rest / Pa)
+LAWS = {
+    "linear": (
+        f"lambda*Trace({STRAIN})*Id(3)+2*mu*{STRAIN}",
+        f"0.5*lambda*sqr(Trace({STRAIN}))+mu*({STRAIN}:{STRAIN})",
+        False,
+        0.0,
+    ),
+    "st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, False, 0.0),
+    # lambda is kept beside the constraint.
+    "modified-st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, True, 0.0),
+    # W = C10 (I1 - 3) + C01 (I2 - 3), unreduced invariants: stress at rest 2 C10 + 4 C01, which p takes up.
+    "mooney-rivlin": (
+        f"{F}*(2*(c10+c01*{I1})*Id(3)-2*c01*{C})",
+        f"c10*({I1}-3)+c01*({I2}-3)",
+        True,
+        2 * C10_PA + 4 * C01_PA,
+    ),
+    # W = C10 (J^-2/3 I1 - 3) + C01 (J^-4/3 I2 - 3)
+    "mooney-rivlin-reduced": (
+        REDUCED_STRESS,
+        f"c10*(pow({J},-2/3)*{I1}-3)+c01*(pow({J},-4/3)*{I2}-3)",
+        True,
+        0.0,
+    ),
+    # W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, compressible
+    "neo-hookean": (
+        f"mu*{F}+(lambda*log({J})-mu)*{F_INV_T}",
+        f"0.5*mu*({I1}-3)-mu*log({J})+0.5*lambda*sqr(log({J}))",
+        False,
+        0.0,
+    ),
+}
+
+
+class Mesh:
+    """Nodes (n x 3, m), tets (m x 4, 0-based nodes in file order), node sets of the surface groups by name."""
+
+    def __init__(self, nodes, tets, groups):
+        self.nodes, self.tets, self.groups = nodes, tets, groups
+
+
+def read_gmsh(path):
+    """Reads Gmsh 4.1 ASCII with node tags 1..N in file order.
+
+    By hand and not by GetFEM's own import, which renumbers a group that shares its number with another of a different
+    dimension, and because the numbers of the nodes have to stay those of the file.
+    """
+    with open(path, encoding="ascii") as file:
+        lines = [line.strip() for line in file]
+
+    def section(name):
+        if f"${name}" not in lines:
+            return []
+        return lines[lines.index(f"${name}") + 1 : lines.index(f"$End{name}")]
+
+    if section("MeshFormat")[0].split()[:2] != ["4.1", "0"]:
+        sys.exit(f"{path}: not Gmsh 4.1 ASCII")
+
+    names = {}
+    for line in section("PhysicalNames")[1:]:
+        dimension, tag, name = line.split(maxsplit=2)
+        names[int(dimension), int(tag)] = name.strip('"')
+
+    physical = {}  # (dimension, entity) -> names of its groups
+    entities = section("Entities")
+    if entities:
+        counts = [int(word) for word in entities[0].split()]
+        row = 1
+        for dimension, count in enumerate(counts):
+            for line in entities[row : row + count]:
+                words = line.split()
+                at = 4 if dimension == 0 else 7
+                tags = [int(word) for word in words[at + 1 : at + 1 + int(words[at])]]
+                physical[dimension, int(words[0])] = [names[dimension, tag] for tag in tags]
+            row += count
+
+    body = section("Nodes")
+    blocks, count, first, last = (int(word) for word in body[0].split())
+    if (first, last) != (1, count):
+        sys.exit(f"{path}: node tags are not 1..N")
+    nodes = np.empty((count, 3))
+    row = 1
+    for _ in range(blocks):
+        size = int(body[row].split()[3])
+        tags = [int(line) - 1 for line in body[row + 1 : row + 1 + size]]
+        nodes[tags] = [[float(word) for word in line.split()[:3]] for line in body[row + 1 + size : row + 1 + 2 * size]]
+        row += 1 + 2 * size
+
+    tets, groups = [], {}
+    body = section("Elements")
+    row = 1
+    for _ in range(int(body[0].split()[0])):
+        dimension, entity, kind, size = (int(word) for word in body[row].split())
+        cells = [[int(word) - 1 for word in line.split()[1:]] for line in body[row + 1 : row + 1 + size]]
+        row += 1 + size
+        if kind == 4:
+            tets += cells
+        elif kind == 2:
+            for name in physical.get((dimension, entity), []):
+                groups.setdefault(name, set()).update(node for cell in cells for node in cell)
+    return Mesh(nodes, np.array(tets), {name: np.array(sorted(group)) for name, group in groups.items()})
+
+
+def read_scene(mesh_dir, name):
+    """The bundled organ `name`: (mesh, active nodes by name)."""
+    with open(pathlib.Path(mesh_dir) / f"{name}.toml", "rb") as file:
+        scene = tomllib.load(file)
+    mesh = read_gmsh(pathlib.Path(mesh_dir) / scene["mesh"]["file"])
+    return mesh, {active["name"]: active["node"] for active in scene["active"]}
+
+
+class Failed(Exception):
+    """No equilibrium found."""
+
+
+class Model:
+    """One body, held at `fixed` (0-based nodes) and moved at `active`, with a law of LAWS and order 1 or 2.
+
+    The state is GetFEM's vector of all unknowns: u of the whole body, then p on the vertices if incompressible.
+    """
+
+    def __init__(self, mesh, law, order, fixed, active):
+        stress, energy, self.incompressible, rest_pressure = LAWS[law]
+        self.mesh, self.law, self.order = mesh, law, order
+        self.energy_density = energy
+
+        body = gf.Mesh("empty", 3)
+        if list(body.add_point(mesh.nodes.T)) != list(range(len(mesh.nodes))):
+            sys.exit("the mesh has coincident nodes")
+        body.add_convex(gf.GeoTrans("GT_PK(3,1)"), np.ascontiguousarray(mesh.nodes[mesh.tets].transpose(2, 1, 0)))
+        self.body = body
+
+        self.mf = gf.MeshFem(body, 3)
+        self.mf.set_fem(gf.Fem(f"FEM_PK(3,{order})"))
+        # One point is exact for linear tets in every law; degree 5 for quadratic ones in the polynomial laws.
+        self.mim = gf.MeshIm(body, gf.Integ(f"IM_TETRAHEDRON({1 if order == 1 else 5})"))
+
+        model = gf.Model("real")
+        model.add_fem_variable("u", self.mf)
+        for name, value in (("lambda", LAMBDA_PA), ("mu", MU_PA), ("c10", C10_PA), ("c01", C01_PA)):
+            model.add_initialized_data(name, value)
+        if self.incompressible:
+            self.mfp = gf.MeshFem(body, 1)
+            self.mfp.set_fem(gf.Fem("FEM_PK(3,1)"))
+            model.add_fem_variable("p", self.mfp)
+            term = f"({stress}{PRESSURE}):Grad_Test_u+(1-{J})*Test_p"
+        else:
+            term = f"({stress}):Grad_Test_u"
+        model.add_nonlinear_term(self.mim, term, -1, 1, 0)
+        self.model = model
+
+        self.rest = np.array(model.from_variables(), dtype=float)
+        start, count = model.interval_of_variable("u")
+        self.u = np.arange(start, start + count)
+        prescribed = self._displacement_dofs(fixed)
+        self.active = self.u[self.vertex_dofs([active])[0]]
+        self.p = np.arange(0)
+        if self.incompressible:
+            start, count = model.interval_of_variable("p")
+            self.p = np.arange(start, start + count)
+            self.rest[self.p] = rest_pressure
+        held = np.zeros(len(self.rest), dtype=bool)
+        held[self.u[prescribed]] = True
+        held[self.active] = True
+        self.free = np.flatnonzero(~held)
+        # Residuals of the constraint (m3) are measured as forces: times mu over the body's size, Pa/m.
+        volume = np.abs(np.linalg.det(mesh.nodes[mesh.tets[:, 1:]] - mesh.nodes[mesh.tets[:, :1]])).sum() / 6
+        self.weight = np.ones(len(self.rest))
+        self.weight[self.p] = MU_PA / volume ** (1 / 3)
+        self.force_floor_n = 1e-6 * MU_PA * volume ** (2 / 3)
+
+    def vertex_dofs(self, nodes):
+        """Dofs of u (within u) at vertices, n x 3."""
+        if not hasattr(self, "_dofs"):
+            places = {point.tobytes(): node for node, point in enumerate(self.mesh.nodes)}
+            points = np.ascontiguousarray(self.mf.basic_dof_nodes().T)
+            self._points = points
+            self._dofs = np.full((len(self.mesh.nodes), 3), -1)
+            for dof in range(0, len(points), 3):  # GetFEM keeps a node's three dofs together
+                node = places.get(points[dof].tobytes())
+                if node is not None:
+                    self._dofs[node] = [dof, dof + 1, dof + 2]
+            if (self._dofs < 0).any() or (points[0::3] != points[2::3]).any():
+                sys.exit("GetFEM moved the nodes")
+        return self._dofs[np.asarray(nodes)]
+
+    def _displacement_dofs(self, fixed):
+        """Dofs of the fixed vertices and, with order 2, of the mid-edge nodes between two of them."""
+        dofs = self.vertex_dofs(fixed).ravel().tolist()
+        if self.order == 2:
+            held = np.zeros(len(self.mesh.nodes), dtype=bool)
+            held[np.asarray(fixed)] = True
+            pairs = {
+                (min(a, b), max(a, b))
+                for tet in self.mesh.tets
+                for i, a in enumerate(tet)
+                for b in tet[:i]
+                if held[a] and held[b]
+            }
+            middles = {}
+            for dof in range(0, len(self._points), 3):
+                middles[tuple(np.round(self._points[dof], 10))] = dof
+            for a, b in pairs:
+                dof = middles[tuple(np.round((self.mesh.nodes[a] + self.mesh.nodes[b]) / 2, 10))]
+                dofs += [dof, dof + 1, dof + 2]
+        return np.array(sorted(dofs))
+
+    # One evaluation each. The timed ones return seconds of GetFEM's own work, without the copies into Python.
+
+    def residual(self, state):
+        """Assembles the residual: (values over all unknowns: N and m3, seconds)."""
+        self.model.to_variables(state)
+        start = clock()
+        self.model.assembly("build_rhs")
+        seconds = clock() - start
+        return -np.array(self.model.rhs()), seconds
+
+    def tangent(self):
+        """Assembles the tangent at the state of the last residual: (matrix over all unknowns, seconds)."""
+        start = clock()
+        self.model.assembly("build_matrix")
+        seconds = clock() - start
+        return self.model.tangent_matrix(), seconds
+
+    def solve_linear(self, tangent, right):
+        """GetFEM's own choice of solver (MUMPS, symmetric) over the free unknowns: (solution, seconds).
+
+        The system goes in as a linear model of its own, as `gf.linsolve_mumps` ignores the symmetry and takes 1.3 to
+        1.9 times as long. Building that model is not charged; what `solve` spends in putting it together is taken off.
+        """
+        linear = gf.Model("real")
+        linear.add_variable("x", len(right))
+        linear.add_explicit_matrix("x", "x", gf.Spmat("copy", tangent, self.free, self.free), 1, 0)
+        linear.add_explicit_rhs("x", right)
+        linear.assembly()
+        start = clock()
+        linear.assembly()
+        assembled = clock()
+        linear.solve("lsolver", "auto")
+        solved = clock()
+        return np.array(linear.variable("x")), (solved - assembled) - (assembled - start)
+
+    def coupling(self, tangent, direction):
+        """K_fA direction."""
+        columns = np.zeros(len(self.rest))
+        columns[self.active] = direction
+        return np.array(tangent.mult(columns)).ravel()[self.free]
+
+    def norm(self, residual):
+        return np.linalg.norm((self.weight * residual)[self.free])
+
+    def energy(self, state):
+        self.model.to_variables(state)
+        return float(gf.asm_generic(self.mim, 0, self.energy_density, -1, self.model))
+
+    def smallest_jacobian(self, state):
+        """Smallest det F over the quadrature points."""
+        self.model.to_variables(state)
+        points = gf.MeshImData(self.mim, -1)
+        return float(np.min(self.model.interpolation(J, points)))
+
+    def solve_at(self, displacement, state, tolerance=1e-8, max_iterations=30, polish=0, record=None):
+        """Newton's method at u_A = displacement from the guess `state`: (state, force / N, iterations, relative residual).
+
+        Converged at a residual of `tolerance` times the reaction (2-norms). The first step is always taken in full: it
+        raises the residual legitimately, since all of it sits in the elements around the active node before. Later
+        steps are halved, up to five times, only where the residual becomes a NaN or grows tenfold. `polish` more
+        iterations follow a convergence, kept where they lower the residual. `record` collects (assembly, solve) seconds of
+        every iteration; a residual alone, as at the end, counts as (assembly, None).
+        """
+        state = state.copy()
+        state[self.active] = displacement
+        residual, seconds = self.residual(state)
+        iterations = 0
+        extra = 0
+        while True:
+            size, force = self.norm(residual), residual[self.active]
+            scale = np.linalg.norm(force) + self.force_floor_n
+            if not np.isfinite(size) or size > 1e8 * scale:
+                raise Failed(f"diverged after {iterations} iterations")
+            if size <= tolerance * scale:
+                if extra == polish:
+                    break
+                extra += 1
+            elif iterations >= max_iterations:
+                raise Failed(f"not converged after {iterations} iterations, residual {size / scale:.1e} of the force")
+            matrix, assembly = self.tangent()
+            step, solve = self.solve_linear(matrix, -residual[self.free])
+            if record is not None:
+                record.append((seconds + assembly, solve))
+            iterations += 1
+            omega, seconds = 1.0, 0.0
+            for _ in range(6):
+                trial = state.copy()
+                trial[self.free] += omega * step
+                trial_residual, taken = self.residual(trial)
+                seconds += taken
+                trial_size = self.norm(trial_residual)
+                if np.isfinite(trial_size) and (iterations == 1 or trial_size < 10 * size):
+                    break
+                omega *= 0.5
+            if extra and trial_size >= size:
+                break
+            state, residual = trial, trial_residual
+        if record is not None:
+            record.append((seconds, None))
+        return state, residual[self.active].copy(), iterations, size / scale
