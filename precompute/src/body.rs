@@ -39,6 +39,8 @@ pub struct Model {
     pub region_of_tet: Vec<u16>,
     /// Fixed mesh nodes. A mid-edge node is fixed if both ends of its edge are.
     pub fixed: Vec<u32>,
+    /// Mesh nodes held in some components only: symmetry planes and rollers. Mid-edge nodes as above, per component.
+    pub rollers: Vec<(u32, [bool; 3])>,
     /// Force per undeformed volume, N/m^3.
     pub body_force_n_m3: [f64; 3],
 }
@@ -52,6 +54,7 @@ impl Model {
             regions: vec![material.into()],
             region_of_tet: Vec::new(),
             fixed: fixed.to_vec(),
+            rollers: Vec::new(),
             body_force_n_m3: [0.0; 3],
         }
     }
@@ -101,8 +104,8 @@ pub struct Body {
     pub pressure_sites: Vec<(u32, u16)>,
     /// Whether any element has a pressure block of its own.
     pub has_pressure_blocks: bool,
-    /// Whether each node is fixed.
-    pub fixed: Vec<bool>,
+    /// Which components of each node are fixed.
+    pub fixed: Vec<[bool; 3]>,
     /// Consistent nodal force of the body force, 3 per node, N.
     pub external_force_n: Vec<f64>,
     /// Mean edge length of the tetrahedra, m.
@@ -137,9 +140,14 @@ impl Body {
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
         let vertex_count = mesh.nodes_m.len();
         let mut nodes_m = mesh.nodes_m.clone();
-        let mut fixed = vec![false; vertex_count];
+        let mut fixed = vec![[false; 3]; vertex_count];
         for &node in &model.fixed {
-            fixed[node as usize] = true;
+            fixed[node as usize] = [true; 3];
+        }
+        for &(node, held) in &model.rollers {
+            for (fixed, held) in fixed[node as usize].iter_mut().zip(held) {
+                *fixed |= held;
+            }
         }
         let connectivity = match model.order {
             Order::Linear => mesh.tets.concat(),
@@ -291,7 +299,7 @@ impl PressureSites {
 }
 
 /// Puts a node at the middle of every edge, numbered in order of first use; returns the ten nodes of each tet.
-fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut Vec<bool>) -> Vec<u32> {
+fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut Vec<[bool; 3]>) -> Vec<u32> {
     let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
     let mut connectivity = Vec::with_capacity(10 * mesh.tets.len());
     for vertices in &mesh.tets {
@@ -301,8 +309,8 @@ fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut V
             let node = *middles.entry(ends).or_insert_with(|| {
                 let [p, q] = ends.map(|end| mesh.nodes_m[end as usize]);
                 nodes_m.push(std::array::from_fn(|axis| 0.5 * (p[axis] + q[axis])));
-                let held = fixed[ends[0] as usize] && fixed[ends[1] as usize];
-                fixed.push(held);
+                let held = ends.map(|end| fixed[end as usize]);
+                fixed.push(std::array::from_fn(|axis| held[0][axis] && held[1][axis]));
                 nodes_m.len() as u32 - 1
             });
             connectivity.push(node);

@@ -70,6 +70,17 @@ impl Pose {
     }
 }
 
+/// A Lagrange multiplier that holds one component of one node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Multiplier {
+    /// The node.
+    pub node: u32,
+    /// The component.
+    pub axis: usize,
+    /// The multiplier's equation.
+    pub equation: u32,
+}
+
 /// Numbers the unknowns of a body held at its fixed nodes and at a handle.
 ///
 /// Free nodes are ordered by nested dissection of the mesh graph; each gives its displacement components and its pressures
@@ -79,8 +90,8 @@ impl Pose {
 pub struct DofMap {
     displacement: Vec<[u32; 3]>,
     pressure: Vec<u32>,
-    /// Multiplier equations of held nodes; empty with elimination.
-    multipliers: Vec<(u32, [u32; 3])>,
+    /// Empty with elimination.
+    multipliers: Vec<Multiplier>,
     unknowns: usize,
 }
 
@@ -90,12 +101,12 @@ impl DofMap {
         let handle_nodes: &[u32] = handle.map_or(&[], |h| &h.nodes);
         let mut held = body.fixed.clone();
         for &node in handle_nodes {
-            held[node as usize] = true;
+            held[node as usize] = [true; 3];
         }
         let keep_held = constraints == Constraints::Multipliers;
         let mut has_pressure = vec![false; body.pressure_sites.len()];
         for (index, element) in body.elements.iter().enumerate() {
-            let moves = keep_held || body.nodes_of(index).iter().any(|&n| !held[n as usize]);
+            let moves = keep_held || body.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
             for &pressure in element.pressures.iter().filter(|&&p| moves && p != ABSENT) {
                 has_pressure[pressure as usize] = true;
             }
@@ -106,7 +117,7 @@ impl DofMap {
                 pressures_at[vertex as usize].push(pressure);
             }
         }
-        let moves = |node: usize| keep_held || !held[node];
+        let moves = |node: usize| keep_held || held[node] != [true; 3];
         let order = nested_dissection(body, |node| moves(node) || !pressures_at[node].is_empty());
         let mut dofs = Self {
             displacement: vec![[ABSENT; 3]; body.node_count()],
@@ -116,17 +127,21 @@ impl DofMap {
         };
         let mut next = 0u32;
         for &node in &order {
-            if moves(node) {
-                dofs.displacement[node] = [next, next + 1, next + 2];
-                next += 3;
+            for axis in 0..3 {
+                if keep_held || !held[node][axis] {
+                    dofs.displacement[node][axis] = next;
+                    next += 1;
+                }
             }
             for &pressure in &pressures_at[node] {
                 dofs.pressure[pressure] = next;
                 next += 1;
             }
-            if keep_held && held[node] {
-                dofs.multipliers.push((node as u32, [next, next + 1, next + 2]));
-                next += 3;
+            for axis in 0..3 {
+                if keep_held && held[node][axis] {
+                    dofs.multipliers.push(Multiplier { node: node as u32, axis, equation: next });
+                    next += 1;
+                }
             }
         }
         dofs.unknowns = next as usize;
@@ -158,8 +173,8 @@ impl DofMap {
         if pressure == ABSENT { ABSENT } else { self.pressure[pressure as usize] }
     }
 
-    /// Held nodes with the equations of their multipliers; empty with elimination.
-    pub fn multipliers(&self) -> &[(u32, [u32; 3])] {
+    /// Multipliers of the held components; empty with elimination.
+    pub fn multipliers(&self) -> &[Multiplier] {
         &self.multipliers
     }
 

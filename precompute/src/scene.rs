@@ -226,6 +226,7 @@ impl ResolvedScene {
             regions: self.materials.iter().map(region).collect(),
             region_of_tet,
             fixed: self.fixed.clone(),
+            rollers: Vec::new(),
             body_force_n_m3: self.body_force.unwrap_or_default(),
         }
     }

@@ -6,7 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate_precompute::body::{Body, Model};
-use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::material::{
+    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+    StVenantKirchhoff,
+};
 use palpate_precompute::mesh::TetMesh;
 
 /// The paper's Mooney-Rivlin liver.
@@ -17,6 +20,26 @@ pub fn mooney_rivlin() -> Material {
 /// The paper's St. Venant-Kirchhoff liver.
 pub fn st_venant_kirchhoff() -> Material {
     Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
+}
+
+/// Every law, with parameters of the liver's order.
+pub fn every_law() -> Vec<Material> {
+    let lame = Lame::from_young_poisson(15480.0, 0.45);
+    vec![
+        Material::LinearElastic(LinearElastic { lame }),
+        st_venant_kirchhoff(),
+        Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
+        mooney_rivlin(),
+        Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }),
+        Material::NeoHookean(NeoHookean { lame }),
+        Material::HolzapfelGasserOgden(HolzapfelGasserOgden {
+            c10_pa: 2500.0,
+            k1_pa: 3000.0,
+            k2: 2.0,
+            dispersion: 0.1,
+            fibre: [0.8, 0.0, 0.6],
+        }),
+    ]
 }
 
 /// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Nodes are
@@ -76,13 +99,18 @@ pub fn nearest_node(mesh: &TetMesh, point_m: [f64; 3]) -> u32 {
         .expect("the mesh has nodes")
 }
 
-/// A soft beam of 80 x 40 x 40 mm held at its left end, with the middle of its top face as active node.
+/// A beam of 80 x 40 x 40 mm.
+pub fn beam() -> TetMesh {
+    box_mesh([4, 2, 2], 0.02)
+}
+
+/// The soft beam held at its left end, with the middle of its top face as active node.
 pub fn soft_beam(material: Material) -> (TetMesh, Vec<u32>, u32, Arc<Body>) {
-    let mesh = box_mesh([4, 2, 2], 0.02);
+    let mesh = beam();
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
     let active = nearest_node(&mesh, [0.06, 0.02, 0.04]);
-    let body =
-        Arc::new(Body::new(&mesh, &Model::uniform(material, &fixed)).expect("every element has volume"));
+    let model = Model::uniform(material, &fixed);
+    let body = Arc::new(Body::new(&mesh, &model).expect("every element has volume"));
     (mesh, fixed, active, body)
 }
 

@@ -55,7 +55,7 @@ impl Pattern {
         let ties = || {
             dofs.multipliers()
                 .iter()
-                .flat_map(|&(node, multipliers)| multipliers.into_iter().zip(dofs.displacement(node)))
+                .map(|m| (m.equation as usize, dofs.displacement(m.node)[m.axis] as usize))
         };
         for local in element_dofs.chunks(stride) {
             for &(i, j) in &pairs {
@@ -66,7 +66,7 @@ impl Pattern {
             }
         }
         for (multiplier, displacement) in ties() {
-            columns[displacement as usize].push(multiplier);
+            columns[displacement].push(multiplier as u32);
         }
         let mut column_starts = Vec::with_capacity(n + 1);
         let mut rows = Vec::new();
@@ -89,7 +89,7 @@ impl Pattern {
                 if row < n { place(row, column) as u32 } else { nowhere }
             }));
         }
-        let ties = ties().map(|(row, column)| place(row as usize, column as usize)).collect();
+        let ties = ties().map(|(row, column)| place(row, column)).collect();
         let prescribed = |dof: &u32| (n..n + 3).contains(&(*dof as usize));
         let handle_elements = element_dofs
             .chunks(stride)

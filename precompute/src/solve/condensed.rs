@@ -24,15 +24,15 @@ impl Solver {
             }
             return;
         }
-        for (&(node, _), target) in held.iter().zip(&mut self.targets_m) {
-            let moves = handle.nodes.binary_search(&node).is_ok();
-            *target = if moves { displaced(node, handle.centre) } else { [0.0; 3] };
+        for (m, target) in held.iter().zip(&mut self.targets_m) {
+            let moves = handle.nodes.binary_search(&m.node).is_ok();
+            *target = if moves { displaced(m.node, handle.centre)[m.axis] } else { 0.0 };
         }
         // Multipliers that balance the guess: the residual is then in the constraints alone.
         self.assembled.assemble_residual(body, &self.state);
         let scale = body.stiffness_scale_n_m();
-        for (&(node, _), multiplier) in held.iter().zip(&mut self.multipliers) {
-            *multiplier = self.assembled.force_on(&[node]).map(|f| f / scale);
+        for (m, value) in held.iter().zip(&mut self.multipliers) {
+            *value = self.assembled.nodal_force_n[3 * m.node as usize + m.axis] / scale;
         }
     }
 
@@ -127,12 +127,8 @@ impl Solver {
         }
         self.right.fill(0.0);
         let tie = -problem.body.stiffness_scale_n_m();
-        for &(node, equations) in held {
-            if problem.handle_nodes().binary_search(&node).is_ok() {
-                for (axis, &equation) in equations.iter().enumerate() {
-                    self.right[axis * n + equation as usize] = tie;
-                }
-            }
+        for m in held.iter().filter(|m| problem.handle_nodes().binary_search(&m.node).is_ok()) {
+            self.right[m.axis * n + m.equation as usize] = tie;
         }
     }
 
@@ -147,13 +143,9 @@ impl Solver {
         }
         let scale = problem.body.stiffness_scale_n_m();
         let mut stiffness = Matrix3::zeros();
-        for &(node, equations) in held {
-            if problem.handle_nodes().binary_search(&node).is_ok() {
-                for i in 0..3 {
-                    for j in 0..3 {
-                        stiffness[(i, j)] += scale * column(j)[equations[i] as usize];
-                    }
-                }
+        for m in held.iter().filter(|m| problem.handle_nodes().binary_search(&m.node).is_ok()) {
+            for j in 0..3 {
+                stiffness[(m.axis, j)] += scale * column(j)[m.equation as usize];
             }
         }
         stiffness
@@ -167,12 +159,12 @@ impl Solver {
         let scale = body.stiffness_scale_n_m();
         let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
         for &node in &handle.nodes {
-            let multiplier =
-                problem.dofs.multipliers().iter().zip(&self.multipliers).find(|((n, _), _)| *n == node);
-            let here = match multiplier {
-                Some((_, value)) => Vector3::from(*value) * scale,
-                None => Vector3::from(self.assembled.force_on(&[node])),
-            };
+            let mut here = Vector3::from(self.assembled.force_on(&[node]));
+            for (m, value) in problem.dofs.multipliers().iter().zip(&self.multipliers) {
+                if m.node == node {
+                    here[m.axis] = value * scale;
+                }
+            }
             let arm = Vector3::from(body.rest_position_m(node)) - centre;
             let arm_now = arm + pose.displacement_of(&arm) - Vector3::from(pose.displacement_m);
             force += here;

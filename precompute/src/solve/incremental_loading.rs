@@ -89,8 +89,10 @@ impl Solver {
             *value += size * ((bits >> 11) as f64 / (1_u64 << 52) as f64 - 1.0);
         }
         // What is held stays where it is held.
-        for (node, _) in self.problem.body.fixed.iter().enumerate().filter(|(_, fixed)| **fixed) {
-            state[3 * node..3 * node + 3].fill(0.0);
+        for (value, fixed) in state.iter_mut().zip(self.problem.body.fixed.as_flattened()) {
+            if *fixed {
+                *value = 0.0;
+            }
         }
     }
 }

@@ -57,7 +57,7 @@ impl Problem {
         let pressures = (0..body.pressure_sites.len() as u32)
             .filter(|&p| (dofs.pressure(p) as usize) < dofs.unknowns())
             .count();
-        let negative = pressures + 3 * dofs.multipliers().len();
+        let negative = pressures + dofs.multipliers().len();
         let symbolic = SymbolicFactor::new(&pattern, &regularised, negative);
         let positions = dofs.state_positions().collect();
         let newton = NewtonOptions::default();
@@ -164,9 +164,9 @@ pub struct Solver {
     state: Vec<f64>,
     trial: Vec<f64>,
     /// Multipliers of the held components over the stiffness scale, m; empty with elimination.
-    multipliers: Vec<[f64; 3]>,
-    /// Prescribed displacement of each multiplier's node.
-    targets_m: Vec<[f64; 3]>,
+    multipliers: Vec<f64>,
+    /// Prescribed displacement of each multiplier's component, m.
+    targets_m: Vec<f64>,
     residual: Vec<f64>,
     step: Vec<f64>,
     columns: Vec<f64>,
@@ -190,8 +190,8 @@ impl Solver {
             history: StepHistory::new(n),
             state: vec![0.0; problem.body.state_len()],
             trial: vec![0.0; problem.body.state_len()],
-            multipliers: vec![[0.0; 3]; held],
-            targets_m: vec![[0.0; 3]; held],
+            multipliers: vec![0.0; held],
+            targets_m: vec![0.0; held],
             residual: vec![0.0; n],
             step: vec![0.0; n],
             columns: vec![0.0; RIGHT_SIDES * n],

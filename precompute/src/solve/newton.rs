@@ -237,25 +237,21 @@ impl Solver {
         self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
         let scale = problem.body.stiffness_scale_n_m();
         let held = problem.dofs.multipliers().iter().zip(&self.multipliers).zip(&self.targets_m);
-        for ((&(node, equations), multiplier), target) in held {
-            let displacement = problem.dofs.displacement(node);
-            for axis in 0..3 {
-                let u = self.state[3 * node as usize + axis];
-                self.residual[displacement[axis] as usize] -= scale * multiplier[axis];
-                self.residual[equations[axis] as usize] = -scale * (u - target[axis]);
-            }
+        for ((m, multiplier), target) in held {
+            let displacement = problem.dofs.displacement(m.node)[m.axis];
+            let u = self.state[3 * m.node as usize + m.axis];
+            self.residual[displacement as usize] -= scale * multiplier;
+            self.residual[m.equation as usize] = -scale * (u - target);
         }
         norm(&self.residual)
     }
 
-    /// Force against which residuals are measured: the reaction, or a millionth of mu l^2 near rest.
+    /// Force against which residuals are measured: the reaction, the body force if there is one, and a millionth of mu l^2
+    /// for a body at rest.
     pub(super) fn scale_n(&self) -> f64 {
-        let h = self.assembled.force_on(self.problem.handle_nodes());
-        let floor = 1e-6 * self.problem.body.force_scale_n();
-        match self.problem.handle {
-            Some(_) => norm(&h) + floor,
-            None => self.assembled.load * norm(&self.problem.body.external_force_n) + floor,
-        }
+        let body = &self.problem.body;
+        let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
+        reaction_n + self.assembled.load * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
     }
 
     /// trial = state + omega step over the unknowns (pressures rescaled to Pa); multipliers move along.
@@ -267,10 +263,8 @@ impl Solver {
             let unit = if position < forces { 1.0 } else { pressure_scale };
             self.trial[position] += omega * unit * self.step[equation];
         }
-        for (multiplier, (_, equations)) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
-            for (value, &equation) in multiplier.iter_mut().zip(equations) {
-                *value += omega * self.step[equation as usize];
-            }
+        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            *value += omega * self.step[m.equation as usize];
         }
         self.moved_by = omega;
     }
@@ -283,10 +277,8 @@ impl Solver {
     /// The state before the last move becomes the state again.
     fn swap_trial_back(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
-        for (multiplier, (_, equations)) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
-            for (value, &equation) in multiplier.iter_mut().zip(equations) {
-                *value -= self.moved_by * self.step[equation as usize];
-            }
+        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            *value -= self.moved_by * self.step[m.equation as usize];
         }
     }
 

@@ -21,6 +21,8 @@ pub fn settle(body: Body) -> Result<Body, SolveFailure> {
     let rest = {
         let problem = Problem::with(body.clone(), None, Constraints::Elimination);
         let mut solver = Solver::new(Arc::new(problem));
+        // Fresh factors throughout, so that the last correction is a true Newton step.
+        solver.newton.frozen_factor = false;
         let (mut done, mut step, mut halvings, mut spent) = (0.0, 1.0f64, 0, 0);
         let mut settled = body.rest.state.clone();
         while done < 1.0 {

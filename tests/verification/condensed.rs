@@ -1,0 +1,192 @@
+//! The condensed potential W(d): h = dW/dd, S = dh/dd, W_ijk = dS/dd and du/dd for every law and pair of fields.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use palpate_precompute::body::{Body, Model, Region};
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::element::Order;
+use palpate_precompute::material::{Material, THIRD_INDICES};
+use palpate_precompute::scene::{Constraints, PressurePair};
+use palpate_precompute::solve::{Configuration, Problem, Solver, settle};
+use palpate_tests::{beam, every_law, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
+
+/// A body with a name for the output.
+struct Case {
+    name: String,
+    body: Arc<Body>,
+    handle: Handle,
+    constraints: Constraints,
+}
+
+fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
+    let mesh = beam();
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let mut model = Model::uniform(mooney_rivlin(), &fixed);
+    change(&mut model);
+    let body =
+        settle(Body::new(&mesh, &model).expect("every element has volume")).expect("the beam has a rest");
+    let handle = Handle::node(nearest_node(&mesh, [0.06, 0.02, 0.04]));
+    Case { name: name.into(), body: Arc::new(body), handle, constraints: Constraints::Elimination }
+}
+
+/// Every law, every pair, every way to hold and to load the beam.
+fn cases() -> Vec<Case> {
+    let mut all: Vec<Case> = every_law()
+        .into_iter()
+        .map(|law| case(&format!("{} tet4", law.name()), |m| m.regions = vec![law.into()]))
+        .collect();
+    let stabilised = |m: &mut Model| m.pressure_pair = PressurePair::Stabilised;
+    let quadratic = |m: &mut Model| m.order = Order::Quadratic;
+    all.push(case("mooney-rivlin P1/P1 stabilised", stabilised));
+    all.push(case("mooney-rivlin P2/P1", quadratic));
+    all.push(case("st-venant-kirchhoff tet10", |m| {
+        m.order = Order::Quadratic;
+        m.regions = vec![st_venant_kirchhoff().into()];
+    }));
+    all.push(case("mooney-rivlin bulk 0.1 MPa", |m| {
+        m.regions = vec![Region { material: mooney_rivlin(), bulk_modulus_pa: Some(1e5) }];
+    }));
+    all.push(case("two regions", |m| {
+        m.regions = vec![mooney_rivlin().into(), st_venant_kirchhoff().into()];
+        m.region_of_tet = (0..96).map(|tet| u16::from(tet >= 60)).collect();
+    }));
+    all.push(case("mooney-rivlin under gravity", |m| m.body_force_n_m3 = [0.0, 0.0, -1.0e4]));
+    let mut patch = case("rigid patch", |_| {});
+    let mesh = beam();
+    let tip = nodes_where(&mesh, |x| x[2] > 0.039 && (x[0] - 0.06).abs() < 0.01);
+    patch.handle = Handle::patch(patch.handle.centre, &tip);
+    assert!(patch.handle.nodes.len() >= 3);
+    all.push(patch);
+    let mut multipliers = case("multipliers", |_| {});
+    multipliers.constraints = Constraints::Multipliers;
+    all.push(multipliers);
+    all
+}
+
+fn solver(case: &Case) -> Solver {
+    let problem = Problem::with(case.body.clone(), Some(case.handle.clone()), case.constraints);
+    Solver::new(Arc::new(problem))
+}
+
+#[test]
+fn derivatives_of_the_condensed_potential_agree_with_differences() {
+    println!("{:34} {:>9} {:>9} {:>9} {:>9}   relative difference", "", "h", "S", "W_ijk", "du/dd");
+    for case in cases() {
+        let mut solver = solver(&case);
+        let rest = solver.rest().expect("the beam is held");
+        let d = [0.004, -0.003, -0.008];
+        let half = solver.advance(&rest.seed, d.map(|x| 0.5 * x)).expect("half way converges");
+        let here = solver.advance(&half.seed, d).expect("the beam follows");
+        // Fibres come into play within a hundredth of stretch: W is C3 there, and only a short step sees its slopes.
+        let fibres = case.name.starts_with("holzapfel");
+        let step = if fibres { 2e-6 } else { 5e-5 };
+        let mut worst = [0.0f64; 4];
+        for axis in 0..3 {
+            let around = [-2.0, -1.0, 1.0, 2.0].map(|by| {
+                let mut there = d;
+                there[axis] += by * step;
+                solver.advance(&here.seed, there).expect("a step of 0.2 mm converges")
+            });
+            // Central difference of fourth order.
+            let slope = |value: &dyn Fn(&Configuration) -> f64| {
+                let [a, b, c, d] = around.each_ref().map(value);
+                (a - 8.0 * b + 8.0 * c - d) / (12.0 * step)
+            };
+            let size = Vector3::from(here.force_n).norm();
+            worst[0] = worst[0].max((slope(&|c| c.energy_j) - here.force_n[axis]).abs() / size);
+            let size = here.stiffness_n_m.norm();
+            for row in 0..3 {
+                let error = slope(&|c| c.force_n[row]) - here.stiffness_n_m[(row, axis)];
+                worst[1] = worst[1].max(error.abs() / size);
+            }
+            let size = here.third_n_m2.iter().fold(0.0f64, |m, t| m.max(t.abs()));
+            for (third, [i, j, k]) in here.third_n_m2.iter().zip(THIRD_INDICES) {
+                // W_ijk from dS_ij/dd_k and its permutations.
+                for (row, column, by) in [(i, j, k), (j, k, i), (i, k, j)] {
+                    if by == axis {
+                        let error = slope(&|c| c.stiffness_n_m[(row, column)]) - third;
+                        // The linear law has none.
+                        worst[2] = worst[2].max(error.abs() / size.max(here.stiffness_n_m.norm()));
+                    }
+                }
+            }
+            for i in 0..case.body.displacement_len() {
+                let error = slope(&|c| c.seed.state[i]) - here.seed.sensitivity[axis][i];
+                worst[3] = worst[3].max(error.abs());
+            }
+        }
+        let [h, s, third, u] = worst;
+        println!("{:34} {h:9.1e} {s:9.1e} {third:9.1e} {u:9.1e}", case.name);
+        // W is C3 with fibres: the third derivative has kinks, and the difference errs by its step there.
+        let allowed = if fibres { [1e-8, 1e-7, 1e-2, 1e-6] } else { [1e-8, 1e-7, 1e-7, 1e-7] };
+        assert!(worst.iter().zip(allowed).all(|(w, a)| *w < a), "{}", case.name);
+        assert_eq!(here.unstable_modes, Some(0), "{}", case.name);
+    }
+}
+
+#[test]
+fn energy_is_the_work_along_a_path() {
+    for case in cases() {
+        let mut solver = solver(&case);
+        let mut here = solver.rest().expect("the beam is held");
+        let reaction = Vector3::from(here.force_n).norm();
+        assert!(here.energy_j.abs() < 1e-15 && reaction < 1e-9, "{}: rest has no force", case.name);
+        // Gauss-Legendre with five points on the straight path: exact to the tenth order of the step.
+        let end = [0.006, 0.004, -0.009];
+        let nodes = [0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415, 0.953_089_922_969_332];
+        let weights = [
+            0.1184634425280945,
+            0.2393143352496832,
+            0.2844444444444444,
+            0.2393143352496832,
+            0.1184634425280945,
+        ];
+        // In pieces, because fibres that come into play leave kinks in the fourth derivative.
+        let (mut work, pieces) = (0.0, 8);
+        for piece in 0..pieces {
+            for (t, w) in nodes.into_iter().zip(weights) {
+                let t = (f64::from(piece) + t) / f64::from(pieces);
+                here = solver.advance(&here.seed, end.map(|x| t * x)).expect("the beam follows");
+                work += w / f64::from(pieces) * Vector3::from(here.force_n).dot(&Vector3::from(end));
+            }
+        }
+        let energy = solver.advance(&here.seed, end).expect("the beam follows").energy_j;
+        let error = (work / energy - 1.0).abs();
+        println!("{:34} energy against work along a path: {error:.1e}", case.name);
+        assert!(error < 1e-7, "{}: work {work} J, energy {energy} J", case.name);
+    }
+}
+
+#[test]
+fn the_same_solve_gives_the_same_bits() {
+    let case = case("mooney-rivlin", |_| {});
+    let d = [0.003, 0.002, -0.011];
+    let reach = |solver: &mut Solver, d: [f64; 3]| {
+        let rest = solver.rest().expect("the beam is held");
+        solver.advance(&rest.seed, d).expect("the beam follows")
+    };
+    let first = reach(&mut solver(&case), d);
+    let mut used = solver(&case);
+    let _ = reach(&mut used, [-0.002, 0.0, 0.004]);
+    let second = reach(&mut used, d);
+    assert_eq!(first.force_n.map(f64::to_bits), second.force_n.map(f64::to_bits));
+    assert_eq!(first.energy_j.to_bits(), second.energy_j.to_bits());
+    assert!(first.seed.state.iter().zip(&second.seed.state).all(|(a, b)| a.to_bits() == b.to_bits()));
+}
+
+#[test]
+fn pressure_keeps_the_volume() {
+    let volume = |law: Material| {
+        let case = case(law.name(), |m| m.regions = vec![law.into()]);
+        let mut solver = solver(&case);
+        let rest = solver.rest().expect("the beam is held");
+        solver.advance(&rest.seed, [0.0, 0.01, 0.012]).expect("the beam follows").volume_m3
+    };
+    let rest = beam().volume_m3();
+    // Every pressure node has a free element here, so the constraints add up to the whole volume.
+    let change = volume(mooney_rivlin()) / rest - 1.0;
+    println!("Mooney-Rivlin: volume change {change:.1e}");
+    assert!(change.abs() < 1e-12);
+    assert!((volume(st_venant_kirchhoff()) / rest - 1.0).abs() > 1e-6, "a compressible body does change");
+}

@@ -1,0 +1,4 @@
+//! Verification: problems with known answers, each with its observed figure in the output (`cargo test -- --nocapture`).
+
+mod condensed;
+mod constraints;
