@@ -25,7 +25,7 @@ pub struct Kinematics {
 
 impl Kinematics {
     /// Kinematics of the displacement gradient `h` = du/dX.
-    #[inline]
+    #[inline(always)]
     pub fn new(h: &Matrix3<f64>) -> Self {
         let cofactor_of_h = cofactor(h);
         let (trace, cofactor_trace) = (h.trace(), cofactor_of_h.trace());
@@ -46,13 +46,13 @@ impl Kinematics {
     }
 
     /// Jacobian J = det F.
-    #[inline]
+    #[inline(always)]
     pub fn jacobian(&self) -> f64 {
         1.0 + self.volume_change
     }
 
     /// Green-St. Venant strain gamma = (H + H^T + H^T H) / 2 (paper, Eq. 1).
-    #[inline]
+    #[inline(always)]
     pub fn green_strain(&self) -> Matrix3<f64> {
         let h = &self.displacement_gradient;
         0.5 * (h + h.transpose() + h.transpose() * h)
@@ -60,7 +60,7 @@ impl Kinematics {
 }
 
 /// Cofactor matrix: its columns are the cross products of the columns of `f`.
-#[inline]
+#[inline(always)]
 pub fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     let [c0, c1, c2] = [0, 1, 2].map(|k| Vector3::from(f.column(k)));
     Matrix3::from_columns(&[c1.cross(&c2), c2.cross(&c0), c0.cross(&c1)])
@@ -68,7 +68,7 @@ pub fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
 
 /// Bilinear form of the cofactor: cof(A + B) = cof A + `mixed_cofactor`(A, B) + cof B. It is the derivative of cof at A
 /// along B, and `mixed_cofactor`(A, B) : C is the second derivative of det at C along A and B.
-#[inline]
+#[inline(always)]
 pub fn mixed_cofactor(a: &Matrix3<f64>, b: &Matrix3<f64>) -> Matrix3<f64> {
     let [a0, a1, a2] = [0, 1, 2].map(|k| Vector3::from(a.column(k)));
     let [b0, b1, b2] = [0, 1, 2].map(|k| Vector3::from(b.column(k)));

@@ -12,9 +12,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::body::{Body, Element};
 use crate::boundary::ABSENT;
-use crate::element::{Point, field_gradient};
+use crate::element::{EDGES, Point, field_gradient};
 use crate::kinematics::Kinematics;
-use crate::material::Elasticity;
+use crate::material::Tangent;
 
 /// Values of a state at the nodes of one element.
 pub(super) struct LocalState<const N: usize> {
@@ -23,7 +23,7 @@ pub(super) struct LocalState<const N: usize> {
 }
 
 impl<const N: usize> LocalState<N> {
-    #[inline]
+    #[inline(always)]
     pub(super) fn gather(body: &Body, nodes: &[u32], element: &Element, state: &[f64]) -> Self {
         let displacements = std::array::from_fn(|a| {
             let base = 3 * nodes[a] as usize;
@@ -34,7 +34,7 @@ impl<const N: usize> LocalState<N> {
         Self { displacements, pressures }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn pressure_at(&self, point: &Point<N>) -> f64 {
         self.pressures.iter().zip(&point.barycentric).map(|(q, n)| q * n).sum()
     }
@@ -67,7 +67,7 @@ impl<const N: usize> ElementSystem<N> {
     }
 
     /// Back to zero without a pass over the tangent where it is not asked for.
-    #[inline]
+    #[inline(always)]
     fn clear<const TANGENT: bool>(&mut self) {
         self.energy_j = 0.0;
         self.force = [Vector3::zeros(); N];
@@ -75,13 +75,15 @@ impl<const N: usize> ElementSystem<N> {
         self.min_jacobian = f64::INFINITY;
         self.volume_m3 = 0.0;
         if TANGENT {
-            self.stiffness = [[[0.0; 9]; N]; N];
+            if N > 4 {
+                self.stiffness = [[[0.0; 9]; N]; N];
+            }
             self.coupling = [[Vector3::zeros(); N]; 4];
         }
     }
 
     /// Fills in the element's contribution; the tangent only with `TANGENT`.
-    #[inline]
+    #[inline(always)]
     pub(super) fn compute<const TANGENT: bool>(
         &mut self,
         body: &Body,
@@ -100,8 +102,8 @@ impl<const N: usize> ElementSystem<N> {
             let q_pa = local.pressure_at(point);
             let volume = point.weight * element.tet.volume_m3;
             let (energy, stress) = if TANGENT {
-                let (energy, stress, elasticity) = material.response(&kinematics, q_pa);
-                self.add_stiffness(&gradients, &elasticity, volume);
+                let (energy, stress, tangent) = material.response(&kinematics, q_pa);
+                self.add_stiffness(element, point, &tangent, volume);
                 (energy, stress)
             } else {
                 material.stress(&kinematics, q_pa)
@@ -130,7 +132,7 @@ impl<const N: usize> ElementSystem<N> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn add_pressure<const TANGENT: bool>(
         &mut self,
         point: &Point<N>,
@@ -151,37 +153,56 @@ impl<const N: usize> ElementSystem<N> {
         }
     }
 
-    /// Adds volume g_a . A . g_b. The elasticity is laid out so that both contractions run along contiguous numbers:
-    /// 27 for A . g_b, nine for g_a . (A g_b).
-    #[inline]
-    fn add_stiffness(&mut self, gradients: &[Vector3<f64>; N], elasticity: &Elasticity, volume: f64) {
-        // by_column[L][3 (3 K + i) + j] = volume A_iKjL.
-        let mut by_column = [[0.0; 27]; 3];
-        for (row, entries) in elasticity.iter().enumerate() {
-            for (large_l, column) in by_column.iter_mut().enumerate() {
-                for j in 0..3 {
-                    column[3 * row + j] = volume * entries[3 * large_l + j];
+    /// Adds volume g_a . A . g_b.
+    ///
+    /// With grad N_a = sum_k D_ak G_k the block of two nodes is sum_kl D_ak D_bl (G_k . A . G_l): the ten blocks of the
+    /// barycentric gradients are made once, and a mid-edge node, which has two slopes, sums two of them.
+    #[inline(always)]
+    fn add_stiffness(&mut self, element: &Element, point: &Point<N>, tangent: &Tangent, volume: f64) {
+        let nodes = element.tet.gradients.map(|g| tangent.node(&g));
+        if N == 4 {
+            for a in 0..4 {
+                for b in 0..=a {
+                    self.stiffness[a][b] = tangent.block(&nodes[a], &nodes[b]).map(|value| volume * value);
                 }
+            }
+            return;
+        }
+        let mut vertex = [[[0.0; 9]; 4]; 4];
+        for k in 0..4 {
+            for l in 0..=k {
+                let block = tangent.block(&nodes[k], &nodes[l]).map(|value| volume * value);
+                vertex[k][l] = block;
+                vertex[l][k] = transposed(&block);
             }
         }
-        for b in 0..N {
-            let g = &gradients[b];
-            let mut traction = [0.0; 27];
-            for (r, t) in traction.iter_mut().enumerate() {
-                *t = g[0] * by_column[0][r] + g[1] * by_column[1][r] + g[2] * by_column[2][r];
+        for k in 0..4 {
+            for l in 0..=k {
+                add(&mut self.stiffness[k][l], &vertex[k][l], point.slopes[k][k] * point.slopes[l][l]);
             }
-            for a in b..N {
-                let g = &gradients[a];
-                let block = &mut self.stiffness[a][b];
-                for (r, entry) in block.iter_mut().enumerate() {
-                    *entry += g[0] * traction[r] + g[1] * traction[9 + r] + g[2] * traction[18 + r];
-                }
+        }
+        // Rows of the mid-edge nodes against the barycentric columns, then against the nodes.
+        let mut edge = [[[0.0; 9]; 4]; 6];
+        for (e, [i, j]) in EDGES.into_iter().enumerate() {
+            for l in 0..4 {
+                add(&mut edge[e][l], &vertex[i][l], point.slopes[4 + e][i]);
+                add(&mut edge[e][l], &vertex[j][l], point.slopes[4 + e][j]);
+            }
+        }
+        for e in 0..6 {
+            let row = &mut self.stiffness[4 + e];
+            for l in 0..4 {
+                add(&mut row[l], &edge[e][l], point.slopes[l][l]);
+            }
+            for (f, [i, j]) in EDGES.into_iter().enumerate().take(e + 1) {
+                add(&mut row[4 + f], &edge[e][i], point.slopes[4 + f][i]);
+                add(&mut row[4 + f], &edge[e][j], point.slopes[4 + f][j]);
             }
         }
     }
 
     /// Entry of the displacement block, any order of the local indices.
-    #[inline]
+    #[inline(always)]
     pub(super) fn stiffness_at(&self, i: usize, j: usize) -> f64 {
         let (row, column) = (i.max(j), i.min(j));
         // The diagonal blocks are whole; of the others only the lower triangle is there.
@@ -189,8 +210,22 @@ impl<const N: usize> ElementSystem<N> {
     }
 }
 
+#[inline(always)]
+fn add(sum: &mut [f64; 9], block: &[f64; 9], factor: f64) {
+    for (sum, value) in sum.iter_mut().zip(block) {
+        *sum += factor * value;
+    }
+}
+
+#[inline(always)]
+fn transposed(block: &[f64; 9]) -> [f64; 9] {
+    let [a, b, c, d, e, f, g, h, i] = *block;
+    [a, d, g, b, e, h, c, f, i]
+}
+
 /// Third derivatives of the Lagrangian along three state directions, in the order of
 /// [`crate::material::THIRD_INDICES`].
+#[inline(always)]
 pub(super) fn third_along<const N: usize>(
     body: &Body,
     element: &Element,

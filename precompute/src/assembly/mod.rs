@@ -59,10 +59,10 @@ impl Assembled {
     /// Forces, constraints, energy and tangent at `state`.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
-        match body.order {
+        vectorised(|| match body.order {
             Order::Linear => self.pass::<4, true>(body, Some(pattern), &LINEAR, state),
             Order::Quadratic => self.pass::<10, true>(body, Some(pattern), &QUADRATIC, state),
-        }
+        });
         let tie = -body.stiffness_scale_n_m();
         for &place in &pattern.ties {
             self.tangent[place] = tie;
@@ -71,12 +71,13 @@ impl Assembled {
 
     /// Forces, constraints and energy at `state`, without the tangent.
     pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
-        match body.order {
+        vectorised(|| match body.order {
             Order::Linear => self.pass::<4, false>(body, None, &LINEAR, state),
             Order::Quadratic => self.pass::<10, false>(body, None, &QUADRATIC, state),
-        }
+        });
     }
 
+    #[inline(always)]
     fn pass<const N: usize, const TANGENT: bool>(
         &mut self,
         body: &Body,
@@ -120,7 +121,7 @@ impl Assembled {
     }
 
     /// Adds the element's entries in the order of the pattern's local pairs.
-    #[inline]
+    #[inline(always)]
     fn scatter_tangent<const N: usize>(
         &mut self,
         body: &Body,
@@ -128,35 +129,31 @@ impl Assembled {
         pressure_block: &[[f64; 4]; 4],
         places: &[u32],
     ) {
-        let mut place = places.iter();
-        let mut add = |value: f64| {
-            if let Some(&at) = place.next() {
-                self.tangent[at as usize] += value;
-            }
-        };
+        let tangent = &mut self.tangent;
+        let mut places = places.iter();
+        // Zipping ends with the values, before it takes a place too many.
         for (a, row) in system.stiffness.iter().enumerate() {
-            for i in 0..3 {
-                for block in &row[..a] {
-                    for value in &block[3 * i..3 * i + 3] {
-                        add(*value);
-                    }
+            for block in &row[..a] {
+                for (value, &place) in block.iter().zip(places.by_ref()) {
+                    tangent[place as usize] += value;
                 }
-                for value in &row[a][3 * i..=3 * i + i] {
-                    add(*value);
-                }
+            }
+            let [xx, _, _, yx, yy, _, zx, zy, zz] = row[a];
+            for (value, &place) in [xx, yx, yy, zx, zy, zz].iter().zip(places.by_ref()) {
+                tangent[place as usize] += value;
             }
         }
         if body.has_pressure() {
             let scale = body.pressure_scale();
-            for row in &system.coupling {
-                for value in row.iter().flat_map(|coupling| coupling.iter()) {
-                    add(scale * value);
+            for coupling in system.coupling.iter().flatten() {
+                for (value, &place) in coupling.iter().zip(places.by_ref()) {
+                    tangent[place as usize] += scale * value;
                 }
             }
             if body.has_pressure_blocks {
                 for (u, row) in pressure_block.iter().enumerate() {
-                    for value in &row[..=u] {
-                        add(scale * scale * value);
+                    for (value, &place) in row[..=u].iter().zip(places.by_ref()) {
+                        tangent[place as usize] += scale * scale * value;
                     }
                 }
             }
@@ -254,6 +251,7 @@ impl HandleCoupling {
 /// the second term vanishes (D2 L X lies in the handle's equations only, where X' = 0). The body force and the pressure's
 /// quadratic form have no third derivative.
 pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
+    #[inline(always)]
     fn pass<const N: usize>(
         body: &Body,
         rule: &[Point<N>],
@@ -269,8 +267,24 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
         }
         sum
     }
-    match body.order {
+    vectorised(|| match body.order {
         Order::Linear => pass::<4>(body, &LINEAR, state, directions),
         Order::Quadratic => pass::<10>(body, &QUADRATIC, state, directions),
+    })
+}
+
+/// Runs work compiled for the widest vectors of this machine. Whatever is called is inlined, or it is compiled for the
+/// baseline. The bits are the same either way: nothing is fused or summed in another order.
+#[inline]
+fn vectorised<R>(work: impl FnOnce() -> R) -> R {
+    struct Work<F>(F);
+    impl<R, F: FnOnce() -> R> pulp::NullaryFnOnce for Work<F> {
+        type Output = R;
+
+        #[inline(always)]
+        fn call(self) -> R {
+            (self.0)()
+        }
     }
+    pulp::Arch::new().dispatch(Work(work))
 }

@@ -25,16 +25,19 @@ pub struct Pattern {
     pub(super) handle_elements: Vec<u32>,
 }
 
-/// Local unknown pairs (row, column) in the order of the scatter map: the lower triangle of the displacement block, then the
-/// coupling of each pressure, then the lower triangle of the pressure block.
+/// Local unknown pairs (row, column) in the order of the scatter map: the displacement blocks of nodes (a, b) with b <= a,
+/// each row-major and the diagonal ones only their lower triangle; then the coupling of each pressure, then the lower
+/// triangle of the pressure block.
 fn local_pairs(nodes: usize, pressures: bool, blocks: bool) -> impl Iterator<Item = (usize, usize)> {
     let displacements = 3 * nodes;
-    let lower = (0..displacements).flat_map(|i| (0..=i).map(move |j| (i, j)));
+    let blocks_of_nodes = (0..nodes).flat_map(|a| (0..=a).map(move |b| (a, b))).flat_map(|(a, b)| {
+        (0..3).flat_map(move |i| (0..if a == b { i + 1 } else { 3 }).map(move |j| (3 * a + i, 3 * b + j)))
+    });
     let coupling = (0..if pressures { 4 } else { 0 })
         .flat_map(move |v| (0..displacements).map(move |j| (displacements + v, j)));
     let pressure = (0..if blocks { 4 } else { 0 })
         .flat_map(move |u| (0..=u).map(move |v| (displacements + u, displacements + v)));
-    lower.chain(coupling).chain(pressure)
+    blocks_of_nodes.chain(coupling).chain(pressure)
 }
 
 impl Pattern {

@@ -71,8 +71,12 @@ impl Tetrahedron {
     }
 
     /// Gradients of the N shape functions at a quadrature point, 1/m.
-    #[inline]
+    #[inline(always)]
     pub fn shape_gradients<const N: usize>(&self, point: &Point<N>) -> [Vector3<f64>; N] {
+        if N == 4 {
+            // Linear shape functions are the barycentric coordinates.
+            return std::array::from_fn(|a| self.gradients[a]);
+        }
         let mut gradients = [Vector3::zeros(); N];
         for (gradient, slopes) in gradients.iter_mut().zip(&point.slopes) {
             for (g, slope) in self.gradients.iter().zip(slopes) {
@@ -84,7 +88,7 @@ impl Tetrahedron {
 }
 
 /// H = sum_a u_a (x) grad N_a, the gradient of a nodal vector field.
-#[inline]
+#[inline(always)]
 pub fn field_gradient<const N: usize>(
     values: &[Vector3<f64>; N],
     shape_gradients: &[Vector3<f64>; N],

@@ -42,7 +42,7 @@ const SWITCH_WIDTH: f64 = 0.02;
 
 impl HolzapfelGasserOgden {
     /// p0 = 2 C10, Pa: the fibres are slack at rest.
-    #[inline]
+    #[inline(always)]
     pub fn rest_pressure_pa(&self) -> f64 {
         2.0 * self.c10_pa
     }
@@ -53,7 +53,7 @@ impl HolzapfelGasserOgden {
     }
 
     /// g and its three derivatives at the fibre strain of `at`.
-    #[inline]
+    #[inline(always)]
     fn fibre_energy(&self, at: &Invariants) -> [f64; 4] {
         let Self { k1_pa, k2, .. } = *self;
         let [by_i1, by_i4] = self.strain_slopes();
@@ -71,7 +71,7 @@ impl HolzapfelGasserOgden {
         ]
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
         let rest_pa = self.rest_pressure_pa();
         let [by_i1, by_i4] = self.strain_slopes();
@@ -100,7 +100,7 @@ impl HolzapfelGasserOgden {
 }
 
 /// s(E) and its three derivatives.
-#[inline]
+#[inline(always)]
 fn smooth_switch(strain: f64) -> [f64; 4] {
     let t = strain / SWITCH_WIDTH;
     if t <= 0.0 {

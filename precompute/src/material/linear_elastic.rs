@@ -1,9 +1,9 @@
 //! Linear elasticity: small strain, no rotation.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Elasticity, Lame};
+use super::{Lame, Tangent};
 
 /// With eps = (H + H^T) / 2,
 ///
@@ -23,7 +23,7 @@ pub struct LinearElastic {
 
 impl LinearElastic {
     /// W and sigma at the displacement gradient `h`.
-    #[inline]
+    #[inline(always)]
     pub fn stress(&self, h: &Matrix3<f64>) -> (f64, Matrix3<f64>) {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let strain = 0.5 * (h + h.transpose());
@@ -32,22 +32,23 @@ impl LinearElastic {
         (energy, Matrix3::identity() * (lambda_pa * trace) + strain * (2.0 * mu_pa))
     }
 
-    /// dsigma/dH.
-    #[inline]
-    pub fn elasticity(&self) -> Elasticity {
+    /// dsigma/dH: g_a . A . g_b = lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I.
+    #[inline(always)]
+    pub(super) fn tangent(&self) -> Tangent {
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let mut elasticity = [[0.0; 9]; 9];
-        for k in 0..3 {
-            for i in 0..3 {
-                elasticity[3 * k + i][3 * k + i] += mu_pa;
-                elasticity[3 * k + i][3 * i + k] += mu_pa;
-            }
+        Tangent {
+            map: Matrix3::identity(),
+            forward: lambda_pa,
+            crosswise: mu_pa,
+            left: Matrix3::zeros(),
+            stretch: 0.0,
+            isotropic: mu_pa,
+            determinant: 0.0,
+            fibre: Vector3::zeros(),
+            along_fibre: 0.0,
+            second: [[0.0; 4]; 4],
+            slopes: [Matrix3::zeros(); 4],
+            rows: [false; 4],
         }
-        for i in 0..3 {
-            for j in 0..3 {
-                elasticity[4 * i][4 * j] += lambda_pa;
-            }
-        }
-        elasticity
     }
 }

@@ -92,9 +92,6 @@ pub const THIRD_INDICES: [[usize; 3]; 10] = [
     [2, 2, 2],
 ];
 
-/// dP/dF as a symmetric 9 x 9 matrix; component (i, K) of a 3 x 3 tensor is number 3 K + i.
-pub type Elasticity = [[f64; 9]; 9];
-
 /// A hyperelastic law with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Material {
@@ -173,7 +170,7 @@ impl Material {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn invariants(&self, k: &Kinematics) -> Invariants {
         let i4 = match self {
             Self::HolzapfelGasserOgden(law) => {
@@ -188,7 +185,7 @@ impl Material {
     }
 
     /// Derivatives of f; `None` for the linear law, which is no function of invariants of C.
-    #[inline]
+    #[inline(always)]
     fn derivatives(&self, at: &Invariants) -> Option<Derivatives> {
         match self {
             Self::LinearElastic(_) => None,
@@ -201,6 +198,7 @@ impl Material {
     }
 
     /// Third derivatives of f; `None` where they vanish.
+    #[inline(always)]
     fn third(&self, at: &Invariants) -> Option<Third> {
         match self {
             Self::LinearElastic(_)
@@ -214,7 +212,7 @@ impl Material {
     }
 
     /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
-    #[inline]
+    #[inline(always)]
     pub fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
         let f = &k.deformation_gradient;
         match self.derivatives(&self.invariants(k)) {
@@ -236,83 +234,38 @@ impl Material {
         }
     }
 
-    /// [`Material::stress`] with the elasticity dP/dF at fixed pressure.
-    #[inline]
-    pub fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Elasticity) {
+    /// [`Material::stress`] with the tangent dP/dF at fixed pressure.
+    #[inline(always)]
+    pub fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
         let Some(d) = self.derivatives(&self.invariants(k)) else {
             let Self::LinearElastic(law) = self else { unreachable!("every other law has derivatives") };
             let (energy, stress) = law.stress(&k.displacement_gradient);
-            return (energy, stress, law.elasticity());
+            return (energy, stress, law.tangent());
         };
         let f = &k.deformation_gradient;
-        let f_j = d.first[J] - q_pa;
+        let [f1, f2, f_j, f4] = d.first;
+        let f_j = f_j - q_pa;
         let slope_i2 = second_invariant_slope(k);
-        let mut stress = k.cofactor * f_j + f * (2.0 * d.first[I1]) + slope_i2 * d.first[I2];
-        let right = f.transpose() * f;
-        let left = f * f.transpose();
-        // Coefficients of d_ij (..)_KL and of (..)_ij d_KL.
-        let f2 = d.first[I2];
-        let mut inner = right * (-2.0 * f2);
-        let isotropic = 2.0 * d.first[I1] + 2.0 * f2 * (k.first_invariant + 3.0);
-        for axis in 0..3 {
-            inner[(axis, axis)] += isotropic;
-        }
-        if d.first[I4] != 0.0 {
-            let a = self.fibre();
-            stress += f * a * a.transpose() * (2.0 * d.first[I4]);
-            inner += a * a.transpose() * (2.0 * d.first[I4]);
-        }
-        let mut elasticity = [[0.0; 9]; 9];
-        for large_k in 0..3 {
-            for i in 0..3 {
-                let row = &mut elasticity[3 * large_k + i];
-                for large_l in 0..3 {
-                    row[3 * large_l + i] += inner[(large_k, large_l)];
-                    for j in 0..3 {
-                        row[3 * large_l + j] += f2
-                            * (4.0 * f[(i, large_k)] * f[(j, large_l)]
-                                - 2.0 * f[(i, large_l)] * f[(j, large_k)]);
-                    }
-                }
-                for j in 0..3 {
-                    row[3 * large_k + j] -= 2.0 * f2 * left[(i, j)];
-                }
-            }
-        }
-        add_determinant_curvature(&mut elasticity, f, f_j);
-        self.add_second_derivatives(&mut elasticity, k, &d, &slope_i2);
-        (d.energy - q_pa * k.volume_change, stress, elasticity)
-    }
-
-    /// sum_mn f_mn (dI_m/dF) (x) (dI_n/dF), of the pairs that the law has.
-    #[inline]
-    fn add_second_derivatives(
-        &self,
-        elasticity: &mut Elasticity,
-        k: &Kinematics,
-        d: &Derivatives,
-        slope_i2: &Matrix3<f64>,
-    ) {
-        let f = &k.deformation_gradient;
+        let mut stress = k.cofactor * f_j + f * (2.0 * f1) + slope_i2 * f2;
         let a = self.fibre();
-        let slopes = [2.0 * f, *slope_i2, k.cofactor, 2.0 * (f * a) * a.transpose()];
-        for (m, left) in slopes.iter().enumerate() {
-            if d.second[m].iter().all(|&s| s == 0.0) {
-                continue;
-            }
-            // f_mn dI_n/dF summed over n first: one outer product a row of f''.
-            let mut right = Matrix3::zeros();
-            for (n, slope) in slopes.iter().enumerate() {
-                if d.second[m][n] != 0.0 {
-                    right += slope * d.second[m][n];
-                }
-            }
-            for (row, l) in elasticity.iter_mut().zip(left.iter()) {
-                for (entry, r) in row.iter_mut().zip(right.iter()) {
-                    *entry += l * r;
-                }
-            }
+        if f4 != 0.0 {
+            stress += f * a * a.transpose() * (2.0 * f4);
         }
+        let tangent = Tangent {
+            map: *f,
+            forward: 4.0 * f2,
+            crosswise: -2.0 * f2,
+            left: f * f.transpose() * (-2.0 * f2),
+            stretch: -2.0 * f2,
+            isotropic: 2.0 * f1 + 2.0 * f2 * (k.first_invariant + 3.0),
+            determinant: f_j,
+            fibre: a,
+            along_fibre: 2.0 * f4,
+            second: d.second,
+            slopes: [2.0 * f, slope_i2, k.cofactor, 2.0 * (f * a) * a.transpose()],
+            rows: d.second.map(|row| row.iter().any(|&s| s != 0.0)),
+        };
+        (d.energy - q_pa * k.volume_change, stress, tangent)
     }
 
     /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
@@ -322,6 +275,7 @@ impl Material {
     /// D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations) + sum_mno f_mno I_m[i] I_n[j] I_o[k],
     ///
     /// and the multiplier adds - q J[ijk] - (q_i J[jk] + 2 permutations).
+    #[inline(always)]
     pub fn third_along(
         &self,
         k: &Kinematics,
@@ -367,23 +321,102 @@ impl Material {
 }
 
 /// dI2/dF = 2 (I1 F - F F^T F).
-#[inline]
+#[inline(always)]
 fn second_invariant_slope(k: &Kinematics) -> Matrix3<f64> {
     let f = &k.deformation_gradient;
     (f * (k.first_invariant + 3.0) - f * (f.transpose() * f)) * 2.0
 }
 
-/// Adds `factor` times the second derivative of det F: e_ijm e_KLM F_mM.
-#[inline]
-fn add_determinant_curvature(elasticity: &mut Elasticity, f: &Matrix3<f64>, factor: f64) {
-    // (first, second, sign): e_(first, second, third) with third the axis left over.
-    const PAIRS: [(usize, usize, usize, f64); 6] =
-        [(0, 1, 2, 1.0), (1, 2, 0, 1.0), (2, 0, 1, 1.0), (1, 0, 2, -1.0), (2, 1, 0, -1.0), (0, 2, 1, -1.0)];
-    for (large_k, large_l, large_m, material_sign) in PAIRS {
-        for (i, j, m, spatial_sign) in PAIRS {
-            elasticity[3 * large_k + i][3 * large_l + j] +=
-                factor * material_sign * spatial_sign * f[(m, large_m)];
+/// The elasticity A = dP/dF, kept as the few numbers from which a block g_a . A . g_b is made.
+///
+/// With x_a = F g_a and m = F (g_a x g_b), term by term of the A at the top of this file:
+///
+/// g_a . A . g_b = forward x_a x_b^T + crosswise x_b x_a^T + left (g_a . g_b) + determinant e_ijk m_k
+///   + [ isotropic (g_a . g_b) + stretch (x_a . x_b) + along_fibre (a . g_a)(a . g_b) ] I
+///   + sum_mn f_mn (I_m' g_a) (I_n' g_b)^T
+#[derive(Debug, Clone, Copy)]
+pub struct Tangent {
+    map: Matrix3<f64>,
+    forward: f64,
+    crosswise: f64,
+    left: Matrix3<f64>,
+    stretch: f64,
+    isotropic: f64,
+    determinant: f64,
+    fibre: Vector3<f64>,
+    along_fibre: f64,
+    second: [[f64; 4]; 4],
+    slopes: [Matrix3<f64>; 4],
+    /// Rows of `second` that are not zero.
+    rows: [bool; 4],
+}
+
+/// What a [`Tangent`] needs of one shape function.
+#[derive(Debug, Clone, Copy)]
+pub struct TangentNode {
+    gradient: Vector3<f64>,
+    mapped: Vector3<f64>,
+    along: f64,
+    /// I_m' g and sum_n f_mn I_n' g.
+    slopes: [Vector3<f64>; 4],
+    weighted: [Vector3<f64>; 4],
+}
+
+impl Tangent {
+    /// Prepares the gradient of one shape function.
+    #[inline(always)]
+    pub fn node(&self, gradient: &Vector3<f64>) -> TangentNode {
+        let mut node = TangentNode {
+            gradient: *gradient,
+            mapped: self.map * gradient,
+            along: self.fibre.dot(gradient),
+            slopes: [Vector3::zeros(); 4],
+            weighted: [Vector3::zeros(); 4],
+        };
+        for m in 0..4 {
+            if self.rows[m] {
+                node.slopes[m] = self.slopes[m] * gradient;
+            }
         }
+        for m in 0..4 {
+            if self.rows[m] {
+                for n in 0..4 {
+                    node.weighted[m] += node.slopes[n] * self.second[m][n];
+                }
+            }
+        }
+        node
+    }
+
+    /// The block g_a . A . g_b, row-major.
+    #[inline(always)]
+    pub fn block(&self, a: &TangentNode, b: &TangentNode) -> [f64; 9] {
+        let (x, y) = (&a.mapped, &b.mapped);
+        let gradients = a.gradient.dot(&b.gradient);
+        let m = self.map * a.gradient.cross(&b.gradient) * self.determinant;
+        let mut block = [0.0, m[2], -m[1], -m[2], 0.0, m[0], m[1], -m[0], 0.0];
+        for i in 0..3 {
+            for j in 0..3 {
+                block[3 * i + j] +=
+                    self.forward * x[i] * y[j] + self.crosswise * y[i] * x[j] + self.left[(i, j)] * gradients;
+            }
+        }
+        let diagonal =
+            self.isotropic * gradients + self.stretch * x.dot(y) + self.along_fibre * a.along * b.along;
+        for i in 0..3 {
+            block[4 * i] += diagonal;
+        }
+        for k in 0..4 {
+            if self.rows[k] {
+                let (left, right) = (&a.slopes[k], &b.weighted[k]);
+                for i in 0..3 {
+                    for j in 0..3 {
+                        block[3 * i + j] += left[i] * right[j];
+                    }
+                }
+            }
+        }
+        block
     }
 }
 
@@ -402,13 +435,14 @@ struct InvariantsAlong {
 const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 /// Position of a pair of directions in [`PAIRS`].
-#[inline]
+#[inline(always)]
 fn pair(i: usize, j: usize) -> usize {
     let (low, high) = if i <= j { (i, j) } else { (j, i) };
     [0, 2, 3][low] + high
 }
 
 impl InvariantsAlong {
+    #[inline(always)]
     fn new(k: &Kinematics, directions: &[Matrix3<f64>; 3], fibre: &Vector3<f64>) -> Self {
         let f = &k.deformation_gradient;
         let stretched = directions.map(|g| g * fibre);
@@ -435,13 +469,13 @@ impl InvariantsAlong {
         Self { linear, squares, directions: *directions, cofactor_slopes, cofactor_curvatures }
     }
 
-    #[inline]
+    #[inline(always)]
     fn square(&self, i: usize, j: usize) -> &[f64; 4] {
         &self.squares[pair(i, j)]
     }
 
     /// Third derivatives; I1 and I4 are quadratic in F and have none.
-    #[inline]
+    #[inline(always)]
     fn cubic(&self, i: usize, j: usize, l: usize) -> [f64; 4] {
         let curvature = |a, b| &self.cofactor_curvatures[pair(a, b)];
         let slope = &self.cofactor_slopes;

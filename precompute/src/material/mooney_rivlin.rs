@@ -31,12 +31,12 @@ pub struct MooneyRivlin {
 
 impl MooneyRivlin {
     /// p0 = 2 C10 + 4 C01, Pa.
-    #[inline]
+    #[inline(always)]
     pub fn rest_pressure_pa(&self) -> f64 {
         2.0 * self.c10_pa + 4.0 * self.c01_pa
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
         let rest_pa = self.rest_pressure_pa();
         let mut d = Derivatives {
@@ -76,7 +76,7 @@ pub struct ReducedMooneyRivlin {
 }
 
 impl ReducedMooneyRivlin {
-    #[inline]
+    #[inline(always)]
     pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Self { c10_pa, c01_pa } = *self;
         let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, 1.0 + at.j);

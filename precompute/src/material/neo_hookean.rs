@@ -23,7 +23,7 @@ pub struct NeoHookean {
 }
 
 impl NeoHookean {
-    #[inline]
+    #[inline(always)]
     pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());

@@ -49,7 +49,7 @@ impl StVenantKirchhoff {
         Self { lame: Lame::from_young_poisson(young_pa, poisson) }
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let slope = 0.25 * lambda_pa + 0.5 * mu_pa;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::factor::REFINED;
 use super::{Configuration, FailureReason, Seed, SolveFailure, Solver};
 use crate::assembly::third_derivatives;
 use crate::boundary::Pose;
@@ -63,6 +64,7 @@ impl Solver {
             &self.assembled.tangent,
             &self.right,
             &mut self.columns,
+            REFINED,
         );
         if solved.is_err() {
             return fail(FailureReason::SingularTangent, residual_n);

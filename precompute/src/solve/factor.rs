@@ -26,10 +26,12 @@ use crate::assembly::Pattern;
 
 /// Regularisations tried, in units of V_i / mu.
 const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
-/// Refinement stops at this relative residual ...
-const REFINED: f64 = 1e-13;
-/// ... and a solve is accepted below this one.
+/// A solve is accepted below this relative residual.
 const ACCEPTED: f64 = 1e-10;
+/// Refinement goes on to this one where every digit counts: sensitivities. A Newton step needs no more than acceptance.
+pub(super) const REFINED: f64 = 1e-13;
+/// Refinement target of a Newton step.
+pub(super) const ENOUGH: f64 = ACCEPTED;
 /// Refinement steps at most; each gains at least four digits when the factor is any good.
 const REFINEMENTS: usize = 6;
 
@@ -271,6 +273,7 @@ impl Factor {
         matrix: &[f64],
         x: &mut [f64],
         columns: usize,
+        target: f64,
     ) -> f64 {
         let n = pattern.unknowns();
         x.fill(0.0);
@@ -311,15 +314,25 @@ impl Factor {
             // Converged, or no longer gaining a digit a step.
             let stalled = worst > 0.3 * best;
             best = worst;
-            if worst <= REFINED || stalled {
+            if worst <= target || stalled {
                 break;
             }
         }
         best
     }
 
-    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]); the factor
-    /// stays for [`Factor::correct`].
+    /// Factorises `matrix` by the first route that exists, without a solve that would check it.
+    pub(super) fn factorise_first(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+    ) -> bool {
+        symbolic.routes().iter().any(|&route| self.factorise(symbolic, pattern, matrix, route))
+    }
+
+    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]), refined
+    /// to the relative residual `target`; the factor stays for [`Factor::correct`].
     pub(super) fn factorise_and_solve(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -327,6 +340,7 @@ impl Factor {
         matrix: &[f64],
         right: &[f64],
         x: &mut [f64],
+        target: f64,
     ) -> Result<f64, SingularMatrix> {
         let mut best = f64::INFINITY;
         for &route in symbolic.routes() {
@@ -334,7 +348,8 @@ impl Factor {
                 continue;
             }
             self.right[..right.len()].copy_from_slice(right);
-            let residual = self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns());
+            let residual =
+                self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), target);
             best = best.min(residual);
             if residual <= ACCEPTED {
                 return Ok(residual);

@@ -8,6 +8,7 @@ mod factor;
 mod incremental_loading;
 mod newton;
 pub mod ordering;
+mod profile;
 mod quasi_newton;
 mod settle;
 
@@ -17,6 +18,7 @@ use nalgebra::Matrix3;
 
 pub use incremental_loading::LoadingOptions;
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
+pub use profile::IterationProfile;
 pub use settle::settle;
 
 use crate::assembly::{Assembled, HandleCoupling, Pattern};

@@ -1,5 +1,6 @@
 //! Newton-Raphson with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
 
+use super::factor::ENOUGH;
 use super::{Configuration, Solver};
 use crate::boundary::Pose;
 
@@ -255,7 +256,7 @@ impl Solver {
     }
 
     /// trial = state + omega step over the unknowns (pressures rescaled to Pa); multipliers move along.
-    fn move_by(&mut self, omega: f64) {
+    pub(super) fn move_by(&mut self, omega: f64) {
         let body = &self.problem.body;
         let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
         self.trial.copy_from_slice(&self.state);
@@ -270,7 +271,7 @@ impl Solver {
     }
 
     /// The trial becomes the state.
-    fn swap_trial(&mut self) {
+    pub(super) fn swap_trial(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
     }
 
@@ -283,7 +284,7 @@ impl Solver {
     }
 
     /// K step = -residual, with the tangent just assembled.
-    fn newton_step(&mut self) -> bool {
+    pub(super) fn newton_step(&mut self) -> bool {
         let problem = &*self.problem;
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
@@ -296,6 +297,7 @@ impl Solver {
                 &self.assembled.tangent,
                 &self.right[..self.residual.len()],
                 &mut self.step,
+                ENOUGH,
             )
             .is_ok()
     }

@@ -1,0 +1,81 @@
+//! Where the time of a Newton iteration goes: for `palpate bench fem`, never for a decision of the solver.
+
+use std::time::Instant;
+
+use super::{SolveFailure, Solver};
+use crate::boundary::Pose;
+
+/// Seconds of the parts of one Newton iteration.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct IterationProfile {
+    /// Residual and tangent over all elements.
+    pub assembly_s: f64,
+    /// Residual alone, as a line search or a frozen step needs it.
+    pub residual_s: f64,
+    /// Numeric factorisation.
+    pub factorisation_s: f64,
+    /// One solve with the factor, refined and checked.
+    pub solve_s: f64,
+    /// One solve with the factor, unchecked: a frozen step.
+    pub bare_solve_s: f64,
+    /// Three sensitivities, condensed tangent and third derivatives, without the factorisation.
+    pub derivatives_s: f64,
+    /// The whole iteration as the solver runs it: assembly, factorisation, solve, residual at the new state.
+    pub iteration_s: f64,
+}
+
+impl Solver {
+    /// Times the parts of a Newton iteration at a solved configuration's state.
+    pub fn profile(&mut self, pose: &Pose, state: &[f64]) -> Result<IterationProfile, SolveFailure> {
+        let here = self.solve_at(pose, state)?;
+        self.state.copy_from_slice(&here.seed.state);
+        let mut profile = IterationProfile::default();
+        let clock = |work: &mut dyn FnMut()| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64()
+        };
+        profile.assembly_s = clock(&mut || {
+            self.evaluate(true);
+        });
+        profile.residual_s = clock(&mut || {
+            self.evaluate(false);
+        });
+        self.evaluate(true);
+        // A right-hand side as rough as a residual.
+        for (i, r) in self.residual.iter_mut().enumerate() {
+            *r = ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5;
+        }
+        let rough = self.residual.clone();
+        profile.factorisation_s = clock(&mut || {
+            self.factorise_only();
+        });
+        profile.bare_solve_s = clock(&mut || {
+            self.right[..rough.len()].copy_from_slice(&rough);
+            self.factor.correct(&self.problem.symbolic, &rough, &mut self.step);
+        });
+        profile.iteration_s = clock(&mut || {
+            self.evaluate(true);
+            self.residual.copy_from_slice(&rough);
+            self.newton_step();
+            self.move_by(1e-9);
+            self.swap_trial();
+            self.evaluate(false);
+        });
+        profile.solve_s =
+            profile.iteration_s - profile.assembly_s - profile.residual_s - profile.factorisation_s;
+        self.state.copy_from_slice(&here.seed.state);
+        let condense = clock(&mut || {
+            let residual_n = self.evaluate(true);
+            let _ = self.condense(pose, residual_n, 0);
+        });
+        profile.derivatives_s =
+            condense - 2.0 * profile.assembly_s - 2.0 * profile.residual_s - profile.factorisation_s;
+        Ok(profile)
+    }
+
+    fn factorise_only(&mut self) {
+        let problem = &*self.problem;
+        self.factor.factorise_first(&problem.symbolic, &problem.pattern, &self.assembled.tangent);
+    }
+}
