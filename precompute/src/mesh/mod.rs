@@ -24,7 +24,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
-pub use quality::MeshReport;
+pub use quality::{MeshReport, PressureDoubts, doubtful_for_pressure};
 pub use surface::Surface;
 pub use tetrahedral::{MeshFault, TetMesh};
 

@@ -5,7 +5,8 @@
 //!
 //! Ten-node tets (`-o2`) are read if their edges are straight, and their mid-edge nodes dropped (see `mid_edge.rs`: node
 //! indices count vertices only). Each goes to the edge whose middle it is nearest to: TetGen (as in the Python package
-//! tetgen 0.8.4) writes the edges in the order 23 03 01 12 13 02, which is nobody else's, and other writers of the format have orders of their own.
+//! tetgen 0.8.4) writes the edges in the order 23 03 01 12 13 02, which is nobody else's, and other writers of the format
+//! have orders of their own.
 
 use std::path::Path;
 

@@ -50,10 +50,9 @@ impl Body {
         for (last, corner) in corners.iter().enumerate() {
             body.vertices.push(body.nodes.len());
             body.nodes.push(*corner);
-            for first in 0..last {
-                let joined = body.tets.iter().any(|t| t.contains(&first) && t.contains(&last));
-                if joined {
-                    body.nodes.push(std::array::from_fn(|axis| 0.5 * (corners[first][axis] + corner[axis])));
+            for (first, start) in corners.iter().enumerate().take(last) {
+                if body.tets.iter().any(|t| t.contains(&first) && t.contains(&last)) {
+                    body.nodes.push(std::array::from_fn(|axis| 0.5 * (start[axis] + corner[axis])));
                 }
             }
         }
