@@ -20,5 +20,6 @@ pub mod incompressibility;
 pub mod kinematics;
 pub mod material;
 pub mod mesh;
+pub mod output;
 pub mod scene;
 pub mod solve;
