@@ -400,3 +400,27 @@ fn singles_may_be_off_by_their_rounding() {
         assert!(format.read(&body).expect_err("a millimetre").contains("is curved"));
     }
 }
+
+#[test]
+fn rubbish_and_truncation_never_panic() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    for format in FORMATS {
+        let (path, _) = format.write(folder.path(), &Body::new(), format.order());
+        let sound = std::fs::read(&path).expect("just written");
+        let judge = |bytes: &[u8]| {
+            std::fs::write(&path, bytes).expect("written");
+            match crate::mesh::read(&path, LengthUnit::Metre) {
+                Ok(mesh) => mesh.check().expect("what is read is sound"),
+                Err(error) => assert!(!error.to_string().contains('\n') && !error.mend.is_empty()),
+            }
+        };
+        for at in 0..sound.len() {
+            judge(&sound[..at]);
+            for byte in *b" 9-\n" {
+                let mut damaged = sound.clone();
+                damaged[at] = byte;
+                judge(&damaged);
+            }
+        }
+    }
+}
