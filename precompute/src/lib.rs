@@ -19,6 +19,7 @@ pub mod fit;
 pub mod kinematics;
 pub mod material;
 pub mod mesh;
+pub mod output;
 pub mod pressure;
 pub mod scene;
 pub mod solve;

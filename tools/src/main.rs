@@ -5,6 +5,7 @@
 
 mod blob;
 mod cmd;
+mod displacements;
 mod failure;
 mod output;
 mod progress;

@@ -67,6 +67,112 @@ fn a_path_is_a_table_with_every_column() {
     assert_eq!(displacements.lines().count(), 1 + 4 * nodes);
 }
 
+/// The array of a VTU file of our own: inline base64 with an 8-byte header.
+fn vtu_array(vtu: &Path, parent: &str, name: &str) -> Vec<f64> {
+    let text = std::fs::read_to_string(vtu).expect("the step is there");
+    let inside = text.split(&format!("<{parent}>")).nth(1).expect("the section");
+    let inside = inside.split(&format!("</{parent}>")).next().expect("its end");
+    let array = inside.split(&format!("Name=\"{name}\"")).nth(1).expect("the array");
+    let data = array.split(['>', '<']).nth(1).expect("data");
+    let bytes = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, data).expect("base64");
+    bytes[8..].as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
+}
+
+#[test]
+fn a_path_is_a_series_for_paraview() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let at = |name: &str| folder.path().join(name);
+    let (csv, moved, pvd) = (at("path.csv"), at("moved.csv"), at("moved.PVD"));
+    for displacements in [&moved, &pvd] {
+        let (csv, file) = (text(&csv), text(displacements));
+        let steps = ["--step-mm", "1.5", "--steps", "3", "--csv", csv, "--displacements", file];
+        let output = palpate(&[&["path", text(&scene), "--direction=0,0,-1"][..], &steps].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    let list = std::fs::read_to_string(&pvd).expect("the list is written");
+    let sets: Vec<&str> = list.lines().filter(|line| line.starts_with("<DataSet")).collect();
+    assert_eq!(sets.len(), 4, "rest and three steps: {list}");
+    let forces = std::fs::read_to_string(&csv).expect("the table");
+    let rows = std::fs::read_to_string(&moved).expect("the displacements");
+    for (step, set) in sets.iter().enumerate() {
+        let file = format!("moved/step_000{step}.vtu");
+        let time = 1.5 * step as f64;
+        assert!(
+            set.contains(&format!("timestep=\"{time:?}\"")) && set.contains(&format!("file=\"{file}\"")),
+            "{set}"
+        );
+        // Our own reader takes it for the mesh it is, and the numbers are those of the tables, to the last bit.
+        let shown = palpate(&["inspect", text(&at(&file)), "--json"]);
+        let shown: serde_json::Value = serde_json::from_slice(&shown.stdout).expect("JSON");
+        assert_eq!(shown["nodes"], soft_beam(mooney_rivlin()).0.nodes_m.len());
+        let u = vtu_array(&at(&file), "PointData", "displacement_m");
+        let reaction = vtu_array(&at(&file), "FieldData", "reaction_force_n");
+        if step == 0 {
+            assert!(u.iter().all(|u| *u == 0.0) && reaction.iter().all(|h| h.abs() < 1e-9), "rest");
+            continue;
+        }
+        let start = format!("{step},");
+        let of_csv: Vec<f64> = rows
+            .lines()
+            .filter(|row| row.starts_with(&start))
+            .flat_map(|row| row.split(',').skip(2).map(|u| u.parse::<f64>().expect("a number")))
+            .collect();
+        assert_eq!(u, of_csv);
+        assert!(u.iter().any(|u| u.abs() > 0.9e-3), "the beam has moved");
+        let row = forces.lines().find(|row| row.starts_with(&start)).expect("the step's row");
+        let force: Vec<f64> = row.split(',').skip(4).take(3).map(|h| h.parse().expect("a number")).collect();
+        assert_eq!(reaction, force);
+    }
+    let wrong = at("moved.xlsx");
+    let arguments =
+        ["path", text(&scene), "--direction=0,0,-1", "--steps", "1", "--displacements", text(&wrong)];
+    refused(&arguments, &["moved.xlsx", ".csv or .pvd"]);
+    std::fs::write(at("taken"), "a file").expect("the folder can be written");
+    let taken = at("taken.pvd");
+    let arguments =
+        ["path", text(&scene), "--direction=0,0,-1", "--steps", "1", "--displacements", text(&taken)];
+    refused(&arguments, &["taken.pvd", "check the name"]);
+}
+
+#[test]
+fn inspect_measures_meshes_and_scenes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let mesh = folder.path().join("beam.msh");
+    let show = |arguments: &[&str]| {
+        let output = palpate(&[&["inspect"], arguments].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let json = |arguments: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&show(&[arguments, &["--json"]].concat())).expect("JSON")
+    };
+    let beam = soft_beam(mooney_rivlin()).0;
+    let figures = json(&[text(&mesh)]);
+    assert_eq!((&figures["nodes"], &figures["tets"]), (&beam.nodes_m.len().into(), &beam.tets.len().into()));
+    let histogram = figures["min_dihedral_histogram"].as_array().expect("bins");
+    assert_eq!(histogram.iter().map(|n| n.as_u64().expect("a count")).sum::<u64>(), beam.tets.len() as u64);
+    let in_mm = json(&[text(&mesh), "--unit", "mm"]);
+    let ratio = figures["volume_m3"].as_f64().expect("m3") / in_mm["volume_m3"].as_f64().expect("m3");
+    assert!((ratio - 1e9).abs() < 1.0, "{ratio}");
+    let of_scene = json(&[text(&scene)]);
+    assert_eq!(of_scene["mesh"], figures);
+    assert_eq!(of_scene["pressure_doubts"]["tets"], beam.tets.len());
+    for shown in [show(&[text(&mesh)]), show(&[text(&scene)])] {
+        assert!(shown.contains("smallest dihedral angle of each tet") && shown.contains("|####"), "{shown}");
+        assert!(shown.lines().filter(|l| !l.contains(": ")).all(|l| l.chars().count() <= 80), "{shown}");
+    }
+    refused(&["inspect", text(&scene), "--unit", "mm"], &["beam.toml", "--unit is for mesh files"]);
+    // A ten-node mesh with a curved edge.
+    let curved = folder.path().join("curved.vtk");
+    let points = "0 0 0 1 0 0 0 1 0 0 0 1 .5 0 .01 .5 .5 0 0 .5 0 0 0 .5 .5 0 .5 0 .5 .5";
+    let cells = "CELLS 1 11\n10 0 1 2 3 4 5 6 7 8 9\nCELL_TYPES 1\n24\n";
+    let head = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID";
+    std::fs::write(&curved, format!("{head}\nPOINTS 10 double\n{points}\n{cells}")).expect("written");
+    refused(&["inspect", text(&curved)], &["curved.vtk:8: ", "edge 0-1 is curved", "straight-sided"]);
+}
+
 #[test]
 fn a_path_that_fails_keeps_its_rows_and_says_so() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -273,6 +273,23 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
     })
 }
 
+/// Deformed over undeformed volume of every element, file order.
+pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
+    fn pass<const N: usize>(body: &Body, rule: &[Point<N>], state: &[f64]) -> Vec<f64> {
+        let mut system = ElementSystem::<N>::new();
+        let each = body.elements.iter().zip(body.connectivity.chunks_exact(N));
+        each.map(|(element, nodes)| {
+            system.compute::<false>(body, element, nodes, rule, state);
+            system.volume_m3 / element.tet.volume_m3
+        })
+        .collect()
+    }
+    match body.order {
+        Order::Linear => pass::<4>(body, &LINEAR, state),
+        Order::Quadratic => pass::<10>(body, &QUADRATIC, state),
+    }
+}
+
 /// Runs work compiled for the widest vectors of this machine. Whatever is called is inlined, or it is compiled for the
 /// baseline. The bits are the same either way: nothing is fused or summed in another order.
 #[inline]

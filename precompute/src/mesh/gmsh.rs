@@ -3,6 +3,9 @@
 //! Own reader: errors must name the line, and one file must do for both versions. Sections that hold no mesh
 //! (`$Periodic`, `$NodeData`, ..., whatever comes) are skipped up to their `$End...`, as the format asks of readers.
 //!
+//! Elements: tets of 4 nodes, or all of 10 with straight edges, whose mid-edge nodes are dropped (see `mid_edge.rs`:
+//! node indices count vertices only). Of points, lines and triangles of either order the vertices count for groups.
+//!
 //! Groups: every physical group becomes a group of its name; one without a name is called `point 7`, `curve 7`,
 //! `surface 7` or `volume 7` by its tag. Groups of different dimension with one name are joined.
 
@@ -10,6 +13,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use super::lines::{Line, Lines, Words};
+use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use super::tetrahedral::sorted;
 use crate::error::{InputError, count};
@@ -109,9 +113,11 @@ fn skip(start: Line<'_>, section: &str, lines: &mut Lines<'_>) -> Result<(), Inp
 /// What an element type of the format means to us.
 enum Kind {
     Tet,
-    /// Points, lines and triangles: kept for the nodes of their groups.
+    TenNodeTet,
+    /// Points, lines and triangles: kept for the vertices of their groups. The vertices are the first of the nodes.
     Lower {
         dimension: usize,
+        vertices: usize,
         nodes: usize,
     },
     HigherOrder,
@@ -120,15 +126,18 @@ enum Kind {
 
 fn kind_of(element_type: u32) -> Kind {
     match element_type {
-        15 => Kind::Lower { dimension: 0, nodes: 1 },
-        1 => Kind::Lower { dimension: 1, nodes: 2 },
-        2 => Kind::Lower { dimension: 2, nodes: 3 },
+        15 => Kind::Lower { dimension: 0, vertices: 1, nodes: 1 },
+        1 => Kind::Lower { dimension: 1, vertices: 2, nodes: 2 },
+        8 => Kind::Lower { dimension: 1, vertices: 2, nodes: 3 },
+        2 => Kind::Lower { dimension: 2, vertices: 3, nodes: 3 },
+        9 => Kind::Lower { dimension: 2, vertices: 3, nodes: 6 },
         4 => Kind::Tet,
+        11 => Kind::TenNodeTet,
         3 => Kind::Refused("quadrangle"),
         5 => Kind::Refused("hexahedron"),
         6 => Kind::Refused("prism"),
         7 => Kind::Refused("pyramid"),
-        8..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
+        10 | 12..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
         _ => Kind::Refused("shape this reader does not know"),
     }
 }
@@ -349,21 +358,25 @@ impl<'a> Reader<'a> {
         let line = words.line;
         match kind_of(element_type) {
             Kind::Tet => {
-                let nodes = self.vertices(words, tag, 4)?;
-                let nodes = [nodes[0], nodes[1], nodes[2], nodes[3]];
+                let vertices = self.vertices::<4>(words, tag)?;
                 let groups = self.group_names(3, physical);
-                self.push_tet(line, tag, nodes, groups)
+                self.push_tet(line, tag, vertices, None, groups)
             }
-            Kind::Lower { dimension, nodes } => {
-                let nodes = self.vertices(words, tag, nodes)?;
+            Kind::TenNodeTet => {
+                let (vertices, mid_edges) = mid_edge::split(self.vertices(words, tag)?, mid_edge::GMSH_ORDER);
+                let groups = self.group_names(3, physical);
+                self.push_tet(line, tag, vertices, Some(mid_edges), groups)
+            }
+            Kind::Lower { dimension, vertices, nodes } => {
+                let nodes = self.nodes_of(words, tag, nodes)?;
                 for group in self.group_names(dimension, physical) {
-                    self.raw.node_groups.entry(group).or_default().extend(&nodes);
+                    self.raw.node_groups.entry(group).or_default().extend(&nodes[..vertices]);
                 }
                 Ok(())
             }
             Kind::HigherOrder => Err(line.error(
-                format!("element {tag} is of second or higher order (Gmsh type {element_type})"),
-                "save the mesh with order 1; mid-edge nodes are not read from files",
+                format!("element {tag} is of an order or shape that is not read (Gmsh type {element_type})"),
+                "mesh the body with tetrahedra only, and save with order 1 or 2",
             )),
             Kind::Refused(shape) => Err(line.error(
                 format!("element {tag} is a {shape} (Gmsh type {element_type})"),
@@ -372,7 +385,12 @@ impl<'a> Reader<'a> {
         }
     }
 
-    fn vertices(&self, words: &mut Words<'_>, tag: u64, n: usize) -> Result<Vec<u32>, InputError> {
+    fn vertices<const N: usize>(&self, words: &mut Words<'_>, tag: u64) -> Result<[u32; N], InputError> {
+        let nodes = self.nodes_of(words, tag, N)?;
+        Ok(nodes.try_into().expect("as many as were asked for"))
+    }
+
+    fn nodes_of(&self, words: &mut Words<'_>, tag: u64, n: usize) -> Result<Vec<u32>, InputError> {
         let line = words.line;
         let look_up = |node: u64| {
             self.node_of_tag.get(&node).copied().ok_or_else(|| {
@@ -390,12 +408,13 @@ impl<'a> Reader<'a> {
         line: Line<'_>,
         tag: u64,
         nodes: [u32; 4],
+        mid_edges: Option<[u32; 6]>,
         groups: Vec<String>,
     ) -> Result<(), InputError> {
         let next = self.raw.tets.len() as u32;
         let (index, known) = self.tet_of_vertices.entry(sorted(nodes)).or_insert((next, Vec::new()));
         if *index == next {
-            self.raw.push_tet(nodes, Origin { tag, line: Some(line.number) }, &groups);
+            self.raw.push_tet(nodes, mid_edges, Origin { tag, line: Some(line.number) }, &groups)?;
         } else if groups.is_empty() || groups.iter().any(|group| known.contains(group)) {
             let first = self.raw.tet_origins[*index as usize].tag;
             let what = format!("element {tag} has the same four vertices as element {first}");

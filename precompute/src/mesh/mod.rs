@@ -3,6 +3,9 @@
 //! A reader per file format fills a `RawMesh`, which remembers the tag and line of every node and element, so
 //! that the checks every format shares can name the culprit the way the file does. What leaves this module is a
 //! [`TetMesh`]: metres, 0-based file order, every tet with positive volume.
+//!
+//! Files of ten-node tets are read if they are straight-sided. The mid-edge nodes are checked and dropped: a
+//! [`TetMesh`] has vertices only, and node indices (in scenes too) count the vertices in file order.
 
 pub mod quality;
 pub mod surface;
@@ -10,6 +13,7 @@ pub mod tetrahedral;
 
 mod gmsh;
 mod lines;
+mod mid_edge;
 mod raw;
 mod tetgen;
 mod vtk;
@@ -20,7 +24,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
-pub use quality::MeshReport;
+pub use quality::{MeshReport, PressureDoubts, doubtful_for_pressure};
 pub use surface::Surface;
 pub use tetrahedral::{MeshFault, TetMesh};
 
@@ -69,7 +73,7 @@ impl LengthUnit {
 
 /// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (either name finds the other).
 ///
-/// The content decides where it is distinctive, the extension otherwise. Errors name the file, the line or the
+/// Tets have four nodes, or ten with straight edges, of which the vertices are kept. The content decides where it is distinctive, the extension otherwise. Errors name the file, the line or the
 /// element with the file's own tag, and the mend.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();

@@ -26,6 +26,12 @@ pub(crate) struct RawMesh {
     pub(crate) node_origins: Vec<Origin>,
     pub(crate) tets: Vec<[u32; 4]>,
     pub(crate) tet_origins: Vec<Origin>,
+    /// Of ten-node tets: the node at the middle of each of `EDGES`, a row per tet; empty for four-node tets.
+    pub(crate) mid_edges: Vec<[u32; 6]>,
+    /// Whether the rows of `mid_edges` follow no order (TetGen's versions differ).
+    pub(crate) mid_edges_in_any_order: bool,
+    /// Relative rounding of the coordinates in the file: that of singles if it holds singles, else none.
+    pub(crate) rounding: f64,
     /// Unsorted, with repeats; `finish` tidies.
     pub(crate) node_groups: BTreeMap<String, Vec<u32>>,
     pub(crate) tet_groups: BTreeMap<String, Vec<u32>>,
@@ -37,18 +43,34 @@ impl RawMesh {
     }
 
     /// Adds a tet and, for each group it is in, the group's tets and nodes.
-    pub(crate) fn push_tet(&mut self, nodes: [u32; 4], origin: Origin, groups: &[String]) {
+    ///
+    /// All tets have four nodes or all have ten: `mid_edges` in the order of `EDGES`.
+    pub(crate) fn push_tet(
+        &mut self,
+        nodes: [u32; 4],
+        mid_edges: Option<[u32; 6]>,
+        origin: Origin,
+        groups: &[String],
+    ) -> Result<(), InputError> {
         let index = self.tets.len() as u32;
         self.tets.push(nodes);
         self.tet_origins.push(origin);
+        self.mid_edges.extend(mid_edges);
+        if !self.mid_edges.is_empty() && self.mid_edges.len() != self.tets.len() {
+            let (this, before) = if mid_edges.is_some() { (10, 4) } else { (4, 10) };
+            let what = format!("has {this} nodes, and the elements before it have {before}");
+            return Err(self.at_tet(index, what, "save the whole mesh with one order, 1 or 2"));
+        }
         for group in groups {
             self.tet_groups.entry(group.clone()).or_default().push(index);
             self.node_groups.entry(group.clone()).or_default().extend(nodes);
         }
+        Ok(())
     }
 
-    /// Scales to metres, tidies the groups and checks the mesh.
+    /// Drops mid-edge nodes, scales to metres, tidies the groups and checks the mesh.
     pub(crate) fn finish(mut self, unit: LengthUnit) -> Result<TetMesh, InputError> {
+        self.drop_mid_edge_nodes()?;
         for x in self.nodes.iter_mut().flatten() {
             *x /= unit.per_metre();
         }
@@ -64,12 +86,12 @@ impl RawMesh {
         };
         match mesh.check() {
             Ok(()) => Ok(mesh),
-            Err(fault) => Err(self.explain(fault, &mesh)),
+            Err(fault) => Err(self.explain(fault)),
         }
     }
 
     /// The fault in the file's own words: tags and lines instead of indices.
-    fn explain(&self, fault: MeshFault, mesh: &TetMesh) -> InputError {
+    pub(super) fn explain(&self, fault: MeshFault) -> InputError {
         match fault {
             MeshFault::Empty => InputError::new(
                 &self.tet_file,
@@ -83,7 +105,10 @@ impl RawMesh {
             ),
             MeshFault::NoSuchNode { tet, node } => self.at_tet(
                 tet,
-                format!("names node {node} (0-based), but there are {}", count(mesh.nodes_m.len(), "node")),
+                format!(
+                    "names node {node} (0-based), but there are {}",
+                    count(self.node_origins.len(), "node")
+                ),
                 "the file is damaged or its counts do not match: export it again",
             ),
             MeshFault::Flat { tet } => self.at_tet(
@@ -96,7 +121,7 @@ impl RawMesh {
                 let volume = format!("has negative volume {volume:.3e} m3");
                 match of_all {
                     1 => self.at_tet(tet, volume, mend),
-                    _ if of_all as usize == mesh.tets.len() => self.at_tet(
+                    _ if of_all as usize == self.tet_origins.len() => self.at_tet(
                         tet,
                         format!("{volume}, and so has every other tet"),
                         "the file uses the opposite vertex order: swap the first two vertices of every tet",
@@ -129,7 +154,7 @@ impl RawMesh {
         InputError { file: self.node_file.clone(), line, what, mend: mend.into() }
     }
 
-    fn at_tet(&self, tet: u32, what: String, mend: &str) -> InputError {
+    pub(super) fn at_tet(&self, tet: u32, what: String, mend: &str) -> InputError {
         let Origin { tag, line } = self.tet_origins[tet as usize];
         InputError {
             file: self.tet_file.clone(),

@@ -6,7 +6,7 @@ use super::TetMesh;
 use super::tetrahedral::{cross, norm, sorted, sub};
 
 /// The four faces of a tet of positive volume, each counter-clockwise seen from outside.
-const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Boundary of a tetrahedral mesh.
 ///

@@ -2,10 +2,16 @@
 //!
 //! Numbers start at 0 or 1: the first node's number decides, as TetGen itself has it. A node's boundary marker m
 //! becomes the node group `marker m`, a tet's region attribute r the group `region r`; 0 means none.
+//!
+//! Ten-node tets (`-o2`) are read if their edges are straight, and their mid-edge nodes dropped (see `mid_edge.rs`: node
+//! indices count vertices only). Each goes to the edge whose middle it is nearest to: TetGen (as in the Python package
+//! tetgen 0.8.4) writes the edges in the order 23 03 01 12 13 02, which is nobody else's, and other writers of the format
+//! have orders of their own.
 
 use std::path::Path;
 
 use super::lines::{Line, Lines};
+use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use crate::error::InputError;
 
@@ -77,19 +83,20 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
     let n: u64 = words.number("the number of tetrahedra")?;
     let per_tet: usize = words.number("the number of nodes per tetrahedron")?;
     let attributes: usize = optional(&mut words, "the number of attributes")?;
-    if per_tet != 4 {
+    if per_tet != 4 && per_tet != 10 {
         return Err(header.error(
             format!("the tetrahedra have {per_tet} nodes each"),
-            "save the mesh with order 1 (without TetGen's -o2); mid-edge nodes are not read from files",
+            "save the mesh with 4 nodes per tetrahedron, or with 10 (TetGen's -o2)",
         ));
     }
+    raw.mid_edges_in_any_order = true;
     for index in 0..n {
         let line = lines.expect_line("a tetrahedron")?;
         let mut words = line.words();
         let tag: u64 = words.number("a tetrahedron's number")?;
         in_sequence(line, "tetrahedron", tag, base + index)?;
-        let mut nodes = [0; 4];
-        for node in &mut nodes {
+        let mut nodes = [0; 10];
+        for node in &mut nodes[..per_tet] {
             let number: u64 = words.number("a vertex")?;
             let found = number.checked_sub(base).filter(|&node| node < raw.nodes.len() as u64);
             *node = found.ok_or_else(|| {
@@ -105,7 +112,9 @@ fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputE
             }
         }
         words.end()?;
-        raw.push_tet(nodes, Origin { tag, line: Some(line.number) }, &groups);
+        let (vertices, mid_edges) = mid_edge::split(nodes, mid_edge::VTK_ORDER);
+        let mid_edges = (per_tet == 10).then_some(mid_edges);
+        raw.push_tet(vertices, mid_edges, Origin { tag, line: Some(line.number) }, &groups)?;
     }
     nothing_more(&mut lines, "tetrahedron")
 }
@@ -200,7 +209,7 @@ mod tests {
         );
         assert_says(ele("2 4 1", "3 4 1"), "body.ele:3: ", "ends where a tetrahedron", "truncated");
         assert_says(ele("2 4 1", "1 4 1"), "body.ele:3: ", "a tetrahedron more than", "counts");
-        assert_says(ele("2 4 1", "2 10 1"), "body.ele:1: ", "10 nodes each", "mid-edge nodes are not read");
+        assert_says(ele("2 4 1", "2 8 1"), "body.ele:1: ", "8 nodes each", "-o2");
         assert_says(ele("1 2 3 4 0", "1 2 3 5 0"), "body.ele:3: ", "element 1 names node 5", "same run");
         assert_says(
             ele("0 1 2 3 1", "1 0 2 3 1"),

@@ -2,15 +2,32 @@
 //!
 //! Own reader, not the crate vtkio: its legacy parser stops at attributes it does not know (a mesh needs none), its
 //! XML parser panics on a piece without points and cannot read raw appended data, which is what ParaView writes, and
-//! neither can name a line. Reading stops after CELL_TYPES: point and cell data are not the mesh's business.
+//! neither can name a line. Tets are type 10, or all type 24 (ten nodes) with straight edges, whose mid-edge nodes are
+//! dropped (see `mid_edge.rs`: node indices count vertices only). Reading stops after CELL_TYPES: point and cell data
+//! are not the mesh's business.
 
 use std::path::Path;
 use std::str::FromStr;
 
+use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use crate::error::InputError;
 
 const DAMAGED: &str = "the file is damaged or truncated: export it again";
+
+/// Points of either format, with the relative rounding of the type they are stored in.
+pub(super) struct Points {
+    points: Vec<[f64; 3]>,
+    rounding: f64,
+}
+
+impl Points {
+    pub(super) fn new(coordinates: &[f64], scalar: Scalar) -> Self {
+        let rounding =
+            if scalar == (Scalar::Float { size: 4 }) { f64::from(f32::EPSILON) / 2.0 } else { 0.0 };
+        Self { points: coordinates.as_chunks::<3>().0.to_vec(), rounding }
+    }
+}
 
 /// Cells as both VTK formats hold them once their encodings are undone.
 pub(super) struct Cells {
@@ -25,8 +42,9 @@ pub(super) struct Cells {
 
 impl Cells {
     /// The tets of the cells; lower dimensions carry no group in VTK and are dropped.
-    pub(super) fn into_raw(self, file: &Path, points: Vec<[f64; 3]>) -> Result<RawMesh, InputError> {
-        let mut raw = RawMesh::new(file, file);
+    pub(super) fn into_raw(self, file: &Path, points: Points) -> Result<RawMesh, InputError> {
+        let Points { points, rounding } = points;
+        let mut raw = RawMesh { rounding, ..RawMesh::new(file, file) };
         raw.node_origins = (0..points.len() as u64).map(|tag| Origin { tag, line: None }).collect();
         raw.nodes = points;
         let mut start = 0;
@@ -39,19 +57,26 @@ impl Cells {
                 .ok_or_else(|| error(format!("cell {index} reaches beyond the connectivity"), DAMAGED))?;
             start = end;
             match cell_type {
-                10 => {
-                    let Ok(nodes) = <[u32; 4]>::try_from(nodes) else {
-                        return Err(error(
-                            format!("cell {index} is a tetra with {} nodes", nodes.len()),
-                            DAMAGED,
-                        ));
-                    };
-                    raw.push_tet(nodes, Origin { tag: index as u64, line }, &[]);
+                10 | 24 => {
+                    let origin = Origin { tag: index as u64, line };
+                    if let (10, Ok(nodes)) = (cell_type, <[u32; 4]>::try_from(nodes)) {
+                        raw.push_tet(nodes, None, origin, &[])?;
+                    } else if let (24, Ok(nodes)) = (cell_type, <[u32; 10]>::try_from(nodes)) {
+                        let (vertices, mid_edges) = mid_edge::split(nodes, mid_edge::VTK_ORDER);
+                        raw.push_tet(vertices, Some(mid_edges), origin, &[])?;
+                    } else {
+                        let shape = if cell_type == 10 { "tetra" } else { "quadratic tetra" };
+                        let what = format!("cell {index} is a {shape} with {} nodes", nodes.len());
+                        return Err(error(what, DAMAGED));
+                    }
                 }
-                1..=6 => {}
-                21..=37 | 51..=81 => {
-                    let what = format!("cell {index} is of second or higher order (VTK type {cell_type})");
-                    let mend = "save the mesh with order 1; mid-edge nodes are not read from files";
+                1..=6 | 21 | 22 => {}
+                23 | 25..=37 | 51..=81 => {
+                    let what = format!(
+                        "cell {index} is of an order or shape that is not read (VTK type {cell_type})"
+                    );
+                    let mend =
+                        "mesh the body with tetrahedra only, and save with order 1 or as quadratic tetras";
                     return Err(error(what, mend));
                 }
                 other => {
@@ -185,10 +210,10 @@ impl Cursor<'_> {
             .ok_or_else(|| self.error(format!("expected a count, found `{}`", excerpt(word)), DAMAGED))
     }
 
-    fn points(&mut self, n: &str, scalar: &str) -> Result<Vec<[f64; 3]>, InputError> {
+    fn points(&mut self, n: &str, scalar: &str) -> Result<Points, InputError> {
         let n = self.count(n)?;
         let coordinates = self.numbers::<f64>(3 * n, scalar, "a coordinate")?;
-        Ok(coordinates.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect())
+        Ok(Points::new(&coordinates, Scalar::from_legacy(scalar).expect("numbers of this type were read")))
     }
 
     /// Both layouts: `n v0 .. vn` per cell, and since version 5.1 OFFSETS and CONNECTIVITY.

@@ -1,4 +1,6 @@
 //! VTU: VTK's XML file of an unstructured grid, with data as text, base64 or raw appended bytes, plain or zlib.
+//!
+//! Cells are those of `vtk.rs`, ten-node tets with straight edges among them (node indices count vertices only).
 
 use std::io::Read;
 use std::path::Path;
@@ -8,7 +10,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use roxmltree::{Document, Node};
 
 use super::raw::RawMesh;
-use super::vtk::{Cells, Number, Scalar};
+use super::vtk::{Cells, Number, Points, Scalar};
 use crate::error::InputError;
 
 const DAMAGED: &str = "the file is damaged or truncated: export it again";
@@ -126,7 +128,8 @@ impl<'a> Vtu<'a, '_> {
         let nodes = nodes.into_iter().map(|node| index(connectivity, node)).collect::<Result<_, _>>()?;
         let types = self.numbers::<i64>(array("types")?, cell_count)?;
         let types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
-        let points = coordinates.chunks_exact(3).map(|x| [x[0], x[1], x[2]]).collect();
+        let scalar = Scalar::from_xml(points.attribute("type").unwrap_or_default());
+        let points = Points::new(&coordinates, scalar.expect("numbers of this type were read"));
         Cells { types, ends, nodes, lines: None }.into_raw(self.file, points)
     }
 

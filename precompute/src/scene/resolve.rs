@@ -14,7 +14,7 @@ use super::{
 };
 use crate::error::{InputError, count, nearest_word};
 use crate::mesh::tetrahedral::{cross, distance, norm, sub};
-use crate::mesh::{self, LengthUnit, Surface, TetMesh, surface};
+use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
 
 /// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
@@ -38,7 +38,14 @@ pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let (pressure_pair, constraints) = solver(place, &file.solver)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
-    let warnings = lookup.warnings;
+    let mut warnings = lookup.warnings;
+    if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
+        let doubts = doubtful_for_pressure(&mesh, &fixed);
+        // The paper's P1/P1 pair is not stable on any mesh; only shapes are worth a word there.
+        if order == 2 || doubts.slivers_below_5_deg > 0 {
+            warnings.extend(doubts.warning());
+        }
+    }
     let visual = file.needs.visual;
     let text = place.canonical();
     Ok(ResolvedScene {

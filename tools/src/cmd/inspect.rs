@@ -6,7 +6,7 @@ use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::blob_writer::write_atomically;
 use palpate_precompute::configuration_space::{Record, SpaceGrid, Store};
-use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh};
+use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -14,6 +14,9 @@ use crate::output;
 use crate::workbench::Workbench;
 
 /// Show what a mesh, scene (.toml), space (.space) or blob (.blob) holds.
+///
+/// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their smallest
+/// dihedral angles, and warnings with the mend.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The file
@@ -21,9 +24,16 @@ pub(crate) struct Args {
     /// Of a .space: write one row per configuration to this CSV file, sorted, full precision
     #[arg(long)]
     csv: Option<PathBuf>,
+    /// Of a mesh: its unit of length, m, cm or mm (a scene says its own) [default: m]
+    #[arg(long, value_parser = unit)]
+    unit: Option<LengthUnit>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
+}
+
+fn unit(text: &str) -> Result<LengthUnit, String> {
+    LengthUnit::from_name(text).ok_or_else(|| "use m, cm or mm".into())
 }
 
 /// Runs the command.
@@ -32,11 +42,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.csv.is_some() && kind != "space" {
         return Err(Failure::input(format!("{}: --csv is for .space files", args.file.display())));
     }
+    if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml") {
+        return Err(Failure::input(format!("{}: --unit is for mesh files", args.file.display())));
+    }
     let (text, figures) = match kind.as_str() {
         "space" => space(&args.file, args.csv.as_deref())?,
         "blob" => blob(&args.file)?,
         "toml" => scene(&args.file)?,
-        _ => mesh(&args.file)?,
+        _ => mesh(&args.file, args.unit.unwrap_or_default())?,
     };
     if args.json {
         output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?)?;
@@ -48,15 +61,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 type Shown = (String, serde_json::Value);
 
-fn mesh(path: &Path) -> Result<Shown, Failure> {
-    // A mesh file does not say its unit; the scene does. Ratios and angles do not care.
-    let mesh = palpate_precompute::mesh::read(path, LengthUnit::Metre)?;
+fn mesh(path: &Path, unit: LengthUnit) -> Result<Shown, Failure> {
+    let mesh = palpate_precompute::mesh::read(path, unit)?;
     describe_mesh(&mesh)
 }
 
 fn describe_mesh(mesh: &TetMesh) -> Result<Shown, Failure> {
     let report = MeshReport::of(mesh);
-    let figures = serde_json::to_value(&report).map_err(Failure::work)?;
+    let mut figures = serde_json::to_value(&report).map_err(Failure::work)?;
+    figures["warnings"] = json!(report.warnings());
     Ok((report.to_string(), figures))
 }
 
@@ -69,8 +82,11 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let grid_text = grid.map_or("none".into(), |g| {
         format!("{} points, r_G {} m, spacing {} m", g.lattice.count(), g.radius_m, g.spacing_m)
     });
+    let doubts = doubtful_for_pressure(&scene.mesh, &scene.fixed);
+    let doubts_text =
+        doubts.warning().map_or_else(String::new, |line| format!("\nif incompressible: {line}"));
     let text = format!(
-        "scene   {}\nlaw     {}\nfixed   {} nodes\nactive  {}\ngrid    {grid_text}\nf_max   {} N\n\n{mesh_text}",
+        "scene   {}\nlaw     {}\nfixed   {} nodes\nactive  {}\ngrid    {grid_text}\nf_max   {} N\n\n{mesh_text}{doubts_text}",
         scene.name,
         bench.body.law_names(),
         scene.fixed.len(),
@@ -80,7 +96,7 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let figures = json!({
         "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
         "grid": scene.grid, "points": grid.map(|g| g.lattice.count()), "max_force_n": scene.max_force_n,
-        "mesh": mesh_figures,
+        "mesh": mesh_figures, "pressure_doubts": doubts,
     });
     Ok((text, figures))
 }

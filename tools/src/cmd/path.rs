@@ -7,6 +7,7 @@ use clap::Args as ClapArgs;
 use palpate_precompute::blob_writer::write_atomically;
 use palpate_precompute::solve::{Configuration, Solver};
 
+use crate::displacements::Displacements;
 use crate::failure::Failure;
 use crate::workbench::Workbench;
 
@@ -34,8 +35,12 @@ pub(crate) struct Args {
     /// CSV file to write; standard output if not given
     #[arg(long)]
     csv: Option<PathBuf>,
-    /// CSV file for the displacement of every node at every step
-    #[arg(long)]
+    /// Displacement of every node at every step: FILE.csv, or FILE.pvd with a folder FILE/ of VTU files for ParaView
+    ///
+    /// The series starts with rest. Its time is the length of the active node's displacement in mm; each VTU file has
+    /// displacement_m on the nodes, and reaction_force_n, active_displacement_m and energy_j as field data. It is
+    /// written step by step, so an interrupted run leaves a series of the steps so far.
+    #[arg(long, value_name = "FILE")]
     displacements: Option<PathBuf>,
 }
 
@@ -61,12 +66,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.step_mm > 0.0 && args.step_mm.is_finite()) {
         return Err(Failure::input("--step-mm must be a positive number"));
     }
-    if let Some(path) = args.displacements.as_deref().filter(|p| p.extension().is_none_or(|e| e != "csv")) {
-        return Err(Failure::input(format!(
-            "--displacements {}: this version writes .csv only",
-            path.display()
-        )));
-    }
+    let mut displacements = Displacements::new(args.displacements.as_deref())?;
     let bench = Workbench::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
     let mut solver = Solver::new(bench.problem(active));
@@ -74,15 +74,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
     })?;
     let mut table = format!("{HEADER}\n");
-    let mut displacements = String::from("step,node,ux_m,uy_m,uz_m\n");
+    displacements.add(0, 0.0, &bench.body, &here)?;
     let mut failed = None;
     for step in 1..=args.steps {
-        let length = f64::from(step) * args.step_mm * 1e-3;
-        let target = args.direction.map(|x| x * length);
+        let length_mm = f64::from(step) * args.step_mm;
+        let target = args.direction.map(|x| x * (length_mm * 1e-3));
         match solver.advance(&here.seed, target) {
             Ok(configuration) => {
                 push_row(&mut table, step, &configuration);
-                push_displacements(&mut displacements, step, &configuration, bench.body.node_count());
+                displacements.add(step, length_mm, &bench.body, &configuration)?;
                 here = configuration;
             }
             Err(failure) => {
@@ -96,9 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     write_table(args.csv.as_deref(), &table)?;
-    if let Some(path) = &args.displacements {
-        write_atomically(path, displacements.as_bytes()).map_err(|e| Failure::file(path, &e))?;
-    }
+    displacements.finish()?;
     match failed {
         None => Ok(()),
         Some((step, failure)) => {
@@ -113,12 +111,6 @@ fn push_row(table: &mut String, step: u32, c: &Configuration) {
         "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok\n",
         c.energy_j, c.iterations, c.residual_n, c.min_jacobian, c.inverted, c.volume_m3
     ));
-}
-
-fn push_displacements(table: &mut String, step: u32, c: &Configuration, nodes: usize) {
-    for (node, [x, y, z]) in c.seed.state.as_chunks::<3>().0.iter().take(nodes).enumerate() {
-        table.push_str(&format!("{step},{node},{x:?},{y:?},{z:?}\n"));
-    }
 }
 
 /// Writes to a file, or to standard output.

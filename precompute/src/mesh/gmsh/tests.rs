@@ -183,12 +183,12 @@ fn faults_of_the_mesh_name_the_files_own_tag_and_line() {
 fn other_elements_are_refused_by_name() {
     let error = broken(V22, "200 4 2 9 1 20 5 40 77", "200 5 2 9 1 10 20 5 40 77 10 20 5");
     assert_says(&error, "body.msh:23", "element 200 is a hexahedron", "tetrahedra only");
-    let error = broken(V22, "200 4 2 9 1 20 5 40 77", "200 11 2 9 1 20 5 40 77 10 10 10 10 10 10");
+    let error = broken(V22, "200 4 2 9 1 20 5 40 77", "200 29 2 9 1 20 5 40 77");
     assert_says(
         &error,
         "body.msh:23",
-        "element 200 is of second or higher order",
-        "mid-edge nodes are not read",
+        "element 200 is of an order or shape that is not read (Gmsh type 29)",
+        "order 1 or 2",
     );
     let error = broken(V41, "3 1 4 2\n100", "3 1 6 2\n100");
     assert_says(&error, "body.msh:41", "element 100 is a prism", "tetrahedra only");

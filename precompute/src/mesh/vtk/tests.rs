@@ -135,8 +135,15 @@ fn faults_name_line_and_cell() {
         "10\n5\n10",
         "10\n5\n24",
         "body.vtk:20",
-        "cell 2 is of second or higher order",
-        "mid-edge nodes are not read",
+        "cell 2 is a quadratic tetra with 4 nodes",
+        "export it again",
+    );
+    assert_says(
+        "10\n5\n10",
+        "10\n5\n71",
+        "body.vtk:20",
+        "cell 2 is of an order or shape that is not read (VTK type 71)",
+        "order 1 or as quadratic tetras",
     );
     assert_says("10\n5\n10", "10\n10\n10", "body.vtk:19", "cell 1 is a tetra with 3 nodes", "export it");
     assert_says("10 5 10", "10 5 900", "body.vtk", "cell 2 is a shape this reader", "tetrahedra only");

@@ -1,0 +1,178 @@
+//! Ten-node tetrahedra: the mid-edge nodes are checked to be where a straight edge has its middle, then dropped.
+//!
+//! The second-order elements of the solver are straight-sided and make mid-edge nodes of their own, so a file's would
+//! say nothing new; a curved edge would be straightened behind the user's back, and is refused instead. What stays are
+//! the vertices in file order. **Node indices count vertices only**: where mid-edge nodes stand between vertices in the
+//! file, node 5 of a scene is the sixth vertex, not the sixth node. A group keeps its vertices; one of mid-edge nodes
+//! only vanishes.
+
+use super::MeshFault;
+use super::raw::RawMesh;
+use super::tetrahedral::{EDGES, distance};
+use crate::error::InputError;
+
+/// How far from the middle of its edge a mid-edge node may lie, as a share of the edge's length.
+const STRAIGHT_SHARE: f64 = 1e-6;
+
+const EXPORT_STRAIGHT: &str = "export it straight-sided (Gmsh: Mesh.SecondOrderLinear = 1 before setOrder(2), and no \
+                               high-order optimisation) and with all digits, or with order 1";
+
+/// Where a format's ten-node tet has the mid-edge node of each of [`EDGES`], counted from the fifth node.
+///
+/// VTK lists the edges 01 12 02 03 13 23.
+pub(super) const VTK_ORDER: [usize; 6] = [0, 2, 3, 1, 4, 5];
+/// Gmsh lists the edges 01 12 02 03 23 13: VTK's with the last two swapped.
+pub(super) const GMSH_ORDER: [usize; 6] = [0, 2, 3, 1, 5, 4];
+
+/// The vertices of a ten-node tet, and the node at the middle of each of [`EDGES`].
+pub(super) fn split(nodes: [u32; 10], order: [usize; 6]) -> ([u32; 4], [u32; 6]) {
+    ([nodes[0], nodes[1], nodes[2], nodes[3]], order.map(|at| nodes[4 + at]))
+}
+
+impl RawMesh {
+    /// Checks the mid-edge nodes and takes them out of nodes and groups; nothing to do for four-node tets.
+    pub(super) fn drop_mid_edge_nodes(&mut self) -> Result<(), InputError> {
+        if self.mid_edges.is_empty() {
+            return Ok(());
+        }
+        self.check_indices()?;
+        let mut is_vertex = vec![false; self.nodes.len()];
+        for &node in self.tets.iter().flatten() {
+            is_vertex[node as usize] = true;
+        }
+        let mut dropped = vec![false; self.nodes.len()];
+        for tet in 0..self.tets.len() {
+            self.check_edges(tet, &is_vertex)?;
+            for node in self.mid_edges[tet] {
+                dropped[node as usize] = true;
+            }
+        }
+        self.mid_edges.clear();
+        self.keep_nodes(&dropped);
+        Ok(())
+    }
+
+    fn check_indices(&self) -> Result<(), InputError> {
+        let n = self.nodes.len();
+        for (tet, (vertices, middles)) in (0u32..).zip(self.tets.iter().zip(&self.mid_edges)) {
+            if let Some(&node) = vertices.iter().chain(middles).find(|&&node| node as usize >= n) {
+                return Err(self.explain(MeshFault::NoSuchNode { tet, node }));
+            }
+        }
+        match self.nodes.iter().position(|x| x.iter().any(|c| !c.is_finite())) {
+            Some(node) => Err(self.explain(MeshFault::NotFinite { node: node as u32 })),
+            None => Ok(()),
+        }
+    }
+
+    fn check_edges(&self, tet: usize, is_vertex: &[bool]) -> Result<(), InputError> {
+        let vertices = self.tets[tet];
+        let middles = self.in_order_of_edges(tet);
+        let tag = |node: u32| self.node_origins[node as usize].tag;
+        let at = |what: String, mend: &str| Err(self.at_tet(tet as u32, what, mend));
+        for (edge, &middle) in middles.iter().enumerate() {
+            let ends = [vertices[EDGES[edge].0], vertices[EDGES[edge].1]];
+            let name = format!("{}-{}", tag(ends[0]), tag(ends[1]));
+            if is_vertex[middle as usize] {
+                let what = format!(
+                    "has node {} at the middle of edge {name}, which is a vertex as well",
+                    tag(middle)
+                );
+                return at(what, "the mesh is not conforming or damaged: mesh the body again");
+            }
+            let off = self.off_middle(vertices, edge, middle);
+            if off <= self.allowed(vertices, edge, middle) {
+                continue;
+            }
+            let elsewhere = (0..EDGES.len())
+                .find(|&e| self.off_middle(vertices, e, middle) <= self.allowed(vertices, e, middle));
+            if let Some((a, b)) = elsewhere.map(|e| EDGES[e]) {
+                let (a, b) = (tag(vertices[a]), tag(vertices[b]));
+                let what = format!(
+                    "has node {} for the middle of edge {name}, but it is that of {a}-{b}",
+                    tag(middle)
+                );
+                return at(
+                    what,
+                    "the mid-edge nodes are in the order of another format: convert it again, or with order 1",
+                );
+            }
+            let share = off / self.edge_length(vertices, edge);
+            let what = format!(
+                "is not straight: edge {name} is curved, its node {} is {share:.1e} of its length off the middle",
+                tag(middle)
+            );
+            return at(what, EXPORT_STRAIGHT);
+        }
+        Ok(())
+    }
+
+    /// The mid-edge nodes as the file orders them, or, where the format fixes no order, each with the edge whose
+    /// middle it is nearest to.
+    fn in_order_of_edges(&self, tet: usize) -> [u32; 6] {
+        let mut middles = self.mid_edges[tet];
+        if self.mid_edges_in_any_order {
+            for edge in 0..middles.len() {
+                let off = |at: &usize| self.off_middle(self.tets[tet], edge, middles[*at]);
+                let nearest = (edge..middles.len()).min_by(|a, b| off(a).total_cmp(&off(b)));
+                middles.swap(edge, nearest.expect("the range holds `edge`"));
+            }
+        }
+        middles
+    }
+
+    fn ends(&self, vertices: [u32; 4], edge: usize) -> [[f64; 3]; 2] {
+        let (a, b) = EDGES[edge];
+        [a, b].map(|v| self.nodes[vertices[v] as usize])
+    }
+
+    fn edge_length(&self, vertices: [u32; 4], edge: usize) -> f64 {
+        let [a, b] = self.ends(vertices, edge);
+        distance(&a, &b)
+    }
+
+    fn off_middle(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
+        let [a, b] = self.ends(vertices, edge);
+        let middle: [f64; 3] = std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis]));
+        distance(&self.nodes[node as usize], &middle)
+    }
+
+    /// [`STRAIGHT_SHARE`] of the edge, and what the rounding of three stored points can add to it.
+    fn allowed(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
+        let [a, b] = self.ends(vertices, edge);
+        let length = distance(&a, &b);
+        let largest =
+            [a, b, self.nodes[node as usize]].into_iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
+        // Each axis is off by one rounding of the node and the mean of two of the ends; sqrt(3) for the three axes.
+        STRAIGHT_SHARE * length + 4.0 * self.rounding * largest
+    }
+
+    /// Takes nodes out; everything that names nodes follows.
+    fn keep_nodes(&mut self, dropped: &[bool]) {
+        let mut kept = 0;
+        let new_index: Vec<Option<u32>> = dropped
+            .iter()
+            .map(|&dropped| {
+                (!dropped).then(|| {
+                    kept += 1;
+                    kept - 1
+                })
+            })
+            .collect();
+        let keep = |index: usize| !dropped[index];
+        let mut index = 0..;
+        self.nodes.retain(|_| keep(index.next().expect("endless")));
+        let mut index = 0..;
+        self.node_origins.retain(|_| keep(index.next().expect("endless")));
+        for node in self.tets.iter_mut().flatten() {
+            *node = new_index[*node as usize].expect("no vertex is dropped");
+        }
+        self.node_groups.retain(|_, members| {
+            *members = members.iter().filter_map(|&node| new_index[node as usize]).collect();
+            !members.is_empty()
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,52 @@
+//! The shape of single tets, and the lengths of edges.
+
+use std::collections::HashSet;
+
+use crate::mesh::TetMesh;
+use crate::mesh::surface::FACES;
+use crate::mesh::tetrahedral::{EDGES, cross, distance, dot, norm, six_volume, sorted, sub};
+
+/// The angles between faces at the six edges, in the order of [`EDGES`].
+///
+/// At the edge from a to b with the other vertices c, d: the angle between (b-a) x (c-a) and (b-a) x (d-a), by
+/// atan2, which is good near 0 and 180 degrees where acos loses half its digits.
+pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
+    // EDGES[5 - e] is the edge opposite to EDGES[e].
+    std::array::from_fn(|e| {
+        let ((a, b), (c, d)) = (EDGES[e], EDGES[5 - e]);
+        let edge = sub(&x[b], &x[a]);
+        let first = cross(&edge, &sub(&x[c], &x[a]));
+        let second = cross(&edge, &sub(&x[d], &x[a]));
+        norm(&cross(&first, &second)).atan2(dot(&first, &second)).to_degrees()
+    })
+}
+
+/// Length of each edge once, in order of first appearance.
+pub(super) fn edge_lengths(mesh: &TetMesh) -> Vec<f64> {
+    let mut seen = HashSet::with_capacity(2 * mesh.tets.len());
+    let mut lengths = Vec::new();
+    for tet in &mesh.tets {
+        for (a, b) in EDGES {
+            if seen.insert(sorted([tet[a], tet[b]])) {
+                lengths.push(distance(&mesh.nodes_m[tet[a] as usize], &mesh.nodes_m[tet[b] as usize]));
+            }
+        }
+    }
+    lengths
+}
+
+/// The smallest of a tet's dihedral angles.
+pub(super) fn smallest_dihedral_deg(x: &[[f64; 3]; 4]) -> f64 {
+    dihedral_angles_deg(x).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Longest edge over the diameter of the inscribed sphere, scaled so that a regular tet has 1.
+///
+/// The inscribed sphere's radius is 3 V / A; in a regular tet of edge l it is l / (2 sqrt 6).
+pub(super) fn aspect(x: &[[f64; 3]; 4]) -> f64 {
+    let longest = EDGES.iter().map(|&(a, b)| distance(&x[a], &x[b])).fold(0.0, f64::max);
+    let area: f64 =
+        FACES.iter().map(|&[a, b, c]| 0.5 * norm(&cross(&sub(&x[b], &x[a]), &sub(&x[c], &x[a])))).sum();
+    let radius = 0.5 * six_volume(x).abs() / area;
+    longest / (2.0 * 6f64.sqrt() * radius)
+}

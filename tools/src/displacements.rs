@@ -1,0 +1,100 @@
+//! The displacements of a path's steps on disk: a CSV table, or a PVD series for ParaView.
+
+use std::path::{Path, PathBuf};
+
+use palpate_precompute::assembly::volume_ratios;
+use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::body::Body;
+use palpate_precompute::element::Order;
+use palpate_precompute::output::vtu::WriteError;
+use palpate_precompute::output::{Cells, Field, Grid, Series};
+use palpate_precompute::solve::Configuration;
+
+use crate::failure::Failure;
+
+/// Where the displacements go, by the extension of the file's name.
+#[derive(Debug)]
+pub(crate) enum Displacements {
+    /// Nowhere.
+    Unwanted,
+    /// A row per node and step, written at the end.
+    Csv { path: PathBuf, table: String },
+    /// A VTU file per step, rest included, listed in a PVD file that is whole after each step.
+    Pvd { path: PathBuf, series: Option<Series> },
+}
+
+impl Displacements {
+    /// Looks at the name only: nothing is written before there is something to write.
+    pub(crate) fn new(path: Option<&Path>) -> Result<Self, Failure> {
+        let Some(path) = path.map(Path::to_path_buf) else { return Ok(Self::Unwanted) };
+        match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
+            Some("csv") => Ok(Self::Csv { path, table: String::from("step,node,ux_m,uy_m,uz_m\n") }),
+            Some("pvd") => Ok(Self::Pvd { path, series: None }),
+            _ => Err(Failure::input(format!(
+                "--displacements {}: the name says neither CSV nor ParaView; end it with .csv or .pvd",
+                path.display()
+            ))),
+        }
+    }
+
+    /// Takes a converged step; step 0 is rest, which the CSV table leaves out. Time of the series is `length_mm`, the
+    /// length of the active node's displacement.
+    pub(crate) fn add(
+        &mut self,
+        step: u32,
+        length_mm: f64,
+        body: &Body,
+        c: &Configuration,
+    ) -> Result<(), Failure> {
+        let u = &c.seed.state[..body.displacement_len()];
+        match self {
+            Self::Unwanted => {}
+            Self::Csv { table, .. } if step > 0 => {
+                for (node, [x, y, z]) in u.as_chunks::<3>().0.iter().enumerate() {
+                    table.push_str(&format!("{step},{node},{x:?},{y:?},{z:?}\n"));
+                }
+            }
+            Self::Csv { .. } => {}
+            Self::Pvd { path, series } => {
+                if series.is_none() {
+                    *series = Some(Series::create(path).map_err(|error| Failure::file(path, &error))?);
+                }
+                let series = series.as_mut().expect("just made");
+                let ratios = volume_ratios(body, &c.seed.state);
+                let grid = Grid {
+                    nodes_m: &body.nodes_m,
+                    cells: match body.order {
+                        Order::Linear => Cells::Tet4(body.connectivity.as_chunks().0),
+                        Order::Quadratic => Cells::Tet10(body.connectivity.as_chunks().0),
+                    },
+                    point_data: &[Field { name: "displacement_m", components: 3, values: u }],
+                    cell_data: &[Field { name: "volume_ratio", components: 1, values: &ratios }],
+                    field_data: &[
+                        Field { name: "reaction_force_n", components: 3, values: &c.force_n },
+                        Field {
+                            name: "active_displacement_m",
+                            components: 3,
+                            values: &c.seed.pose.displacement_m,
+                        },
+                        Field { name: "energy_j", components: 1, values: &[c.energy_j] },
+                    ],
+                };
+                series.add(length_mm, &grid).map_err(|error| match error {
+                    WriteError::Io(error) => Failure::file(path, &error),
+                    other => Failure::work(format!("{}: {other}", path.display())),
+                })?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes what is still to be written.
+    pub(crate) fn finish(self) -> Result<(), Failure> {
+        match self {
+            Self::Csv { path, table } => {
+                write_atomically(&path, table.as_bytes()).map_err(|error| Failure::file(&path, &error))
+            }
+            Self::Unwanted | Self::Pvd { .. } => Ok(()),
+        }
+    }
+}
