@@ -45,43 +45,19 @@ pub fn every_law() -> Vec<Material> {
 /// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Nodes are
 /// moved off the lattice a little (those of a face within it), so that no symmetry hides an error.
 pub fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
-    let [nx, ny, nz] = cells;
-    let node = |i: usize, j: usize, k: usize| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
-    let mut nodes_m = Vec::new();
-    for i in 0..=nx {
-        for j in 0..=ny {
-            for k in 0..=nz {
-                let at = [(i, nx), (j, ny), (k, nz)];
-                nodes_m.push(std::array::from_fn(|axis| {
-                    let (n, last) = at[axis];
-                    let wobble = ((7 * i + 11 * j + 13 * k + 4 * axis + 1) % 17) as f64 / 17.0 - 0.5;
-                    let shift = if n == 0 || n == last { 0.0 } else { 0.3 * wobble };
-                    (n as f64 + shift) * edge_m
-                }));
+    let mut mesh = TetMesh::cuboid(cells, edge_m);
+    for x in &mut mesh.nodes_m {
+        let at = x.map(|x| (x / edge_m).round() as usize);
+        let [i, j, k] = at;
+        for axis in 0..3 {
+            let wobble = ((7 * i + 11 * j + 13 * k + 4 * axis + 1) % 17) as f64 / 17.0 - 0.5;
+            if at[axis] != 0 && at[axis] != cells[axis] {
+                x[axis] += 0.3 * wobble * edge_m;
             }
         }
     }
-    let mut tets = Vec::new();
-    for i in 0..nx {
-        for j in 0..ny {
-            for k in 0..nz {
-                for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 0, 2], [0, 2, 1], [2, 1, 0]] {
-                    let mut at = [i, j, k];
-                    let mut corners = [node(i, j, k); 4];
-                    for (corner, axis) in corners[1..].iter_mut().zip(order) {
-                        at[axis] += 1;
-                        *corner = node(at[0], at[1], at[2]);
-                    }
-                    // Odd orders of the axes turn the tetrahedron round.
-                    if matches!(order, [1, 0, 2] | [0, 2, 1] | [2, 1, 0]) {
-                        corners.swap(2, 3);
-                    }
-                    tets.push(corners);
-                }
-            }
-        }
-    }
-    TetMesh::new(nodes_m, tets).expect("the box is a valid mesh")
+    mesh.check().expect("the box is a valid mesh");
+    mesh
 }
 
 /// Nodes of a mesh that `keep` accepts.

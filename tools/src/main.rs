@@ -36,6 +36,7 @@ enum Command {
     Query(cmd::query::Args),
     Inspect(cmd::inspect::Args),
     Run(cmd::run::Args),
+    Bench(cmd::bench::Args),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +49,7 @@ fn main() -> ExitCode {
         Command::Query(args) => cmd::query::run(&args),
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Run(args) => cmd::run::run(&args),
+        Command::Bench(args) => cmd::bench::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

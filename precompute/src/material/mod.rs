@@ -286,14 +286,17 @@ impl Material {
         let at = self.invariants(k);
         let Some(d) = self.derivatives(&at) else { return [0.0; 10] };
         let third = self.third(&at);
-        let along = InvariantsAlong::new(k, gradients, &self.fibre());
-        THIRD_INDICES.map(|[i, j, l]| {
+        // Most laws here are linear in every invariant: then the first two derivatives are needed of J alone.
+        let curved = third.is_some() || d.second.iter().flatten().any(|&s| s != 0.0);
+        let along = InvariantsAlong::new(k, gradients, &self.fibre(), curved);
+        let mut result = [0.0; 10];
+        for (value, [i, j, l]) in result.iter_mut().zip(THIRD_INDICES) {
             let cubic = along.cubic(i, j, l);
             let mut sum = (d.first[J] - q_pa) * cubic[J] + d.first[I2] * cubic[I2];
             for (p, [a, b]) in [(i, [j, l]), (j, [i, l]), (l, [i, j])] {
                 let square = along.square(a, b);
                 sum -= dq_pa[p] * square[J];
-                for m in 0..4 {
+                for m in 0..if curved { 4 } else { 0 } {
                     for n in 0..4 {
                         if d.second[m][n] != 0.0 {
                             sum += d.second[m][n] * along.linear[p][m] * square[n];
@@ -315,8 +318,9 @@ impl Material {
                     }
                 }
             }
-            sum
-        })
+            *value = sum;
+        }
+        result
     }
 }
 
@@ -443,13 +447,16 @@ fn pair(i: usize, j: usize) -> usize {
 
 impl InvariantsAlong {
     #[inline(always)]
-    fn new(k: &Kinematics, directions: &[Matrix3<f64>; 3], fibre: &Vector3<f64>) -> Self {
+    fn new(k: &Kinematics, directions: &[Matrix3<f64>; 3], fibre: &Vector3<f64>, curved: bool) -> Self {
         let f = &k.deformation_gradient;
         let stretched = directions.map(|g| g * fibre);
         let fibre_now = f * fibre;
         let cofactor_slopes = directions.map(|g| mixed_cofactor(f, &g));
         let cofactor_curvatures = PAIRS.map(|(i, j)| mixed_cofactor(&directions[i], &directions[j]));
         let linear = std::array::from_fn(|i| {
+            if !curved {
+                return [0.0; 4];
+            }
             [
                 2.0 * f.dot(&directions[i]),
                 2.0 * k.cofactor.dot(&cofactor_slopes[i]),
@@ -459,10 +466,14 @@ impl InvariantsAlong {
         });
         let squares = std::array::from_fn(|p| {
             let (i, j) = PAIRS[p];
+            let volume = cofactor_slopes[i].dot(&directions[j]);
+            if !curved {
+                return [0.0, 0.0, volume, 0.0];
+            }
             [
                 2.0 * directions[i].dot(&directions[j]),
                 2.0 * (cofactor_slopes[i].dot(&cofactor_slopes[j]) + k.cofactor.dot(&cofactor_curvatures[p])),
-                cofactor_slopes[i].dot(&directions[j]),
+                volume,
                 2.0 * stretched[i].dot(&stretched[j]),
             ]
         });

@@ -108,40 +108,9 @@ pub(crate) mod testing {
         (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2, 3]])
     }
 
-    /// A cube of `side_m` with `cells`^3 little cubes of six tets each (Kuhn's: all share the main diagonal).
+    /// A cube of `side_m` with `cells`^3 little cubes of six tets each.
     pub(crate) fn cube(cells: usize, side_m: f64) -> TetMesh {
-        let n = cells + 1;
-        let mut nodes = Vec::new();
-        for index in 0..n * n * n {
-            let ijk = [index / (n * n), index / n % n, index % n];
-            nodes.push(ijk.map(|c| side_m * c as f64 / cells as f64));
-        }
-        let at = |c: [usize; 3]| ((c[0] * n + c[1]) * n + c[2]) as u32;
-        let mut tets = Vec::new();
-        for cell in 0..cells * cells * cells {
-            let low = [cell / (cells * cells), cell / cells % cells, cell % cells];
-            for (order, even) in [
-                ([0, 1, 2], true),
-                ([1, 2, 0], true),
-                ([2, 0, 1], true),
-                ([0, 2, 1], false),
-                ([2, 1, 0], false),
-                ([1, 0, 2], false),
-            ] {
-                // Walk from the low to the high corner, one axis at a time; an odd order of axes is a mirror image.
-                let mut corner = low;
-                let mut tet = [at(low); 4];
-                for (step, &axis) in order.iter().enumerate() {
-                    corner[axis] += 1;
-                    tet[step + 1] = at(corner);
-                }
-                if !even {
-                    tet.swap(2, 3);
-                }
-                tets.push(tet);
-            }
-        }
-        TetMesh::new(nodes, tets).expect("the generated cube is sound")
+        TetMesh::cuboid([cells; 3], side_m / cells as f64)
     }
 }
 

@@ -100,6 +100,36 @@ impl TetMesh {
         Ok(mesh)
     }
 
+    /// A box of `cells` cubes of edge `edge_m` with a corner at the origin, each cube split into six tets that share its main
+    /// diagonal (Kuhn). Node (i, j, k) has the index (i (ny + 1) + j)(nz + 1) + k.
+    pub fn cuboid(cells: [usize; 3], edge_m: f64) -> Self {
+        let [nx, ny, nz] = cells;
+        let node = |[i, j, k]: [usize; 3]| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
+        let mut mesh = Self::default();
+        for i in 0..=nx {
+            for j in 0..=ny {
+                mesh.nodes_m.extend((0..=nz).map(|k| [i, j, k].map(|n| n as f64 * edge_m)));
+            }
+        }
+        for cell in 0..nx * ny * nz {
+            let low = [cell / (ny * nz), cell / nz % ny, cell % nz];
+            for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
+                // Walk from the low to the high corner, one axis at a time; an odd order of axes is a mirror image.
+                let mut corner = low;
+                let mut tet = [node(low); 4];
+                for (step, axis) in order.into_iter().enumerate() {
+                    corner[axis] += 1;
+                    tet[step + 1] = node(corner);
+                }
+                if matches!(order, [0, 2, 1] | [2, 1, 0] | [1, 0, 2]) {
+                    tet.swap(2, 3);
+                }
+                mesh.tets.push(tet);
+            }
+        }
+        mesh
+    }
+
     /// Signed volume of a tet in m^3: det[x1-x0, x2-x0, x3-x0] / 6.
     pub fn signed_volume_m3(&self, tet: usize) -> f64 {
         six_volume(&self.vertices_m(tet)) / 6.0

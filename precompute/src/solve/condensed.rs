@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::factor::REFINED;
-use super::{Configuration, FailureReason, Seed, SolveFailure, Solver};
+use super::factor::PRECISE;
+use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::assembly::third_derivatives;
 use crate::boundary::Pose;
 
@@ -64,13 +64,13 @@ impl Solver {
             &self.assembled.tangent,
             &self.right,
             &mut self.columns,
-            REFINED,
+            PRECISE,
         );
         if solved.is_err() {
             return fail(FailureReason::SingularTangent, residual_n);
         }
         let unstable_modes = self.factor.unstable_modes(&problem.symbolic);
-        let stiffness = self.condensed_stiffness();
+        let stiffness = self.condensed_stiffness(&problem);
         let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
         let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
         for (axis, state_column) in sensitivity.iter_mut().enumerate() {
@@ -134,23 +134,18 @@ impl Solver {
         }
     }
 
-    fn condensed_stiffness(&self) -> Matrix3<f64> {
-        let problem = &*self.problem;
+    /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
+    ///
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j: the last term makes the error of S the square of that of x, so one solve
+    /// without refinement is enough. With multipliers K_AA is zero.
+    fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
-        let column = |axis: usize| &self.columns[axis * n..(axis + 1) * n];
-        let held = problem.dofs.multipliers();
-        if held.is_empty() {
-            let free = |axis: usize| &self.coupling.free[axis * n..(axis + 1) * n];
-            return self.coupling.own + Matrix3::from_fn(|i, j| dot(free(i), column(j)));
-        }
-        let scale = problem.body.stiffness_scale_n_m();
-        let mut stiffness = Matrix3::zeros();
-        for m in held.iter().filter(|m| problem.handle_nodes().binary_search(&m.node).is_ok()) {
-            for j in 0..3 {
-                stiffness[(m.axis, j)] += scale * column(j)[m.equation as usize];
-            }
-        }
-        stiffness
+        let column = |axis: usize| axis * n..(axis + 1) * n;
+        let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
+        let own = if problem.dofs.multipliers().is_empty() { self.coupling.own } else { Matrix3::zeros() };
+        own - Matrix3::from_fn(|i, j| {
+            dot(&right[column(i)], &x[column(j)]) + dot(&x[column(i)], &residuals[column(j)])
+        })
     }
 
     /// Force on the handle and moment about its centre where it is now.

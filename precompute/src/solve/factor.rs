@@ -25,13 +25,13 @@ use faer::{Conj, Mat, MatMut, Par, Side};
 use crate::assembly::Pattern;
 
 /// Regularisations tried, in units of V_i / mu.
-const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
-/// A solve is accepted below this relative residual.
-const ACCEPTED: f64 = 1e-10;
-/// Refinement goes on to this one where every digit counts: sensitivities. A Newton step needs no more than acceptance.
-pub(super) const REFINED: f64 = 1e-13;
-/// Refinement target of a Newton step.
-pub(super) const ENOUGH: f64 = ACCEPTED;
+const DELTAS: [f64; 3] = [1e-10, 1e-8, 1e-6];
+/// A solve is accepted below this relative residual; a route that does not get there is given up for the next. A Newton step
+/// needs no more.
+pub(super) const ACCEPTED: f64 = 1e-8;
+/// Sensitivities are refined further: seven digits of W_ijk are asked for, and unstable pressures swallow some. (The
+/// condensed tangent would not need it: its error is the square.)
+pub(super) const PRECISE: f64 = 1e-11;
 /// Refinement steps at most; each gains at least four digits when the factor is any good.
 const REFINEMENTS: usize = 6;
 
@@ -107,7 +107,13 @@ impl SymbolicFactor {
     /// Floating-point operations of a factorisation over those of one solve: sum n_j^2 / sum 4 n_j over the columns of the
     /// factor. A static measure of what a frozen factor saves, the same on every machine.
     pub(super) fn factor_over_solve(&self) -> f64 {
-        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else { return 1.0 };
+        let (factor, solve) = self.flops();
+        factor / solve
+    }
+
+    /// Floating-point operations of a factorisation and of a solve.
+    pub(super) fn flops(&self) -> (f64, f64) {
+        let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else { return (1.0, 1.0) };
         let (mut factor, mut solve) = (0.0, 0.0);
         for s in 0..symbolic.n_supernodes() {
             let columns = symbolic.supernode_end()[s] - symbolic.supernode_begin()[s];
@@ -118,7 +124,7 @@ impl SymbolicFactor {
                 solve += 4.0 * height;
             }
         }
-        factor / solve
+        (factor, solve)
     }
 
     /// Entries of the factor.
@@ -220,7 +226,8 @@ impl Factor {
                 )
                 .is_ok()
         };
-        factorised && self.values.iter().all(|v| v.is_finite())
+        // Values that are not finite show in the residual, which every solve checks.
+        factorised
     }
 
     fn factorise_pivoted(&mut self, pattern: &Pattern, matrix: &[f64]) -> bool {
@@ -265,6 +272,27 @@ impl Factor {
         }
     }
 
+    /// Sets the residuals b - K x of every column and returns the worst relative to its right-hand side.
+    fn measure(&mut self, pattern: &Pattern, matrix: &[f64], x: &[f64], columns: usize) -> f64 {
+        let n = pattern.unknowns();
+        let mut worst = 0.0f64;
+        for span in (0..columns).map(|j| j * n..(j + 1) * n) {
+            pattern.multiply(matrix, &x[span.clone()], &mut self.product);
+            let (mut error, mut size) = (0.0, 0.0);
+            for ((r, b), p) in
+                self.residual[span.clone()].iter_mut().zip(&self.right[span]).zip(&self.product)
+            {
+                *r = b - p;
+                error += *r * *r;
+                size += b * b;
+            }
+            let relative = if size > 0.0 { (error / size).sqrt() } else { error.sqrt() };
+            // `max` would hide a NaN.
+            worst = if relative > worst || relative.is_nan() { relative } else { worst };
+        }
+        worst
+    }
+
     /// Refines `x` against the right-hand sides in `self.right`; returns the worst relative residual.
     fn refine(
         &mut self,
@@ -282,36 +310,22 @@ impl Factor {
         for _ in 0..=REFINEMENTS {
             self.correction[..n * columns].copy_from_slice(&self.residual[..n * columns]);
             self.apply(symbolic, n, columns);
-            let mut worst = 0.0f64;
-            for j in 0..columns {
-                let span = j * n..(j + 1) * n;
-                for (x, c) in x[span.clone()].iter_mut().zip(&self.correction[span.clone()]) {
-                    *x += c;
-                }
-                pattern.multiply(matrix, &x[span.clone()], &mut self.product);
-                let (mut error, mut size) = (0.0, 0.0);
-                for ((r, b), p) in
-                    self.residual[span.clone()].iter_mut().zip(&self.right[span.clone()]).zip(&self.product)
-                {
-                    *r = b - p;
-                    error += *r * *r;
-                    size += b * b;
-                }
-                let relative = if size > 0.0 { (error / size).sqrt() } else { error.sqrt() };
-                // `max` would hide a NaN.
-                worst = if relative > worst || relative.is_nan() { relative } else { worst };
+            for (x, c) in x.iter_mut().zip(&self.correction) {
+                *x += c;
             }
+            let worst = self.measure(pattern, matrix, x, columns);
             if worst.is_nan() {
                 return f64::INFINITY;
             }
             if worst > best {
                 // The last correction made it worse: take it back, so that x is what `best` speaks of.
-                for (x, c) in x.iter_mut().zip(&self.correction[..n * columns]) {
+                for (x, c) in x.iter_mut().zip(&self.correction) {
                     *x -= c;
                 }
+                self.measure(pattern, matrix, x, columns);
                 break;
             }
-            // Converged, or no longer gaining a digit a step.
+            // Good enough, or no longer gaining a digit a step.
             let stalled = worst > 0.3 * best;
             best = worst;
             if worst <= target || stalled {
@@ -331,8 +345,8 @@ impl Factor {
         symbolic.routes().iter().any(|&route| self.factorise(symbolic, pattern, matrix, route))
     }
 
-    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]), refined
-    /// to the relative residual `target`; the factor stays for [`Factor::correct`].
+    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]); refined to the
+    /// relative residual `target`. The factor stays for [`Factor::correct`].
     pub(super) fn factorise_and_solve(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -356,6 +370,11 @@ impl Factor {
             }
         }
         Err(SingularMatrix { residual: best })
+    }
+
+    /// Residuals b - K x of the last checked solve, column after column.
+    pub(super) fn residuals(&self) -> &[f64] {
+        &self.residual
     }
 
     /// Unstable modes of the matrix factorised last: negative pivots beyond those of a stable state. `None` after an LU, which

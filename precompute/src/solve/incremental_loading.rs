@@ -19,6 +19,15 @@ impl Default for LoadingOptions {
     }
 }
 
+/// What a solve took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Newton and quasi-Newton steps.
+    pub iterations: u32,
+    /// Factorisations among them.
+    pub factorisations: u32,
+}
+
 /// Largest disturbance of a displacement component, in mean edge lengths.
 const PUSH: f64 = 1e-3;
 
@@ -78,6 +87,17 @@ impl Solver {
                 }
             }
         }
+    }
+
+    /// The bare solve of one whole step, without what is read off the solution: what a benchmark compares.
+    pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<Effort, SolveFailure> {
+        let mut guess = vec![0.0; from.state.len()];
+        predict(from, target, &mut guess);
+        self.state.copy_from_slice(&guess);
+        self.hold(target);
+        self.factorisations = 0;
+        let (_, iterations) = self.equilibrate()?;
+        Ok(Effort { iterations, factorisations: self.factorisations })
     }
 
     /// Adds a pseudo-random displacement to every node; the same one for the same `number`.

@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use nalgebra::Matrix3;
 
-pub use incremental_loading::LoadingOptions;
+pub use incremental_loading::{Effort, LoadingOptions};
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
 pub use settle::settle;
@@ -74,6 +74,11 @@ impl Problem {
     /// Entries of the matrix (lower triangle) and of its factor.
     pub fn entries(&self) -> (usize, usize) {
         (self.pattern.entries(), self.symbolic.factor_entries())
+    }
+
+    /// Floating-point operations of one factorisation.
+    pub fn factor_flops(&self) -> f64 {
+        self.symbolic.flops().0
     }
 
     fn handle_nodes(&self) -> &[u32] {

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use super::{SolveFailure, Solver};
-use crate::boundary::Pose;
+use serde::Serialize;
+
+use super::{Seed, SolveFailure, Solver};
 
 /// Seconds of the parts of one Newton iteration.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct IterationProfile {
     /// Residual and tangent over all elements.
     pub assembly_s: f64,
@@ -24,11 +25,33 @@ pub struct IterationProfile {
     pub iteration_s: f64,
 }
 
+impl IterationProfile {
+    /// Median of every part over some profiles, at least one.
+    pub fn median(profiles: &[Self]) -> Self {
+        let of = |part: fn(&Self) -> f64| {
+            let mut values: Vec<f64> = profiles.iter().map(part).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        Self {
+            assembly_s: of(|p| p.assembly_s),
+            residual_s: of(|p| p.residual_s),
+            factorisation_s: of(|p| p.factorisation_s),
+            solve_s: of(|p| p.solve_s),
+            bare_solve_s: of(|p| p.bare_solve_s),
+            derivatives_s: of(|p| p.derivatives_s),
+            iteration_s: of(|p| p.iteration_s),
+        }
+    }
+}
+
 impl Solver {
     /// Times the parts of a Newton iteration at a solved configuration's state.
-    pub fn profile(&mut self, pose: &Pose, state: &[f64]) -> Result<IterationProfile, SolveFailure> {
-        let here = self.solve_at(pose, state)?;
+    pub fn profile(&mut self, seed: &Seed) -> Result<IterationProfile, SolveFailure> {
+        let here = self.solve_at(&seed.pose, &seed.state)?;
         self.state.copy_from_slice(&here.seed.state);
+        // Warm, so that the first part measured does not pay for the caches.
+        self.evaluate(true);
         let mut profile = IterationProfile::default();
         let clock = |work: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -67,7 +90,7 @@ impl Solver {
         self.state.copy_from_slice(&here.seed.state);
         let condense = clock(&mut || {
             let residual_n = self.evaluate(true);
-            let _ = self.condense(pose, residual_n, 0);
+            let _ = self.condense(&seed.pose, residual_n, 0);
         });
         profile.derivatives_s =
             condense - 2.0 * profile.assembly_s - 2.0 * profile.residual_s - profile.factorisation_s;

@@ -1,5 +1,6 @@
 //! One file per command of the contract.
 
+pub(crate) mod bench;
 pub(crate) mod demo;
 pub(crate) mod inspect;
 pub(crate) mod pack;

@@ -1,0 +1,29 @@
+//! `palpate bench`: what the parts cost on this machine, beside a peer where one is installed.
+
+mod fem;
+mod sizes;
+
+use clap::{Args as ClapArgs, Subcommand};
+
+use crate::failure::Failure;
+
+/// Measure what the parts cost on this machine, beside a peer where one is installed.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    Fem(fem::Args),
+    FemSizes(sizes::Args),
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    match &args.what {
+        What::Fem(args) => fem::run(args),
+        What::FemSizes(args) => sizes::run(args),
+    }
+}
