@@ -11,7 +11,7 @@ use palpate_core::blob::format::{
 };
 use palpate_core::rbf::LANES;
 
-use crate::configuration_space::{SpaceGrid, Store, StoreError};
+use crate::configuration_space::{GridIndex, SpaceGrid, Store, StoreError};
 use crate::fit::{FitError, Kernel, RbfFit, Sample, fit_rbf, lattice_values, nearest_solved, samples};
 use crate::mesh::{Surface, TetMesh};
 
@@ -93,7 +93,12 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let grid =
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
-    let (mesh, fixed) = store.body()?;
+    let (mut mesh, fixed) = store.body()?;
+    // The hand meets the body as it rests, sagged under its body force: the first solved rest says how.
+    let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST).ok());
+    for (x, rest) in mesh.nodes_m.iter_mut().zip(first.iter().flatten()) {
+        *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
+    }
     let surface = Surface::of(&mesh);
     let visual = identity.visual;
     let mut packer = Packer { store, grid, mesh, surface, methods, visual, planes: PlaneArea::default() };
@@ -125,6 +130,9 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     };
     Ok(Packed { bytes: assemble(&preamble, &spaces, &packer.planes)?, left_out })
 }
+
+/// The rest point.
+const REST: GridIndex = [0; 3];
 
 /// What every space of a blob shares while it is packed.
 struct Packer<'s> {
@@ -221,9 +229,13 @@ impl Packer<'_> {
 
     fn displacement(&mut self, active: usize, samples: &[Sample]) -> Result<DisplacementHeader, PackError> {
         let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * self.surface.nodes.len());
+        let rest = self.store.displacements(active, REST)?;
         for sample in samples {
             let all = self.store.displacements(active, sample.index)?;
-            rows.extend(self.surface.nodes.iter().map(|&n| all[n as usize]));
+            let from_rest = |&n: &u32| -> [f32; 3] {
+                std::array::from_fn(|axis| all[n as usize][axis] - rest[n as usize][axis])
+            };
+            rows.extend(self.surface.nodes.iter().map(from_rest));
         }
         let row = self.planes.push(&nearest_solved(&self.grid, samples))?;
         Ok(DisplacementHeader { row, rows: self.planes.push(rows.as_flattened())? })

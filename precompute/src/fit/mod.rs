@@ -30,7 +30,8 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
         .filter(|r| r.tag.is_solved() && (r.index == [0; 3] || grid.lattice.contains(r.index)))
         .map(|r| Sample {
             index: r.index,
-            force_n: r.force_n,
+            // Rest has no force by its definition; what the solver left of a body force's residual is rounding.
+            force_n: if r.index == [0; 3] { [0.0; 3] } else { r.force_n },
             stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| r.stiffness_n_m[(i, j)])),
             terminating: r.tag == palpate_core::ConfigTag::Terminating,
             inverted: r.inverted > 0,
