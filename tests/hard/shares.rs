@@ -37,7 +37,8 @@ fn share(law: Material) -> (usize, usize) {
         .into_iter()
         .flat_map(|fixed| {
             scene.active.iter().flat_map(move |active| {
-                let path = |direction| Path { fixed, active: active.name.clone(), node: active.node, direction };
+                let path =
+                    |direction| Path { fixed, active: active.name.clone(), node: active.node, direction };
                 directions().map(path)
             })
         })
@@ -116,6 +117,9 @@ fn share_of_non_convergent_paths() {
     let (bad_mr, all) = share(mooney_rivlin());
     assert_eq!(all, 104);
     // The paper's ordering and its bound for Mooney-Rivlin, with room for another body.
-    assert!(bad_stvk > 2 * bad_mr, "St. Venant-Kirchhoff must be the one that fails: {bad_stvk} against {bad_mr}");
+    assert!(
+        bad_stvk > 2 * bad_mr,
+        "St. Venant-Kirchhoff must be the one that fails: {bad_stvk} against {bad_mr}"
+    );
     assert!(bad_mr * 10 <= all, "Mooney-Rivlin: {bad_mr} of {all}");
 }
