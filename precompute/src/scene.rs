@@ -22,6 +22,7 @@ use crate::element::Order;
 use crate::error::InputError;
 use crate::material::Material;
 use crate::mesh::TetMesh;
+use crate::pressure::PressureFault;
 use crate::solve::{SolveFailure, settle};
 use file::{Place, SceneFile};
 
@@ -186,6 +187,13 @@ impl ActiveNode {
 pub enum BodyError {
     /// An element without volume.
     Degenerate(DegenerateElement),
+    /// Held so that an incompressible part has no one pressure.
+    Pressure {
+        /// Name of the active node that it was found with.
+        active: String,
+        /// What is wrong.
+        fault: PressureFault,
+    },
     /// No rest under the body force.
     NoRest(SolveFailure),
 }
@@ -194,6 +202,7 @@ impl std::fmt::Display for BodyError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Degenerate(element) => element.fmt(f),
+            Self::Pressure { active, fault } => write!(f, "with the tool on \"{active}\", {fault}"),
             Self::NoRest(failure) => {
                 write!(f, "the body finds no rest under its [body_force] ({failure}); lower the force")
             }
@@ -204,9 +213,13 @@ impl std::fmt::Display for BodyError {
 impl std::error::Error for BodyError {}
 
 impl ResolvedScene {
-    /// The body of the scene, settled under its body force.
+    /// The body of the scene, its pressures checked with every active node, settled under its body force.
     pub fn body(&self) -> Result<Body, BodyError> {
         let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
+        for active in &self.active {
+            body.check_pressures(Some(&active.handle()))
+                .map_err(|fault| BodyError::Pressure { active: active.name.clone(), fault })?;
+        }
         settle(body).map_err(BodyError::NoRest)
     }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
 use palpate_precompute::configuration_space::{Expansion, SpaceGrid, Store, StoreIdentity};
-use palpate_precompute::scene::{ActiveNode, ResolvedScene, Scene};
+use palpate_precompute::scene::{ActiveNode, BodyError, ResolvedScene, Scene};
 use palpate_precompute::solve::Problem;
 
 use crate::failure::Failure;
@@ -30,9 +30,14 @@ impl Workbench {
         for warning in &scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }
-        let body =
-            Arc::new(scene.body().map_err(|error| Failure::work(format!("{}: {error}", path.display())))?);
-        Ok(Self { path: path.to_path_buf(), scene, body })
+        let body = scene.body().map_err(|error| {
+            let line = format!("{}: {error}", path.display());
+            match error {
+                BodyError::Degenerate(_) | BodyError::Pressure { .. } => Failure::input(line),
+                BodyError::NoRest(_) => Failure::work(line),
+            }
+        })?;
+        Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
     }
 
     /// The active node called `name`, or the first one.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use palpate_tests::{mooney_rivlin, soft_beam, write_beam_scene};
+use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
 fn palpate(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
@@ -292,6 +292,16 @@ fn bad_scenes_are_refused_in_one_line_and_leave_nothing_behind() {
     let fixed_line = good.lines().find(|l| l.starts_with("nodes = ")).expect("fixed nodes").to_string();
     refuse(good.replace(&fixed_line, "nodes = []"), &["beam.toml:", "fixed"]);
     refuse(good.replace(&fixed_line, "nodes = [0]"), &["beam.toml:", "line"]);
+    // Everything fixed but the active node and its neighbour inside: nothing is left to meet the pressures.
+    let (beam, _, active, _) = soft_beam(mooney_rivlin());
+    let inside = nearest_node(&beam, [0.06, 0.02, 0.02]);
+    let all: Vec<u32> = (0..beam.nodes_m.len() as u32).filter(|n| ![active, inside].contains(n)).collect();
+    let held = good.replace(&fixed_line, &format!("nodes = {all:?}"));
+    refuse(held.clone(), &["beam.toml:", "\"A\"", "undetermined", "`bulk_pa`"]);
+    std::fs::write(&scene, held.replace("c01_pa = 1280.0", "c01_pa = 1280.0\nbulk_pa = 1e5"))
+        .expect("written");
+    let output = palpate(&["path", text(&scene), "--direction=0,0,-1", "--step-mm", "1", "--steps", "1"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     // A mesh cut off in the middle, and one with a tetrahedron turned inside out.
     std::fs::write(&mesh, &good_mesh[..good_mesh.len() / 2]).expect("the folder can be written");
     refuse(good.clone(), &["beam.msh:"]);

@@ -171,16 +171,19 @@ pub fn pieces(mesh: &TetMesh) -> Vec<u32> {
         .collect()
 }
 
-struct UnionFind {
+/// Disjoint sets of items 0 .. n.
+pub(crate) struct UnionFind {
     parent: Vec<usize>,
 }
 
 impl UnionFind {
-    fn new(n: usize) -> Self {
+    /// Every item a set of its own.
+    pub(crate) fn new(n: usize) -> Self {
         Self { parent: (0..n).collect() }
     }
 
-    fn root(&mut self, mut item: usize) -> usize {
+    /// The set an item is in, named by one of its members.
+    pub(crate) fn root(&mut self, mut item: usize) -> usize {
         while self.parent[item] != item {
             self.parent[item] = self.parent[self.parent[item]];
             item = self.parent[item];
@@ -188,7 +191,8 @@ impl UnionFind {
         item
     }
 
-    fn join(&mut self, a: usize, b: usize) {
+    /// Makes one set of two.
+    pub(crate) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         // The lower index becomes the root, so the outcome does not depend on the order of the joins.
         self.parent[a.max(b)] = a.min(b);
