@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::factor::PRECISE;
+use super::factor::SENSITIVITY;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::assembly::third_derivatives;
 use crate::boundary::Pose;
@@ -64,7 +64,7 @@ impl Solver {
             &self.assembled.tangent,
             &self.right,
             &mut self.columns,
-            PRECISE,
+            SENSITIVITY,
         );
         if solved.is_err() {
             return fail(FailureReason::SingularTangent, residual_n);

@@ -26,16 +26,24 @@ use crate::assembly::Pattern;
 
 /// Regularisations tried, in units of V_i / mu.
 const DELTAS: [f64; 3] = [1e-10, 1e-8, 1e-6];
-/// A solve is accepted below this relative residual; a route that does not get there is given up for the next. A Newton step
-/// needs no more.
-pub(super) const ACCEPTED: f64 = 1e-8;
-/// Sensitivities are refined further: seven digits of W_ijk are asked for, and unstable pressures swallow some. (The
-/// condensed tangent would not need it: its error is the square.)
-pub(super) const PRECISE: f64 = 1e-11;
+/// How well a system is to be solved, as relative residuals.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Accuracy {
+    /// Refinement ends here ...
+    target: f64,
+    /// ... and a route that does not get at least here is given up for the next.
+    accepted: f64,
+}
+
+/// For a Newton step: what is left is below what the step's own linearisation leaves.
+pub(super) const STEP: Accuracy = Accuracy { target: 1e-6, accepted: 1e-6 };
+/// For sensitivities: seven digits of W_ijk are asked for, and unstable pressures swallow some. (The condensed tangent alone
+/// would not need it: its error is the square.)
+pub(super) const SENSITIVITY: Accuracy = Accuracy { target: 1e-11, accepted: 1e-9 };
 /// Refinement steps at most; each gains at least four digits when the factor is any good.
 const REFINEMENTS: usize = 6;
 
-/// The matrix could not be solved to [`ACCEPTED`] by any route.
+/// The matrix could not be solved well enough by any route.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SingularMatrix {
     /// Relative residual of the best attempt.
@@ -301,7 +309,7 @@ impl Factor {
         matrix: &[f64],
         x: &mut [f64],
         columns: usize,
-        target: f64,
+        accuracy: Accuracy,
     ) -> f64 {
         let n = pattern.unknowns();
         x.fill(0.0);
@@ -328,7 +336,7 @@ impl Factor {
             // Good enough, or no longer gaining a digit a step.
             let stalled = worst > 0.3 * best;
             best = worst;
-            if worst <= target || stalled {
+            if worst <= accuracy.target || stalled {
                 break;
             }
         }
@@ -346,7 +354,7 @@ impl Factor {
     }
 
     /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]); refined to the
-    /// relative residual `target`. The factor stays for [`Factor::correct`].
+    /// accuracy asked for. The factor stays for [`Factor::correct`].
     pub(super) fn factorise_and_solve(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -354,7 +362,7 @@ impl Factor {
         matrix: &[f64],
         right: &[f64],
         x: &mut [f64],
-        target: f64,
+        accuracy: Accuracy,
     ) -> Result<f64, SingularMatrix> {
         let mut best = f64::INFINITY;
         for &route in symbolic.routes() {
@@ -363,9 +371,9 @@ impl Factor {
             }
             self.right[..right.len()].copy_from_slice(right);
             let residual =
-                self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), target);
+                self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), accuracy);
             best = best.min(residual);
-            if residual <= ACCEPTED {
+            if residual <= accuracy.accepted {
                 return Ok(residual);
             }
         }

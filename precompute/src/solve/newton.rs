@@ -1,6 +1,6 @@
 //! Newton-Raphson with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
 
-use super::factor::ACCEPTED;
+use super::factor::STEP;
 use super::{Configuration, Solver};
 use crate::boundary::Pose;
 
@@ -297,7 +297,7 @@ impl Solver {
                 &self.assembled.tangent,
                 &self.right[..self.residual.len()],
                 &mut self.step,
-                ACCEPTED,
+                STEP,
             )
             .is_ok()
     }
