@@ -25,7 +25,7 @@ use faer::{Conj, Mat, MatMut, Par, Side};
 use crate::assembly::Pattern;
 
 /// Regularisations tried, in units of V_i / mu.
-const DELTAS: [f64; 3] = [1e-10, 1e-8, 1e-6];
+const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
 /// How well a system is to be solved, as relative residuals.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accuracy {
