@@ -95,6 +95,10 @@ const NEAR: f64 = 0.1;
 /// ... and end when a step gains less than this factor.
 const WORTH: f64 = 0.3;
 
+/// Where no step lowers a residual that is within this factor of the tolerance, it has met its rounding floor and the
+/// state is as good as it gets: forces of a part a million times stiffer leave 1e-16 of themselves in the sum.
+const STALLED: f64 = 100.0;
+
 /// What the next step is made with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
@@ -151,11 +155,18 @@ impl Solver {
             if !has_tangent {
                 self.evaluate(true);
             }
+            let floor_n = STALLED * self.newton.tolerance * self.scale_n();
             if !self.newton_step() {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
                 return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
             }
             let (reached, full) = self.line_search(residual_n, iterations > 1);
             let Some(reached) = reached else {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
                 return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
             };
             has_tangent = false;
