@@ -210,8 +210,7 @@ impl Solver {
         self.move_by(1.0);
         self.swap_trial();
         let reached = self.evaluate(false);
-        // Written so that a NaN is refused too.
-        if !(reached < residual_n) {
+        if reached.is_nan() || reached >= residual_n {
             self.swap_trial_back();
             return None;
         }
