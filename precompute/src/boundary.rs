@@ -8,6 +8,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::body::Body;
+use crate::element::{EDGES, Order};
 use crate::scene::Constraints;
 use crate::solve::ordering::nested_dissection;
 
@@ -36,6 +37,26 @@ impl Handle {
         nodes.sort_unstable();
         nodes.dedup();
         Self { centre, nodes }
+    }
+
+    /// The same handle with the mid-edge nodes between its nodes: they move with their edge.
+    pub(crate) fn on(self, body: &Body) -> Self {
+        if body.order == Order::Linear || self.nodes.len() < 2 {
+            return self;
+        }
+        let holds = |node: u32| self.nodes.binary_search(&node).is_ok();
+        let mut nodes = self.nodes.clone();
+        for element in body.connectivity.chunks(body.order.nodes()) {
+            let between = EDGES.iter().zip(&element[4..]);
+            nodes.extend(
+                between
+                    .filter(|([a, b], _)| holds(element[*a]) && holds(element[*b]))
+                    .map(|(_, &middle)| middle),
+            );
+        }
+        nodes.sort_unstable();
+        nodes.dedup();
+        Self { centre: self.centre, nodes }
     }
 }
 

@@ -11,11 +11,15 @@ pub struct LoadingOptions {
     /// Tries of the smallest step from a slightly disturbed guess, before the transition is given up: a guess that sits on
     /// a symmetric saddle or at the edge of Newton's basin often needs no more than a push.
     pub perturbations: u32,
+    /// Whether a path may go on beyond a fold, where its branch ends, by snapping to another branch as a real body does:
+    /// full Newton steps are then taken uphill, and where they end is accepted if it is stable and has no more inverted
+    /// elements than the state before.
+    pub snap_through: bool,
 }
 
 impl Default for LoadingOptions {
     fn default() -> Self {
-        Self { max_halvings: 5, perturbations: 2 }
+        Self { max_halvings: 5, perturbations: 2, snap_through: true }
     }
 }
 
@@ -27,6 +31,9 @@ pub struct Effort {
     /// Factorisations among them.
     pub factorisations: u32,
 }
+
+/// Full steps uphill that a snap may take.
+const UPHILL: u32 = 3;
 
 /// Largest disturbance of a displacement component, in mean edge lengths.
 const PUSH: f64 = 1e-3;
@@ -42,49 +49,88 @@ impl Solver {
     ///
     /// The whole step is tried first, with the tangent predictor state + X dd as the guess (measured: one 5 mm step
     /// takes 3 iterations where five 1 mm increments take 15 to 20); a step that fails is halved, a step that
-    /// succeeds is followed by the largest that is left. At last the guess is disturbed, by a fixed pseudo-random push.
+    /// succeeds is followed by the largest that is left. Then the guess is disturbed, by a fixed pseudo-random push, and at
+    /// last the body may snap through, once with all of the step that is left and once with half of it.
     /// Deviation from the paper: it splits every transition into M equal increments without a predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
         let (mut halvings, mut pushes) = (0, 0);
-        let (mut iterations, mut factorisations, mut increments) = (0, 0, 0);
+        let mut may_snap = self.loading.snap_through;
+        let mut spent = Spent::default();
         let mut here: Option<Configuration> = None;
         let mut guess = vec![0.0; from.state.len()];
+        let pose_at = |done: f64| if done >= 1.0 { *target } else { from.pose.towards(target, done) };
         loop {
             let seed = here.as_ref().map_or(from, |c| &c.seed);
-            let last = done + step >= 1.0;
-            let pose = if last { *target } else { from.pose.towards(target, done + step) };
+            let pose = pose_at(done + step);
             predict(seed, &pose, &mut guess);
             if pushes > 0 {
                 self.push(&mut guess, pushes);
             }
-            match self.solve_at(&pose, &guess) {
-                Ok(mut configuration) => {
-                    iterations += configuration.iterations;
-                    factorisations += configuration.factorisations;
-                    increments += 1;
-                    done += step;
-                    if last {
-                        configuration.iterations = iterations;
-                        configuration.factorisations = factorisations;
-                        configuration.increments = increments;
-                        return Ok(configuration);
-                    }
-                    here = Some(configuration);
-                    step = (2.0 * step).min(1.0 - done);
-                }
+            let configuration = match self.solve_at(&pose, &guess) {
+                Ok(configuration) => configuration,
                 Err(failure) => {
-                    iterations += failure.iterations;
-                    factorisations += self.factorisations;
+                    spent.add(failure.iterations, self.factorisations);
                     if halvings < self.loading.max_halvings {
                         halvings += 1;
                         step *= 0.5;
-                    } else if pushes < self.loading.perturbations {
-                        pushes += 1;
-                    } else {
-                        return Err(SolveFailure { iterations, ..failure });
+                        continue;
                     }
+                    if pushes < self.loading.perturbations {
+                        pushes += 1;
+                        continue;
+                    }
+                    let mut snap = |share: f64| {
+                        self.snap_through(seed, &pose_at(done + share), &mut guess, &mut spent)
+                            .map(|configuration| (share, configuration))
+                    };
+                    let left = 1.0 - done;
+                    let landed = if may_snap { snap(left).or_else(|| snap(0.5 * left)) } else { None };
+                    let Some((share, configuration)) = landed else {
+                        return Err(SolveFailure { iterations: spent.iterations, ..failure });
+                    };
+                    may_snap = false;
+                    step = share;
+                    configuration
                 }
+            };
+            spent.add(configuration.iterations, configuration.factorisations);
+            spent.increments += 1;
+            done += step;
+            if done >= 1.0 {
+                let Spent { iterations, factorisations, increments } = spent;
+                return Ok(Configuration { iterations, factorisations, increments, ..configuration });
+            }
+            here = Some(configuration);
+            step = (2.0 * step).min(1.0 - done);
+        }
+    }
+
+    /// Equilibrium at `pose` on whatever branch full steps uphill lead to, if it is stable and has no more inverted
+    /// elements than the seed.
+    fn snap_through(
+        &mut self,
+        seed: &Seed,
+        pose: &Pose,
+        guess: &mut [f64],
+        spent: &mut Spent,
+    ) -> Option<Configuration> {
+        self.state.copy_from_slice(&seed.state);
+        self.evaluate(false);
+        let inverted = self.assembled.inverted;
+        predict(seed, pose, guess);
+        let downhill = std::mem::replace(&mut self.newton.max_uphill, UPHILL);
+        let landed = self.solve_at(pose, guess);
+        self.newton.max_uphill = downhill;
+        match landed {
+            Ok(c) if c.unstable_modes == Some(0) && c.inverted <= inverted => Some(c),
+            Ok(c) => {
+                spent.add(c.iterations, c.factorisations);
+                None
+            }
+            Err(failure) => {
+                spent.add(failure.iterations, self.factorisations);
+                None
             }
         }
     }
@@ -114,6 +160,21 @@ impl Solver {
                 *value = 0.0;
             }
         }
+    }
+}
+
+/// What a transition has cost so far.
+#[derive(Debug, Clone, Copy, Default)]
+struct Spent {
+    iterations: u32,
+    factorisations: u32,
+    increments: u32,
+}
+
+impl Spent {
+    fn add(&mut self, iterations: u32, factorisations: u32) {
+        self.iterations += iterations;
+        self.factorisations += factorisations;
     }
 }
 

@@ -54,6 +54,7 @@ impl Problem {
 
     /// Numbers the unknowns, builds the pattern and analyses it.
     pub fn with(body: Arc<Body>, handle: Option<Handle>, constraints: Constraints) -> Self {
+        let handle = handle.map(|handle| handle.on(&body));
         let dofs = DofMap::new(&body, handle.as_ref(), constraints);
         let pattern = Pattern::new(&body, &dofs);
         let regularised = regularised_diagonal(&body, &dofs);

@@ -14,6 +14,9 @@ pub struct NewtonOptions {
     pub tolerance: f64,
     /// Halvings of a step that does not lower the residual.
     pub max_halvings: u32,
+    /// Full steps that may be taken although no fraction of them lowers the residual. Zero but where a transition tries
+    /// to get over a fold, see [`super::LoadingOptions::snap_through`].
+    pub max_uphill: u32,
     /// Whether steps with a frozen factor are tried where they are estimated to be cheaper.
     pub frozen_factor: bool,
     /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states are stable
@@ -27,6 +30,7 @@ impl Default for NewtonOptions {
             max_iterations: 40,
             tolerance: 1e-8,
             max_halvings: 5,
+            max_uphill: 0,
             frozen_factor: true,
             reject_inverted: false,
         }
@@ -96,6 +100,10 @@ const NEAR: f64 = 0.1;
 /// ... and end when a step gains less than this factor.
 const WORTH: f64 = 0.3;
 
+/// Where no step lowers a residual that is within this factor of the tolerance, it has met its rounding floor and the
+/// state is as good as it gets: forces of a part a million times stiffer leave 1e-16 of themselves in the sum.
+const STALLED: f64 = 100.0;
+
 /// What the next step is made with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
@@ -119,7 +127,7 @@ impl Solver {
     /// elements, and spreading it over the body raises the norm legitimately. From then on a step is halved until the residual
     /// falls. Once near, steps use the factor at hand as long as that is estimated to be cheaper than a fresh one.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
-        let mut iterations = 0;
+        let (mut iterations, mut uphill) = (0, 0);
         let mut residual_n = self.evaluate(true);
         let first = residual_n.max(self.scale_n());
         let mut next = Next::Fresh;
@@ -152,11 +160,22 @@ impl Solver {
             if !has_tangent {
                 self.evaluate(true);
             }
+            let floor_n = STALLED * self.newton.tolerance * self.scale_n();
             if !self.newton_step() {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
                 return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
             }
-            let (reached, full) = self.line_search(residual_n, iterations > 1);
+            let (mut reached, full) = self.line_search(residual_n, iterations > 1);
+            if reached.is_none() && residual_n > floor_n && uphill < self.newton.max_uphill {
+                uphill += 1;
+                reached = self.line_search(residual_n, false).0;
+            }
             let Some(reached) = reached else {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
                 return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
             };
             has_tangent = false;
@@ -200,8 +219,7 @@ impl Solver {
         self.move_by(1.0);
         self.swap_trial();
         let reached = self.evaluate(false);
-        // Written so that a NaN is refused too.
-        if !(reached < residual_n) {
+        if reached.is_nan() || reached >= residual_n {
             self.swap_trial_back();
             return None;
         }

@@ -50,8 +50,7 @@ impl StepHistory {
             }
         }
         let denominator = 1.0 - dot(&self.steps[last], z) / self.squares[last];
-        // Written so that a NaN is refused too.
-        if !(denominator.abs() > 1e-3) {
+        if denominator.is_nan() || denominator.abs() <= 1e-3 {
             return false;
         }
         for z in z {

@@ -1,0 +1,143 @@
+//! The same pose from disturbed starts: is the branch the same?
+
+use std::sync::Arc;
+
+use palpate_precompute::body::Model;
+use palpate_precompute::boundary::{Handle, Pose};
+use palpate_precompute::material::Material;
+use palpate_precompute::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
+
+use crate::table::{Case, Cost, row};
+use crate::walk::{body, problem, state};
+
+/// Pseudo-random numbers in -1 .. 1 from a seed.
+fn noise(seed: u64) -> impl FnMut() -> f64 {
+    let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(seed + 1);
+    move || {
+        bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (bits >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+}
+
+/// Solves again at the pose of `from` with every free displacement disturbed by up to `size_m`.
+fn again(
+    problem: &Arc<Problem>,
+    from: &Configuration,
+    size_m: f64,
+    seed: u64,
+) -> Result<Configuration, SolveFailure> {
+    let mut start = from.seed.state.clone();
+    let mut random = noise(seed);
+    for (value, fixed) in start.iter_mut().zip(problem.body.fixed.as_flattened()) {
+        let push = size_m * random();
+        if !fixed {
+            *value += push;
+        }
+    }
+    Solver::new(problem.clone()).solve_at(&Pose { ..from.seed.pose }, &start)
+}
+
+/// Largest difference of a displacement component, m.
+fn distance_m(problem: &Problem, a: &Configuration, b: &Configuration) -> f64 {
+    let n = problem.body.displacement_len();
+    let pairs = a.seed.state.iter().zip(&b.seed.state).take(n);
+    pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+}
+
+/// Ten starts of each size; returns how many came back, and how far off the farthest of those was, m.
+fn disturb(name: &str, problem: &Arc<Problem>, from: &Configuration, share: f64) -> (u32, f64) {
+    let (mut back, mut other, mut failed, mut worst) = (0, 0, 0, 0.0f64);
+    let (mut far, mut cost) = (0.0f64, Cost { equations: problem.unknowns(), ..Cost::default() });
+    for seed in 0..10 {
+        match again(problem, from, share * problem.body.edge_m, seed) {
+            Ok(c) => {
+                cost.iterations += c.iterations;
+                cost.factorisations += c.factorisations;
+                cost.increments += 1;
+                let off = distance_m(problem, &c, from);
+                if off < 1e-6 {
+                    back += 1;
+                    worst = worst.max(off);
+                } else {
+                    other += 1;
+                    far = far.max(off);
+                }
+            }
+            Err(f) => {
+                failed += 1;
+                cost.iterations += f.iterations;
+            }
+        }
+    }
+    let tried = format!("{name}, 10 starts off by {share} edge");
+    let result = format!(
+        "{back} back (within {worst:.0e} m), {other} elsewhere (up to {:.1} mm), {failed} failed",
+        1e3 * far
+    );
+    row(Case::Branches, &tried, cost, &result, if back == 10 { "same branch" } else { "not one basin" });
+    (back, worst)
+}
+
+#[test]
+fn a_disturbed_start_comes_back_to_the_branch_it_left() {
+    for material in [st_venant_kirchhoff(), mooney_rivlin()] {
+        let (_, _, active, body) = soft_beam(material);
+        let problem = problem(&body, Handle::node(active));
+        let mut solver = Solver::new(problem.clone());
+        let rest = solver.rest().expect("the beam is held");
+        let here = solver.advance(&rest.seed, [0.004, 0.003, -0.012]).expect("the beam follows");
+        for share in [1e-3, 1e-2, 0.1, 0.3] {
+            let (back, worst) = disturb(material.name(), &problem, &here, share);
+            if share <= 0.01 {
+                assert_eq!(back, 10, "{} off by {share} edge", material.name());
+            }
+            // The tolerance is 1e-8 of the force before a last correction that squares it.
+            assert!(worst < 1e-10, "{}: same branch, but {worst:e} m off", material.name());
+        }
+    }
+}
+
+/// A slender column pressed on its end: it bends out the way its lattice leans, and far starts find folded ends.
+#[test]
+fn a_pressed_column_has_more_than_one_equilibrium() {
+    let material: Material = st_venant_kirchhoff();
+    let mesh = box_mesh([12, 1, 1], 0.01);
+    let model = Model::uniform(material, &nodes_where(&mesh, |x| x[0] == 0.0));
+    let body = body(&mesh, &model);
+    let end = nodes_where(&mesh, |x| (x[0] - 0.12).abs() < 1e-9);
+    let handle = Handle::patch(nearest_node(&mesh, [0.12, 0.0, 0.0]), &end);
+    let problem = problem(&body, handle);
+    let mut solver = Solver::new(problem.clone());
+    let mut straight = solver.rest().expect("the column stands");
+    let mut first_unstable = None;
+    for mm in 1..=12 {
+        let pressed = solver.advance(&straight.seed, [-1e-3 * f64::from(mm), 0.0, 0.0]);
+        straight = pressed.expect("a column under displacement control goes on, straight or bent");
+        if straight.unstable_modes != Some(0) {
+            first_unstable.get_or_insert(mm);
+        }
+    }
+    let cost = Cost::of(problem.unknowns(), &straight);
+    let verdict = format!("first unstable at {first_unstable:?} mm");
+    row(Case::Branches, "column of 120 x 10 x 10 mm pressed 12 mm", cost, &state(&straight), &verdict);
+    let mut ends: Vec<Configuration> = Vec::new();
+    for seed in 0..20 {
+        let Ok(c) = again(&problem, &straight, 0.3 * body.edge_m, seed) else { continue };
+        if ends.iter().all(|e| distance_m(&problem, e, &c) > 1e-6) {
+            ends.push(c);
+        }
+    }
+    ends.sort_by(|a, b| a.energy_j.total_cmp(&b.energy_j));
+    for end in &ends {
+        let apart = 1e3 * distance_m(&problem, end, &straight);
+        let tried = format!("column, an end of 20 starts off by 0.3 edge: {apart:.2} mm away");
+        let verdict = format!("{:.6} mJ", 1e3 * end.energy_j);
+        row(Case::Branches, &tried, Cost::of(problem.unknowns(), end), &state(end), &verdict);
+    }
+    // The lowest end is stable, and it is the one that loading found.
+    let lowest = ends.first().expect("some start converges");
+    assert_eq!(lowest.unstable_modes, Some(0));
+    assert!(distance_m(&problem, lowest, &straight) < 1e-9, "loading missed the lowest end");
+    assert!(ends.len() > 1, "far starts find other ends");
+}

@@ -1,0 +1,77 @@
+//! Pressed until elements collapse.
+
+use palpate_precompute::body::Model;
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::material::{Lame, Material, NeoHookean};
+use palpate_precompute::solve::{FailureReason, Solver};
+use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
+
+use crate::table::{Case, row};
+use crate::walk::{Walk, body, organ, problem, walk};
+
+/// A cube of 40 mm stands on its foot; a plate or a point presses it down, 1 mm a step, to nine tenths of its height.
+fn press(material: Material, plate: bool, reject_inverted: bool) -> Walk {
+    let mesh = box_mesh([4, 4, 4], 0.01);
+    let foot = nodes_where(&mesh, |x| x[2] == 0.0);
+    let lid = nodes_where(&mesh, |x| (x[2] - 0.04).abs() < 1e-9);
+    let centre = nearest_node(&mesh, [0.02, 0.02, 0.04]);
+    let handle = if plate { Handle::patch(centre, &lid) } else { Handle::node(centre) };
+    let body = body(&mesh, &Model::uniform(material, &foot));
+    let mut solver = Solver::new(problem(&body, handle));
+    solver.newton.reject_inverted = reject_inverted;
+    let walked = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube stands");
+    let under = if plate { "plate" } else { "point" };
+    let kept = if reject_inverted { ", inverted refused" } else { "" };
+    let tried = format!("{}, 40 mm cube under a {under}{kept}", material.name());
+    let mm = |m: Option<f64>| m.map_or("never".into(), |m| format!("at {:.0} mm", 1e3 * m));
+    let verdict = format!("{}; first inverted {}", walked.verdict(), mm(walked.inverted_at_m));
+    row(Case::Compression, &tried, walked.cost, &walked.result(), &verdict);
+    walked
+}
+
+fn neo_hookean() -> Material {
+    Material::NeoHookean(NeoHookean { lame: Lame::from_young_poisson(15480.0, 0.45) })
+}
+
+#[test]
+fn collapse_has_a_reason_and_a_barrier_puts_it_off() {
+    for plate in [true, false] {
+        let collapsed = press(st_venant_kirchhoff(), plate, true);
+        let failure = collapsed.failure.expect("nothing keeps St. Venant-Kirchhoff from collapsing");
+        assert!(collapsed.last.inverted == 0 && collapsed.last.min_jacobian > 0.0);
+        let known = [FailureReason::Inverted, FailureReason::LineSearch, FailureReason::MaxIterations];
+        assert!(known.contains(&failure.reason), "{failure}");
+        // Kept, the inverted states are flagged.
+        let kept = press(st_venant_kirchhoff(), plate, false);
+        assert!(kept.failure.is_some() || kept.inverted_at_m.is_some(), "{kept:?}");
+        assert!(kept.reached_m >= collapsed.reached_m);
+
+        let barrier = press(neo_hookean(), plate, false);
+        assert!(barrier.inverted_at_m.is_none() && barrier.last.min_jacobian > 0.0, "a barrier is a barrier");
+        assert!(barrier.reached_m > collapsed.reached_m, "and carries further");
+        press(mooney_rivlin(), plate, false);
+    }
+}
+
+/// Into the organ at each active node, to where nothing more is found.
+#[test]
+fn the_organ_pressed_in_ends_with_a_reason_or_its_flags() {
+    let scene = organ();
+    let skin = palpate_precompute::mesh::Surface::of(&scene.mesh);
+    for active in &scene.active {
+        let inward = skin.normal(active.node).expect("active nodes are on the surface").map(|c| -c);
+        for material in [st_venant_kirchhoff(), neo_hookean(), mooney_rivlin()] {
+            let mut scene = scene.clone();
+            scene.materials[0].material = material;
+            let body = body(&scene.mesh, &scene.model());
+            let mut solver = Solver::new(problem(&body, active.handle()));
+            solver.newton.reject_inverted = true;
+            let walked = walk(&mut solver, inward, 2e-3, 50).expect("the organ is held");
+            let tried = format!("{}, into {}, 100 mm, inverted refused", material.name(), active.name);
+            row(Case::Compression, &tried, walked.cost, &walked.result(), &walked.verdict());
+            assert!(walked.failure.is_some() || walked.reached_m > 0.0999, "ended without a reason");
+            assert!(walked.inverted_at_m.is_none(), "inverted states were to be refused");
+            assert!(walked.reached_m > 0.01, "the first centimetre is easy: {:?}", walked.failure);
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! A million times stiffer beside soft.
+
+use palpate_precompute::body::Model;
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::material::{Lame, Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::solve::{Configuration, Solver};
+use palpate_tests::{box_mesh, nearest_node, nodes_where};
+
+use crate::table::{Case, Cost, row};
+use crate::walk::{apart, body, norm, problem, state, walk};
+
+const CONTRAST: f64 = 1e6;
+
+fn laws(factor: f64) -> [Material; 2] {
+    let Lame { lambda_pa, mu_pa } = Lame::from_young_poisson(15480.0, 0.45);
+    [
+        Material::StVenantKirchhoff(StVenantKirchhoff {
+            lame: Lame { lambda_pa: factor * lambda_pa, mu_pa: factor * mu_pa },
+        }),
+        Material::MooneyRivlin(MooneyRivlin { c10_pa: factor * 1300.0, c01_pa: factor * 1280.0 }),
+    ]
+}
+
+/// The left half of the beam is stiff, or held on all its nodes, or of the same stuff.
+fn solver(right: Material, left_law: Option<Material>, hold_left: bool) -> Solver {
+    let mesh = box_mesh([8, 4, 4], 0.01);
+    // The lattice planes wobble inside: by element, not by coordinate.
+    let left: Vec<bool> = (0..mesh.tets.len()).map(|t| t < mesh.tets.len() / 2).collect();
+    let mut held = vec![false; mesh.nodes_m.len()];
+    for (tet, _) in mesh.tets.iter().zip(&left).filter(|(_, left)| **left) {
+        for &node in tet {
+            held[node as usize] = true;
+        }
+    }
+    let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+    let all_left: Vec<u32> = (0..held.len() as u32).filter(|&n| held[n as usize]).collect();
+    let mut model = Model::uniform(right, if hold_left { &all_left } else { &fixed });
+    if let Some(law) = left_law {
+        model.regions.push(law.into());
+        model.region_of_tet = left.iter().map(|&left| u16::from(left)).collect();
+    }
+    let body = body(&mesh, &model);
+    let handle = Handle::node(nearest_node(&mesh, [0.08, 0.02, 0.04]));
+    Solver::new(problem(&body, handle))
+}
+
+fn pull(right: Material, left: Option<Material>, hold_left: bool) -> (Configuration, usize) {
+    let mut solver = solver(right, left, hold_left);
+    let rest = solver.rest().expect("the beam is held");
+    let c = solver.advance(&rest.seed, [0.002, 0.003, -0.012]).expect("the beam follows");
+    (c, solver.problem().unknowns())
+}
+
+#[test]
+fn a_stiff_half_holds_the_soft_one_like_a_wall() {
+    for (soft, stiff) in laws(1.0).into_iter().zip(laws(CONTRAST)) {
+        let (wall, equations) = pull(soft, None, true);
+        let name = soft.name();
+        row(
+            Case::Contrast,
+            &format!("{name}, left half held"),
+            Cost::of(equations, &wall),
+            &state(&wall),
+            "the limit",
+        );
+        let (c, equations) = pull(soft, Some(stiff), false);
+        let off = apart(c.force_n, wall.force_n);
+        let verdict = format!("force {off:.0e} from the held half");
+        row(
+            Case::Contrast,
+            &format!("{name}, left half 1e6 stiffer"),
+            Cost::of(equations, &c),
+            &state(&c),
+            &verdict,
+        );
+        // The compliance of the stiff half is its contrast, times lengths.
+        assert!(off < 100.0 / CONTRAST, "{name}: {off:e}");
+        assert!(off > 1e-3 / CONTRAST, "{name}: the stiff half is not in the model");
+        let (uniform, _) = pull(soft, None, false);
+        assert!(apart(uniform.force_n, wall.force_n) > 0.05, "{name}: the case tells nothing");
+        // The other way round: the handle holds a block that is all but rigid.
+        let mut block = solver(stiff, Some(soft), false);
+        let walked = walk(&mut block, [0.002, 0.003, -0.012], 1e-3, 12).expect("the beam is held");
+        let tried = format!("{name}, right half 1e6 stiffer, 12 x 1 mm");
+        let work = walked.work_j / walked.last.energy_j - 1.0;
+        let verdict = format!("{}; work/energy - 1 = {work:.0e}", walked.verdict());
+        row(Case::Contrast, &tried, walked.cost, &walked.result(), &verdict);
+        assert!(walked.failure.is_some() || walked.reached_m > 0.0119);
+        assert!(walked.reached_m > 0.0009, "{name}: not even the first millimetre, {:?}", walked.failure);
+        // The block turns as one: what deforms is the soft half, and the force is of its size.
+        let ratio = norm(walked.last.force_n) / norm(uniform.force_n);
+        assert!(ratio < 10.0, "{name}: {ratio} times the force of the soft beam");
+        assert!(work.abs() < 1e-2, "{name}: {work:e}");
+    }
+}

@@ -1,0 +1,91 @@
+//! Incompressible bodies held so that their pressure has no one value.
+
+use palpate_precompute::body::{Model, Region};
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::element::Order;
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::pressure::PressureFault;
+use palpate_precompute::solve::Solver;
+use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where};
+
+use crate::table::{Case, Cost, row};
+use crate::walk::{body, problem, state};
+
+#[test]
+fn a_surface_held_as_a_whole_is_refused_and_does_not_pass_for_solved() {
+    let mesh = box_mesh([4, 4, 4], 0.01);
+    let top = nearest_node(&mesh, [0.02, 0.02, 0.04]);
+    let fixed: Vec<u32> = Surface::of(&mesh).nodes.into_iter().filter(|&n| n != top).collect();
+    let handle = Handle::node(top);
+    let model = Model::uniform(mooney_rivlin(), &fixed);
+    let held = body(&mesh, &model);
+    let fault = held.check_pressures(Some(&handle)).expect_err("planted fault");
+    assert!(matches!(fault, PressureFault::Undetermined { .. }));
+    row(
+        Case::HeldPressure,
+        "surface held, tool on it: check",
+        Cost::default(),
+        &fault.to_string(),
+        "refused",
+    );
+    // The solver, asked all the same: the tool wants a volume that the body cannot have.
+    let mut solver = Solver::new(problem(&held, handle.clone()));
+    let pushed = solver.rest().and_then(|rest| solver.advance(&rest.seed, [0.0, 0.0, -0.002]));
+    let failure = pushed.expect_err("no equilibrium exists");
+    let cost = Cost { iterations: failure.iterations, ..Cost::default() };
+    row(
+        Case::HeldPressure,
+        "surface held, tool on it: solver",
+        cost,
+        &failure.to_string(),
+        failure.reason.name(),
+    );
+    // A bulk modulus is the mend that the message names, and one side left free is the other.
+    let mut soft = model.clone();
+    soft.regions = vec![Region { material: mooney_rivlin(), bulk_modulus_pa: Some(1e6) }];
+    let mut open = model.clone();
+    open.fixed = nodes_where(&mesh, |x| x[2] == 0.0);
+    for (name, model) in [("with bulk_pa = 1e6", soft), ("with only the foot held", open)] {
+        let body = body(&mesh, &model);
+        assert_eq!(body.check_pressures(Some(&handle)), Ok(()), "{name}");
+        let mut solver = Solver::new(problem(&body, handle.clone()));
+        let rest = solver.rest().expect("held");
+        let c = solver.advance(&rest.seed, [0.0, 0.0, -0.002]).expect("the mend works");
+        let cost = Cost::of(solver.problem().unknowns(), &c);
+        row(Case::HeldPressure, name, cost, &state(&c), "solved");
+    }
+}
+
+/// Few free nodes among many: P1/P1 has a pressure at each of their neighbours.
+#[test]
+fn more_pressures_than_displacements_are_refused_and_the_mend_solves() {
+    let mesh = box_mesh([4, 4, 4], 0.01);
+    let top = nearest_node(&mesh, [0.02, 0.02, 0.04]);
+    let free = |x: [f64; 3]| x[2] > 0.031 && (x[0] - 0.02).abs() < 0.011 && (x[1] - 0.02).abs() < 0.011;
+    let mut model = Model::uniform(mooney_rivlin(), &nodes_where(&mesh, |x| !free(x)));
+    let handle = Handle::node(top);
+    let check = |model: &Model| body(&mesh, model).check_pressures(Some(&handle));
+    let fault = check(&model).expect_err("planted fault");
+    assert!(matches!(fault, PressureFault::Locked { .. }), "{fault}");
+    row(Case::HeldPressure, "nine free nodes: check", Cost::default(), &fault.to_string(), "refused");
+    let push = |model: &Model| {
+        let mut solver = Solver::new(problem(&body(&mesh, model), handle.clone()));
+        let pushed = solver.rest().and_then(|rest| solver.advance(&rest.seed, [0.0, 0.0, -0.001]));
+        (pushed, solver.problem().unknowns())
+    };
+    let (locked, _) = push(&model);
+    let said = locked.as_ref().map_or_else(|f| f.reason.name().into(), state);
+    row(Case::HeldPressure, "nine free nodes: solver", Cost::default(), &said, "locked");
+    assert!(locked.is_err(), "{said}");
+    model.order = Order::Quadratic;
+    assert_eq!(check(&model), Ok(()));
+    let (solved, equations) = push(&model);
+    let solved = solved.expect("the mend works");
+    row(
+        Case::HeldPressure,
+        "nine free nodes, order = 2",
+        Cost::of(equations, &solved),
+        &state(&solved),
+        "solved",
+    );
+}

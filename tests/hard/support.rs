@@ -1,0 +1,111 @@
+//! Bodies that nothing keeps from moving: what the scene says of them, and what the solver does if asked all the same.
+
+use std::path::Path;
+
+use palpate_precompute::body::Model;
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::material::Material;
+use palpate_precompute::mesh::TetMesh;
+use palpate_precompute::scene::Scene;
+use palpate_precompute::solve::{Configuration, SolveFailure, Solver};
+use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff, write_gmsh22};
+
+use crate::meshes::two_pieces;
+use crate::table::{Case, Cost, row};
+use crate::walk::{apart, body, norm, problem, state};
+
+const DOWN: [f64; 3] = [0.0, 0.002, -0.006];
+
+/// What the scene layer says of a mesh held at some nodes.
+fn scene_error(mesh: &TetMesh, fixed: &[u32], active: u32) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_gmsh22(mesh, &folder.path().join("a.msh"));
+    let text = format!(
+        "[mesh]\nfile = \"a.msh\"\n[material]\nlaw = \"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0\n[fixed]\nnodes = \
+         {fixed:?}\n[[active]]\nname = \"A\"\nnode = {active}\n"
+    );
+    let scene = Scene::parse(&folder.path().join("a.toml"), text).expect("the scene is well-formed");
+    scene.resolve().expect_err("planted fault").to_string()
+}
+
+fn solve(
+    mesh: &TetMesh,
+    material: Material,
+    fixed: &[u32],
+    active: u32,
+) -> Result<Configuration, SolveFailure> {
+    let body = body(mesh, &Model::uniform(material, fixed));
+    let mut solver = Solver::new(problem(&body, Handle::node(active)));
+    let rest = solver.rest()?;
+    solver.advance(&rest.seed, DOWN)
+}
+
+fn report(tried: &str, outcome: &Result<Configuration, SolveFailure>) {
+    match outcome {
+        Ok(c) => row(Case::Support, tried, Cost::of(0, c), &state(c), "solved"),
+        Err(f) => {
+            let cost = Cost { iterations: f.iterations, ..Cost::default() };
+            row(Case::Support, tried, cost, &format!("residual {:.0e} N", f.residual_n), f.reason.name());
+        }
+    }
+}
+
+#[test]
+fn two_fixed_nodes_in_line_with_the_tool_are_refused_and_end_cleanly() {
+    let mesh = beam();
+    let at = |x: [f64; 3]| nearest_node(&mesh, x);
+    // An edge of the box: its nodes stay on the line.
+    let line = [at([0.0, 0.0, 0.0]), at([0.04, 0.0, 0.0])];
+    let (in_line, beside) = (at([0.08, 0.0, 0.0]), at([0.06, 0.02, 0.04]));
+    let said = scene_error(&mesh, &line, in_line);
+    row(Case::Support, "2 fixed nodes, tool in their line: scene", Cost::default(), &said, "refused");
+    assert!(said.contains("line") && said.contains("fix at least three nodes"), "{said}");
+    for material in [st_venant_kirchhoff(), mooney_rivlin()] {
+        let name = material.name();
+        let outcome = solve(&mesh, material, &line, in_line);
+        report(&format!("2 fixed nodes, tool in their line: solver, {name}"), &outcome);
+        // At rest it can turn freely; the tool's way out of the line stops that, so that an end may be found after all.
+        match outcome {
+            Err(failure) => assert!(failure.residual_n.is_finite(), "{failure}"),
+            Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.force_n), "{:e} N", c.residual_n),
+        }
+        // Beside the line the tool itself stops the turning: three points hold a body.
+        let outcome = solve(&mesh, material, &line, beside);
+        report(&format!("2 fixed nodes, tool beside their line: solver, {name}"), &outcome);
+        // A body that nothing holds follows the tool without a force, or is refused; it never resists.
+        let none = solve(&mesh, material, &[], beside);
+        report(&format!("nothing fixed: solver, {name}"), &none);
+        let resists = none.map_or(0.0, |c| norm(c.force_n));
+        assert!(resists < 1e-9, "{name}: {resists:e} N without a support");
+    }
+}
+
+#[test]
+fn a_loose_piece_is_refused_and_a_held_one_does_no_harm() {
+    let one = beam();
+    let mesh = two_pieces(&one, [0.2, 0.0, 0.0]);
+    let wall = nodes_where(&one, |x| x[0] == 0.0);
+    let active = nearest_node(&one, [0.06, 0.02, 0.04]);
+    let said = scene_error(&mesh, &wall, active);
+    row(Case::Support, "two pieces, one loose: scene", Cost::default(), &said, "refused");
+    assert!(said.contains("separate pieces") && said.contains("no fixed node"), "{said}");
+    assert!(Path::new(said.split(':').next().unwrap_or_default()).ends_with("a.toml"), "{said}");
+    let n = one.nodes_m.len() as u32;
+    let both: Vec<u32> = wall.iter().flat_map(|&node| [node, node + n]).collect();
+    for material in [st_venant_kirchhoff(), mooney_rivlin()] {
+        let name = material.name();
+        let loose = solve(&mesh, material, &wall, active);
+        report(&format!("two pieces, one loose: solver, {name}"), &loose);
+        let held = solve(&mesh, material, &both, active);
+        report(&format!("two pieces, both held: solver, {name}"), &held);
+        let (held, alone) = (held.expect("held"), solve(&one, material, &wall, active).expect("held"));
+        // The floating piece's matrix is singular but asked for nothing: a failure, or the force of the other alone.
+        let off = loose.map_or(0.0, |c| apart(c.force_n, alone.force_n));
+        assert!(off < 1e-9, "{name}: a floating piece changes the force by {off:e}");
+        let off = apart(held.force_n, alone.force_n);
+        assert!(off < 1e-9, "{name}: the other piece changes the force by {off:e}");
+        let moved: [f64; 3] =
+            std::array::from_fn(|i| held.seed.state[3 * n as usize..6 * n as usize][i..].iter().sum());
+        assert!(norm(moved) < 1e-12, "{name}: the other piece moves, {moved:?}");
+    }
+}

@@ -1,0 +1,84 @@
+//! Scaled bodies: the solver must not know a metre or a pascal.
+
+use palpate_precompute::body::{Body, Model};
+use palpate_precompute::boundary::Handle;
+use palpate_precompute::element::Order;
+use palpate_precompute::material::{
+    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+    StVenantKirchhoff,
+};
+use palpate_precompute::scene::PressurePair;
+use palpate_precompute::solve::Solver;
+use palpate_tests::{beam, every_law, nearest_node, nodes_where};
+
+use crate::meshes::scaled;
+use crate::table::{Case, Cost, row};
+use crate::walk::{apart, problem};
+
+/// The law with all its moduli `factor` times as large.
+fn stiffer(law: Material, factor: f64) -> Material {
+    let lame = |l: Lame| Lame { lambda_pa: l.lambda_pa * factor, mu_pa: l.mu_pa * factor };
+    match law {
+        Material::LinearElastic(l) => Material::LinearElastic(LinearElastic { lame: lame(l.lame) }),
+        Material::StVenantKirchhoff(l) => {
+            Material::StVenantKirchhoff(StVenantKirchhoff { lame: lame(l.lame) })
+        }
+        Material::ModifiedStVenantKirchhoff(l) => {
+            Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame: lame(l.lame) })
+        }
+        Material::NeoHookean(l) => Material::NeoHookean(NeoHookean { lame: lame(l.lame) }),
+        Material::MooneyRivlin(l) => {
+            Material::MooneyRivlin(MooneyRivlin { c10_pa: l.c10_pa * factor, c01_pa: l.c01_pa * factor })
+        }
+        Material::ReducedMooneyRivlin(l) => Material::ReducedMooneyRivlin(ReducedMooneyRivlin {
+            c10_pa: l.c10_pa * factor,
+            c01_pa: l.c01_pa * factor,
+        }),
+        Material::HolzapfelGasserOgden(l) => Material::HolzapfelGasserOgden(HolzapfelGasserOgden {
+            c10_pa: l.c10_pa * factor,
+            k1_pa: l.k1_pa * factor,
+            ..l
+        }),
+    }
+}
+
+#[test]
+fn forces_scale_with_size_and_stiffness_over_twelve_decades() {
+    let plain = PressurePair::Plain;
+    let mut cases: Vec<(Material, Order, PressurePair)> =
+        every_law().into_iter().map(|law| (law, Order::Linear, plain)).collect();
+    cases.push((palpate_tests::mooney_rivlin(), Order::Quadratic, plain));
+    cases.push((palpate_tests::mooney_rivlin(), Order::Linear, PressurePair::Stabilised));
+    for (law, order, pair) in cases {
+        let solve = |size: f64, stiffness: f64| {
+            let mesh = scaled(&beam(), size);
+            let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
+            let mut model = Model::uniform(stiffer(law, stiffness), &fixed);
+            (model.order, model.pressure_pair) = (order, pair);
+            let body = std::sync::Arc::new(Body::new(&mesh, &model).expect("every element has volume"));
+            assert_eq!(body.check_pressures(None), Ok(()), "size {size:e}");
+            let node = nearest_node(&mesh, [0.06, 0.02, 0.04].map(|c| c * size));
+            let mut solver = Solver::new(problem(&body, Handle::node(node)));
+            let rest = solver.rest().expect("the beam is held");
+            let d = [0.004, -0.003, -0.01].map(|c| c * size);
+            (solver.advance(&rest.seed, d).expect("the beam follows"), solver.problem().unknowns())
+        };
+        let (here, equations) = solve(1.0, 1.0);
+        let (mut worst, mut iterations) = (0.0f64, [u32::MAX, 0]);
+        for (size, stiffness) in [(1e-6, 1.0), (1e6, 1.0), (1.0, 1e-6), (1.0, 1e6), (1e-6, 1e6), (1e6, 1e-6)]
+        {
+            let (there, _) = solve(size, stiffness);
+            let force = there.force_n.map(|f| f / (size * size * stiffness));
+            let energy = there.energy_j / (size * size * size * stiffness);
+            let off = apart(force, here.force_n).max((energy / here.energy_j - 1.0).abs());
+            assert!(off < 1e-9, "{} {order:?}, size {size:e}, stiffness {stiffness:e}: {off:e}", law.name());
+            worst = worst.max(off);
+            iterations = [iterations[0].min(there.iterations), iterations[1].max(there.iterations)];
+        }
+        let tried = format!("{}, {order:?}, {pair:?}: size, stiffness and both x 1e-6, 1e6", law.name());
+        let [least, most] = iterations;
+        let result = format!("force and energy {worst:.0e} off; {least} to {most} iterations");
+        row(Case::Units, &tried, Cost::of(equations, &here), &result, "scale");
+        assert!(most <= here.iterations + 1, "{}: {most} against {}", law.name(), here.iterations);
+    }
+}
