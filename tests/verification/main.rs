@@ -2,3 +2,6 @@
 
 mod condensed;
 mod constraints;
+mod golden;
+mod homogeneous;
+mod manufactured;

@@ -1,0 +1,93 @@
+//! Forces on our own organ against GetFEM, which the paper used too (`tests/peers`, results committed).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use palpate_precompute::body::Body;
+use palpate_precompute::material::{
+    Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin, StVenantKirchhoff,
+};
+use palpate_precompute::scene::Scene;
+use palpate_precompute::solve::{Problem, Solver};
+
+/// One row: displacement, force and energy.
+struct Row {
+    displacement_m: [f64; 3],
+    force_n: [f64; 3],
+    energy_j: f64,
+}
+
+/// A case's first columns: mesh, law, order, fixed set, active node.
+type Key = (String, String, u8, String, String, u32);
+
+fn golden() -> BTreeMap<Key, Vec<Row>> {
+    let text = include_str!("../peers/golden/forces.csv");
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let header: Vec<&str> = lines.next().expect("the table has a header").split(',').collect();
+    let column = |name: &str| header.iter().position(|h| *h == name).expect("a column of the golden table");
+    let mut cases: BTreeMap<Key, Vec<Row>> = BTreeMap::new();
+    for line in lines {
+        let cells: Vec<&str> = line.split(',').collect();
+        let text = |name: &str| cells[column(name)].to_owned();
+        let number = |name: &str| -> f64 { cells[column(name)].parse().expect("a number") };
+        let key = (
+            text("case"),
+            text("law"),
+            number("order") as u8,
+            text("mesh"),
+            text("fixed"),
+            number("active_node") as u32,
+        );
+        cases.entry(key).or_default().push(Row {
+            displacement_m: ["dx_m", "dy_m", "dz_m"].map(number),
+            force_n: ["fx_n", "fy_n", "fz_n"].map(number),
+            energy_j: number("energy_j"),
+        });
+    }
+    cases
+}
+
+/// The liver's parameters, as tests/peers/getfem_model.py has them.
+fn material(law: &str) -> Material {
+    let lame = Lame::from_young_poisson(15480.0, 0.49);
+    let (c10_pa, c01_pa) = (1300.0, 1280.0);
+    match law {
+        "linear" => Material::LinearElastic(LinearElastic { lame }),
+        "st-venant-kirchhoff" => Material::StVenantKirchhoff(StVenantKirchhoff { lame }),
+        "modified-st-venant-kirchhoff" => Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
+        "mooney-rivlin" => Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }),
+        "mooney-rivlin-reduced" => Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }),
+        "neo-hookean" => Material::NeoHookean(NeoHookean { lame }),
+        other => panic!("the golden table has an unknown law {other}"),
+    }
+}
+
+#[test]
+fn forces_and_energies_on_the_bundled_organ_agree_with_getfem() {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let cases = golden();
+    assert!(cases.len() >= 28, "the golden table is whole: {}", cases.len());
+    println!("{:44} {:>5} {:>9} {:>9}   worst relative difference", "case", "rows", "force", "energy");
+    for ((case, law, order, mesh, fixed, node), rows) in cases {
+        let scene = Scene::load(&assets.join(format!("{mesh}.toml"))).and_then(|scene| scene.resolve());
+        let mut scene = scene.unwrap_or_else(|error| panic!("{error}"));
+        scene.order = order;
+        scene.materials[0].material = material(&law);
+        scene.fixed = scene.mesh.node_groups[&fixed].clone();
+        let body = Body::new(&scene.mesh, &scene.model()).expect("the organ is sound");
+        let mut solver = Solver::new(Arc::new(Problem::new(Arc::new(body), node)));
+        let mut here = solver.rest().expect("the organ is held");
+        let (mut force, mut energy) = (0.0f64, 0.0f64);
+        for row in &rows {
+            here = solver.advance(&here.seed, row.displacement_m).unwrap_or_else(|e| panic!("{case}: {e}"));
+            let exact = Vector3::from(row.force_n);
+            force = force.max((Vector3::from(here.force_n) - exact).norm() / exact.norm());
+            energy = energy.max((here.energy_j / row.energy_j - 1.0).abs());
+        }
+        println!("{case:44} {:>5} {force:9.1e} {energy:9.1e}", rows.len());
+        // GetFEM stops at a residual of up to 2.5e-12 of the force; energies are of second order in it.
+        assert!(force < 1e-9 && energy < 1e-9, "{case}");
+    }
+}
