@@ -2,6 +2,8 @@
 
 mod condensed;
 mod constraints;
+mod cook;
 mod golden;
 mod homogeneous;
 mod manufactured;
+mod sphere;
