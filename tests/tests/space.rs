@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_precompute::blob_writer::pack;
+use palpate_precompute::configuration_space::still_to_solve;
 use palpate_precompute::configuration_space::{
     Expansion, ExpansionError, Record, SpaceGrid, Store, StoreError, StoreIdentity, TagCounts,
 };
@@ -106,10 +107,15 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
             stop.store(p.solved_now >= stop_after, Ordering::Relaxed);
         });
         assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
+        let open = still_to_solve(&bench.grid, &store.records(0).expect("records"));
+        assert!(open > 0, "a torn space knows that it is not finished");
     }
     let (torn, counts_torn) = bench.solve(&path, 2);
     assert_eq!(counts, counts_torn);
     assert_eq!(expected, bits(&torn.records(0).expect("records")));
+    assert_eq!(still_to_solve(&bench.grid, &torn.records(0).expect("records")), 0);
+    // Nor does a store without a single configuration count as finished.
+    assert_eq!(still_to_solve(&bench.grid, &[]), bench.grid.lattice.count());
 }
 
 #[test]
@@ -121,6 +127,8 @@ fn points_beyond_the_force_limit_end_the_expansion() {
     let bench = Bench::new(0.5 * largest);
     let (limited, counts) = bench.solve(&folder.path().join("limited.space"), 2);
     assert!(counts.terminating > 0 && counts.expandable > 0, "{counts:?}");
+    // Points that only terminating ones surround are not awaited.
+    assert_eq!(still_to_solve(&bench.grid, &limited.records(0).expect("records")), 0);
     for record in limited.records(0).expect("records") {
         let beyond = record.force_norm_n() >= 0.5 * largest;
         assert_eq!(record.tag == ConfigTag::Terminating, beyond, "{:?}", record.index);

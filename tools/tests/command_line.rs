@@ -243,6 +243,11 @@ fn scene_to_blob_to_query() {
         &["query", text(&blob), "--method", "rbf-linear", "--points", text(&points), "--csv", text(&forces)],
         &["a.blob", "rbf-linear", "palpate pack"],
     );
+    std::fs::write(&points, "x_m,y_m,z_m\n0,0,0\nnan,0,0\n").expect("the folder can be written");
+    refused(
+        &["query", text(&blob), "--method", "trilinear", "--points", text(&points), "--csv", text(&forces)],
+        &["in.csv:3", "`nan` is not a finite number"],
+    );
 }
 
 #[test]

@@ -157,6 +157,22 @@ fn parent_of(target: GridIndex, tags: &HashMap<GridIndex, ConfigTag>) -> Option<
         .map(|(_, index)| index)
 }
 
+/// Lattice points still to be solved: undecided, with an expandable neighbour. Zero when the expansion has ended; points that
+/// only terminating or failed ones surround are never reached and do not count.
+pub fn still_to_solve(grid: &SpaceGrid, records: &[Record]) -> usize {
+    let tags: HashMap<GridIndex, ConfigTag> = records.iter().map(|r| (r.index, r.tag)).collect();
+    if !tags.contains_key(&[0; 3]) {
+        return grid.lattice.count();
+    }
+    let open: std::collections::HashSet<GridIndex> = tags
+        .iter()
+        .filter(|(_, tag)| **tag == ConfigTag::Expandable)
+        .flat_map(|(&index, _)| NEIGHBOURS.map(|step| plus(index, step)))
+        .filter(|index| grid.lattice.contains(*index) && !tags.contains_key(index))
+        .collect();
+    open.len()
+}
+
 impl Expansion {
     /// Points of the grid, the rest point not counted.
     pub fn total(&self) -> usize {

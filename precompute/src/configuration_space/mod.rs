@@ -6,7 +6,7 @@
 pub mod expansion;
 pub mod store;
 
-pub use expansion::{Expansion, ExpansionError, Progress, TagCounts};
+pub use expansion::{Expansion, ExpansionError, Progress, TagCounts, still_to_solve};
 pub use store::{Record, Store, StoreError, StoreIdentity};
 
 use palpate_core::{BallLattice, LatticeError};

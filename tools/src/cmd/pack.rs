@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
-use palpate_precompute::configuration_space::Store;
+use palpate_precompute::configuration_space::{SpaceGrid, Store, still_to_solve};
 
 use crate::failure::Failure;
 use crate::output;
@@ -21,6 +21,9 @@ pub(crate) struct Args {
     /// The .blob file to write
     #[arg(long)]
     out: PathBuf,
+    /// Pack a space that is not finished: where it has no data the force is extrapolated
+    #[arg(long)]
+    partial: bool,
 }
 
 /// Parses a method's name.
@@ -34,6 +37,7 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
+    check_finished(&store, args)?;
     let Packed { bytes, left_out } = pack(&store, &args.methods)?;
     for name in left_out {
         eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
@@ -41,5 +45,29 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
     let names: Vec<&str> = args.methods.iter().map(|m| m.name()).collect();
     output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
+    Ok(())
+}
+
+/// A blob of half a space looks like any other in the hand: it is made only when asked for.
+fn check_finished(store: &Store, args: &Args) -> Result<(), Failure> {
+    let identity = store.identity()?;
+    let space = args.space.display();
+    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
+        .map_err(|error| Failure::input(format!("{space}: {error}")))?;
+    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
+        let open = still_to_solve(&grid, &store.records(active)?);
+        if open == 0 {
+            continue;
+        }
+        let what = format!(
+            "{space}: active node {name} is not finished: {open} points or more are still to be solved"
+        );
+        if !args.partial {
+            return Err(Failure::input(format!(
+                "{what}; run `palpate precompute` again, or pack with --partial"
+            )));
+        }
+        eprintln!("palpate: warning: {what}");
+    }
     Ok(())
 }

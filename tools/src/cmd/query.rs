@@ -111,7 +111,8 @@ fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {
         let record = record.map_err(|error| at(line, error.to_string()))?;
         let number = |column: usize| -> Result<f64, Failure> {
             let text = record.get(column).unwrap_or("");
-            text.parse().map_err(|_| at(line, format!("`{text}` is not a number")))
+            let finite = text.parse().ok().filter(|number: &f64| number.is_finite());
+            finite.ok_or_else(|| at(line, format!("`{text}` is not a finite number")))
         };
         points.push([number(x)?, number(y)?, number(z)?]);
     }
