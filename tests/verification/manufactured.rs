@@ -224,11 +224,9 @@ fn study(
         });
         let shown = observed.map_or(String::new(), |o| format!("orders {:.2} {:.2} {:.2}", o[0], o[1], o[2]));
         println!("{name:32} {n:>3} cells: L2 {:.2e} H1 {:.2e} p {:.2e}  {shown}", here[0], here[1], here[2]);
-        if let (Some(observed), Some(&last)) = (observed, cells.last()) {
-            if n == last {
-                for (observed, expected) in observed.into_iter().zip(expected) {
-                    assert!(expected == 0.0 || observed > expected - 0.25, "{name}: {observed}");
-                }
+        if let Some(observed) = observed.filter(|_| cells.last() == Some(&n)) {
+            for (observed, expected) in observed.into_iter().zip(expected) {
+                assert!(expected == 0.0 || observed > expected - 0.25, "{name}: {observed}");
             }
         }
         before = Some((n, here));
