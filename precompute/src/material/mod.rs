@@ -270,11 +270,11 @@ impl Material {
 
     /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
     ///
-    /// With I[i], I[ij], I[ijk] the derivatives of an invariant along the directions G_i,
+    /// With `I[i]`, `I[ij]`, `I[ijk]` the derivatives of an invariant along the directions G_i,
     ///
-    /// D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations) + sum_mno f_mno I_m[i] I_n[j] I_o[k],
+    /// `D3 W = sum_m f_m I_m[ijk] + sum_mn f_mn (I_m[ij] I_n[k] + 2 permutations) + sum_mno f_mno I_m[i] I_n[j] I_o[k]`,
     ///
-    /// and the multiplier adds - q J[ijk] - (q_i J[jk] + 2 permutations).
+    /// and the multiplier adds `- q J[ijk] - (q_i J[jk] + 2 permutations)`.
     #[inline(always)]
     pub fn third_along(
         &self,
