@@ -31,6 +31,7 @@ struct Cli {
 enum Command {
     Demo(cmd::demo::Args),
     Path(cmd::path::Args),
+    Compare(cmd::compare::Args),
     Precompute(cmd::precompute::Args),
     Pack(cmd::pack::Args),
     Query(cmd::query::Args),
@@ -44,6 +45,7 @@ fn main() -> ExitCode {
     let done = match cli.command {
         Command::Demo(args) => cmd::demo::run(&args),
         Command::Path(args) => cmd::path::run(&args),
+        Command::Compare(args) => cmd::compare::run(&args),
         Command::Precompute(args) => cmd::precompute::run(&args),
         Command::Pack(args) => cmd::pack::run(&args),
         Command::Query(args) => cmd::query::run(&args),

@@ -316,3 +316,150 @@ fn bad_scenes_are_refused_in_one_line_and_leave_nothing_behind() {
     std::fs::write(&mesh, good_mesh.replace(tet, &words.join(" "))).expect("the folder can be written");
     refuse(good.clone(), &["beam.msh:", "element 1", "vertices"]);
 }
+
+/// Rows of `palpate compare --csv` by law.
+fn compared(csv: &Path) -> std::collections::BTreeMap<String, Vec<String>> {
+    let table = std::fs::read_to_string(csv).expect("the table is written");
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next(),
+        Some(
+            "law,status,length_m,asked_m,fx_n,fy_n,fz_n,force_n,volume_change,min_jacobian,inverted,newton_iterations"
+        )
+    );
+    lines
+        .map(|line| line.split(',').map(String::from).collect::<Vec<_>>())
+        .map(|mut row| (row.remove(0), row))
+        .collect()
+}
+
+#[test]
+fn a_comparison_is_a_picture_of_the_size_asked_and_a_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let (png, csv) = (folder.path().join("laws.png"), folder.path().join("laws.csv"));
+    let arguments = [
+        "compare",
+        text(&scene),
+        "--active",
+        "A",
+        "--direction=0,0,-1",
+        "--length-mm",
+        "12",
+        "--out",
+        text(&png),
+        "--size",
+        "640x400",
+        "--csv",
+        text(&csv),
+        "--json",
+    ];
+    let output = palpate(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+
+    let file = std::io::BufReader::new(std::fs::File::open(&png).expect("the picture is written"));
+    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let mut bytes = vec![0; reader.output_buffer_size().expect("small")];
+    let info = reader.next_frame(&mut bytes).expect("a whole picture");
+    assert_eq!((info.width, info.height), (640, 400));
+    let reddish = bytes.chunks_exact(3).filter(|rgb| rgb[0] > 120 && rgb[2] < rgb[0] / 2).count();
+    let bluish = bytes.chunks_exact(3).filter(|rgb| rgb[2] > 120 && rgb[0] < rgb[2] / 2).count();
+    assert!(reddish > 2_000 && bluish > 50, "a solid and an outline: {reddish}, {bluish}");
+
+    let rows = compared(&csv);
+    assert_eq!(rows.len(), 3);
+    let number = |law: &str, column: usize| rows[law][column].parse::<f64>().expect("a number");
+    for law in ["linear", "st-venant-kirchhoff", "mooney-rivlin"] {
+        assert_eq!(rows[law][0], "ok");
+        assert!((number(law, 1) - 0.012).abs() < 1e-12 && number(law, 2) == 0.012);
+        assert!(number(law, 5) < 0.0, "{law}: pressing down takes a downward force");
+        let norm = (3..6).map(|axis| number(law, axis).powi(2)).sum::<f64>().sqrt();
+        assert!((number(law, 6) / norm - 1.0).abs() < 1e-12);
+        assert_eq!(rows[law][9], "0", "{law}: nothing is inside out");
+    }
+    assert!(number("mooney-rivlin", 7).abs() < 1e-9, "{}", number("mooney-rivlin", 7));
+    assert!(number("linear", 7) > 1e-3, "a turned body grows by the linear law: {}", number("linear", 7));
+
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(json[2]["law"], "mooney-rivlin");
+    assert_eq!(json[0]["volume_change"].as_f64(), Some(number("linear", 7)));
+
+    // The same pull by `path` ends at the same force.
+    let path = folder.path().join("path.csv");
+    let arguments = ["path", text(&scene), "--direction=0,0,-1", "--steps", "12", "--csv", text(&path)];
+    assert!(palpate(&arguments).status.success());
+    let table = std::fs::read_to_string(&path).expect("the table is written");
+    let last: f64 =
+        table.lines().last().and_then(|l| l.split(',').nth(6)).expect("fz").parse().expect("a number");
+    assert!((last / number("mooney-rivlin", 5) - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_law_that_fails_is_shown_as_far_as_it_came() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let (png, csv) = (folder.path().join("laws.png"), folder.path().join("laws.csv"));
+    // St. Venant-Kirchhoff has no barrier at J = 0: far enough inwards it collapses.
+    let arguments = [
+        "compare",
+        text(&scene),
+        "--direction=-1,0,0",
+        "--length-mm",
+        "60",
+        "--laws",
+        "st-venant-kirchhoff,linear",
+        "--out",
+        text(&png),
+        "--csv",
+        text(&csv),
+    ];
+    let output = palpate(&arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let rows = compared(&csv);
+    let reached: f64 = rows["st-venant-kirchhoff"][1].parse().expect("a number");
+    assert_eq!(rows["st-venant-kirchhoff"][0], "failed");
+    assert!(reached > 0.0 && reached < 0.06, "{reached}");
+    assert!(said.contains("st-venant-kirchhoff") && said.contains("shown as it was before"), "{said}");
+    assert_eq!(rows["linear"][0], "ok");
+    assert!(png.exists());
+}
+
+#[test]
+fn a_comparison_of_nonsense_is_refused_in_one_line_and_leaves_nothing() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
+    let png = folder.path().join("laws.png");
+    let before = std::fs::read_dir(folder.path()).expect("the folder").count();
+    let refuse = |more: &[&str], words: &[&str]| {
+        let mut arguments = vec!["compare", text(&scene), "--direction=0,0,1"];
+        arguments.extend_from_slice(more);
+        for (key, value) in [("--length-mm", "5"), ("--out", text(&png))] {
+            if !more.contains(&key) {
+                arguments.extend_from_slice(&[key, value]);
+            }
+        }
+        refused(&arguments, words);
+        assert_eq!(std::fs::read_dir(folder.path()).expect("the folder").count(), before, "{more:?}");
+    };
+    refuse(&["--laws", "linear,hooke"], &["hooke", "mooney-rivlin"]);
+    refuse(&["--laws", "linear,linear"], &["twice"]);
+    refuse(&["--laws", "linear"], &["two or more"]);
+    refuse(&["--laws", "linear,holzapfel-gasser-ogden"], &["fibres"]);
+    refuse(&["--active", "B"], &["no active node `B`", "A"]);
+    refuse(&["--length-mm", "0"], &["--length-mm", "positive"]);
+    refuse(&["--length-mm", "NaN"], &["--length-mm", "positive"]);
+    refuse(&["--out", "/nowhere/laws.png"], &["/nowhere/laws.png"]);
+    refuse(&["--out", text(folder.path())], &[".png"]);
+    refuse(&["--out", "laws.jpg"], &["laws.jpg", ".png"]);
+    refuse(&["--csv", text(folder.path())], &["folder"]);
+    refuse(&["--size", "0x10"], &["--size", "0x10", "320x240"]);
+    refuse(&["--csv", text(&png)], &["--csv", "same file"]);
+    for (direction, word) in [("0,0,0", "not zero"), ("1,2", "three numbers"), ("inf,0,0", "finite")] {
+        let png = text(&png);
+        refused(
+            &["compare", text(&scene), "--direction", direction, "--length-mm", "5", "--out", png],
+            &["--direction", direction, word],
+        );
+    }
+}

@@ -35,8 +35,19 @@ impl FrameWriter {
     }
 }
 
-/// Writes one picture; `rows` is scratch memory.
+/// Writes a single picture, as small as can be.
+pub fn write_still(image: &Image, path: &Path) -> io::Result<()> {
+    write(image, path, png::Compression::High, &mut Vec::new())
+}
+
+/// Writes one picture of many; `rows` is scratch memory.
+///
+/// Frames are written while the haptic thread runs: time matters more than the last tenth of the size.
 pub fn write_png(image: &Image, path: &Path, rows: &mut Vec<u8>) -> io::Result<()> {
+    write(image, path, png::Compression::Fast, rows)
+}
+
+fn write(image: &Image, path: &Path, compression: png::Compression, rows: &mut Vec<u8>) -> io::Result<()> {
     let (Ok(width), Ok(height)) = (u32::try_from(image.width()), u32::try_from(image.height())) else {
         return Err(io::ErrorKind::InvalidInput.into());
     };
@@ -49,8 +60,7 @@ pub fn write_png(image: &Image, path: &Path, rows: &mut Vec<u8>) -> io::Result<(
     let mut encoder = png::Encoder::new(BufWriter::new(File::create(&temporary)?), width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    // Frames are written while the haptic thread runs: time matters more than the last tenth of the size.
-    encoder.set_compression(png::Compression::Fast);
+    encoder.set_compression(compression);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(rows)?;
     writer.finish()?;

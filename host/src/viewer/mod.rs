@@ -3,6 +3,7 @@
 //! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic thread never waits for it.
 
 pub mod camera;
+pub mod comparison;
 pub mod font;
 pub mod frames;
 pub mod image;

@@ -27,12 +27,12 @@ const LEAST_FORCE_N: f32 = 0.02;
 /// Strength of the ghost's mesh against its outline.
 const GHOST_MESH: f32 = 0.42;
 
-/// Edge of the rest surface.
+/// Edge of a surface.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
-    ends: [u32; 2],
+pub(super) struct Edge {
+    pub(super) ends: [u32; 2],
     /// Normals of the triangles on either side; twice the same on a border.
-    normals: [Vec3; 2],
+    pub(super) normals: [Vec3; 2],
 }
 
 /// What does not change during a session, and buffers that are reused.
@@ -239,11 +239,11 @@ impl Scene {
 }
 
 /// Every edge once, with the normals of its two triangles.
-fn edges(triangles: &[[u32; 3]], rest_m: &[Vec3]) -> Vec<Edge> {
+pub(super) fn edges(triangles: &[[u32; 3]], position_m: &[Vec3]) -> Vec<Edge> {
     let mut sides: Vec<([u32; 2], Vec3)> = triangles
         .iter()
         .flat_map(|&[a, b, c]| {
-            let [p, q, r] = [a, b, c].map(|corner| rest_m[corner as usize]);
+            let [p, q, r] = [a, b, c].map(|corner| position_m[corner as usize]);
             let normal = (q - p).cross(r - p);
             [[a, b], [b, c], [c, a]].map(|[i, j]| ([i.min(j), i.max(j)], normal))
         })

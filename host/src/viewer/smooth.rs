@@ -47,6 +47,26 @@ impl Smooth {
         &self.triangles
     }
 
+    /// The pieces of edges of the unsplit surface, which has so many vertices: its mesh, drawn on the round surface.
+    #[must_use]
+    pub fn pieces(&self, edges: &[[u32; 2]], vertices: usize) -> Vec<[u32; 2]> {
+        let mut pieces = edges.to_vec();
+        let mut first = vertices as u32;
+        for level in &self.levels {
+            let middles: HashMap<[u32; 2], u32> =
+                level.iter().zip(first..).map(|([i, j], middle)| ([*i.min(j), *i.max(j)], middle)).collect();
+            pieces = pieces
+                .into_iter()
+                .flat_map(|[i, j]| match middles.get(&[i.min(j), i.max(j)]) {
+                    Some(&middle) => vec![[i, middle], [middle, j]],
+                    None => vec![[i, j]],
+                })
+                .collect();
+            first += level.len() as u32;
+        }
+        pieces
+    }
+
     /// Appends the middles of all split edges.
     pub fn refine(&self, vertices: &mut Vec<Vertex>) {
         for edges in &self.levels {
@@ -118,6 +138,11 @@ mod tests {
         let smooth = Smooth::new(&[[0, 1, 2]], 3);
         smooth.refine(&mut vertices);
         assert!(vertices.len() > 3 && vertices.iter().all(|vertex| vertex.position_m.z == 0.0));
+        let mut ends: Vec<[u32; 2]> = smooth.pieces(&[[0, 1]], 3);
+        assert_eq!(ends.len(), 1 << smooth.levels.len());
+        ends.iter()
+            .for_each(|piece| assert!(piece.iter().all(|&i| vertices[i as usize].position_m.y == 0.0)));
+        assert_eq!((ends.remove(0)[0], ends.pop().map(|piece| piece[1])), (0, Some(1)));
         let many = vec![[0_u32, 1, 2]; ENOUGH_TRIANGLES / 4 + 1];
         assert_eq!(Smooth::new(&many, 3).triangles().len(), many.len());
     }

@@ -27,7 +27,7 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
     let (centre_m, radius_m) = bounds(rest);
     let normals: Vec<Vec3> =
         organ.spaces.iter().take(MOST_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
-    let up = up_axis(&normals, longest_axis(rest, centre_m));
+    let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
     let fixed: Vec<Vec3> = rest
         .normal()
         .iter()
@@ -63,15 +63,21 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
 /// Middle and radius of the bounding box; a default size for a blob without a surface.
 #[must_use]
 pub fn bounds(rest: &Deformation) -> (Vec3, f32) {
-    let low = rest.rest_m().iter().copied().fold(Vec3::INFINITY, Vec3::min);
-    let high = rest.rest_m().iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
-    if rest.rest_m().is_empty() {
+    box_of(rest.rest_m())
+}
+
+/// Middle and radius of the bounding box of points; a default size for none.
+pub(super) fn box_of(points_m: &[Vec3]) -> (Vec3, f32) {
+    let low = points_m.iter().copied().fold(Vec3::INFINITY, Vec3::min);
+    let high = points_m.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
+    if points_m.is_empty() {
         return (Vec3::ZERO, 0.1);
     }
     (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6))
 }
 
-fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
+/// The axis of the model that is up when the long side lies across and what is to be touched faces the eye.
+pub(super) fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
     let facing =
         normals.iter().sum::<Vec3>().try_normalize().unwrap_or(Vec3::new(0.3, -1.0, 0.4).normalize());
     let across = (long - facing * long.dot(facing)).normalize_or(facing.any_orthonormal_vector());
@@ -117,11 +123,11 @@ fn distance_m<const N: usize>(
         .fold(0.2 * radius_m, f32::max)
 }
 
-/// Direction in which the surface is longest: power iteration on its covariance.
-fn longest_axis(rest: &Deformation, centre_m: Vec3) -> Vec3 {
+/// Direction in which a surface is longest: power iteration on its covariance.
+pub(super) fn longest_axis(points_m: &[Vec3], centre_m: Vec3) -> Vec3 {
     let mut axis = Vec3::new(0.6, 0.5, 0.4);
     for _ in 0..50 {
-        let next: Vec3 = rest.rest_m().iter().map(|point| *point - centre_m).map(|p| p * p.dot(axis)).sum();
+        let next: Vec3 = points_m.iter().map(|point| *point - centre_m).map(|p| p * p.dot(axis)).sum();
         axis = next.normalize_or(Vec3::X);
     }
     axis
@@ -158,6 +164,6 @@ mod tests {
         let blob = synthetic::organ(&Shape { half_axes_m: [0.02, 0.09, 0.03], ..Shape::default() });
         let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
         let rest = Deformation::at_rest(&organ);
-        assert!(longest_axis(&rest, bounds(&rest).0).y.abs() > 0.99);
+        assert!(longest_axis(rest.rest_m(), bounds(&rest).0).y.abs() > 0.99);
     }
 }

@@ -22,6 +22,7 @@
 //! An incompressible law carries the multiplier term (p0 + q)(1 - J): the rest pressure p0, which makes the undeformed
 //! state free of stress, is part of f; the excess q over it comes from [`crate::pressure`].
 
+mod counterpart;
 mod holzapfel_gasser_ogden;
 mod linear_elastic;
 mod mooney_rivlin;
@@ -31,6 +32,7 @@ mod st_venant_kirchhoff;
 #[cfg(test)]
 mod tests;
 
+pub use counterpart::{LAWS, NEARLY_INCOMPRESSIBLE, NoCounterpart};
 pub use holzapfel_gasser_ogden::HolzapfelGasserOgden;
 pub use linear_elastic::LinearElastic;
 pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};

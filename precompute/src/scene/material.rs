@@ -5,20 +5,9 @@ use toml::Spanned;
 use super::file::{Located, MaterialTable, Place};
 use crate::error::{InputError, nearest_word};
 use crate::material::{
-    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+    HolzapfelGasserOgden, LAWS, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
     StVenantKirchhoff,
 };
-
-/// Every law of the scene format.
-const LAWS: [&str; 7] = [
-    "linear",
-    "st-venant-kirchhoff",
-    "modified-st-venant-kirchhoff",
-    "mooney-rivlin",
-    "mooney-rivlin-reduced",
-    "neo-hookean",
-    "holzapfel-gasser-ogden",
-];
 
 /// The law of a table and its bulk modulus; odd but solvable parameters are added to `warnings`.
 pub(super) fn law(

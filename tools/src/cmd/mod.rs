@@ -1,6 +1,7 @@
 //! One file per command of the contract.
 
 pub(crate) mod bench;
+pub(crate) mod compare;
 pub(crate) mod demo;
 pub(crate) mod inspect;
 pub(crate) mod pack;

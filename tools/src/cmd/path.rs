@@ -44,7 +44,8 @@ pub(crate) struct Args {
     displacements: Option<PathBuf>,
 }
 
-fn direction(text: &str) -> Result<[f64; 3], String> {
+/// A unit vector from three numbers with commas.
+pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<f64> = text
         .split(',')
         .map(|t| t.trim().parse::<f64>())

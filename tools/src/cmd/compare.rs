@@ -1,0 +1,375 @@
+//! `palpate compare`: one pull of one body by several laws, in one picture.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args as ClapArgs;
+use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
+use palpate_host::viewer::frames::write_still;
+use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::material::LAWS;
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::solve::{Configuration, Solver};
+use serde::Serialize;
+
+use super::path::direction;
+use crate::failure::Failure;
+use crate::output;
+use crate::workbench::Workbench;
+
+/// Pull one body by several laws and draw the deformed shapes over one another.
+///
+/// The active node is moved from rest along DIRECTION in steps of about 1 mm (the solver halves a step that does not
+/// converge), once by each law. The laws agree at small strain, so what differs is the law alone: the scene's
+/// material is taken over with its moduli, region by region. From Mooney-Rivlin, E = 6 (C10 + C01) and nu = 0.49 for
+/// the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene has it); from Lame's constants,
+/// C10 = C01 = mu / 4.
+///
+/// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its own colour
+/// with its outline, and its mesh where it leaves the solid; the grey outline is the shape at rest. The camera looks
+/// from the side at the pull. A law that fails on the way is shown, and tabled, at its last converged step: the exit
+/// code is 0 all the same, since that is an outcome of the comparison.
+///
+/// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scene file (TOML)
+    scene: PathBuf,
+    /// Active node to move; the scene's first if not given
+    #[arg(long)]
+    active: Option<String>,
+    /// Direction x,y,z; its length does not matter
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    direction: String,
+    /// How far the node is moved, mm
+    #[arg(long, value_name = "L", allow_hyphen_values = true)]
+    length_mm: f64,
+    /// Laws to compare, at least two, by their names in a scene file
+    #[arg(long, value_delimiter = ',', default_value = "linear,st-venant-kirchhoff,mooney-rivlin")]
+    laws: Vec<String>,
+    /// PNG file to write
+    #[arg(long, value_name = "FILE.png")]
+    out: PathBuf,
+    /// Size of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: String,
+    /// Also write the figures to this CSV file
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn size(text: &str) -> Result<(usize, usize), String> {
+    let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match sides {
+        Some((w @ 320..=4096, h @ 240..=4096)) => Ok((w, h)),
+        _ => Err("give width x height in pixels, as in 1280x720, from 320x240 to 4096x4096".into()),
+    }
+}
+
+/// Longest step of the loading, mm.
+const STEP_MM: f64 = 1.0;
+/// More steps than this are a slip of the keyboard.
+const MOST_STEPS: f64 = 10_000.0;
+
+/// What one law did.
+#[derive(Debug, Serialize)]
+struct Row {
+    law: String,
+    status: &'static str,
+    /// Displacement reached and asked for, m.
+    length_m: f64,
+    asked_m: f64,
+    /// Force by the tool on the body, N.
+    force_n: [f64; 3],
+    force_norm_n: f64,
+    /// V / V at rest - 1.
+    volume_change: f64,
+    min_jacobian: f64,
+    inverted: usize,
+    newton_iterations: u32,
+}
+
+/// A solved law: its figures and where every mesh vertex went.
+struct Outcome {
+    row: Row,
+    rest_m: Vec<[f64; 3]>,
+    position_m: Vec<[f64; 3]>,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let (direction, (width, height)) = check(args)?;
+    let bench = Workbench::load(&args.scene)?;
+    let (_, active) = bench.active(args.active.as_deref())?;
+    let benches =
+        args.laws.iter().map(|law| Ok((law, by_law(&bench, law)?))).collect::<Result<Vec<_>, Failure>>()?;
+    let pull = Pull { node: active.node, direction, length_m: 1e-3 * args.length_mm };
+    let mut outcomes = Vec::new();
+    for (law, bench) in &benches {
+        outcomes.push(pull.solve(law, bench)?);
+    }
+    let image = draw(&picture(&bench, &pull, &outcomes), width, height);
+    write_still(&image, &args.out).map_err(|error| Failure::file(&args.out, &error))?;
+    if let Some(path) = &args.csv {
+        write_atomically(path, table(&outcomes).as_bytes()).map_err(|error| Failure::file(path, &error))?;
+    }
+    let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+    }
+    output::line(text(&rows))
+}
+
+/// Everything that can be wrong before the solving; the direction and the size of the picture.
+fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
+    let direction = direction(&args.direction)
+        .map_err(|error| Failure::input(format!("--direction {}: {error}", args.direction)))?;
+    let size = size(&args.size).map_err(|error| Failure::input(format!("--size {}: {error}", args.size)))?;
+    let steps = args.length_mm / STEP_MM;
+    if !(steps > 0.0 && steps <= MOST_STEPS) {
+        return Err(Failure::input(format!(
+            "--length-mm {}: give a positive number of millimetres, at most {}",
+            args.length_mm,
+            MOST_STEPS * STEP_MM
+        )));
+    }
+    for (index, law) in args.laws.iter().enumerate() {
+        if !LAWS.contains(&law.as_str()) {
+            return Err(Failure::input(format!("--laws: no law `{law}`; choose from {}", LAWS.join(", "))));
+        }
+        if args.laws[..index].contains(law) {
+            return Err(Failure::input(format!("--laws: `{law}` stands there twice; name each law once")));
+        }
+    }
+    if args.laws.len() < 2 {
+        return Err(Failure::input("--laws: one law is no comparison; give two or more, with commas"));
+    }
+    if !args.out.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+        return Err(Failure::input(format!(
+            "--out {}: the picture is a PNG; end it with .png",
+            args.out.display()
+        )));
+    }
+    if args.csv.as_ref() == Some(&args.out) {
+        return Err(Failure::input("--csv and --out name the same file; give the table a name of its own"));
+    }
+    writable(&args.out)?;
+    args.csv.as_deref().map_or(Ok(()), writable)?;
+    Ok((direction, size))
+}
+
+/// Whether a file can be put there, without touching one that is there already.
+fn writable(path: &Path) -> Result<(), Failure> {
+    if path.is_dir() {
+        return Err(Failure::input(format!("{}: is a folder; give the name of a file", path.display())));
+    }
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    let probe = PathBuf::from(name);
+    File::create(&probe)
+        .and_then(|_| std::fs::remove_file(&probe))
+        .map_err(|error| Failure::file(path, &error))
+}
+
+/// The same scene with every region's material by another law.
+fn by_law(bench: &Workbench, law: &str) -> Result<Workbench, Failure> {
+    let mut scene = bench.scene.clone();
+    for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
+        let found = own
+            .counterpart(law)
+            .map_err(|error| Failure::input(format!("--laws: {} as {law}: {error}", own.material.name())))?;
+        (region.material, region.bulk_modulus_pa) = (found.material, found.bulk_modulus_pa);
+    }
+    let body =
+        scene.body().map_err(|error| Failure::work(format!("{} by {law}: {error}", bench.path.display())))?;
+    Ok(Workbench { path: bench.path.clone(), scene, body: Arc::new(body) })
+}
+
+/// What is asked of every law.
+struct Pull {
+    node: u32,
+    /// Unit vector.
+    direction: [f64; 3],
+    length_m: f64,
+}
+
+impl Pull {
+    /// Moves the active node as far as it goes.
+    fn solve(&self, law: &str, bench: &Workbench) -> Result<Outcome, Failure> {
+        let nodes = &bench.scene.active;
+        let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
+        let mut solver = Solver::new(bench.problem(active));
+        let rest = solver.rest().map_err(|failure| {
+            Failure::work(format!("{} by {law}: no solution at rest: {failure}", bench.path.display()))
+        })?;
+        let steps = (1e3 * self.length_m / STEP_MM).ceil() as u32;
+        let mut here = rest.clone();
+        let (mut iterations, mut status) = (0, "ok");
+        for step in 1..=steps {
+            let length_m = self.length_m * f64::from(step) / f64::from(steps);
+            match solver.advance(&here.seed, self.direction.map(|x| x * length_m)) {
+                Ok(next) => {
+                    iterations += next.iterations;
+                    here = next;
+                }
+                Err(failure) => {
+                    iterations += failure.iterations;
+                    status = "failed";
+                    let mm = 1e3 * length_m;
+                    eprintln!("palpate: {law}: {failure} on the way to {mm:.1} mm; shown as it was before");
+                    break;
+                }
+            }
+        }
+        let row = Row {
+            law: law.to_string(),
+            status,
+            length_m: norm(here.seed.pose.displacement_m),
+            asked_m: self.length_m,
+            force_n: here.force_n,
+            force_norm_n: norm(here.force_n),
+            volume_change: here.volume_m3 / rest.volume_m3 - 1.0,
+            min_jacobian: here.min_jacobian,
+            inverted: here.inverted,
+            newton_iterations: iterations,
+        };
+        Ok(Outcome { row, rest_m: positions(bench, &rest), position_m: positions(bench, &here) })
+    }
+}
+
+fn norm(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// Where the mesh's own vertices are.
+fn positions(bench: &Workbench, c: &Configuration) -> Vec<[f64; 3]> {
+    let moved = c.seed.state.as_chunks::<3>().0;
+    let vertices = bench.body.nodes_m.iter().take(bench.body.vertex_count);
+    vertices.zip(moved).map(|(rest, u)| std::array::from_fn(|axis| rest[axis] + u[axis])).collect()
+}
+
+fn picture(bench: &Workbench, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
+    let &Pull { node, direction, length_m } = pull;
+    let scene = &bench.scene;
+    let skin = Surface::of(&scene.mesh);
+    let on_skin = |all: &[[f64; 3]]| -> Vec<[f32; 3]> {
+        skin.nodes.iter().map(|&node| all[node as usize].map(|x| x as f32)).collect()
+    };
+    let vertex =
+        |node: &u32| skin.nodes.binary_search(node).expect("corners are among the skin's nodes") as u32;
+    let own = scene.materials[0].material.name();
+    let solid = outcomes.iter().position(|o| o.row.law == own).unwrap_or(outcomes.len() - 1);
+    // The own rest of every law differs where there is a body force; the solid's stands for all.
+    let rest_m = &outcomes[solid].rest_m;
+    let from = rest_m[node as usize];
+    let to: [f64; 3] = std::array::from_fn(|axis| from[axis] + length_m * direction[axis]);
+    let name = scene.active.iter().find(|a| a.node == node).map_or("", |a| a.name.as_str());
+    let [x, y, z] = direction;
+    let shapes = outcomes.iter().map(|Outcome { row, position_m, .. }| DeformedShape {
+        name: row.law.clone(),
+        position_m: on_skin(position_m),
+        figures: vec![
+            ["force |h|".into(), format!("{:.2} N", row.force_norm_n)],
+            ["volume".into(), percent(row.volume_change)],
+            ["least J".into(), format!("{:.2}", row.min_jacobian).replace('-', "\u{2212}")],
+        ],
+        note: note(row),
+    });
+    Comparison {
+        title: "one pull, several laws".into(),
+        subtitle: vec![format!(
+            "{}  \u{b7}  {name} moved by {} mm along ({}, {}, {})",
+            scene.name,
+            figure(1e3 * length_m),
+            figure(x),
+            figure(y),
+            figure(z)
+        )],
+        triangles: skin.triangles.iter().map(|t| t.each_ref().map(vertex)).collect(),
+        fixed: skin.nodes.iter().map(|node| scene.fixed.binary_search(node).is_ok()).collect(),
+        pull_m: [from, to].map(|p| p.map(|x| x as f32)),
+        outward: skin.normal(node).unwrap_or_default().map(|x| x as f32),
+        shapes: shapes.collect(),
+        rest_m: on_skin(rest_m),
+        solid,
+    }
+}
+
+/// What the reader of the picture must know of a law beside its figures.
+fn note(row: &Row) -> Option<String> {
+    if row.status != "ok" {
+        return Some(format!("failed: shown at {:.1} mm", 1e3 * row.length_m));
+    }
+    match row.inverted {
+        0 => None,
+        1 => Some("1 element inside out".into()),
+        n => Some(format!("{n} elements inside out")),
+    }
+}
+
+/// Two decimals, no minus before a zero.
+fn figure(value: f64) -> String {
+    let text = format!("{value:.2}");
+    if text == "-0.00" {
+        "0".into()
+    } else {
+        text.trim_end_matches('0').trim_end_matches('.').replace('-', "\u{2212}")
+    }
+}
+
+/// A signed percentage; what rounds to nothing has no sign.
+fn percent(share: f64) -> String {
+    let text = format!("{:+.2} %", 100.0 * share);
+    match text.as_str() {
+        "+0.00 %" | "-0.00 %" => "0.00 %".into(),
+        _ => text.replace('-', "\u{2212}"),
+    }
+}
+
+const HEADER: &str = "law,status,length_m,asked_m,fx_n,fy_n,fz_n,force_n,volume_change,min_jacobian,inverted,newton_iterations";
+
+fn table(outcomes: &[Outcome]) -> String {
+    let mut table = format!("{HEADER}\n");
+    for Outcome { row, .. } in outcomes {
+        let [fx, fy, fz] = row.force_n;
+        table.push_str(&format!(
+            "{},{},{:?},{:?},{fx:?},{fy:?},{fz:?},{:?},{:?},{:?},{},{}\n",
+            row.law,
+            row.status,
+            row.length_m,
+            row.asked_m,
+            row.force_norm_n,
+            row.volume_change,
+            row.min_jacobian,
+            row.inverted,
+            row.newton_iterations
+        ));
+    }
+    table
+}
+
+fn text(rows: &[&Row]) -> String {
+    let wide = rows.iter().map(|row| row.law.len()).max().unwrap_or(0);
+    let mut lines = vec![format!(
+        "{:wide$}  {:>8}  {:>8}  {:>11}  {:>8}  {:>8}  {:>10}",
+        "law", "mm", "|h| N", "volume %", "least J", "inverted", "iterations"
+    )];
+    for row in rows {
+        lines.push(format!(
+            "{:wide$}  {:>8.2}  {:>8.3}  {:>+11.4}  {:>8.3}  {:>8}  {:>10}{}",
+            row.law,
+            1e3 * row.length_m,
+            row.force_norm_n,
+            100.0 * row.volume_change,
+            row.min_jacobian,
+            row.inverted,
+            row.newton_iterations,
+            if row.status == "ok" { "" } else { "  failed" }
+        ));
+    }
+    lines.join("\n")
+}
