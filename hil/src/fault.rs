@@ -41,12 +41,21 @@ pub struct Faulty<T> {
     counts: FaultCounts,
     /// Frames on their way: (due time, bytes).
     late: VecDeque<(u64, Vec<u8>)>,
+    /// Bytes handed to the transport inside.
+    delivered: u64,
 }
 
 impl<T: Transport> Faulty<T> {
     /// Wraps a transport.
     pub fn new(inner: T, faults: Faults, seed: u64) -> Self {
-        Self { inner, faults, random: seed, counts: FaultCounts::default(), late: VecDeque::new() }
+        Self {
+            inner,
+            faults,
+            random: seed,
+            counts: FaultCounts::default(),
+            late: VecDeque::new(),
+            delivered: 0,
+        }
     }
 
     /// Changes the faults from here on.
@@ -58,6 +67,12 @@ impl<T: Transport> Faulty<T> {
     #[must_use]
     pub const fn counts(&self) -> FaultCounts {
         self.counts
+    }
+
+    /// Bytes that went on to the driver so far, late ones when they were due.
+    #[must_use]
+    pub const fn delivered(&self) -> u64 {
+        self.delivered
     }
 
     /// The transport inside.
@@ -103,10 +118,15 @@ impl<T: Transport> Faulty<T> {
     fn deliver(&mut self, now_us: u64) -> io::Result<()> {
         while self.late.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
             if let Some((_, frame)) = self.late.pop_front() {
-                self.inner.send(now_us, &frame)?;
+                self.hand_on(now_us, &frame)?;
             }
         }
         Ok(())
+    }
+
+    fn hand_on(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()> {
+        self.delivered += frame.len() as u64;
+        self.inner.send(now_us, frame)
     }
 }
 
@@ -141,7 +161,7 @@ impl<T: Transport> Transport for Faulty<T> {
             self.late.push_back((due_us, frame));
             return Ok(());
         }
-        self.inner.send(now_us, &frame)
+        self.hand_on(now_us, &frame)
     }
 }
 

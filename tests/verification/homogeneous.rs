@@ -5,7 +5,7 @@ use palpate_precompute::assembly::{Assembled, Pattern};
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::boundary::DofMap;
 use palpate_precompute::element::Order;
-use palpate_precompute::material::Material;
+use palpate_precompute::material::{Law, Material};
 use palpate_precompute::scene::Constraints;
 use palpate_tests::{box_mesh, every_law, mooney_rivlin};
 

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::element::{EDGES, Order, QUADRATIC};
 use palpate_precompute::kinematics::Kinematics;
-use palpate_precompute::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
+use palpate_precompute::material::{Lame, Law, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::PressurePair;
 use palpate_precompute::solve::settle;

@@ -14,7 +14,7 @@ use crate::body::{Body, Element};
 use crate::boundary::ABSENT;
 use crate::element::{EDGES, Point, field_gradient};
 use crate::kinematics::Kinematics;
-use crate::material::Tangent;
+use crate::material::{Law, Tangent, with_law};
 
 /// Values of a state at the nodes of one element.
 pub(super) struct LocalState<const N: usize> {
@@ -94,6 +94,18 @@ impl<const N: usize> ElementSystem<N> {
     ) {
         let local = LocalState::<N>::gather(body, nodes, element, state);
         let material = &body.regions[usize::from(element.region)].material;
+        with_law!(material, law => self.add_points::<_, TANGENT>(law, body, element, rule, &local));
+    }
+
+    #[inline(always)]
+    fn add_points<L: Law, const TANGENT: bool>(
+        &mut self,
+        law: &L,
+        body: &Body,
+        element: &Element,
+        rule: &[Point<N>],
+        local: &LocalState<N>,
+    ) {
         let has_pressure = element.pressures[0] != ABSENT;
         self.clear::<TANGENT>();
         for point in rule {
@@ -102,11 +114,11 @@ impl<const N: usize> ElementSystem<N> {
             let q_pa = local.pressure_at(point);
             let volume = point.weight * element.tet.volume_m3;
             let (energy, stress) = if TANGENT {
-                let (energy, stress, tangent) = material.response(&kinematics, q_pa);
+                let (energy, stress, tangent) = law.response(&kinematics, q_pa);
                 self.add_stiffness(element, point, &tangent, volume);
                 (energy, stress)
             } else {
-                material.stress(&kinematics, q_pa)
+                law.stress(&kinematics, q_pa)
             };
             let weighted = stress * volume;
             for (force, g) in self.force.iter_mut().zip(&gradients) {
@@ -237,6 +249,17 @@ pub(super) fn third_along<const N: usize>(
     let material = &body.regions[usize::from(element.region)].material;
     let here = LocalState::<N>::gather(body, nodes, element, state);
     let along = [0, 1, 2].map(|d| LocalState::<N>::gather(body, nodes, element, &directions[d]));
+    with_law!(material, law => third_at_points(law, element, rule, &here, &along))
+}
+
+#[inline(always)]
+fn third_at_points<L: Law, const N: usize>(
+    law: &L,
+    element: &Element,
+    rule: &[Point<N>],
+    here: &LocalState<N>,
+    along: &[LocalState<N>; 3],
+) -> [f64; 10] {
     let mut sum = [0.0; 10];
     for point in rule {
         let gradients = element.tet.shape_gradients(point);
@@ -244,7 +267,7 @@ pub(super) fn third_along<const N: usize>(
         let slopes: [Matrix3<f64>; 3] =
             std::array::from_fn(|d| field_gradient(&along[d].displacements, &gradients));
         let dq_pa = std::array::from_fn(|d| along[d].pressure_at(point));
-        let third = material.third_along(&kinematics, here.pressure_at(point), &slopes, &dq_pa);
+        let third = law.third_along(&kinematics, here.pressure_at(point), &slopes, &dq_pa);
         let volume = point.weight * element.tet.volume_m3;
         for (total, value) in sum.iter_mut().zip(third) {
             *total += volume * value;

@@ -59,10 +59,13 @@ impl Assembled {
     /// Forces, constraints, energy and tangent at `state`.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
-        vectorised(|| match body.order {
-            Order::Linear => self.pass::<4, true>(body, Some(pattern), &LINEAR, state),
-            Order::Quadratic => self.pass::<10, true>(body, Some(pattern), &QUADRATIC, state),
-        });
+        vectorised(
+            #[inline(always)]
+            || match body.order {
+                Order::Linear => self.pass::<4, true>(body, Some(pattern), &LINEAR, state),
+                Order::Quadratic => self.pass::<10, true>(body, Some(pattern), &QUADRATIC, state),
+            },
+        );
         let tie = -body.stiffness_scale_n_m();
         for &place in &pattern.ties {
             self.tangent[place] = tie;
@@ -71,10 +74,13 @@ impl Assembled {
 
     /// Forces, constraints and energy at `state`, without the tangent.
     pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
-        vectorised(|| match body.order {
-            Order::Linear => self.pass::<4, false>(body, None, &LINEAR, state),
-            Order::Quadratic => self.pass::<10, false>(body, None, &QUADRATIC, state),
-        });
+        vectorised(
+            #[inline(always)]
+            || match body.order {
+                Order::Linear => self.pass::<4, false>(body, None, &LINEAR, state),
+                Order::Quadratic => self.pass::<10, false>(body, None, &QUADRATIC, state),
+            },
+        );
     }
 
     #[inline(always)]
@@ -267,10 +273,13 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
         }
         sum
     }
-    vectorised(|| match body.order {
-        Order::Linear => pass::<4>(body, &LINEAR, state, directions),
-        Order::Quadratic => pass::<10>(body, &QUADRATIC, state, directions),
-    })
+    vectorised(
+        #[inline(always)]
+        || match body.order {
+            Order::Linear => pass::<4>(body, &LINEAR, state, directions),
+            Order::Quadratic => pass::<10>(body, &QUADRATIC, state, directions),
+        },
+    )
 }
 
 /// Deformed over undeformed volume of every element, file order.

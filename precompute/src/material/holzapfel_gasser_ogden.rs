@@ -1,8 +1,9 @@
 //! Holzapfel-Gasser-Ogden: an incompressible matrix with one family of stiffening fibres.
 
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I4, Invariants, J, Third};
+use super::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third};
 
 /// W = C10 (I1 - 3) + k1/(2 k2) [ exp(k2 s(E)^2) - 1 ] with the multiplier (p0 + q)(1 - J),
 ///
@@ -70,9 +71,21 @@ impl HolzapfelGasserOgden {
                     + s * s3),
         ]
     }
+}
+
+impl OfInvariants for HolzapfelGasserOgden {
+    const CURVED: [bool; 4] = [true, false, false, true];
+    const THIRD: bool = true;
+    const SECOND_INVARIANT: bool = false;
+    const FIBRES: bool = true;
 
     #[inline(always)]
-    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn fibre(&self) -> Vector3<f64> {
+        Vector3::from(self.fibre)
+    }
+
+    #[inline(always)]
+    fn derivatives(&self, at: &Invariants) -> Derivatives {
         let rest_pa = self.rest_pressure_pa();
         let [by_i1, by_i4] = self.strain_slopes();
         let [g, g1, g2, _] = self.fibre_energy(at);
@@ -86,7 +99,8 @@ impl HolzapfelGasserOgden {
         d
     }
 
-    pub(super) fn third(&self, at: &Invariants) -> Third {
+    #[inline(always)]
+    fn third(&self, at: &Invariants) -> Third {
         let [by_i1, by_i4] = self.strain_slopes();
         let [.., g3] = self.fibre_energy(at);
         let mut third = Third::default();

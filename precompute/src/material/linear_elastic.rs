@@ -3,7 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Lame, Tangent};
+use super::{Lame, Law, SymmetricThird, Tangent};
+use crate::kinematics::Kinematics;
 
 /// With eps = (H + H^T) / 2,
 ///
@@ -21,10 +22,10 @@ pub struct LinearElastic {
     pub lame: Lame,
 }
 
-impl LinearElastic {
-    /// W and sigma at the displacement gradient `h`.
+impl Law for LinearElastic {
     #[inline(always)]
-    pub fn stress(&self, h: &Matrix3<f64>) -> (f64, Matrix3<f64>) {
+    fn stress(&self, k: &Kinematics, _q_pa: f64) -> (f64, Matrix3<f64>) {
+        let h = &k.displacement_gradient;
         let Lame { lambda_pa, mu_pa } = self.lame;
         let strain = 0.5 * (h + h.transpose());
         let trace = h.trace();
@@ -34,9 +35,10 @@ impl LinearElastic {
 
     /// dsigma/dH: g_a . A . g_b = lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I.
     #[inline(always)]
-    pub(super) fn tangent(&self) -> Tangent {
+    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
+        let (energy, stress) = self.stress(k, q_pa);
         let Lame { lambda_pa, mu_pa } = self.lame;
-        Tangent {
+        let tangent = Tangent {
             map: Matrix3::identity(),
             forward: lambda_pa,
             crosswise: mu_pa,
@@ -49,6 +51,18 @@ impl LinearElastic {
             second: [[0.0; 4]; 4],
             slopes: [Matrix3::zeros(); 4],
             rows: [false; 4],
-        }
+        };
+        (energy, stress, tangent)
+    }
+
+    #[inline(always)]
+    fn third_along(
+        &self,
+        _k: &Kinematics,
+        _q_pa: f64,
+        _gradients: &[Matrix3<f64>; 3],
+        _dq_pa: &[f64; 3],
+    ) -> SymmetricThird {
+        [0.0; 10]
     }
 }

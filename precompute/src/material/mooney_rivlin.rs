@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I2, Invariants, J, Third};
+use super::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third};
 
 /// W = C10 (I1 - 3) + C01 (I2 - 3), with C = I + 2 gamma, so that
 ///
@@ -35,9 +35,11 @@ impl MooneyRivlin {
     pub fn rest_pressure_pa(&self) -> f64 {
         2.0 * self.c10_pa + 4.0 * self.c01_pa
     }
+}
 
+impl OfInvariants for MooneyRivlin {
     #[inline(always)]
-    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives(&self, at: &Invariants) -> Derivatives {
         let rest_pa = self.rest_pressure_pa();
         let mut d = Derivatives {
             energy: self.c10_pa * at.i1 + self.c01_pa * at.i2 - rest_pa * at.j,
@@ -75,9 +77,12 @@ pub struct ReducedMooneyRivlin {
     pub c01_pa: f64,
 }
 
-impl ReducedMooneyRivlin {
+impl OfInvariants for ReducedMooneyRivlin {
+    const CURVED: [bool; 4] = [true, true, true, false];
+    const THIRD: bool = true;
+
     #[inline(always)]
-    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Self { c10_pa, c01_pa } = *self;
         let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, 1.0 + at.j);
         // a - 1 without cancellation, so that the energy of a small strain keeps its digits.
@@ -102,7 +107,8 @@ impl ReducedMooneyRivlin {
         d
     }
 
-    pub(super) fn third(&self, at: &Invariants) -> Third {
+    #[inline(always)]
+    fn third(&self, at: &Invariants) -> Third {
         let Self { c10_pa, c01_pa } = *self;
         let inverse = (1.0 + at.j).recip();
         let a = (-2.0 / 3.0 * at.j.ln_1p()).exp();

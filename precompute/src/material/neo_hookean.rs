@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, Invariants, J, Lame, Third};
+use super::{Derivatives, I1, Invariants, J, Lame, OfInvariants, Third};
 
 /// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2
 ///
@@ -22,9 +22,13 @@ pub struct NeoHookean {
     pub lame: Lame,
 }
 
-impl NeoHookean {
+impl OfInvariants for NeoHookean {
+    const CURVED: [bool; 4] = [false, false, true, false];
+    const THIRD: bool = true;
+    const SECOND_INVARIANT: bool = false;
+
     #[inline(always)]
-    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
         let mut d = Derivatives {
@@ -37,7 +41,8 @@ impl NeoHookean {
         d
     }
 
-    pub(super) fn third(&self, at: &Invariants) -> Third {
+    #[inline(always)]
+    fn third(&self, at: &Invariants) -> Third {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
         let mut third = Third::default();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I2, Invariants};
+use super::{Derivatives, I1, I2, Invariants, OfInvariants};
 
 /// Lame's constants.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,9 +48,13 @@ impl StVenantKirchhoff {
     pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
         Self { lame: Lame::from_young_poisson(young_pa, poisson) }
     }
+}
+
+impl OfInvariants for StVenantKirchhoff {
+    const CURVED: [bool; 4] = [true, false, false, false];
 
     #[inline(always)]
-    pub(super) fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives(&self, at: &Invariants) -> Derivatives {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let slope = 0.25 * lambda_pa + 0.5 * mu_pa;
         let mut d = Derivatives {

@@ -1,6 +1,7 @@
 //! Difference tests of every law: P = dW/dF, A = dP/dF, D3 = dA/dF, S = dW/dgamma, dS/dgamma, objectivity, rest.
 
 use super::*;
+use nalgebra::Vector3;
 
 fn laws() -> Vec<Material> {
     let lame = Lame::from_young_poisson(15480.0, 0.4);

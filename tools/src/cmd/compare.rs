@@ -28,8 +28,8 @@ use crate::workbench::Workbench;
 ///
 /// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its own colour
 /// with its outline, and its mesh where it leaves the solid; the grey outline is the shape at rest. The camera looks
-/// from the side at the pull. A law that fails on the way is shown, and tabled, at its last converged step: the exit
-/// code is 0 all the same, since that is an outcome of the comparison.
+/// from the side at the pull. A law that fails on the way is shown, and tabled, at its last converged step, and the exit
+/// code is 1.
 ///
 /// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
 #[derive(Debug, ClapArgs)]
@@ -119,9 +119,20 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
     if args.json {
-        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+        output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?)?;
+    } else {
+        output::line(text(&rows))?;
     }
-    output::line(text(&rows))
+    let failed: Vec<&str> =
+        rows.iter().filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::work(format!(
+        "{} did not get to {} mm: pull less far, or leave it out with --laws",
+        failed.join(", "),
+        args.length_mm
+    )))
 }
 
 /// Everything that can be wrong before the solving; the direction and the size of the picture.
