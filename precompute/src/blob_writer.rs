@@ -95,7 +95,7 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
     let (mut mesh, fixed) = store.body()?;
     // The hand meets the body as it rests, sagged under its body force: the first solved rest says how.
-    let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST).ok());
+    let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST, 0).ok());
     for (x, rest) in mesh.nodes_m.iter_mut().zip(first.iter().flatten()) {
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
     }
@@ -229,9 +229,9 @@ impl Packer<'_> {
 
     fn displacement(&mut self, active: usize, samples: &[Sample]) -> Result<DisplacementHeader, PackError> {
         let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * self.surface.nodes.len());
-        let rest = self.store.displacements(active, REST)?;
+        let rest = self.store.displacements(active, REST, 0)?;
         for sample in samples {
-            let all = self.store.displacements(active, sample.index)?;
+            let all = self.store.displacements(active, sample.index, sample.attempt)?;
             let from_rest = |&n: &u32| -> [f32; 3] {
                 std::array::from_fn(|axis| all[n as usize][axis] - rest[n as usize][axis])
             };

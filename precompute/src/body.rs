@@ -1,6 +1,7 @@
 //! A body ready to be solved: elements, regions of material, fixed nodes, and the layout of its state.
 
 use std::collections::HashMap;
+use std::sync::OnceLock;
 
 use nalgebra::Vector3;
 
@@ -10,6 +11,7 @@ use crate::material::Material;
 use crate::mesh::TetMesh;
 use crate::pressure::pressure_block;
 use crate::scene::PressurePair;
+use crate::solve::ordering::nested_dissection;
 
 /// Material of a part of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,6 +116,8 @@ pub struct Body {
     pub rest: Rest,
     /// Volume-weighted geometric mean of the regions' shear moduli, Pa: one scale for a body of very different parts.
     mean_shear_pa: f64,
+    /// See [`Body::elimination_order`].
+    elimination_order: OnceLock<Vec<usize>>,
 }
 
 /// A tetrahedron without positive volume.
@@ -191,6 +195,7 @@ impl Body {
             edge_m: (mean_volume * 6.0 * std::f64::consts::SQRT_2).cbrt(),
             rest: Rest { state: Vec::new(), energy_j: 0.0 },
             mean_shear_pa: (log_shear / volume).exp(),
+            elimination_order: OnceLock::new(),
             nodes_m,
         };
         body.rest.state = vec![0.0; body.state_len()];
@@ -270,6 +275,18 @@ impl Body {
     /// Stiffness of a typical element, mu l, N/m: the scale of multiplier equations.
     pub fn stiffness_scale_n_m(&self) -> f64 {
         self.mean_shear_pa * self.edge_m
+    }
+
+    /// Nodes that are not wholly fixed or have a pressure, in the order of elimination: the same for every handle, so that it is
+    /// found once for all active nodes of a scene.
+    pub fn elimination_order(&self) -> &[usize] {
+        self.elimination_order.get_or_init(|| {
+            let mut has_pressure = vec![false; self.node_count()];
+            for &(vertex, _) in &self.pressure_sites {
+                has_pressure[vertex as usize] = true;
+            }
+            nested_dissection(self, |node| self.fixed[node] != [true; 3] || has_pressure[node])
+        })
     }
 
     /// Names of the laws, each once, for people.

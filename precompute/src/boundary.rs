@@ -138,8 +138,12 @@ impl DofMap {
                 pressures_at[vertex as usize].push(pressure);
             }
         }
-        let moves = |node: usize| keep_held || held[node] != [true; 3];
-        let order = nested_dissection(body, |node| moves(node) || !pressures_at[node].is_empty());
+        let kept = |node: usize| held[node] != [true; 3] || !pressures_at[node].is_empty();
+        let order: Vec<usize> = if keep_held {
+            nested_dissection(body, |_| true)
+        } else {
+            body.elimination_order().iter().copied().filter(|&node| kept(node)).collect()
+        };
         let mut dofs = Self {
             displacement: vec![[ABSENT; 3]; body.node_count()],
             pressure: vec![ABSENT; body.pressure_sites.len()],

@@ -120,6 +120,10 @@ pub struct GridSpec {
     pub radius_m: f64,
     /// Distance of neighbouring grid points.
     pub spacing_m: f64,
+    /// Whether the corners outside the ball of the cells that reach into it are solved too.
+    pub complete_cells: bool,
+    /// Equal parts in which every transition is made and whose states are kept.
+    pub increments: Option<u32>,
 }
 
 impl Scene {
@@ -249,7 +253,7 @@ impl ResolvedScene {
     /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
     /// name, `visual` and the warnings are not.
     pub fn content_hash(&self) -> [u8; 32] {
-        let mut digest = Digest::new("palpate scene v2");
+        let mut digest = Digest::new("palpate scene v3");
         digest.bytes(&self.model_hash());
         digest.count(self.active.len());
         for active in &self.active {
@@ -258,7 +262,11 @@ impl ResolvedScene {
             digest.indices(&active.patch);
         }
         match self.grid {
-            Some(GridSpec { radius_m, spacing_m }) => digest.numbers(&[1.0, radius_m, spacing_m]),
+            Some(GridSpec { radius_m, spacing_m, complete_cells, increments }) => {
+                digest.numbers(&[1.0, radius_m, spacing_m]);
+                digest.count(usize::from(complete_cells));
+                digest.count(increments.unwrap_or(0) as usize);
+            }
             None => digest.numbers(&[0.0]),
         }
         digest.numbers(&[self.max_force_n]);

@@ -49,7 +49,7 @@ impl From<ExpansionError> for Failure {
     fn from(error: ExpansionError) -> Self {
         match error {
             ExpansionError::Store(_) | ExpansionError::Rest(_) => Self::input(error),
-            ExpansionError::Interrupted | ExpansionError::Worker => Self::work(error),
+            ExpansionError::Interrupted | ExpansionError::Crew(_) => Self::work(error),
         }
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
-use palpate_precompute::configuration_space::{GridIndex, Store};
+use palpate_precompute::configuration_space::{Record, Store};
 use palpate_precompute::solve::{Problem, Solver};
 use serde::Serialize;
 
@@ -63,17 +63,17 @@ pub(crate) fn check(
 ) -> Result<(Vec<Checked>, usize), Failure> {
     let grid = bench.grid()?;
     let problems: Vec<Arc<Problem>> = bench.scene.active.iter().map(|a| bench.problem(a)).collect();
-    let mut solved: Vec<Vec<GridIndex>> = Vec::new();
+    let mut solved: Vec<Vec<Record>> = Vec::new();
     for active in 0..problems.len() {
         let records = store.records(active)?;
-        solved.push(records.iter().filter(|r| r.tag == ConfigTag::Expandable).map(|r| r.index).collect());
+        solved.push(records.into_iter().filter(|r| r.tag == ConfigTag::Expandable).collect());
     }
-    let nearest = |visit: &Visit| -> Option<GridIndex> {
+    let nearest = |visit: &Visit| -> Option<&Record> {
         let cells = visit.displacement_m.map(|x| f64::from(x) / grid.spacing_m);
-        let distance = |index: &GridIndex| -> f64 {
-            index.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
+        let distance = |record: &Record| -> f64 {
+            record.index.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
         };
-        solved[visit.active].iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        solved[visit.active].iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     };
     let (next, path) = (AtomicUsize::new(0), store.path());
     let found: Vec<Vec<(usize, [f64; 3])>> = std::thread::scope(|scope| {
@@ -86,8 +86,8 @@ pub(crate) fn check(
                     while !stop.load(Ordering::Relaxed) {
                         let at = next.fetch_add(1, Ordering::Relaxed);
                         let Some(visit) = visits.get(at) else { break };
-                        let Some(index) = nearest(visit) else { continue };
-                        let seed = reader.seed(visit.active, index, grid.displacement_m(index))?;
+                        let Some(from) = nearest(visit) else { continue };
+                        let seed = reader.seed(visit.active, from, grid.displacement_m(from.index))?;
                         let target = visit.displacement_m.map(f64::from);
                         if let Ok(c) = solvers[visit.active].advance(&seed, target) {
                             results.push((at, c.force_n));

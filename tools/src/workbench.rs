@@ -6,8 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
-use palpate_precompute::configuration_space::{Expansion, SpaceGrid, Store, StoreIdentity};
-use palpate_precompute::scene::{ActiveNode, BodyError, ResolvedScene, Scene};
+use palpate_precompute::configuration_space::{
+    Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreIdentity, TagCounts, Workshop, with_threads,
+};
+use palpate_precompute::scene::{ActiveNode, BodyError, GridSpec, ResolvedScene, Scene};
 use palpate_precompute::solve::Problem;
 
 use crate::failure::Failure;
@@ -65,18 +67,22 @@ impl Workbench {
         Arc::new(problem)
     }
 
+    fn grid_spec(&self) -> Result<GridSpec, Failure> {
+        self.scene.grid.ok_or_else(|| {
+            Failure::input(format!("{}: no [grid]; add radius_m and spacing_m", self.path.display()))
+        })
+    }
+
     /// The grid of the scene.
     pub(crate) fn grid(&self) -> Result<SpaceGrid, Failure> {
-        let grid = self.scene.grid.ok_or_else(|| {
-            Failure::input(format!("{}: no [grid]; add radius_m and spacing_m", self.path.display()))
-        })?;
+        let grid = self.grid_spec()?;
         SpaceGrid::new(grid.spacing_m, grid.radius_m)
             .map_err(|error| Failure::input(format!("{}: [grid]: {error}", self.path.display())))
     }
 
-    /// Opens or creates the scene's store.
-    pub(crate) fn store(&self, path: &Path) -> Result<Store, Failure> {
-        let grid = self.grid()?;
+    /// Opens or creates the scene's store; with `salvage`, from what is intact of a damaged one.
+    pub(crate) fn store(&self, path: &Path, salvage: bool) -> Result<Store, Failure> {
+        let grid = self.grid_spec()?;
         let identity = StoreIdentity {
             scene_name: self.scene.name.clone(),
             scene: self.scene.text.clone(),
@@ -87,20 +93,53 @@ impl Workbench {
             spacing_m: grid.spacing_m,
             radius_m: grid.radius_m,
             visual: self.scene.visual,
+            complete_cells: grid.complete_cells,
+            increments: grid.increments,
         };
         let active: Vec<(String, u32)> = self.scene.active.iter().map(|a| (a.name.clone(), a.node)).collect();
-        Ok(Store::create_or_resume(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
+        let (mesh, fixed) = (&self.scene.mesh, &self.scene.fixed);
+        if !salvage {
+            return Ok(Store::create_or_resume(path, &identity, mesh, fixed, &active)?);
+        }
+        let (store, salvaged) = Store::salvage(path, &identity, mesh, fixed, &active)?;
+        eprintln!(
+            "palpate: {} configurations saved, {} damaged ones are solved again; the damaged file is now {}",
+            salvaged.saved,
+            salvaged.damaged,
+            salvaged.moved_to.display()
+        );
+        Ok(store)
     }
 
-    /// The expansion of one active node's space.
-    pub(crate) fn expansion(&self, index: usize, threads: usize) -> Result<Expansion, Failure> {
-        Ok(Expansion {
-            problem: self.problem(&self.scene.active[index]),
-            active: index,
+    /// The expansion of the spaces of these active nodes.
+    pub(crate) fn expansion(&self, actives: Vec<usize>) -> Result<Expansion, Failure> {
+        Ok(Expansion { actives, grid: self.grid()?, complete_cells: self.grid_spec()?.complete_cells })
+    }
+
+    /// What workers need to solve this scene.
+    pub(crate) fn workshop(self: &Arc<Self>) -> Result<Arc<Workshop>, Failure> {
+        let bench = self.clone();
+        Ok(Arc::new(Workshop {
+            problem: Box::new(move |active| bench.problem(&bench.scene.active[active])),
             grid: self.grid()?,
             max_force_n: self.scene.max_force_n,
-            threads,
-        })
+            increments: self.grid_spec()?.increments,
+        }))
+    }
+
+    /// Solves the spaces of these active nodes on this machine.
+    pub(crate) fn expand(
+        self: &Arc<Self>,
+        actives: Vec<usize>,
+        store: &Store,
+        threads: usize,
+        stop: &AtomicBool,
+        progress: impl FnMut(&Progress),
+    ) -> Result<Vec<TagCounts>, Failure> {
+        let expansion = self.expansion(actives)?;
+        let expanded: Result<Vec<TagCounts>, ExpansionError> =
+            with_threads(&self.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress));
+        Ok(expanded?)
     }
 }
 

@@ -1,76 +1,41 @@
-//! Expansion of one configuration space (paper, sections 4.3 and 5.1), in rounds.
+//! Runs the plans of one or many spaces with a crew, and keeps what comes back.
 //!
-//! Round 0 solves the rest point. Round r solves every unknown point that has an expandable neighbour (of the 26)
-//! decided in an earlier round, from the parent that `parent_of` names. Which points a round holds and where each
-//! starts from follow from the lattice and from the tags of earlier rounds alone, never from which worker was done
-//! first; so one thread, many threads and any interrupted and resumed run give the same numbers. Resuming is nothing
-//! special: the same rounds are walked, and a point that the store already holds is not solved again.
+//! Resuming is nothing special: the same plans are walked, and a task that the store already holds is not done again.
 
-use std::collections::HashMap;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, mpsc};
-use std::time::Instant;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate_core::ConfigTag;
+use super::crew::{Crew, CrewError};
+use super::domain::Domain;
+use super::job::Job;
+use super::plan::{Plan, TagCounts, Task};
+use super::store::{Store, StoreError};
+use super::{GridIndex, Record, SpaceGrid};
 
-use super::store::{Record, Store, StoreError, StoredSeed};
-use super::{GridIndex, SpaceGrid};
-use crate::solve::{Problem, Solver};
-
-/// Expansion of the space of one active node.
-#[derive(Debug)]
+/// The spaces to expand.
+#[derive(Debug, Clone)]
 pub struct Expansion {
-    /// Body and active node.
-    pub problem: Arc<Problem>,
-    /// Which active node of the store this is.
-    pub active: usize,
-    /// Points to solve.
+    /// Active nodes, by their number in the store.
+    pub actives: Vec<usize>,
+    /// The grid.
     pub grid: SpaceGrid,
-    /// Force beyond which a configuration is terminating, N.
-    pub max_force_n: f64,
-    /// Worker threads.
-    pub threads: usize,
+    /// Whether the corners outside the ball of the cells that reach into it are solved too.
+    pub complete_cells: bool,
 }
 
-/// Number of points by tag.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct TagCounts {
-    /// Solved, reachable.
-    pub expandable: usize,
-    /// Solved, beyond the force limit.
-    pub terminating: usize,
-    /// Not solvable from its parent.
-    pub failed: usize,
-    /// Not decided yet; at the end: behind terminating or failed points.
-    pub unknown: usize,
-}
-
-impl TagCounts {
-    /// Solved configurations.
-    pub fn solved(&self) -> usize {
-        self.expandable + self.terminating
-    }
-
-    fn move_to(&mut self, tag: ConfigTag) {
-        self.unknown = self.unknown.saturating_sub(1);
-        match tag {
-            ConfigTag::Expandable => self.expandable += 1,
-            ConfigTag::Terminating => self.terminating += 1,
-            ConfigTag::Failed => self.failed += 1,
-            ConfigTag::Unknown => self.unknown += 1,
-        }
-    }
-}
-
-/// What a caller is told after every decided point.
+/// What a caller is told after every outcome.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
-    /// Tags so far.
+    /// Points by tag, over all spaces.
     pub counts: TagCounts,
-    /// Round in progress.
+    /// Points of all spaces, the rest points not counted.
+    pub total: usize,
+    /// Spaces that are done, and all of them.
+    pub spaces: (usize, usize),
+    /// Highest round of a space so far.
     pub round: u32,
-    /// Points of this run that were solved now, not found in the store.
+    /// Tries of this run, not found in the store.
     pub solved_now: usize,
 }
 
@@ -80,11 +45,11 @@ pub enum ExpansionError {
     /// The store failed.
     Store(StoreError),
     /// The body has no equilibrium at rest: it is not held, or the mesh is not usable.
-    Rest(crate::solve::SolveFailure),
+    Rest(String),
     /// Asked to stop; everything finished is committed.
     Interrupted,
-    /// A worker panicked.
-    Worker,
+    /// The workers failed.
+    Crew(CrewError),
 }
 
 impl std::fmt::Display for ExpansionError {
@@ -100,7 +65,7 @@ impl std::fmt::Display for ExpansionError {
             Self::Interrupted => {
                 write!(f, "interrupted; every finished configuration is kept, run the same command to go on")
             }
-            Self::Worker => write!(f, "a worker thread stopped on an internal error; please report it"),
+            Self::Crew(error) => write!(f, "{error}"),
         }
     }
 }
@@ -113,214 +78,216 @@ impl From<StoreError> for ExpansionError {
     }
 }
 
-/// One transition to solve.
-#[derive(Debug, Clone, Copy)]
-struct Transition {
-    parent: GridIndex,
-    target: GridIndex,
+impl From<CrewError> for ExpansionError {
+    fn from(error: CrewError) -> Self {
+        Self::Crew(error)
+    }
 }
 
-/// What a worker found.
-type Outcome = Result<(Record, Option<StoredSeed>), StoreError>;
+/// Jobs a worker has at once: the one it does and the next, so that it never waits for the store.
+const AT_A_DESK: usize = 2;
 
-const NEIGHBOURS: [GridIndex; 26] = neighbours();
+/// A space in progress.
+struct Space {
+    plan: Plan,
+    /// Outcomes of earlier runs that the plan has not asked for yet.
+    known: HashMap<(GridIndex, u32), Record>,
+    counted: TagCounts,
+}
 
-const fn neighbours() -> [GridIndex; 26] {
-    let mut all = [[0; 3]; 26];
-    let (mut n, mut code) = (0, 0);
-    while code < 27 {
-        let offset = [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1];
-        if code != 13 {
-            all[n] = offset;
-            n += 1;
+impl Space {
+    /// The next task that must be done now; those of earlier runs are answered from the store on the way.
+    fn next(&mut self, store: &Store) -> Result<Option<Task>, ExpansionError> {
+        while let Some(task) = self.plan.next_task() {
+            let Some(record) = self.known.remove(&(task.target, task.attempt)) else { return Ok(Some(task)) };
+            if record.parent != task.parent || record.round != task.round {
+                let what = format!("point {:?} was not solved as this version would", task.target);
+                return Err(store.corrupt(what).into());
+            }
+            self.plan.decide(&record);
         }
-        code += 1;
+        Ok(None)
     }
-    all
-}
-
-fn squared(index: GridIndex) -> i32 {
-    index.iter().map(|n| n * n).sum()
-}
-
-fn plus(a: GridIndex, b: GridIndex) -> GridIndex {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-/// The parent of `target` among its expandable neighbours: the nearest, then the one closest to rest, then by index.
-fn parent_of(target: GridIndex, tags: &HashMap<GridIndex, ConfigTag>) -> Option<GridIndex> {
-    NEIGHBOURS
-        .iter()
-        .map(|&offset| (squared(offset), plus(target, offset)))
-        .filter(|(_, index)| tags.get(index) == Some(&ConfigTag::Expandable))
-        .min_by_key(|&(distance, index)| (distance, squared(index), index))
-        .map(|(_, index)| index)
-}
-
-/// Lattice points still to be solved: undecided, with an expandable neighbour. Zero when the expansion has ended; points that
-/// only terminating or failed ones surround are never reached and do not count.
-pub fn still_to_solve(grid: &SpaceGrid, records: &[Record]) -> usize {
-    let tags: HashMap<GridIndex, ConfigTag> = records.iter().map(|r| (r.index, r.tag)).collect();
-    if !tags.contains_key(&[0; 3]) {
-        return grid.lattice.count();
-    }
-    let open: std::collections::HashSet<GridIndex> = tags
-        .iter()
-        .filter(|(_, tag)| **tag == ConfigTag::Expandable)
-        .flat_map(|(&index, _)| NEIGHBOURS.map(|step| plus(index, step)))
-        .filter(|index| grid.lattice.contains(*index) && !tags.contains_key(index))
-        .collect();
-    open.len()
 }
 
 impl Expansion {
-    /// Points of the grid, the rest point not counted.
+    /// Points of all spaces, the rest points not counted.
     pub fn total(&self) -> usize {
-        self.grid.lattice.count()
+        self.actives.len() * (Domain::new(&self.grid, self.complete_cells).len() - 1)
     }
 
-    /// Runs to the end, or until `stop` is raised. `progress` is called on this thread.
+    /// Runs to the end, or until `stop` is raised. `progress` is called on this thread. Returns the points by tag, a space each.
     pub fn run(
         &self,
         store: &Store,
+        crew: &mut dyn Crew,
         stop: &AtomicBool,
         mut progress: impl FnMut(&Progress),
-    ) -> Result<TagCounts, ExpansionError> {
-        let known: HashMap<GridIndex, Record> =
-            store.records(self.active)?.into_iter().map(|r| (r.index, r)).collect();
-        let points: Vec<GridIndex> = self.grid.lattice.points().collect();
+    ) -> Result<Vec<TagCounts>, ExpansionError> {
+        let outcome = self.run_to_commit(store, crew, stop, &mut progress);
+        // Whatever ended it: what is done is kept. The first error is the one that matters.
+        let committed = store.commit();
+        let counts = outcome?;
+        committed?;
+        Ok(counts)
+    }
+
+    fn run_to_commit(
+        &self,
+        store: &Store,
+        crew: &mut dyn Crew,
+        stop: &AtomicBool,
+        progress: &mut dyn FnMut(&Progress),
+    ) -> Result<Vec<TagCounts>, ExpansionError> {
+        let domain = Arc::new(Domain::new(&self.grid, self.complete_cells));
+        let mut desks: Vec<Desk> = (0..crew.size()).map(|_| Desk::default()).collect();
+        // Spaces in hand, by position in `actives`. A space is begun only when those in hand have nothing certain to do, so that
+        // a worker stays with its active node and only a few plans are in memory.
+        let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
+        let mut begun = 0;
+        let mut finished: Vec<Option<TagCounts>> = vec![None; self.actives.len()];
         let mut state = Progress {
-            counts: TagCounts { unknown: points.len(), ..Default::default() },
+            counts: TagCounts { unknown: self.actives.len() * (domain.len() - 1), ..TagCounts::default() },
+            total: self.actives.len() * (domain.len() - 1),
+            spaces: (0, self.actives.len()),
             round: 0,
             solved_now: 0,
         };
-        let mut tags = HashMap::with_capacity(points.len() + 1);
-        if !known.contains_key(&[0; 3]) {
-            self.solve_rest(store)?;
-        }
-        tags.insert([0; 3], ConfigTag::Expandable);
+        let mut out = 0;
         loop {
-            state.round += 1;
-            let round: Vec<Transition> = points
-                .iter()
-                .filter(|target| !tags.contains_key(*target))
-                .filter_map(|&target| parent_of(target, &tags).map(|parent| Transition { parent, target }))
-                .collect();
-            if round.is_empty() {
-                return Ok(state.counts);
+            while !stop.load(Ordering::Relaxed) {
+                let Some(worker) = idlest(&desks) else { break };
+                let Some((at, task)) =
+                    self.next_task(store, &domain, &mut spaces, &mut begun, desks[worker].last)?
+                else {
+                    break;
+                };
+                let active = self.actives[at];
+                let seed = match task.parent {
+                    Some((parent, attempt)) => Some(store.stored_seed(active, parent, attempt)?),
+                    None => None,
+                };
+                crew.give(worker, Job { active: active as u32, task, seed })?;
+                desks[worker].jobs += 1;
+                desks[worker].last = Some(at);
+                out += 1;
             }
-            let (done, open): (Vec<_>, Vec<_>) =
-                round.into_iter().partition(|t| known.contains_key(&t.target));
-            // Tags are entered after the round only, so that no point of a round can be another's parent.
-            let mut decided: Vec<(GridIndex, ConfigTag)> =
-                done.iter().map(|t| (t.target, known[&t.target].tag)).collect();
-            for &(_, tag) in &decided {
-                state.counts.move_to(tag);
+            let done: Vec<usize> =
+                spaces.iter().filter(|(_, s)| s.plan.is_done()).map(|(&at, _)| at).collect();
+            for at in done {
+                if let Some(mut space) = spaces.remove(&at) {
+                    state.account(&mut space);
+                    state.spaces.0 += 1;
+                    finished[at] = Some(space.plan.counts());
+                    progress(&state);
+                }
             }
-            self.solve_round(store, stop, &open, state.round, |record| {
-                decided.push((record.index, record.tag));
-                state.counts.move_to(record.tag);
+            if out == 0 {
+                break;
+            }
+            let (worker, outcome) = crew.take()?;
+            desks[worker].jobs -= 1;
+            out -= 1;
+            store.add(&outcome)?;
+            let at = self.position_of(outcome.active).unwrap_or(usize::MAX);
+            let record = &outcome.record;
+            if record.parent.is_none() && !record.tag.is_solved() {
+                return Err(ExpansionError::Rest(record.failure.clone().unwrap_or_default()));
+            }
+            if let Some(space) = spaces.get_mut(&at) {
+                space.plan.decide(record);
                 state.solved_now += 1;
+                state.account(space);
                 progress(&state);
-            })?;
-            tags.extend(decided);
+            }
         }
+        if stop.load(Ordering::Relaxed) && finished.iter().any(Option::is_none) {
+            return Err(ExpansionError::Interrupted);
+        }
+        Ok(finished.into_iter().flatten().collect())
     }
 
-    fn solve_rest(&self, store: &Store) -> Result<(), ExpansionError> {
-        let start = Instant::now();
-        let rest = Solver::new(self.problem.clone()).rest().map_err(ExpansionError::Rest)?;
-        let record =
-            Record::solved([0; 3], ConfigTag::Expandable, 0, None, &rest, start.elapsed().as_secs_f64());
-        store.commit(self.active, &record, Some(&StoredSeed::pack(&rest.seed)))?;
-        Ok(())
+    fn position_of(&self, active: u32) -> Option<usize> {
+        self.actives.iter().position(|&a| a == active as usize)
     }
 
-    /// Solves `transitions` on all workers; results are committed on this thread as they arrive.
-    fn solve_round(
+    /// A task of the space the worker knows, or else of any space in hand, or else of a new one.
+    fn next_task(
         &self,
         store: &Store,
-        stop: &AtomicBool,
-        transitions: &[Transition],
-        round: u32,
-        mut decided: impl FnMut(&Record),
-    ) -> Result<(), ExpansionError> {
-        let next = AtomicUsize::new(0);
-        // Raised on a store error, so that workers do not solve on for nothing.
-        let abandon = AtomicBool::new(false);
-        let path: PathBuf = store.path().to_path_buf();
-        let workers = self.threads.clamp(1, transitions.len().max(1));
-        // Bounded: what is solved is committed before much more is, so that a kill loses little and a stop is prompt.
-        let (sender, receiver) = mpsc::sync_channel::<Outcome>(workers);
-        let committed = std::thread::scope(|scope| {
-            let handles: Vec<_> = (0..workers)
-                .map(|_| {
-                    let (sender, next, abandon, path) = (sender.clone(), &next, &abandon, &path);
-                    scope.spawn(move || {
-                        let reader = match Store::open(path) {
-                            Ok(reader) => reader,
-                            Err(error) => return drop(sender.send(Err(error))),
-                        };
-                        let mut solver = Solver::new(self.problem.clone());
-                        while !stop.load(Ordering::Relaxed) && !abandon.load(Ordering::Relaxed) {
-                            let Some(transition) = transitions.get(next.fetch_add(1, Ordering::Relaxed))
-                            else {
-                                return;
-                            };
-                            let outcome = self.solve_transition(&mut solver, &reader, transition, round);
-                            if sender.send(outcome).is_err() {
-                                return;
-                            }
-                        }
-                    })
-                })
-                .collect();
-            drop(sender);
-            let mut result = Ok(());
-            for outcome in receiver {
-                let committed = outcome.and_then(|(record, seed)| {
-                    store.commit(self.active, &record, seed.as_ref())?;
-                    Ok(record)
-                });
-                match committed {
-                    Ok(record) => decided(&record),
-                    Err(error) => {
-                        abandon.store(true, Ordering::Relaxed);
-                        result = Err(ExpansionError::Store(error));
-                    }
-                }
+        domain: &Arc<Domain>,
+        spaces: &mut BTreeMap<usize, Space>,
+        begun: &mut usize,
+        prefer: Option<usize>,
+    ) -> Result<Option<(usize, Task)>, ExpansionError> {
+        let others = spaces.keys().copied().filter(|at| Some(*at) != prefer);
+        for at in prefer.into_iter().chain(others).collect::<Vec<_>>() {
+            let Some(space) = spaces.get_mut(&at) else { continue };
+            if let Some(task) = space.next(store)? {
+                return Ok(Some((at, task)));
             }
-            for handle in handles {
-                if handle.join().is_err() && result.is_ok() {
-                    result = Err(ExpansionError::Worker);
-                }
+        }
+        while *begun < self.actives.len() {
+            let at = *begun;
+            *begun += 1;
+            let known = store.attempts(self.actives[at])?;
+            let mut space = Space {
+                plan: Plan::new(domain.clone(), self.grid),
+                known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
+                counted: TagCounts { unknown: domain.len() - 1, ..TagCounts::default() },
+            };
+            let task = space.next(store)?;
+            spaces.insert(at, space);
+            if let Some(task) = task {
+                return Ok(Some((at, task)));
             }
-            result
-        });
-        committed?;
-        if stop.load(Ordering::Relaxed) { Err(ExpansionError::Interrupted) } else { Ok(()) }
-    }
-
-    fn solve_transition(&self, solver: &mut Solver, reader: &Store, t: &Transition, round: u32) -> Outcome {
-        let start = Instant::now();
-        let seed = reader.seed(self.active, t.parent, self.grid.displacement_m(t.parent))?;
-        Ok(match solver.advance(&seed, self.grid.displacement_m(t.target)) {
-            Ok(configuration) => {
-                let reachable = norm(configuration.force_n) < self.max_force_n;
-                let tag = if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating };
-                let seconds = start.elapsed().as_secs_f64();
-                let record = Record::solved(t.target, tag, round, Some(t.parent), &configuration, seconds);
-                (record, Some(StoredSeed::pack(&configuration.seed)))
-            }
-            Err(failure) => {
-                let record =
-                    Record::failed(t.target, round, t.parent, &failure, start.elapsed().as_secs_f64());
-                (record, None)
-            }
-        })
+        }
+        Ok(None)
     }
 }
 
-fn norm(v: [f64; 3]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+impl Progress {
+    /// Takes over what changed in a space since it was last looked at.
+    fn account(&mut self, space: &mut Space) {
+        let (old, new) = (space.counted, space.plan.counts());
+        let mut sum = self.counts;
+        sum += new;
+        self.counts = TagCounts {
+            expandable: sum.expandable - old.expandable,
+            terminating: sum.terminating - old.terminating,
+            failed: sum.failed - old.failed,
+            unknown: sum.unknown - old.unknown,
+        };
+        space.counted = new;
+        self.round = self.round.max(space.plan.round());
+    }
+}
+
+/// What one worker has before it.
+#[derive(Debug, Default)]
+struct Desk {
+    jobs: usize,
+    /// The space of its last job.
+    last: Option<usize>,
+}
+
+/// The worker with the least to do, if any has room.
+fn idlest(desks: &[Desk]) -> Option<usize> {
+    let least = desks.iter().enumerate().min_by_key(|(_, desk)| desk.jobs);
+    least.filter(|(_, desk)| desk.jobs < AT_A_DESK).map(|(worker, _)| worker)
+}
+
+/// Tries that a space still needs, as far as can be said: the points that are certain to be next. Zero when it is complete.
+pub fn still_to_solve(grid: &SpaceGrid, complete_cells: bool, attempts: &[Record]) -> usize {
+    let mut plan = Plan::new(Arc::new(Domain::new(grid, complete_cells)), *grid);
+    let known: HashMap<(GridIndex, u32), &Record> =
+        attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
+    let mut open = 0;
+    while let Some(task) = plan.next_task() {
+        match known.get(&(task.target, task.attempt)) {
+            Some(record) => plan.decide(record),
+            None => open += 1,
+        }
+    }
+    open
 }

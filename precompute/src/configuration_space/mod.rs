@@ -1,13 +1,25 @@
 //! The configuration space: a ball of positions of the active node, solved point by point (paper, 4.3 and 5.1).
 //!
-//! [`expansion`] decides what to solve and from which parent; [`store`] keeps every solved configuration in SQLite;
+//! [`plan`] decides what to solve and from which parent; [`job`] is one solve, done by a [`crew`] of threads or processes;
+//! [`expansion`] brings them together; [`store`] keeps every try in SQLite; [`fold`] flags neighbours on different branches;
 //! [`SpaceGrid`] is the lattice in metres.
 
+pub mod crew;
+mod domain;
 pub mod expansion;
+pub mod fold;
+pub mod job;
+pub mod plan;
+mod record;
 pub mod store;
 
-pub use expansion::{Expansion, ExpansionError, Progress, TagCounts, still_to_solve};
-pub use store::{Record, Store, StoreError, StoreIdentity};
+pub use crew::{Crew, CrewError, with_threads};
+pub use domain::Domain;
+pub use expansion::{Expansion, ExpansionError, Progress, still_to_solve};
+pub use job::{Intermediate, Job, Outcome, Worker, Workshop};
+pub use plan::TagCounts;
+pub use record::{Record, StoredSeed};
+pub use store::{Salvaged, Store, StoreError, StoreIdentity};
 
 use palpate_core::{BallLattice, LatticeError};
 

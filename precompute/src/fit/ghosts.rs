@@ -101,6 +101,7 @@ mod tests {
         let d = index.map(|n| f64::from(n) * spacing);
         Sample {
             index,
+            attempt: 0,
             force_n: std::array::from_fn(|i| s[i].iter().zip(d).map(|(s, d)| s * d).sum()),
             stiffness_n_m: s,
             terminating: false,

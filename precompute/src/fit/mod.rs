@@ -13,6 +13,8 @@ use crate::configuration_space::{GridIndex, Record, SpaceGrid};
 pub struct Sample {
     /// Grid point.
     pub index: GridIndex,
+    /// Which try at the point gave the solution.
+    pub attempt: u32,
     /// h, N.
     pub force_n: [f64; 3],
     /// S = dh/dd, rows, N/m.
@@ -27,9 +29,10 @@ pub struct Sample {
 pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
     let mut samples: Vec<Sample> = records
         .iter()
-        .filter(|r| r.tag.is_solved() && (r.index == [0; 3] || grid.lattice.contains(r.index)))
+        .filter(|r| r.tag.is_solved() && grid.lattice.slot(r.index).is_some())
         .map(|r| Sample {
             index: r.index,
+            attempt: r.attempt,
             // Rest has no force by its definition; what the solver left of a body force's residual is rounding.
             force_n: if r.index == [0; 3] { [0.0; 3] } else { r.force_n },
             stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| r.stiffness_n_m[(i, j)])),

@@ -118,6 +118,7 @@ mod tests {
             .map(|index| {
                 let [x, y, z] = index.map(|n| f64::from(n) / 3.0);
                 Sample {
+                    attempt: 0,
                     index,
                     force_n: [(2.0 * x).sinh() + y * z, y - x * z * z, (z + x).tanh()],
                     stiffness_n_m: [[0.0; 3]; 3],
@@ -146,6 +147,7 @@ mod tests {
     #[test]
     fn two_values_at_one_place_are_refused() {
         let sample = |force| Sample {
+            attempt: 0,
             index: [1, 2, 3],
             force_n: [force; 3],
             stiffness_n_m: [[0.0; 3]; 3],

@@ -3,6 +3,7 @@
 //! Data are inline base64 with 64-bit headers: unlike raw appended bytes that is well-formed XML, which any XML tool can
 //! read, for a third more space. A grid that does not fit together is refused and nothing is written.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::Path;
 
@@ -12,13 +13,15 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use super::escaped;
 use crate::blob_writer::write_atomically;
 
-/// The cells of a grid: tets of one order.
+/// The cells of a grid: tets of one order, or none but its points.
 #[derive(Debug, Clone, Copy)]
 pub enum Cells<'a> {
     /// Four vertices (VTK type 10).
     Tet4(&'a [[u32; 4]]),
     /// Four vertices, then the middles of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
     Tet10(&'a [[u32; 10]]),
+    /// So many points, each a cell of its own (VTK type 1).
+    Vertices(usize),
 }
 
 impl Cells<'_> {
@@ -26,13 +29,15 @@ impl Cells<'_> {
         match self {
             Self::Tet4(cells) => cells.len(),
             Self::Tet10(cells) => cells.len(),
+            Self::Vertices(count) => *count,
         }
     }
 
-    fn nodes(&self) -> &[u32] {
+    fn nodes(&self) -> Cow<'_, [u32]> {
         match self {
-            Self::Tet4(cells) => cells.as_flattened(),
-            Self::Tet10(cells) => cells.as_flattened(),
+            Self::Tet4(cells) => cells.as_flattened().into(),
+            Self::Tet10(cells) => cells.as_flattened().into(),
+            Self::Vertices(count) => (0..*count as u32).collect(),
         }
     }
 
@@ -41,6 +46,7 @@ impl Cells<'_> {
         match self {
             Self::Tet4(_) => (4, 10),
             Self::Tet10(_) => (10, 24),
+            Self::Vertices(_) => (1, 1),
         }
     }
 }

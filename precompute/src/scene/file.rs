@@ -96,6 +96,9 @@ pub(super) struct GridTable {
     pub(super) radius_m: Spanned<f64>,
     pub(super) spacing_m: Option<Spanned<f64>>,
     pub(super) points: Option<Spanned<i64>>,
+    pub(super) complete_cells: Option<bool>,
+    /// Equal parts of every transition, whose states are kept.
+    pub(super) increments: Option<Spanned<i64>>,
     pub(super) tolerance_n: Option<Spanned<f64>>,
     pub(super) tolerance_relative: Option<Spanned<f64>>,
     pub(super) cannot_be_felt: Option<Spanned<bool>>,

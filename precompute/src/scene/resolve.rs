@@ -504,7 +504,19 @@ impl Lookup<'_> {
             self.warnings
                 .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
         }
-        Ok(GridSpec { radius_m, spacing_m })
+        let increments = match &table.increments {
+            None => None,
+            Some(n) if (2..=100).contains(n.get_ref()) => Some(*n.get_ref() as u32),
+            Some(n) => {
+                let what = format!("`increments` = {} is not from 2 to 100", n.get_ref());
+                return Err(self.place.error(
+                    n.span(),
+                    what,
+                    "5 is the paper's; leave it out to keep no states",
+                ));
+            }
+        };
+        Ok(GridSpec { radius_m, spacing_m, complete_cells: table.complete_cells.unwrap_or(true), increments })
     }
 
     /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.

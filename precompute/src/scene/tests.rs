@@ -126,7 +126,10 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!(scene.fixed, (0..16).collect::<Vec<u32>>());
     let active = |name: &str, node| ActiveNode { name: name.into(), node, patch: vec![] };
     assert_eq!(scene.active, [active("A1", 63), active("A2", 48 + 4 + 1)]);
-    assert_eq!(scene.grid, Some(GridSpec { radius_m: 0.05, spacing_m: 0.01 }));
+    assert_eq!(
+        scene.grid,
+        Some(GridSpec { radius_m: 0.05, spacing_m: 0.01, complete_cells: true, increments: None })
+    );
     assert_eq!(scene.max_force_n, 8.0);
     assert_eq!(scene.body_force, None);
     assert!(!scene.visual);
@@ -473,7 +476,15 @@ fn grids_in_every_way() {
     let bench = Bench::new();
     for (points, cells) in GRID_POINTS {
         let grid = bench.with("spacing_m = 0.01", &format!("points = {points}")).expect("sound").grid;
-        assert_eq!(grid, Some(GridSpec { radius_m: 0.05, spacing_m: 0.05 / f64::from(cells) }));
+        assert_eq!(
+            grid,
+            Some(GridSpec {
+                radius_m: 0.05,
+                spacing_m: 0.05 / f64::from(cells),
+                complete_cells: true,
+                increments: None
+            })
+        );
     }
     let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
     refuses(

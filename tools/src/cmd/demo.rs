@@ -1,6 +1,7 @@
 //! `palpate demo`: the whole way on the bundled organ, without hardware or display.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -83,7 +84,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
 
-    let bench = Workbench::load(&at("liver-small.toml"))?;
+    let bench = Arc::new(Workbench::load(&at("liver-small.toml"))?);
     say(format!(
         "organ        {}: {} nodes, {} tetrahedra, {}, {} fixed nodes",
         bench.scene.name,
@@ -102,7 +103,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             }
         }
     }
-    let store = bench.store(&at("liver-small.space"))?;
+    let store = bench.store(&at("liver-small.space"), false)?;
     let solved = solve(&bench, &store, &stop)?;
     for (name, counts) in solved.names.iter().zip(&solved.counts) {
         say(format!(
@@ -177,28 +178,23 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn solve(bench: &Workbench, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
+fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
     let start = Instant::now();
     let mut solved = Solved {
         names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
         counts: Vec::new(),
-        points: bench.grid()?.lattice.count(),
+        points: bench.expansion(vec![0])?.total(),
         solved_now: 0,
         seconds: 0.0,
         threads: threads(None),
     };
-    for (index, active) in bench.scene.active.iter().enumerate() {
-        let expansion = bench.expansion(index, solved.threads)?;
-        let mut progress = SpaceProgress::new(&active.name, expansion.total());
-        let mut now = 0;
-        let counts = expansion.run(store, stop, |p| {
-            now = p.solved_now;
-            progress.update(p);
-        });
-        progress.finish();
-        solved.counts.push(counts?);
-        solved.solved_now += now;
-    }
+    let mut progress = SpaceProgress::new(&bench.scene.name);
+    let counts = bench.expand((0..bench.scene.active.len()).collect(), store, solved.threads, stop, |p| {
+        solved.solved_now = p.solved_now;
+        progress.update(p);
+    });
+    progress.finish();
+    solved.counts = counts?;
     solved.seconds = start.elapsed().as_secs_f64();
     Ok(solved)
 }

@@ -55,7 +55,7 @@ fn check_finished(store: &Store, args: &Args) -> Result<(), Failure> {
     let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
         .map_err(|error| Failure::input(format!("{space}: {error}")))?;
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let open = still_to_solve(&grid, &store.records(active)?);
+        let open = still_to_solve(&grid, identity.complete_cells, &store.attempts(active)?);
         if open == 0 {
             continue;
         }

@@ -1,0 +1,163 @@
+//! What a worker is given and what it gives back; the same on a thread and on another machine.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::plan::Task;
+use super::{Record, SpaceGrid, StoredSeed};
+use crate::material::SymmetricThird;
+use crate::solve::{Configuration, Problem, SolveFailure, Solver};
+
+/// A task of one space, with what it starts from.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Job {
+    /// Which active node.
+    pub active: u32,
+    /// The task.
+    pub task: Task,
+    /// State of the parent; `None` for the rest point.
+    pub seed: Option<StoredSeed>,
+}
+
+/// A configuration between two grid points, a scattered centre for radial basis functions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Intermediate {
+    /// Displacement of the active node, m.
+    pub displacement_m: [f64; 3],
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S: xx, yy, zz, xy, xz, yz, N/m.
+    pub stiffness_n_m: [f64; 6],
+    /// W_ijk, N/m^2.
+    pub third_n_m2: SymmetricThird,
+}
+
+/// What a worker found.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Which active node.
+    pub active: u32,
+    /// The record.
+    pub record: Record,
+    /// State for the children; `None` if failed.
+    pub seed: Option<StoredSeed>,
+    /// States on the way, where the scene asks for them.
+    pub intermediate: Vec<Intermediate>,
+}
+
+/// Everything a worker must know beside the job.
+pub struct Workshop {
+    /// Builds the problem of an active node: once for every worker that comes to it.
+    pub problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
+    /// The grid.
+    pub grid: SpaceGrid,
+    /// Force beyond which a configuration is terminating, N.
+    pub max_force_n: f64,
+    /// Equal parts in which a transition is made and kept; `None` leaves the steps to the solver and keeps none.
+    pub increments: Option<u32>,
+}
+
+impl std::fmt::Debug for Workshop {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Workshop").field("grid", &self.grid).field("max_force_n", &self.max_force_n).finish()
+    }
+}
+
+/// One worker: the solver of the active node it was last asked for.
+#[derive(Debug)]
+pub struct Worker {
+    workshop: Arc<Workshop>,
+    solver: Option<(u32, Solver)>,
+}
+
+/// The state a job starts from is not one of this body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnusableSeed;
+
+impl Worker {
+    /// A worker that has not done anything yet.
+    pub fn new(workshop: Arc<Workshop>) -> Self {
+        Self { workshop, solver: None }
+    }
+
+    /// Does a job.
+    pub fn work(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
+        let workshop = self.workshop.clone();
+        if self.solver.as_ref().is_none_or(|(active, _)| *active != job.active) {
+            // The old one goes first: two factors of a large body need not stand side by side.
+            self.solver = None;
+            self.solver = Some((job.active, Solver::new((workshop.problem)(job.active as usize))));
+        }
+        let (_, solver) = self.solver.as_mut().ok_or(UnusableSeed)?;
+        let start = Instant::now();
+        let mut intermediate = Vec::new();
+        let solved = match (&job.seed, job.task.parent) {
+            (Some(stored), Some((parent, _))) => {
+                let from = workshop.grid.displacement_m(parent);
+                let to = workshop.grid.displacement_m(job.task.target);
+                let seed = stored.unpack(from).ok_or(UnusableSeed)?;
+                if seed.state.len() != solver.problem().body.state_len() {
+                    return Err(UnusableSeed);
+                }
+                transition(solver, seed, to, workshop.increments, &mut intermediate)
+            }
+            _ => solver.rest(),
+        };
+        let seconds = start.elapsed().as_secs_f64();
+        Ok(match solved {
+            Ok(configuration) => Outcome {
+                active: job.active,
+                record: Record::solved(&job.task, &configuration, workshop.max_force_n, seconds),
+                seed: Some(StoredSeed::pack(&configuration.seed)),
+                intermediate,
+            },
+            Err(failure) => Outcome {
+                active: job.active,
+                record: Record::failed(&job.task, &failure, seconds),
+                seed: None,
+                intermediate: Vec::new(),
+            },
+        })
+    }
+}
+
+/// One transition, in equal parts if asked; iterations and the like are summed.
+fn transition(
+    solver: &mut Solver,
+    mut seed: crate::solve::Seed,
+    to: [f64; 3],
+    increments: Option<u32>,
+    on_the_way: &mut Vec<Intermediate>,
+) -> Result<Configuration, SolveFailure> {
+    let (from, parts) = (seed.pose.displacement_m, increments.unwrap_or(1).max(1));
+    let (mut iterations, mut factorisations, mut steps) = (0, 0, 0);
+    for part in 1..=parts {
+        let share = f64::from(part) / f64::from(parts);
+        let target =
+            if part == parts { to } else { std::array::from_fn(|i| from[i] + share * (to[i] - from[i])) };
+        let mut c = solver
+            .advance(&seed, target)
+            .map_err(|failure| SolveFailure { iterations: iterations + failure.iterations, ..failure })?;
+        iterations += c.iterations;
+        factorisations += c.factorisations;
+        steps += c.increments;
+        if part == parts {
+            (c.iterations, c.factorisations, c.increments) = (iterations, factorisations, steps);
+            return Ok(c);
+        }
+        let s = &c.stiffness_n_m;
+        on_the_way.push(Intermediate {
+            displacement_m: target,
+            energy_j: c.energy_j,
+            force_n: c.force_n,
+            stiffness_n_m: [s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(0, 2)], s[(1, 2)]],
+            third_n_m2: c.third_n_m2,
+        });
+        seed = c.seed;
+    }
+    unreachable!("the last part returns")
+}

@@ -1,0 +1,124 @@
+//! Why a store cannot be used, each with what to do about it.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::ErrorCode;
+
+/// Why a store cannot be used.
+#[derive(Debug)]
+pub enum StoreError {
+    /// SQLite refused.
+    Sqlite {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        error: rusqlite::Error,
+    },
+    /// The system refused.
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        error: std::io::Error,
+    },
+    /// Another process writes the file.
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file belongs to something else.
+    Mismatch {
+        /// The file.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+        /// In the file.
+        stored: String,
+        /// Asked for.
+        wanted: String,
+    },
+    /// A value in the file makes no sense.
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// Which.
+        what: String,
+    },
+}
+
+/// How a damaged file is saved.
+const SALVAGE: &str = "run the same precompute with --salvage to save what is intact";
+
+impl StoreError {
+    pub(super) fn sqlite(path: &Path, error: rusqlite::Error) -> Self {
+        Self::Sqlite { path: path.to_path_buf(), error }
+    }
+
+    /// Whether the file itself is damaged, so that salvaging it makes sense.
+    pub fn is_damage(&self) -> bool {
+        match self {
+            Self::Corrupt { .. } => true,
+            Self::Sqlite { error, .. } => matches!(
+                error.sqlite_error_code(),
+                Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)
+            ),
+            _ => false,
+        }
+    }
+}
+
+impl std::fmt::Display for StoreError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Sqlite { path, error } => {
+                let path = path.display();
+                match error.sqlite_error_code() {
+                    Some(ErrorCode::DiskFull) => write!(
+                        f,
+                        "{path}: the disk is full; what was done before is kept: make room and run the same command again"
+                    ),
+                    Some(ErrorCode::ReadOnly | ErrorCode::PermissionDenied) => {
+                        write!(
+                            f,
+                            "{path}: may not be written ({error}); choose a folder of your own with --out"
+                        )
+                    }
+                    Some(ErrorCode::CannotOpen) => {
+                        write!(
+                            f,
+                            "{path}: cannot be opened ({error}); see that its folder exists and may be written"
+                        )
+                    }
+                    Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
+                        write!(f, "{path}: another process is writing it; wait for it or stop it")
+                    }
+                    Some(ErrorCode::NotADatabase) => {
+                        write!(f, "{path}: is no .space file, or is damaged; {SALVAGE}")
+                    }
+                    Some(ErrorCode::DatabaseCorrupt) => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
+                    _ => write!(f, "{path}: {error}; check the disk, and that it is a .space file"),
+                }
+            }
+            Self::Io { path, error } => write!(f, "{}: {error}", path.display()),
+            Self::InUse { path } => {
+                write!(f, "{}: another process is writing it; wait for it or stop it", path.display())
+            }
+            Self::Mismatch { path, what, stored, wanted } => write!(
+                f,
+                "{}: made with another {what} ({stored}, now {wanted}); give --out another name or delete the file",
+                path.display()
+            ),
+            Self::Corrupt { path, what } => write!(f, "{}: {what}; {SALVAGE}", path.display()),
+        }
+    }
+}
+
+impl std::error::Error for StoreError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Sqlite { error, .. } => Some(error),
+            Self::Io { error, .. } => Some(error),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,469 @@
+//! The `.space` file: SQLite, self-contained; docs/space.md describes every table.
+//!
+//! Every try at every point is one row, committed at most a second after it is done. States and sensitivities are
+//! little-endian f32: they are first guesses of later solves and pictures for the eye, while energy, force and its derivatives are
+//! f64. Every row has a checksum, because SQLite notices a damaged page, not a damaged number. One process writes, many
+//! may read meanwhile.
+
+mod error;
+mod rows;
+mod salvage;
+
+pub use error::StoreError;
+pub use salvage::Salvaged;
+
+use std::cell::Cell;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+
+use super::job::Outcome;
+use super::plan::supersedes;
+use super::{GridIndex, Record, StoredSeed};
+use crate::mesh::TetMesh;
+use crate::solve::Seed;
+
+/// Layout of the file; a store of another layout is refused.
+const LAYOUT: &str = "2";
+
+/// Bumped whenever the solver gives other bits.
+const SOLVER_REVISION: u32 = 2;
+
+const SCHEMA: &str = include_str!("schema.sql");
+
+/// What a store was made of: a resumed run must agree on all of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoreIdentity {
+    /// Name of the scene.
+    pub scene_name: String,
+    /// The scene file's text.
+    pub scene: String,
+    /// Hash over everything in scene and mesh that changes numbers.
+    pub content_hash: String,
+    /// Hash of the mesh alone.
+    pub mesh_hash: [u8; 32],
+    /// Name of the material law.
+    pub law: String,
+    /// f_max of the scene, N.
+    pub max_force_n: f64,
+    /// Grid spacing, m.
+    pub spacing_m: f64,
+    /// Grid radius r_G, m.
+    pub radius_m: f64,
+    /// Whether the scene needs displacements for the eye.
+    pub visual: bool,
+    /// Whether the corners outside the ball of the cells that reach into it are solved.
+    pub complete_cells: bool,
+    /// Equal parts in which every transition is made and kept, if the scene asks for it.
+    pub increments: Option<u32>,
+}
+
+/// Work is committed at most this long after it is done.
+const COMMIT_AFTER: Duration = Duration::from_secs(1);
+/// Outcomes further apart than this are committed one by one.
+const SLOW: Duration = Duration::from_millis(200);
+
+/// An open `.space` file.
+#[derive(Debug)]
+pub struct Store {
+    connection: Connection,
+    path: PathBuf,
+    /// When the open transaction began, and when something was last added.
+    begun: Cell<Instant>,
+    added: Cell<Instant>,
+    /// Held by the one writer. Closed after the connection (fields drop in this order): closing any handle of the file would
+    /// drop the locks that SQLite has on it.
+    _lock: Option<File>,
+}
+
+impl Store {
+    /// Opens `path` for a run of `identity`, creating it if it is not there.
+    ///
+    /// A file made with another scene, mesh, solver version or instruction set is refused: continuing it would mix
+    /// numbers that do not belong together. So is a file that another process is writing.
+    pub fn create_or_resume(
+        path: &Path,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<Self, StoreError> {
+        let fresh = !path.exists();
+        let at = |error| StoreError::sqlite(path, error);
+        let connection = Connection::open(path).map_err(at)?;
+        let lock = lock(path)?;
+        configure(&connection).map_err(at)?;
+        let mut store = Self::with(connection, path, Some(lock));
+        if fresh || store.is_empty()? {
+            store.initialise(identity, mesh, fixed, active)?;
+        }
+        store.check(identity, active)?;
+        store.refresh(identity)?;
+        Ok(store)
+    }
+
+    /// Opens an existing store for reading.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection =
+            Connection::open_with_flags(path, flags).map_err(|error| StoreError::sqlite(path, error))?;
+        let store = Self::with(connection, path, None);
+        store.expect_meta("layout", LAYOUT)?;
+        Ok(store)
+    }
+
+    fn with(connection: Connection, path: &Path, lock: Option<File>) -> Self {
+        let now = Instant::now();
+        let (begun, added) = (Cell::new(now), Cell::new(now));
+        Self { connection, path: path.to_path_buf(), begun, added, _lock: lock }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn wrap<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
+        result.map_err(|error| StoreError::sqlite(&self.path, error))
+    }
+
+    pub(super) fn corrupt(&self, what: impl Into<String>) -> StoreError {
+        StoreError::Corrupt { path: self.path.clone(), what: what.into() }
+    }
+
+    fn is_empty(&self) -> Result<bool, StoreError> {
+        let tables: i64 =
+            self.wrap(self.connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)))?;
+        Ok(tables == 0)
+    }
+
+    fn initialise(
+        &mut self,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<(), StoreError> {
+        let path = self.path.clone();
+        let at = |error| StoreError::sqlite(&path, error);
+        let transaction = self.connection.transaction().map_err(at)?;
+        transaction.execute_batch(SCHEMA).map_err(at)?;
+        let meta = [
+            ("layout", LAYOUT.to_string()),
+            ("solver", solver_version()),
+            ("scene_name", identity.scene_name.clone()),
+            ("scene", identity.scene.clone()),
+            ("content_hash", identity.content_hash.clone()),
+            ("mesh_hash", hex(&identity.mesh_hash)),
+            ("law", identity.law.clone()),
+            ("max_force_n", format!("{:?}", identity.max_force_n)),
+            ("spacing_m", format!("{:?}", identity.spacing_m)),
+            ("radius_m", format!("{:?}", identity.radius_m)),
+            ("visual", identity.visual.to_string()),
+            ("complete_cells", identity.complete_cells.to_string()),
+            ("increments", identity.increments.map_or(String::new(), |n| n.to_string())),
+        ];
+        for (key, value) in meta {
+            transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value]).map_err(at)?;
+        }
+        transaction
+            .execute(
+                "INSERT INTO mesh VALUES (0, ?1, ?2, ?3)",
+                params![
+                    mesh.nodes_m.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>(),
+                    mesh.tets.iter().flatten().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                    fixed.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                ],
+            )
+            .map_err(at)?;
+        for (id, (name, node)) in active.iter().enumerate() {
+            transaction
+                .execute("INSERT INTO active VALUES (?1, ?2, ?3)", params![id as i64, name, node])
+                .map_err(at)?;
+        }
+        transaction.commit().map_err(at)
+    }
+
+    /// Takes over what may change between runs because no number depends on it.
+    fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+        let current = [
+            ("scene_name", identity.scene_name.clone()),
+            ("scene", identity.scene.clone()),
+            ("visual", identity.visual.to_string()),
+        ];
+        for (key, value) in current {
+            let sql = "UPDATE meta SET value = ?2 WHERE key = ?1 AND value <> ?2";
+            self.wrap(self.connection.execute(sql, params![key, value]))?;
+        }
+        Ok(())
+    }
+
+    fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {
+        self.expect_meta("layout", LAYOUT)?;
+        self.expect_meta("solver", &solver_version())?;
+        self.expect_meta("content_hash", &identity.content_hash)?;
+        let stored = self.active()?;
+        if stored != active {
+            return Err(StoreError::Mismatch {
+                path: self.path.clone(),
+                what: "set of active nodes",
+                stored: format!("{stored:?}"),
+                wanted: format!("{active:?}"),
+            });
+        }
+        Ok(())
+    }
+
+    fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
+        let stored = self.meta(key)?;
+        if stored == wanted {
+            return Ok(());
+        }
+        let what = match key {
+            "content_hash" => "scene or mesh",
+            "layout" => "file layout",
+            _ => "version of the solver",
+        };
+        let short = |s: &str| s.chars().take(40).collect::<String>();
+        Err(StoreError::Mismatch {
+            path: self.path.clone(),
+            what,
+            stored: short(&stored),
+            wanted: short(wanted),
+        })
+    }
+
+    /// Value of a `meta` key.
+    pub fn meta(&self, key: &str) -> Result<String, StoreError> {
+        let found: Option<String> = self.wrap(
+            self.connection
+                .query_row("SELECT value FROM meta WHERE key = ?1", [key], |row| row.get(0))
+                .optional(),
+        )?;
+        found.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
+    }
+
+    fn parsed<T: std::str::FromStr>(&self, key: &str) -> Result<T, StoreError> {
+        let text = self.meta(key)?;
+        text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
+    }
+
+    /// What the store was made of.
+    pub fn identity(&self) -> Result<StoreIdentity, StoreError> {
+        Ok(StoreIdentity {
+            scene_name: self.meta("scene_name")?,
+            scene: self.meta("scene")?,
+            content_hash: self.meta("content_hash")?,
+            mesh_hash: unhex(&self.meta("mesh_hash")?)
+                .ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
+            law: self.meta("law")?,
+            max_force_n: self.parsed("max_force_n")?,
+            spacing_m: self.parsed("spacing_m")?,
+            radius_m: self.parsed("radius_m")?,
+            visual: self.parsed("visual")?,
+            complete_cells: self.parsed("complete_cells")?,
+            increments: match self.meta("increments")?.as_str() {
+                "" => None,
+                _ => Some(self.parsed("increments")?),
+            },
+        })
+    }
+
+    /// Active nodes (name, mesh node), in the order of their ids.
+    pub fn active(&self) -> Result<Vec<(String, u32)>, StoreError> {
+        let mut statement =
+            self.wrap(self.connection.prepare("SELECT name, node FROM active ORDER BY id"))?;
+        let rows = self.wrap(statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))))?;
+        self.wrap(rows.collect())
+    }
+
+    /// Mesh (without groups) and fixed nodes of the body.
+    pub fn body(&self) -> Result<(TetMesh, Vec<u32>), StoreError> {
+        let (nodes, tets, fixed): (Vec<u8>, Vec<u8>, Vec<u8>) =
+            self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed FROM mesh", [], |row| {
+                Ok((row.get(0)?, row.get(1)?, row.get(2)?))
+            }))?;
+        let coordinates: Vec<f64> = nodes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+        let corners: Vec<u32> = tets.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
+        let fixed: Vec<u32> = fixed.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
+        let nodes_m = coordinates.as_chunks().0.to_vec();
+        let tets = corners.as_chunks().0.to_vec();
+        let in_range = |n: &u32| (*n as usize) < nodes_m.len();
+        if !tets.iter().flatten().chain(&fixed).all(in_range) {
+            return Err(self.corrupt("its mesh names a node that is not there"));
+        }
+        let mesh = TetMesh::new(nodes_m, tets)
+            .map_err(|fault| self.corrupt(format!("its mesh is not a body ({fault:?})")))?;
+        Ok((mesh, fixed))
+    }
+
+    /// Every try at every point of one active node, sorted by grid index and attempt.
+    pub fn attempts(&self, active: usize) -> Result<Vec<Record>, StoreError> {
+        let sql = format!(
+            "SELECT {} FROM configuration WHERE active = ?1 ORDER BY i, j, k, attempt",
+            rows::COLUMNS
+        );
+        let mut statement = self.wrap(self.connection.prepare(&sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        let mut records = Vec::new();
+        while let Some(row) = self.wrap(found.next())? {
+            records.push(self.checked(active, self.wrap(rows::read(row))?)?);
+        }
+        Ok(records)
+    }
+
+    fn checked(&self, active: usize, row: rows::Row) -> Result<Record, StoreError> {
+        let intact = row.checksum == rows::checksum(active, &row.record);
+        if intact { Ok(row.record) } else { Err(self.corrupt(rows::damaged(&row.record.index))) }
+    }
+
+    /// All decided points of one active node, sorted by grid index: of every point the solution that counts, or its last
+    /// failure.
+    pub fn records(&self, active: usize) -> Result<Vec<Record>, StoreError> {
+        let mut kept: Vec<Record> = Vec::new();
+        for record in self.attempts(active)? {
+            match kept.last_mut().filter(|last| last.index == record.index) {
+                Some(last) if supersedes(&record, Some(last)) => *last = record,
+                Some(_) => {}
+                None => kept.push(record),
+            }
+        }
+        Ok(kept)
+    }
+
+    /// States between grid points, sorted by their transition, with the number of the part.
+    pub fn intermediate(&self, active: usize) -> Result<Vec<super::Intermediate>, StoreError> {
+        let sql = "SELECT numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
+        let mut statement = self.wrap(self.connection.prepare(sql))?;
+        let found = self.wrap(statement.query_map([active as i64], |row| row.get::<_, Vec<u8>>(0)))?;
+        found
+            .map(|bytes| {
+                let numbers = rows::unpack_intermediate(&self.wrap(bytes)?);
+                numbers.ok_or_else(|| self.corrupt("an intermediate state is damaged"))
+            })
+            .collect()
+    }
+
+    /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
+    pub fn add(&self, outcome: &Outcome) -> Result<(), StoreError> {
+        let now = Instant::now();
+        if self.connection.is_autocommit() {
+            self.wrap(self.connection.execute_batch("BEGIN IMMEDIATE"))?;
+            self.begun.set(now);
+        }
+        let added = self.wrap(rows::insert(&self.connection, outcome));
+        if added.is_err() {
+            // What was added before is worth keeping, if the disk still takes it; the error that matters is the first one.
+            let _ = self.commit();
+            return added;
+        }
+        let slow = now.duration_since(self.added.replace(now)) > SLOW;
+        if slow || now.duration_since(self.begun.get()) > COMMIT_AFTER { self.commit() } else { Ok(()) }
+    }
+
+    /// Commits what was added.
+    pub fn commit(&self) -> Result<(), StoreError> {
+        if self.connection.is_autocommit() {
+            return Ok(());
+        }
+        let committed = self.wrap(self.connection.execute_batch("COMMIT"));
+        if committed.is_err() {
+            // Nothing half-done is left behind; the error that matters is the first one.
+            let _ = self.connection.execute_batch("ROLLBACK");
+        }
+        committed
+    }
+
+    /// The state that one try at a point ended in.
+    pub fn stored_seed(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<StoredSeed, StoreError> {
+        let found = self.wrap(rows::seed(&self.connection, active, index, attempt).optional())?;
+        let (seed, checksum) =
+            found.ok_or_else(|| self.corrupt(format!("no state at grid point {index:?}")))?;
+        if checksum == rows::seed_checksum(&seed) {
+            Ok(seed)
+        } else {
+            Err(self.corrupt(rows::damaged(&index)))
+        }
+    }
+
+    /// What a solve near a record's point starts from; the displacement is the grid's.
+    pub fn seed(&self, active: usize, record: &Record, displacement_m: [f64; 3]) -> Result<Seed, StoreError> {
+        let stored = self.stored_seed(active, record.index, record.attempt)?;
+        stored
+            .unpack(displacement_m)
+            .ok_or_else(|| self.corrupt(format!("no usable state at grid point {:?}", record.index)))
+    }
+
+    /// Displacement of every node of one configuration, m (f32 as stored).
+    pub fn displacements(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<Vec<[f32; 3]>, StoreError> {
+        let nodes = self.wrap(self.connection.query_row(
+            "SELECT length(nodes_m) / 24 FROM mesh",
+            [],
+            |row| row.get::<_, i64>(0),
+        ))? as usize;
+        let seed = self.stored_seed(active, index, attempt)?;
+        let values: Vec<f32> = seed.state.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        let displacements = values.as_chunks().0.get(..nodes).map(<[[f32; 3]]>::to_vec);
+        displacements.ok_or_else(|| self.corrupt(format!("the state at grid point {index:?} is too short")))
+    }
+}
+
+/// The right to write `path`.
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let file = File::open(path).map_err(|error| StoreError::Io { path: path.to_path_buf(), error })?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_path_buf() }),
+        Err(TryLockError::Error(error)) => Err(StoreError::Io { path: path.to_path_buf(), error }),
+    }
+}
+
+fn configure(connection: &Connection) -> rusqlite::Result<()> {
+    // WAL: readers on other threads while one writes. NORMAL: a power cut may lose the last commits, a kill none.
+    connection.pragma_update(None, "journal_mode", "WAL")?;
+    connection.pragma_update(None, "synchronous", "NORMAL")?;
+    connection.busy_timeout(std::time::Duration::from_secs(5))
+}
+
+/// Version of the numbers: crate version, revision of the solver, and instruction set (other instructions round differently).
+fn solver_version() -> String {
+    format!("{}.{SOLVER_REVISION} {}", env!("CARGO_PKG_VERSION"), instruction_set())
+}
+
+/// faer picks its kernels at run time by these features.
+fn instruction_set() -> String {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::is_x86_feature_detected!("avx512f") {
+            return "x86_64+avx512f".into();
+        }
+        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
+            return "x86_64+avx2+fma".into();
+        }
+    }
+    std::env::consts::ARCH.into()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn unhex(text: &str) -> Option<[u8; 32]> {
+    let mut bytes = [0; 32];
+    for (byte, pair) in bytes.iter_mut().zip(text.as_bytes().as_chunks::<2>().0) {
+        *byte = u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()?;
+    }
+    (text.len() == 64).then_some(bytes)
+}

@@ -1,0 +1,109 @@
+//! Saves what is intact of a damaged store.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension};
+
+use super::super::domain::Domain;
+use super::super::job::Outcome;
+use super::super::{GridIndex, SpaceGrid};
+use super::{Store, StoreError, StoreIdentity, rows};
+use crate::mesh::TetMesh;
+
+/// What was saved.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Salvaged {
+    /// Tries that were copied.
+    pub saved: usize,
+    /// Rows that were there and damaged.
+    pub damaged: usize,
+    /// Where the damaged file is now.
+    pub moved_to: PathBuf,
+}
+
+impl Store {
+    /// Copies every intact try of the damaged file at `path` into a new one; the old one is kept beside it under another name.
+    ///
+    /// Rows are asked for one by one, so that a damaged page costs only what it held. Scene and mesh come from the caller:
+    /// the damaged file is not asked for anything but rows. Whether the rows belong to this scene is checked where its meta table
+    /// can still be read.
+    pub fn salvage(
+        path: &Path,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<(Self, Salvaged), StoreError> {
+        let io = |error| StoreError::Io { path: path.to_path_buf(), error };
+        let moved_to = path.with_extension(format!("damaged.{}", std::process::id()));
+        for suffix in ["", "-wal", "-shm"] {
+            let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
+            if with(path).exists() {
+                std::fs::rename(with(path), with(&moved_to)).map_err(io)?;
+            }
+        }
+        let store = Self::create_or_resume(path, identity, mesh, fixed, active)?;
+        let mut salvaged = Salvaged { saved: 0, damaged: 0, moved_to: moved_to.clone() };
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let Ok(old) = Connection::open_with_flags(&moved_to, flags) else { return Ok((store, salvaged)) };
+        let hash: Option<String> = old
+            .query_row("SELECT value FROM meta WHERE key = 'content_hash'", [], |row| row.get(0))
+            .optional()
+            .unwrap_or(None);
+        if hash.is_some_and(|hash| hash != identity.content_hash) {
+            return Ok((store, salvaged));
+        }
+        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
+            .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+        let domain = Domain::new(&grid, identity.complete_cells);
+        for number in 0..active.len() {
+            for point in 0..domain.len() as u32 {
+                salvaged.copy(&old, &store, number, domain.index(point))?;
+            }
+        }
+        store.commit()?;
+        Ok((store, salvaged))
+    }
+}
+
+impl Salvaged {
+    /// Copies the tries at one point, the first damaged one and what came after it not: later ones may rest on it.
+    fn copy(
+        &mut self,
+        old: &Connection,
+        store: &Store,
+        active: usize,
+        index: GridIndex,
+    ) -> Result<(), StoreError> {
+        for attempt in 0.. {
+            let sql = format!(
+                "SELECT {} FROM configuration WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5",
+                rows::COLUMNS
+            );
+            let key = rusqlite::params![active as i64, index[0], index[1], index[2], attempt];
+            let row = old.prepare_cached(&sql).and_then(|mut s| s.query_row(key, rows::read).optional());
+            let record = match row {
+                Ok(None) => return Ok(()),
+                Ok(Some(row)) if row.checksum == rows::checksum(active, &row.record) => row.record,
+                _ => {
+                    self.damaged += 1;
+                    return Ok(());
+                }
+            };
+            let seed = if record.tag.is_solved() {
+                match rows::seed(old, active, index, attempt) {
+                    Ok((seed, checksum)) if checksum == rows::seed_checksum(&seed) => Some(seed),
+                    _ => {
+                        self.damaged += 1;
+                        return Ok(());
+                    }
+                }
+            } else {
+                None
+            };
+            store.add(&Outcome { active: active as u32, record, seed, intermediate: Vec::new() })?;
+            self.saved += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,38 @@
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE mesh (
+  id INTEGER PRIMARY KEY CHECK (id = 0),
+  nodes_m BLOB NOT NULL,      -- f64 x, y, z per node
+  tets BLOB NOT NULL,         -- u32 x 4 per tetrahedron
+  fixed BLOB NOT NULL         -- u32 per fixed node
+);
+CREATE TABLE active (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, node INTEGER NOT NULL);
+CREATE TABLE configuration (
+  active INTEGER NOT NULL REFERENCES active (id),
+  i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL,   -- grid point, in cells
+  attempt INTEGER NOT NULL,                                     -- 0 for the first try at the point
+  tag TEXT NOT NULL,                                            -- expandable | terminating | failed
+  round INTEGER NOT NULL,                                       -- level of the expansion, or round of retries
+  parent_i INTEGER, parent_j INTEGER, parent_k INTEGER,         -- NULL for the rest point
+  parent_attempt INTEGER,
+  failure TEXT,                                                 -- reason, if failed
+  energy_j REAL, fx_n REAL, fy_n REAL, fz_n REAL,
+  sxx_n_m REAL, syy_n_m REAL, szz_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syz_n_m REAL,
+  third_n_m2 BLOB,                                              -- f64 x 10: 000 001 002 011 012 022 111 112 122 222
+  residual_n REAL, min_jacobian REAL, inverted INTEGER, unstable_modes INTEGER, volume_m3 REAL,
+  iterations INTEGER NOT NULL, factorisations INTEGER NOT NULL, increments INTEGER NOT NULL, seconds REAL NOT NULL,
+  checksum INTEGER NOT NULL,                                    -- CRC-32 of the row
+  PRIMARY KEY (active, i, j, k, attempt)
+) WITHOUT ROWID;
+CREATE TABLE state (
+  active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
+  state BLOB NOT NULL,                                          -- f32: displacements, then pressures
+  sensitivity BLOB NOT NULL,                                    -- f32: d(state)/dd along x, then y, then z
+  checksum INTEGER NOT NULL,                                    -- CRC-32 of both
+  PRIMARY KEY (active, i, j, k, attempt)
+);
+CREATE TABLE intermediate (
+  active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
+  part INTEGER NOT NULL,                                        -- 1 .. increments - 1 of the transition to i, j, k
+  numbers BLOB NOT NULL,                                        -- f64 x 23: d, W, h, S (xx yy zz xy xz yz), W_ijk; CRC-32
+  PRIMARY KEY (active, i, j, k, attempt, part)
+) WITHOUT ROWID;

@@ -1,0 +1,247 @@
+//! `palpate inspect FILE.space`: what was solved, how, and what is odd about it.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::configuration_space::fold::{Fold, folds};
+use palpate_precompute::configuration_space::{Domain, GridIndex, Record, SpaceGrid, Store, still_to_solve};
+use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
+use serde_json::json;
+
+use super::Shown;
+use crate::failure::Failure;
+
+/// One active node's space, read once.
+struct Space {
+    name: String,
+    node: u32,
+    attempts: Vec<Record>,
+    /// What counts of every point.
+    records: Vec<Record>,
+    folds: Vec<Fold>,
+    /// Tries still open.
+    open: usize,
+}
+
+/// Describes the store, and writes what was asked for.
+pub(super) fn show(
+    path: &Path,
+    csv: Option<&Path>,
+    all_tries: bool,
+    vtu: Option<&Path>,
+) -> Result<Shown, Failure> {
+    let store = Store::open(path)?;
+    let identity = store.identity()?;
+    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::input)?;
+    let total = Domain::new(&grid, identity.complete_cells).len() - 1;
+    let completed = total - grid.lattice.count();
+    let corners = if completed > 0 {
+        format!(" and {completed} corners that complete its cells")
+    } else {
+        String::new()
+    };
+    let mut text = format!(
+        "scene   {} ({})\ngrid    {} points{corners}, r_G {} m, spacing {} m, f_max {} N\nsolver  {}\n",
+        identity.scene_name,
+        identity.law,
+        grid.lattice.count(),
+        identity.radius_m,
+        identity.spacing_m,
+        identity.max_force_n,
+        store.meta("solver")?
+    );
+    let (mut figures, mut table) = (Vec::new(), format!("{CSV_HEADER}\n"));
+    let nodes = store.active()?;
+    let several = nodes.len() > 1;
+    for (active, (name, node)) in nodes.into_iter().enumerate() {
+        let attempts = store.attempts(active)?;
+        let records = store.records(active)?;
+        let open = still_to_solve(&grid, identity.complete_cells, &attempts);
+        let space = Space { name, node, folds: folds(&grid, &records), attempts, records, open };
+        let (words, numbers) = space.describe(total);
+        text.push_str(&words);
+        figures.push(numbers);
+        if csv.is_some() {
+            space.rows(&grid, all_tries, &mut table);
+        }
+        if let Some(vtu) = vtu {
+            space.cloud(&grid, &if several { beside(vtu, &space.name) } else { vtu.to_path_buf() })?;
+        }
+    }
+    if let Some(csv) = csv {
+        write_atomically(csv, table.as_bytes()).map_err(|error| Failure::file(csv, &error))?;
+    }
+    let figures = json!({
+        "scene": identity.scene_name, "law": identity.law, "points": grid.lattice.count(), "completing": completed,
+        "radius_m": identity.radius_m, "spacing_m": identity.spacing_m, "max_force_n": identity.max_force_n,
+        "solver": store.meta("solver")?, "spaces": figures,
+    });
+    Ok((text.trim_end().into(), figures))
+}
+
+/// `dir/file-NAME.vtu` for `dir/file.vtu`.
+fn beside(path: &Path, name: &str) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{name}.vtu"))
+}
+
+impl Space {
+    /// Solved points, the rest point not counted.
+    fn solved(&self) -> impl Iterator<Item = &Record> {
+        self.records.iter().filter(|r| r.tag.is_solved() && r.index != [0; 3])
+    }
+
+    fn describe(&self, total: usize) -> (String, serde_json::Value) {
+        let count =
+            |tag: &str| self.records.iter().filter(|r| r.tag.name() == tag && r.index != [0; 3]).count();
+        let (expandable, terminating, failed) = (count("expandable"), count("terminating"), count("failed"));
+        let unknown = total.saturating_sub(expandable + terminating + failed);
+        let most = |value: fn(&Record) -> f64| self.solved().map(value).fold(0.0, f64::max);
+        let least = self.solved().map(Record::force_norm_n).fold(f64::INFINITY, f64::min);
+        let (largest, residual) = (most(Record::force_norm_n), most(|r| r.residual_n));
+        let tries = self.attempts.iter().filter(|r| r.index != [0; 3]);
+        let (mut iterations, mut factorisations, mut seconds) = (0_u32, 0_u32, 0.0);
+        for r in tries.clone() {
+            iterations += r.iterations;
+            factorisations += r.factorisations;
+            seconds += r.seconds;
+        }
+        let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
+        for r in self.records.iter().filter_map(|r| r.failure.as_deref()) {
+            *reasons.entry(r).or_default() += 1;
+        }
+        let solved = self.solved().count();
+        let inverted = self.solved().filter(|r| r.inverted > 0).count();
+        let unstable = self.solved().filter(|r| r.unstable_modes.is_some_and(|n| n > 0)).count();
+        let again = self.attempts.iter().filter(|r| r.attempt > 0).count();
+        let superseded = self.solved().filter(|r| r.attempt > 0).count();
+        let per = |n: u32| f64::from(n) / solved.max(1) as f64;
+        let state = match (solved, self.open) {
+            (0, _) => "nothing solved yet".to_string(),
+            (_, 0) => "complete".to_string(),
+            (_, n) => format!("not finished: {n} points or more are still to be solved"),
+        };
+        let mut text = format!(
+            "\n{} (node {}): {state}\n  {expandable} expandable, {terminating} terminating, {failed} failed, \
+             {unknown} unknown\n",
+            self.name, self.node
+        );
+        if !reasons.is_empty() {
+            let list: Vec<String> = reasons.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+            text.push_str(&format!("  failed: {}\n", list.join(", ")));
+        }
+        if solved > 0 {
+            text.push_str(&format!(
+                "  {again} solved again (from another neighbour), {superseded} of them counted\n  \
+                 {} pairs of neighbours flagged as folds\n  {inverted} with inverted elements, {unstable} unstable\n  \
+                 |h| {least:.3} to {largest:.3} N, residual up to {residual:.1e} N\n  {:.2} Newton iterations and {:.2} \
+                 factorisations a configuration, {seconds:.1} s of solving\n",
+                self.folds.len(),
+                per(iterations),
+                per(factorisations),
+            ));
+        }
+        let figures = json!({
+            "name": self.name, "node": self.node, "complete": self.open == 0, "expandable": expandable,
+            "terminating": terminating, "failed": failed, "unknown": unknown, "failures": reasons,
+            "solved_again": again, "superseded": superseded, "folds": self.folds.len(), "inverted": inverted,
+            "unstable": unstable, "max_force_n": largest, "max_residual_n": residual, "iterations": iterations,
+            "factorisations": factorisations, "seconds": seconds,
+        });
+        (text, figures)
+    }
+
+    /// Largest excesses (rho, rho_h) of the flagged pairs of each point.
+    fn excesses(&self) -> HashMap<GridIndex, [f64; 2]> {
+        let mut worst: HashMap<GridIndex, [f64; 2]> = HashMap::new();
+        for fold in &self.folds {
+            for end in [fold.from, fold.to] {
+                let here = worst.entry(end).or_default();
+                *here = [here[0].max(fold.rho_n), here[1].max(fold.rho_h_n)];
+            }
+        }
+        worst
+    }
+
+    fn rows(&self, grid: &SpaceGrid, all_tries: bool, table: &mut String) {
+        let excesses = self.excesses();
+        let kept: HashMap<GridIndex, u32> = self.records.iter().map(|r| (r.index, r.attempt)).collect();
+        for record in if all_tries { &self.attempts } else { &self.records } {
+            let counts = kept.get(&record.index) == Some(&record.attempt);
+            let fold = excesses.get(&record.index).filter(|_| counts);
+            table.push_str(&csv_row(&self.name, grid, record, counts, fold));
+        }
+    }
+
+    fn cloud(&self, grid: &SpaceGrid, path: &Path) -> Result<(), Failure> {
+        let excesses = self.excesses();
+        let points: Vec<[f64; 3]> = self.records.iter().map(|r| grid.displacement_m(r.index)).collect();
+        let scalar =
+            |value: &dyn Fn(&Record) -> f64| -> Vec<f64> { self.records.iter().map(value).collect() };
+        let or_zero = |x: f64| if x.is_nan() { 0.0 } else { x };
+        let tag = scalar(&|r| f64::from(r.tag as u8));
+        let energy = scalar(&|r| or_zero(r.energy_j));
+        let force: Vec<f64> = self.records.iter().flat_map(|r| r.force_n.map(or_zero)).collect();
+        let jacobian = scalar(&|r| or_zero(r.min_jacobian));
+        let inverted = scalar(&|r| f64::from(r.inverted));
+        let round = scalar(&|r| f64::from(r.round));
+        let attempt = scalar(&|r| f64::from(r.attempt));
+        let iterations = scalar(&|r| f64::from(r.iterations));
+        let seconds = scalar(&|r| r.seconds);
+        let rho = scalar(&|r| excesses.get(&r.index).map_or(0.0, |e| e[0]));
+        let rho_h = scalar(&|r| excesses.get(&r.index).map_or(0.0, |e| e[1]));
+        let field = |name, components, values| Field { name, components, values };
+        let cloud = Grid {
+            nodes_m: &points,
+            cells: Cells::Vertices(points.len()),
+            point_data: &[
+                field("tag", 1, &tag),
+                field("energy_j", 1, &energy),
+                field("force_n", 3, &force),
+                field("min_jacobian", 1, &jacobian),
+                field("inverted", 1, &inverted),
+                field("round", 1, &round),
+                field("attempt", 1, &attempt),
+                field("iterations", 1, &iterations),
+                field("seconds", 1, &seconds),
+                field("fold_rho_n", 1, &rho),
+                field("fold_rho_h_n", 1, &rho_h),
+            ],
+            cell_data: &[],
+            field_data: &[],
+        };
+        vtu::write(path, &cloud).map_err(|error| Failure::work(format!("{}: {error}", path.display())))
+    }
+}
+
+const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,parent_k,failure,energy_j,fx_n,fy_n,fz_n,\
+                          sxx_n_m,syy_n_m,szz_n_m,sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,volume_m3,\
+                          iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,\
+                          fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
+                          w112_n_m2,w122_n_m2,w222_n_m2";
+
+fn csv_row(active: &str, grid: &SpaceGrid, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
+    // What a failed try has not is left empty.
+    let number = |x: f64| if x.is_nan() { String::new() } else { format!("{x:?}") };
+    let whole = |n: Option<u32>| n.map_or(String::new(), |n| n.to_string());
+    let ([i, j, k], [x, y, z], s) = (r.index, grid.displacement_m(r.index), &r.stiffness_n_m);
+    let solved = r.tag.is_solved();
+    let mut cells = vec![active.to_string()];
+    cells.extend([i, j, k].map(|n| n.to_string()));
+    cells.extend([x, y, z].map(number));
+    cells.extend([r.tag.name().into(), r.round.to_string()]);
+    cells.extend(r.parent.map_or([const { String::new() }; 3], |(index, _)| index.map(|n| n.to_string())));
+    cells.push(r.failure.clone().unwrap_or_default());
+    cells.push(number(r.energy_j));
+    cells.extend(r.force_n.map(number));
+    cells.extend([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|at| number(s[at])));
+    cells.extend([number(r.residual_n), number(r.min_jacobian), whole(solved.then_some(r.inverted))]);
+    cells.push(number(r.volume_m3));
+    cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
+    cells.extend([r.attempt.to_string(), whole(r.parent.map(|(_, attempt)| attempt))]);
+    cells.extend([u32::from(counts).to_string(), r.factorisations.to_string(), whole(r.unstable_modes)]);
+    cells.extend(fold.map_or([const { String::new() }; 2], |e| e.map(number)));
+    cells.extend(r.third_n_m2.map(number));
+    cells.join(",") + "\n"
+}
