@@ -1,7 +1,9 @@
 //! `palpate bench`: what the parts cost on this machine, beside a peer where one is installed.
 
 mod fem;
+mod memory;
 mod sizes;
+mod space;
 
 use clap::{Args as ClapArgs, Subcommand};
 
@@ -18,6 +20,7 @@ pub(crate) struct Args {
 enum What {
     Fem(fem::Args),
     FemSizes(sizes::Args),
+    Space(space::Args),
 }
 
 /// Runs the command.
@@ -25,5 +28,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     match &args.what {
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
+        What::Space(args) => space::run(args),
     }
 }

@@ -10,6 +10,7 @@ use palpate_precompute::material::{Material, MooneyRivlin, NeoHookean};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::solve::{IterationProfile, Problem, Solver};
 
+use super::memory::{forget_peak, peak_mb, shown};
 use crate::failure::Failure;
 use crate::output;
 
@@ -45,6 +46,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 .min_by(|&a, &b| away(&mesh.nodes_m[a]).total_cmp(&away(&mesh.nodes_m[b])))
                 .expect("a cube has nodes");
             let model = Model { order, ..Model::uniform(law, &fixed) };
+            forget_peak();
             let start = Instant::now();
             let body = Arc::new(Body::new(&mesh, &model)?);
             let problem = Arc::new(Problem::new(body, active as u32));
@@ -64,16 +66,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 profile.assembly_s,
                 profile.factorisation_s,
                 profile.iteration_s,
-                peak_mb().map_or_else(|| "?".into(), |mb| mb.to_string()),
+                shown(peak_mb()),
             ))?;
         }
     }
     Ok(())
-}
-
-/// Largest resident size of this process so far, MB, where the system tells it.
-fn peak_mb() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
-    line.split_whitespace().nth(1)?.parse::<u64>().ok().map(|kb| kb / 1024)
 }

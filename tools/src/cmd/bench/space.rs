@@ -1,0 +1,211 @@
+//! `palpate bench space`: what configuration spaces cost on this machine.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args as ClapArgs;
+use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use serde::Serialize;
+
+use super::memory::{forget_peak, peak_mb, shown};
+use crate::failure::Failure;
+use crate::output;
+use crate::progress::SpaceProgress;
+use crate::workbench::{Workbench, stop_flag, threads};
+
+/// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells completed, no
+/// force limit): the paper's Fig. 7 on this machine.
+///
+/// Every space is made in a file of its own under --dir and taken away again. Ctrl-C ends the run; what is done so far is
+/// not kept, since a resumed run would measure nothing.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Folder with liver-small.toml and liver-large.toml.
+    #[arg(long, value_name = "DIR", default_value = "assets")]
+    assets: PathBuf,
+    /// Cases as body-law-points: small or large, mr or stvk, and 514, 1418, 4168 or 14146.
+    #[arg(long, value_name = "A,B", value_delimiter = ',', default_value = "small-mr-514,large-mr-514")]
+    cases: Vec<String>,
+    /// Worker threads to measure with, one table row each; all cores if not given.
+    #[arg(long, value_name = "N,M", value_delimiter = ',')]
+    threads: Vec<usize>,
+    /// Where the spaces are made.
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
+    /// Write the figures as CSV.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Figures of one space.
+#[derive(Debug, Serialize)]
+struct Row {
+    case: String,
+    threads: usize,
+    points: usize,
+    solved: usize,
+    failed: usize,
+    /// Tries, those from other neighbours among them.
+    tries: usize,
+    seconds: f64,
+    per_second: f64,
+    iterations: f64,
+    factorisations: f64,
+    /// Share of the workers' time that they spent solving.
+    busy: f64,
+    folds: usize,
+    peak_mb: Option<u64>,
+    store_mb: f64,
+}
+
+/// A parsed case.
+struct Case {
+    scene: &'static str,
+    law: Material,
+    cells: f64,
+}
+
+fn case(name: &str) -> Result<Case, Failure> {
+    let unknown = || Failure::input(format!("no case `{name}`; write body-law-points, as in small-mr-514"));
+    let [body, law, points] = name.split('-').collect::<Vec<_>>()[..] else { return Err(unknown()) };
+    Ok(Case {
+        scene: match body {
+            "small" => "liver-small",
+            "large" => "liver-large",
+            _ => return Err(unknown()),
+        },
+        law: match law {
+            "mr" => Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }),
+            "stvk" => Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49)),
+            _ => return Err(unknown()),
+        },
+        cells: match points {
+            "514" => 5.0,
+            "1418" => 7.0,
+            "4168" => 10.0,
+            "14146" => 15.0,
+            _ => return Err(unknown()),
+        },
+    })
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let cases = args.cases.iter().map(|name| Ok((name, case(name)?))).collect::<Result<Vec<_>, Failure>>()?;
+    let crews = if args.threads.is_empty() { vec![threads(None)] } else { args.threads.clone() };
+    let dir = match &args.dir {
+        Some(dir) => tempfile::tempdir_in(dir),
+        None => tempfile::tempdir(),
+    }
+    .map_err(|error| Failure::input(format!("no folder to work in: {error}; give one with --dir")))?;
+    let stop = stop_flag()?;
+    let mut rows = Vec::new();
+    for (name, case) in &cases {
+        for &threads in &crews {
+            let path = dir.path().join(format!("{name}-{threads}.space"));
+            rows.push(measure(name, case, threads, &args.assets, &path, &stop)?);
+            // Spaces of many points are large.
+            let _ = std::fs::remove_file(&path);
+        }
+    }
+    if let Some(path) = &args.csv {
+        std::fs::write(path, csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
+    }
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+    }
+    output::line(table(&rows))
+}
+
+fn measure(
+    name: &str,
+    case: &Case,
+    threads: usize,
+    assets: &Path,
+    path: &Path,
+    stop: &std::sync::atomic::AtomicBool,
+) -> Result<Row, Failure> {
+    let mut bench = Workbench::load(&assets.join(format!("{}.toml", case.scene)))?;
+    for region in &mut bench.scene.materials {
+        (region.material, region.bulk_modulus_pa) = (case.law, None);
+    }
+    bench.scene.max_force_n = f64::INFINITY;
+    if let Some(grid) = &mut bench.scene.grid {
+        (grid.radius_m, grid.spacing_m, grid.complete_cells) = (0.05, 0.05 / case.cells, true);
+    }
+    bench.scene.active.retain(|a| a.name == "A1");
+    let body = bench.scene.body().map_err(|error| Failure::work(format!("{name}: {error}")))?;
+    bench.body = Arc::new(body);
+    let bench = Arc::new(bench);
+    let store = bench.store(path, false)?;
+    forget_peak();
+    let mut progress = SpaceProgress::new(&format!("{name}, {threads} threads"));
+    let start = Instant::now();
+    let counts = bench.expand(vec![0], &store, threads, stop, |p| progress.update(p));
+    let seconds = start.elapsed().as_secs_f64();
+    progress.finish();
+    let counts = counts?[0];
+    let peak_mb = peak_mb();
+    let attempts = store.attempts(0)?;
+    let sum = |value: fn(&palpate_precompute::configuration_space::Record) -> f64| -> f64 {
+        attempts.iter().map(value).sum()
+    };
+    let folds = palpate_precompute::configuration_space::fold::folds(&bench.grid()?, &store.records(0)?).len();
+    drop(store);
+    let solved = counts.solved().max(1) as f64;
+    Ok(Row {
+        case: name.into(),
+        threads,
+        points: bench.expansion(vec![0])?.total(),
+        solved: counts.solved(),
+        failed: counts.failed,
+        tries: attempts.len() - 1,
+        seconds,
+        per_second: solved / seconds,
+        iterations: sum(|r| f64::from(r.iterations)) / solved,
+        factorisations: sum(|r| f64::from(r.factorisations)) / solved,
+        busy: sum(|r| r.seconds) / (seconds * threads as f64),
+        folds,
+        peak_mb,
+        store_mb: std::fs::metadata(path).map_or(0.0, |m| m.len() as f64 / 1e6),
+    })
+}
+
+fn table(rows: &[Row]) -> String {
+    let mut text = String::from(
+        "case             threads  points  solved  failed  tries  seconds  a second  iterations  factors   busy  folds  \
+         peak MB  store MB",
+    );
+    for row in rows {
+        text += &format!(
+            "\n{:16} {:>7} {:>7} {:>7} {:>7} {:>6} {:>8.1} {:>9.1} {:>11.2} {:>8.2} {:>5.1}% {:>6} {:>8} {:>9.1}",
+            row.case,
+            row.threads,
+            row.points,
+            row.solved,
+            row.failed,
+            row.tries,
+            row.seconds,
+            row.per_second,
+            row.iterations,
+            row.factorisations,
+            100.0 * row.busy,
+            row.folds,
+            shown(row.peak_mb),
+            row.store_mb
+        );
+    }
+    text
+}
+
+fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(Failure::work)?;
+    }
+    writer.into_inner().map_err(Failure::work)
+}
