@@ -5,8 +5,7 @@
 //!
 //! A vector carries pulp's token for the instructions it was dispatched to, which makes its arithmetic safe code. Without the
 //! token no number can be made, so constants come from a number at hand ([`Real::constant`]). Everything is
-//! `inline(always)`: what is not inlined into the dispatched function is compiled for the baseline (the passes over a small
-//! body took three times as long).
+//! `inline(always)`: what is not inlined into the dispatched function is compiled for the baseline.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};

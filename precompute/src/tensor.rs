@@ -68,7 +68,7 @@ impl<R: Real> Mat3<R> {
     /// Transpose.
     #[inline(always)]
     pub fn transpose(self) -> Self {
-        let [a, b, c] = self.0.map(|column| column.0);
+        let [Vec3(a), Vec3(b), Vec3(c)] = self.0;
         Self([Vec3([a[0], b[0], c[0]]), Vec3([a[1], b[1], c[1]]), Vec3([a[2], b[2], c[2]])])
     }
 

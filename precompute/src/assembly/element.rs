@@ -115,12 +115,13 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
             }
         }
         if has_pressure && body.has_pressure_blocks {
+            let zero = element_volume.constant(0.0);
             for v in 0..4 {
-                let block = |u: usize| {
-                    R::new(machine, |lane| batch.element(body, lane).pressure_block[v][u])
-                        * local.pressures[u]
-                };
-                let product = block(0) + block(1) + block(2) + block(3);
+                let mut product = zero;
+                for u in 0..4 {
+                    let block = R::new(machine, |lane| batch.element(body, lane).pressure_block[v][u]);
+                    product += block * local.pressures[u];
+                }
                 self.constraint[v] += product;
                 self.energy_j += local.pressures[v] * 0.5 * product;
             }
@@ -154,25 +155,25 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
     /// barycentric gradients are made once, and a mid-edge node, which has two slopes, sums two of them.
     #[inline(always)]
     fn add_stiffness(&mut self, gradients: &[Vec3<R>; 4], point: &Point<N>, tangent: &Tangent<R>, volume: R) {
-        let [a, b, c, d] = *gradients;
-        let nodes = [tangent.node(a), tangent.node(b), tangent.node(c), tangent.node(d)];
         if N == 4 {
-            for a in 0..4 {
-                for b in 0..=a {
-                    self.stiffness[a][b] = scaled(&tangent.block(&nodes[a], &nodes[b]), volume);
-                }
-            }
+            tangent.blocks(
+                gradients,
+                #[inline(always)]
+                |k, l, block| self.stiffness[k][l] = scaled(block, volume),
+            );
             return;
         }
         let zero = volume.constant(0.0);
         let mut vertex = [[[zero; 9]; 4]; 4];
-        for k in 0..4 {
-            for l in 0..=k {
-                let block = scaled(&tangent.block(&nodes[k], &nodes[l]), volume);
+        tangent.blocks(
+            gradients,
+            #[inline(always)]
+            |k, l, block| {
+                let block = scaled(block, volume);
                 vertex[k][l] = block;
                 vertex[l][k] = transposed(&block);
-            }
-        }
+            },
+        );
         for k in 0..4 {
             for l in 0..=k {
                 add(&mut self.stiffness[k][l], &vertex[k][l], point.slopes[k][k] * point.slopes[l][l]);
@@ -215,12 +216,11 @@ fn add<R: Real>(sum: &mut [R; 9], block: &[R; 9], factor: f64) {
 }
 
 #[inline(always)]
-fn scaled<R: Real>(block: &[R; 9], factor: R) -> [R; 9] {
-    let mut scaled = *block;
-    for value in &mut scaled {
+fn scaled<R: Real>(mut block: [R; 9], factor: R) -> [R; 9] {
+    for value in &mut block {
         *value = factor * *value;
     }
-    scaled
+    block
 }
 
 #[inline(always)]

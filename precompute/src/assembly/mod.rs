@@ -89,7 +89,7 @@ impl Assembled {
         for batch in Batch::all::<R>(body) {
             system.compute::<TANGENT>(machine, body, &batch, rule, state);
             // Lane by lane, so that every sum runs over the elements in file order however many lanes there are.
-            for lane in 0..batch.count {
+            for lane in 0..batch.count.min(R::LANES) {
                 let element = batch.element(body, lane);
                 self.energy_j += system.energy_j.lane(lane);
                 let min_jacobian = system.min_jacobian.lane(lane);
@@ -275,7 +275,7 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
                     self.state,
                     self.directions,
                 );
-                for lane in 0..batch.count {
+                for lane in 0..batch.count.min(R::LANES) {
                     for (total, value) in sum.iter_mut().zip(&third) {
                         *total += value.lane(lane);
                     }

@@ -117,12 +117,11 @@ impl OfInvariants for HolzapfelGasserOgden {
 fn smooth_switch<R: Real>(strain: R) -> [R; 4] {
     let t = strain / SWITCH_WIDTH;
     let (t2, t3, w) = (t * t, t * t * t, SWITCH_WIDTH);
-    let cubic = |[a, b, c, d]: [f64; 4]| -(t * b) + a + t2 * c - t3 * d;
     let between = [
-        t2 * w * t2 * cubic([20.0, 45.0, 36.0, 10.0]),
-        t3 * cubic([80.0, 225.0, 216.0, 70.0]),
-        t2 * cubic([240.0, 900.0, 1080.0, 420.0]) / w,
-        t * cubic([480.0, 2700.0, 4320.0, 2100.0]) / (w * w),
+        t2 * w * t2 * (-(t * 45.0) + 20.0 + t2 * 36.0 - t3 * 10.0),
+        t3 * (-(t * 225.0) + 80.0 + t2 * 216.0 - t3 * 70.0),
+        t2 * (-(t * 900.0) + 240.0 + t2 * 1080.0 - t3 * 420.0) / w,
+        t * (-(t * 2700.0) + 480.0 + t2 * 4320.0 - t3 * 2100.0) / (w * w),
     ];
     let (zero, one) = (t.constant(0.0), t.constant(1.0));
     let above = [strain, one, zero, zero];

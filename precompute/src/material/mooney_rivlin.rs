@@ -44,7 +44,9 @@ impl OfInvariants for MooneyRivlin {
         let rest_pa = self.rest_pressure_pa();
         let energy = at.i1 * self.c10_pa + at.i2 * self.c01_pa - at.j * rest_pa;
         let mut d = Derivatives::of_energy(energy);
-        d.first = [self.c10_pa, self.c01_pa, -rest_pa, 0.0].map(|slope| energy.constant(slope));
+        d.first[I1] = energy.constant(self.c10_pa);
+        d.first[I2] = energy.constant(self.c01_pa);
+        d.first[J] = energy.constant(-rest_pa);
         d
     }
 }
