@@ -5,7 +5,7 @@ use palpate_precompute::assembly::{Assembled, Pattern};
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::boundary::DofMap;
 use palpate_precompute::element::Order;
-use palpate_precompute::material::{Law, Material};
+use palpate_precompute::material::Material;
 use palpate_precompute::scene::Constraints;
 use palpate_tests::{box_mesh, every_law, mooney_rivlin};
 
@@ -72,7 +72,7 @@ fn patch_test_inner_nodes_are_in_balance_and_faces_carry_the_nominal_stress() {
                 let force = Vector3::from(result.force_on(&[node as u32]));
                 moment += force * Vector3::from(*x).transpose();
             }
-            let k = palpate_precompute::kinematics::Kinematics::new(&(gradient - Matrix3::identity()));
+            let k = palpate_precompute::kinematics::Kinematics::of(&(gradient - Matrix3::identity()));
             let rest_pa = law.rest_pressure_pa().unwrap_or(0.0);
             let q_pa = if body.has_pressure() { 5000.0 - rest_pa } else { 0.0 };
             let (_, stress) = law.stress(&k, q_pa);

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::element::{EDGES, Order, QUADRATIC};
 use palpate_precompute::kinematics::Kinematics;
-use palpate_precompute::material::{Lame, Law, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
+use palpate_precompute::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::scene::PressurePair;
 use palpate_precompute::solve::settle;
@@ -61,7 +61,7 @@ fn displacement_gradient(solution: &Solution, x: &Vector3<f64>) -> Matrix3<f64> 
 /// -Div P, N/m^3.
 fn body_force(solution: &Solution, law: &Material, x: &Vector3<f64>) -> Vector3<f64> {
     let stress = |x: &Vector3<f64>| {
-        let kinematics = Kinematics::new(&displacement_gradient(solution, x));
+        let kinematics = Kinematics::of(&displacement_gradient(solution, x));
         let q_pa = if law.rest_pressure_pa().is_some() { (solution.pressure)(x) } else { 0.0 };
         law.stress(&kinematics, q_pa).1
     };
@@ -109,7 +109,7 @@ fn load_faces(body: &mut Body, mesh: &TetMesh, solution: &Solution, law: &Materi
                         barycentric[k] = *l;
                     }
                     let x: Vector3<f64> = barycentric.iter().zip(&corners).map(|(l, c)| c * *l).sum();
-                    let kinematics = Kinematics::new(&displacement_gradient(solution, &x));
+                    let kinematics = Kinematics::of(&displacement_gradient(solution, &x));
                     let stress = law.stress(&kinematics, (solution.pressure)(&x)).1;
                     let force: Vector3<f64> = stress.column(0) * (sign * area * weight);
                     for (a, node) in body.nodes_of(element).to_vec().into_iter().enumerate() {

@@ -1,5 +1,6 @@
 //! Residual and tangent stiffness of the body.
 
+mod batch;
 mod element;
 mod pattern;
 
@@ -10,7 +11,9 @@ use nalgebra::Matrix3;
 use crate::body::Body;
 use crate::boundary::ABSENT;
 use crate::element::{LINEAR, Order, Point, QUADRATIC};
+use crate::lanes::{Lanes, Real};
 use crate::material::SymmetricThird;
+use batch::Batch;
 use element::ElementSystem;
 
 /// What one pass over the elements yields.
@@ -59,13 +62,7 @@ impl Assembled {
     /// Forces, constraints, energy and tangent at `state`.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
-        vectorised(
-            #[inline(always)]
-            || match body.order {
-                Order::Linear => self.pass::<4, true>(body, Some(pattern), &LINEAR, state),
-                Order::Quadratic => self.pass::<10, true>(body, Some(pattern), &QUADRATIC, state),
-            },
-        );
+        pulp::Arch::new().dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
         let tie = -body.stiffness_scale_n_m();
         for &place in &pattern.ties {
             self.tangent[place] = tie;
@@ -74,47 +71,48 @@ impl Assembled {
 
     /// Forces, constraints and energy at `state`, without the tangent.
     pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
-        vectorised(
-            #[inline(always)]
-            || match body.order {
-                Order::Linear => self.pass::<4, false>(body, None, &LINEAR, state),
-                Order::Quadratic => self.pass::<10, false>(body, None, &QUADRATIC, state),
-            },
-        );
+        pulp::Arch::new().dispatch(Pass::<false> { to: self, body, pattern: None, state });
     }
 
     #[inline(always)]
-    fn pass<const N: usize, const TANGENT: bool>(
+    fn pass<R: Real, const N: usize, const TANGENT: bool>(
         &mut self,
+        machine: R::Machine,
         body: &Body,
         pattern: Option<&Pattern>,
         rule: &[Point<N>],
         state: &[f64],
     ) {
         self.clear();
-        let mut system = ElementSystem::<N>::new();
+        let mut system = ElementSystem::<R, N>::new(machine);
         let mut scatter = pattern.map(Pattern::scatter);
-        for (element, nodes) in body.elements.iter().zip(body.connectivity.chunks_exact(N)) {
-            system.compute::<TANGENT>(body, element, nodes, rule, state);
-            self.energy_j += system.energy_j;
-            if system.min_jacobian < self.min_jacobian || system.min_jacobian.is_nan() {
-                self.min_jacobian = system.min_jacobian;
-            }
-            self.inverted += usize::from(system.min_jacobian <= 0.0);
-            self.volume_m3 += system.volume_m3;
-            for (force, &node) in system.force.iter().zip(nodes) {
-                let base = 3 * node as usize;
-                for axis in 0..3 {
-                    self.nodal_force_n[base + axis] += force[axis];
+        for batch in Batch::all::<R>(body) {
+            system.compute::<TANGENT>(machine, body, &batch, rule, state);
+            // Lane by lane, so that every sum runs over the elements in file order however many lanes there are.
+            for lane in 0..batch.count.min(R::LANES) {
+                let element = batch.element(body, lane);
+                self.energy_j += system.energy_j.lane(lane);
+                let min_jacobian = system.min_jacobian.lane(lane);
+                // `min` would hide a NaN.
+                if min_jacobian < self.min_jacobian || min_jacobian.is_nan() {
+                    self.min_jacobian = min_jacobian;
                 }
-            }
-            if element.pressures[0] != ABSENT {
-                for (constraint, &pressure) in system.constraint.iter().zip(&element.pressures) {
-                    self.constraint_m3[pressure as usize] += constraint;
+                self.inverted += usize::from(min_jacobian <= 0.0);
+                self.volume_m3 += system.volume_m3.lane(lane);
+                for (force, &node) in system.force.iter().zip(body.nodes_of(batch.first + lane)) {
+                    let base = 3 * node as usize;
+                    for axis in 0..3 {
+                        self.nodal_force_n[base + axis] += force.0[axis].lane(lane);
+                    }
                 }
-            }
-            if let Some(places) = scatter.as_mut().and_then(Iterator::next) {
-                self.scatter_tangent(body, &system, &element.pressure_block, places);
+                if element.pressures[0] != ABSENT {
+                    for (constraint, &pressure) in system.constraint.iter().zip(&element.pressures) {
+                        self.constraint_m3[pressure as usize] += constraint.lane(lane);
+                    }
+                }
+                if let Some(places) = scatter.as_mut().and_then(Iterator::next) {
+                    self.scatter_tangent(body, &system, lane, &element.pressure_block, places);
+                }
             }
         }
         if body.is_loaded() {
@@ -128,10 +126,11 @@ impl Assembled {
 
     /// Adds the element's entries in the order of the pattern's local pairs.
     #[inline(always)]
-    fn scatter_tangent<const N: usize>(
+    fn scatter_tangent<R: Real, const N: usize>(
         &mut self,
         body: &Body,
-        system: &ElementSystem<N>,
+        system: &ElementSystem<R, N>,
+        lane: usize,
         pressure_block: &[[f64; 4]; 4],
         places: &[u32],
     ) {
@@ -141,19 +140,19 @@ impl Assembled {
         for (a, row) in system.stiffness.iter().enumerate() {
             for block in &row[..a] {
                 for (value, &place) in block.iter().zip(places.by_ref()) {
-                    tangent[place as usize] += value;
+                    tangent[place as usize] += value.lane(lane);
                 }
             }
             let [xx, _, _, yx, yy, _, zx, zy, zz] = row[a];
             for (value, &place) in [xx, yx, yy, zx, zy, zz].iter().zip(places.by_ref()) {
-                tangent[place as usize] += value;
+                tangent[place as usize] += value.lane(lane);
             }
         }
         if body.has_pressure() {
             let scale = body.pressure_scale();
             for coupling in system.coupling.iter().flatten() {
-                for (value, &place) in coupling.iter().zip(places.by_ref()) {
-                    tangent[place as usize] += scale * value;
+                for (value, &place) in coupling.0.iter().zip(places.by_ref()) {
+                    tangent[place as usize] += scale * value.lane(lane);
                 }
             }
             if body.has_pressure_blocks {
@@ -219,10 +218,10 @@ impl HandleCoupling {
     fn pass<const N: usize>(&mut self, body: &Body, pattern: &Pattern, rule: &[Point<N>], state: &[f64]) {
         let n = pattern.unknowns();
         let scale = body.pressure_scale();
-        let mut system = ElementSystem::<N>::new();
+        let mut system = ElementSystem::<f64, N>::new(());
         for &index in &pattern.handle_elements {
             let index = index as usize;
-            system.compute::<true>(body, &body.elements[index], body.nodes_of(index), rule, state);
+            system.compute::<true>((), body, &Batch::single(index), rule, state);
             let dofs = pattern.dofs_of(index);
             for (c, &column) in dofs[..3 * N].iter().enumerate() {
                 let column = column as usize;
@@ -241,7 +240,7 @@ impl HandleCoupling {
                 }
                 for (v, &row) in dofs[3 * N..].iter().enumerate() {
                     if row != ABSENT {
-                        self.free[axis * n + row as usize] += scale * system.coupling[v][c / 3][c % 3];
+                        self.free[axis * n + row as usize] += scale * system.coupling[v][c / 3].0[c % 3];
                     }
                 }
             }
@@ -257,38 +256,57 @@ impl HandleCoupling {
 /// the second term vanishes (D2 L X lies in the handle's equations only, where X' = 0). The body force and the pressure's
 /// quadratic form have no third derivative.
 pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
-    #[inline(always)]
-    fn pass<const N: usize>(
-        body: &Body,
-        rule: &[Point<N>],
-        state: &[f64],
-        directions: &[Vec<f64>; 3],
-    ) -> SymmetricThird {
-        let mut sum = [0.0; 10];
-        for (element, nodes) in body.elements.iter().zip(body.connectivity.chunks_exact(N)) {
-            let third = element::third_along(body, element, nodes, rule, state, directions);
-            for (total, value) in sum.iter_mut().zip(third) {
-                *total += value;
+    struct Work<'a> {
+        body: &'a Body,
+        state: &'a [f64],
+        directions: &'a [Vec<f64>; 3],
+    }
+
+    impl Work<'_> {
+        #[inline(always)]
+        fn pass<R: Real, const N: usize>(self, machine: R::Machine, rule: &[Point<N>]) -> SymmetricThird {
+            let mut sum = [0.0; 10];
+            for batch in Batch::all::<R>(self.body) {
+                let third = element::third_along::<R, N>(
+                    machine,
+                    self.body,
+                    &batch,
+                    rule,
+                    self.state,
+                    self.directions,
+                );
+                for lane in 0..batch.count.min(R::LANES) {
+                    for (total, value) in sum.iter_mut().zip(&third) {
+                        *total += value.lane(lane);
+                    }
+                }
+            }
+            sum
+        }
+    }
+
+    impl pulp::WithSimd for Work<'_> {
+        type Output = SymmetricThird;
+
+        #[inline(always)]
+        fn with_simd<S: pulp::Simd>(self, simd: S) -> SymmetricThird {
+            match self.body.order {
+                Order::Linear => self.pass::<Lanes<S>, 4>(simd, &LINEAR),
+                Order::Quadratic => self.pass::<Lanes<S>, 10>(simd, &QUADRATIC),
             }
         }
-        sum
     }
-    vectorised(
-        #[inline(always)]
-        || match body.order {
-            Order::Linear => pass::<4>(body, &LINEAR, state, directions),
-            Order::Quadratic => pass::<10>(body, &QUADRATIC, state, directions),
-        },
-    )
+
+    pulp::Arch::new().dispatch(Work { body, state, directions })
 }
 
 /// Deformed over undeformed volume of every element, file order.
 pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
     fn pass<const N: usize>(body: &Body, rule: &[Point<N>], state: &[f64]) -> Vec<f64> {
-        let mut system = ElementSystem::<N>::new();
-        let each = body.elements.iter().zip(body.connectivity.chunks_exact(N));
-        each.map(|(element, nodes)| {
-            system.compute::<false>(body, element, nodes, rule, state);
+        let mut system = ElementSystem::<f64, N>::new(());
+        let each = body.elements.iter().enumerate();
+        each.map(|(index, element)| {
+            system.compute::<false>((), body, &Batch::single(index), rule, state);
             system.volume_m3 / element.tet.volume_m3
         })
         .collect()
@@ -299,18 +317,24 @@ pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
     }
 }
 
-/// Runs work compiled for the widest vectors of this machine. Whatever is called is inlined, or it is compiled for the
-/// baseline. The bits are the same either way: nothing is fused or summed in another order.
-#[inline]
-fn vectorised<R>(work: impl FnOnce() -> R) -> R {
-    struct Work<F>(F);
-    impl<R, F: FnOnce() -> R> pulp::NullaryFnOnce for Work<F> {
-        type Output = R;
+/// A pass over the elements, compiled for the widest vectors of this machine. The bits are the same whatever their width:
+/// nothing is fused or summed in another order.
+struct Pass<'a, const TANGENT: bool> {
+    to: &'a mut Assembled,
+    body: &'a Body,
+    pattern: Option<&'a Pattern>,
+    state: &'a [f64],
+}
 
-        #[inline(always)]
-        fn call(self) -> R {
-            (self.0)()
+impl<const TANGENT: bool> pulp::WithSimd for Pass<'_, TANGENT> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let Self { to, body, pattern, state } = self;
+        match body.order {
+            Order::Linear => to.pass::<Lanes<S>, 4, TANGENT>(simd, body, pattern, &LINEAR, state),
+            Order::Quadratic => to.pass::<Lanes<S>, 10, TANGENT>(simd, body, pattern, &QUADRATIC, state),
         }
     }
-    pulp::Arch::new().dispatch(Work(work))
 }

@@ -14,6 +14,9 @@ pub use quadrature::{LINEAR, Point, QUADRATIC};
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::lanes::Real;
+use crate::tensor::{Mat3, Vec3};
+
 /// Order of the shape functions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Order {
@@ -71,31 +74,42 @@ impl Tetrahedron {
     }
 
     /// Gradients of the N shape functions at a quadrature point, 1/m.
-    #[inline(always)]
     pub fn shape_gradients<const N: usize>(&self, point: &Point<N>) -> [Vector3<f64>; N] {
-        if N == 4 {
-            // Linear shape functions are the barycentric coordinates.
-            return std::array::from_fn(|a| self.gradients[a]);
-        }
-        let mut gradients = [Vector3::zeros(); N];
-        for (gradient, slopes) in gradients.iter_mut().zip(&point.slopes) {
-            for (g, slope) in self.gradients.iter().zip(slopes) {
-                *gradient += g * *slope;
-            }
-        }
-        gradients
+        let gradients = self.gradients.map(Vec3::from);
+        shape_gradients(&gradients, point).map(|g| Vector3::from(g.0))
     }
+}
+
+/// Gradients of the N shape functions at a quadrature point from those of the barycentric coordinates.
+#[inline(always)]
+pub(crate) fn shape_gradients<R: Real, const N: usize>(
+    barycentric: &[Vec3<R>; 4],
+    point: &Point<N>,
+) -> [Vec3<R>; N] {
+    let like = barycentric[0].0[0];
+    let mut gradients = [Vec3::constant(like, [0.0; 3]); N];
+    if N == 4 {
+        // Linear shape functions are the barycentric coordinates.
+        gradients.copy_from_slice(barycentric);
+        return gradients;
+    }
+    for (gradient, slopes) in gradients.iter_mut().zip(&point.slopes) {
+        for (&g, &slope) in barycentric.iter().zip(slopes) {
+            *gradient += g * like.constant(slope);
+        }
+    }
+    gradients
 }
 
 /// H = sum_a u_a (x) grad N_a, the gradient of a nodal vector field.
 #[inline(always)]
-pub fn field_gradient<const N: usize>(
-    values: &[Vector3<f64>; N],
-    shape_gradients: &[Vector3<f64>; N],
-) -> Matrix3<f64> {
-    let mut h = Matrix3::zeros();
-    for (u, g) in values.iter().zip(shape_gradients) {
-        h += u * g.transpose();
+pub(crate) fn field_gradient<R: Real, const N: usize>(
+    values: &[Vec3<R>; N],
+    shape_gradients: &[Vec3<R>; N],
+) -> Mat3<R> {
+    let mut h = Mat3::zeros(values[0].0[0]);
+    for (&u, &g) in values.iter().zip(shape_gradients) {
+        h += u.outer(g);
     }
     h
 }
@@ -123,7 +137,8 @@ mod tests {
         for point in rule {
             let x: Vector3<f64> =
                 point.barycentric.iter().zip(&CORNERS).map(|(l, c)| Vector3::from(*c) * *l).sum();
-            let found = field_gradient(&values, &tet.shape_gradients(point));
+            let gradients = tet.shape_gradients(point).map(Vec3::from);
+            let found = Matrix3::from(field_gradient(&values.map(Vec3::from), &gradients));
             assert!((found - field(x).1).norm() < 1e-13);
             let value: Vector3<f64> = values.iter().zip(&point.values).map(|(u, n)| u * *n).sum();
             assert!((value - field(x).0).norm() < 1e-14);

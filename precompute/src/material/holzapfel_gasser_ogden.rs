@@ -1,9 +1,9 @@
 //! Holzapfel-Gasser-Ogden: an incompressible matrix with one family of stiffening fibres.
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third};
+use super::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third, no_third};
+use crate::lanes::Real;
 
 /// W = C10 (I1 - 3) + k1/(2 k2) [ exp(k2 s(E)^2) - 1 ] with the multiplier (p0 + q)(1 - J),
 ///
@@ -49,26 +49,25 @@ impl HolzapfelGasserOgden {
     }
 
     /// Slopes of E by I1 and I4.
+    #[inline(always)]
     fn strain_slopes(&self) -> [f64; 2] {
         [self.dispersion, 1.0 - 3.0 * self.dispersion]
     }
 
     /// g and its three derivatives at the fibre strain of `at`.
     #[inline(always)]
-    fn fibre_energy(&self, at: &Invariants) -> [f64; 4] {
+    fn fibre_energy<R: Real>(&self, at: &Invariants<R>) -> [R; 4] {
         let Self { k1_pa, k2, .. } = *self;
         let [by_i1, by_i4] = self.strain_slopes();
-        let [s, s1, s2, s3] = smooth_switch(by_i1 * at.i1 + by_i4 * at.i4);
-        let exponent = k2 * s * s;
-        let scale = k1_pa * exponent.exp();
+        let [s, s1, s2, s3] = smooth_switch(at.i1 * by_i1 + at.i4 * by_i4);
+        let exponent = s * k2 * s;
+        let scale = exponent.map(f64::exp) * k1_pa;
+        let stiffening = exponent * 2.0 + 1.0;
         [
-            0.5 * k1_pa / k2 * exponent.exp_m1(),
+            exponent.map(f64::exp_m1) * (0.5 * k1_pa / k2),
             scale * s * s1,
-            scale * ((1.0 + 2.0 * exponent) * s1 * s1 + s * s2),
-            scale
-                * (k2 * s * (6.0 + 4.0 * exponent) * s1 * s1 * s1
-                    + 3.0 * (1.0 + 2.0 * exponent) * s1 * s2
-                    + s * s3),
+            scale * (stiffening * s1 * s1 + s * s2),
+            scale * (s * k2 * (exponent * 4.0 + 6.0) * s1 * s1 * s1 + stiffening * 3.0 * s1 * s2 + s * s3),
         ]
     }
 }
@@ -80,56 +79,58 @@ impl OfInvariants for HolzapfelGasserOgden {
     const FIBRES: bool = true;
 
     #[inline(always)]
-    fn fibre(&self) -> Vector3<f64> {
-        Vector3::from(self.fibre)
+    fn fibre(&self) -> [f64; 3] {
+        self.fibre
     }
 
     #[inline(always)]
-    fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let rest_pa = self.rest_pressure_pa();
         let [by_i1, by_i4] = self.strain_slopes();
         let [g, g1, g2, _] = self.fibre_energy(at);
-        let mut d =
-            Derivatives { energy: self.c10_pa * at.i1 - rest_pa * at.j + g, ..Derivatives::default() };
-        d.first = [self.c10_pa + by_i1 * g1, 0.0, -rest_pa, by_i4 * g1];
-        d.second[I1][I1] = by_i1 * by_i1 * g2;
-        d.second[I1][I4] = by_i1 * by_i4 * g2;
+        let mut d = Derivatives::of_energy(at.i1 * self.c10_pa - at.j * rest_pa + g);
+        d.first[I1] = g1 * by_i1 + self.c10_pa;
+        d.first[J] = g.constant(-rest_pa);
+        d.first[I4] = g1 * by_i4;
+        d.second[I1][I1] = g2 * (by_i1 * by_i1);
+        d.second[I1][I4] = g2 * (by_i1 * by_i4);
         d.second[I4][I1] = d.second[I1][I4];
-        d.second[I4][I4] = by_i4 * by_i4 * g2;
+        d.second[I4][I4] = g2 * (by_i4 * by_i4);
         d
     }
 
     #[inline(always)]
-    fn third(&self, at: &Invariants) -> Third {
+    fn third<R: Real>(&self, at: &Invariants<R>) -> Third<R> {
         let [by_i1, by_i4] = self.strain_slopes();
         let [.., g3] = self.fibre_energy(at);
-        let mut third = Third::default();
-        third[I1][I1][I1] = by_i1.powi(3) * g3;
-        third[I1][I1][I4] = by_i1.powi(2) * by_i4 * g3;
-        third[I1][I4][I4] = by_i1 * by_i4.powi(2) * g3;
-        third[I4][I4][I4] = by_i4.powi(3) * g3;
-        debug_assert!(third[J][J][J] == 0.0);
+        let mut third = no_third(at.j);
+        third[I1][I1][I1] = g3 * by_i1.powi(3);
+        third[I1][I1][I4] = g3 * (by_i1.powi(2) * by_i4);
+        third[I1][I4][I4] = g3 * (by_i1 * by_i4.powi(2));
+        third[I4][I4][I4] = g3 * by_i4.powi(3);
         third
     }
 }
 
 /// s(E) and its three derivatives.
 #[inline(always)]
-fn smooth_switch(strain: f64) -> [f64; 4] {
+fn smooth_switch<R: Real>(strain: R) -> [R; 4] {
     let t = strain / SWITCH_WIDTH;
-    if t <= 0.0 {
-        return [0.0; 4];
-    }
-    if t >= 1.0 {
-        return [strain, 1.0, 0.0, 0.0];
-    }
     let (t2, t3, w) = (t * t, t * t * t, SWITCH_WIDTH);
-    [
-        w * t2 * t2 * (20.0 - 45.0 * t + 36.0 * t2 - 10.0 * t3),
-        t3 * (80.0 - 225.0 * t + 216.0 * t2 - 70.0 * t3),
-        t2 * (240.0 - 900.0 * t + 1080.0 * t2 - 420.0 * t3) / w,
-        t * (480.0 - 2700.0 * t + 4320.0 * t2 - 2100.0 * t3) / (w * w),
-    ]
+    let between = [
+        t2 * w * t2 * (-(t * 45.0) + 20.0 + t2 * 36.0 - t3 * 10.0),
+        t3 * (-(t * 225.0) + 80.0 + t2 * 216.0 - t3 * 70.0),
+        t2 * (-(t * 900.0) + 240.0 + t2 * 1080.0 - t3 * 420.0) / w,
+        t * (-(t * 2700.0) + 480.0 + t2 * 4320.0 - t3 * 2100.0) / (w * w),
+    ];
+    let (zero, one) = (t.constant(0.0), t.constant(1.0));
+    let above = [strain, one, zero, zero];
+    let mut switch = [zero; 4];
+    for (value, (between, above)) in switch.iter_mut().zip(between.into_iter().zip(above)) {
+        let above_zero = t.where_less(one, between, above);
+        *value = t.where_less(zero, zero, above_zero);
+    }
+    switch
 }
 
 #[cfg(test)]

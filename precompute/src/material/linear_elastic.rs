@@ -1,10 +1,11 @@
 //! Linear elasticity: small strain, no rotation.
 
-use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Lame, Law, SymmetricThird, Tangent};
+use super::{Lame, Law, Tangent};
 use crate::kinematics::Kinematics;
+use crate::lanes::Real;
+use crate::tensor::{Mat3, Vec3};
 
 /// With eps = (H + H^T) / 2,
 ///
@@ -24,45 +25,46 @@ pub struct LinearElastic {
 
 impl Law for LinearElastic {
     #[inline(always)]
-    fn stress(&self, k: &Kinematics, _q_pa: f64) -> (f64, Matrix3<f64>) {
-        let h = &k.displacement_gradient;
+    fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>) {
+        let h = k.displacement_gradient;
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let strain = 0.5 * (h + h.transpose());
+        let strain = (h + h.transpose()) * q_pa.constant(0.5);
         let trace = h.trace();
-        let energy = 0.5 * lambda_pa * trace * trace + mu_pa * strain.norm_squared();
-        (energy, Matrix3::identity() * (lambda_pa * trace) + strain * (2.0 * mu_pa))
+        let energy = trace * (0.5 * lambda_pa) * trace + strain.norm_squared() * mu_pa;
+        (energy, (strain * q_pa.constant(2.0 * mu_pa)).plus_diagonal(trace * lambda_pa))
     }
 
     /// dsigma/dH: g_a . A . g_b = lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I.
     #[inline(always)]
-    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
+    fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>) {
         let (energy, stress) = self.stress(k, q_pa);
         let Lame { lambda_pa, mu_pa } = self.lame;
+        let zero = q_pa.constant(0.0);
         let tangent = Tangent {
-            map: Matrix3::identity(),
-            forward: lambda_pa,
-            crosswise: mu_pa,
-            left: Matrix3::zeros(),
-            stretch: 0.0,
-            isotropic: mu_pa,
-            determinant: 0.0,
-            fibre: Vector3::zeros(),
-            along_fibre: 0.0,
-            second: [[0.0; 4]; 4],
-            slopes: [Matrix3::zeros(); 4],
+            map: Mat3::identity(zero),
+            forward: q_pa.constant(lambda_pa),
+            crosswise: q_pa.constant(mu_pa),
+            left: Mat3::zeros(zero),
+            stretch: zero,
+            isotropic: q_pa.constant(mu_pa),
+            determinant: zero,
+            fibre: Vec3::constant(zero, [0.0; 3]),
+            along_fibre: zero,
+            second: [[zero; 4]; 4],
+            slopes: [Mat3::zeros(zero); 4],
             rows: [false; 4],
         };
         (energy, stress, tangent)
     }
 
     #[inline(always)]
-    fn third_along(
+    fn third_along<R: Real>(
         &self,
-        _k: &Kinematics,
-        _q_pa: f64,
-        _gradients: &[Matrix3<f64>; 3],
-        _dq_pa: &[f64; 3],
-    ) -> SymmetricThird {
-        [0.0; 10]
+        _k: &Kinematics<R>,
+        q_pa: R,
+        _gradients: &[Mat3<R>; 3],
+        _dq_pa: &[R; 3],
+    ) -> [R; 10] {
+        [q_pa.constant(0.0); 10]
     }
 }

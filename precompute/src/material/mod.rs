@@ -46,7 +46,9 @@ use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::kinematics::Kinematics;
-use invariants::{Derivatives, I1, I2, I4, Invariants, J, OfInvariants, Third};
+use crate::lanes::Real;
+use crate::tensor::Mat3;
+use invariants::{Derivatives, I1, I2, I4, Invariants, J, OfInvariants, Third, no_third};
 
 /// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
 pub type SymmetricThird = [f64; 10];
@@ -65,22 +67,22 @@ pub const THIRD_INDICES: [[usize; 3]; 10] = [
     [2, 2, 2],
 ];
 
-/// What the assembly asks of a law at a point.
-pub trait Law {
+/// What the assembly asks of a law at a point, or at the points of several elements side by side.
+pub(crate) trait Law {
     /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
-    fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>);
+    fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>);
 
     /// [`Law::stress`] with the tangent dP/dF at fixed pressure.
-    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent);
+    fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>);
 
     /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
-    fn third_along(
+    fn third_along<R: Real>(
         &self,
-        k: &Kinematics,
-        q_pa: f64,
-        gradients: &[Matrix3<f64>; 3],
-        dq_pa: &[f64; 3],
-    ) -> SymmetricThird;
+        k: &Kinematics<R>,
+        q_pa: R,
+        gradients: &[Mat3<R>; 3],
+        dq_pa: &[R; 3],
+    ) -> [R; 10];
 }
 
 /// Evaluates an expression with the law inside a [`Material`], once compiled for each law.
@@ -170,23 +172,29 @@ impl Material {
     }
 }
 
-/// For callers that do not care about the last nanosecond: the law is looked up at every call.
-impl Law for Material {
-    fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
-        with_law!(self, law => law.stress(k, q_pa))
+/// A law at one point, for callers that do not care about the last nanosecond.
+impl Material {
+    /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
+    pub fn stress(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>) {
+        let (energy, stress) = with_law!(self, law => law.stress(k, q_pa));
+        (energy, stress.into())
     }
 
-    fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
-        with_law!(self, law => law.response(k, q_pa))
+    /// [`Material::stress`] with the tangent dP/dF at fixed pressure.
+    pub fn response(&self, k: &Kinematics, q_pa: f64) -> (f64, Matrix3<f64>, Tangent) {
+        let (energy, stress, tangent) = with_law!(self, law => law.response(k, q_pa));
+        (energy, stress.into(), tangent)
     }
 
-    fn third_along(
+    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
+    pub fn third_along(
         &self,
         k: &Kinematics,
         q_pa: f64,
         gradients: &[Matrix3<f64>; 3],
         dq_pa: &[f64; 3],
     ) -> SymmetricThird {
-        with_law!(self, law => law.third_along(k, q_pa, gradients, dq_pa))
+        let gradients = gradients.map(|g| Mat3::from(&g));
+        with_law!(self, law => law.third_along(k, q_pa, &gradients, dq_pa))
     }
 }

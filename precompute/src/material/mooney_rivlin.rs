@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third};
+use super::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third};
+use crate::lanes::Real;
 
 /// W = C10 (I1 - 3) + C01 (I2 - 3), with C = I + 2 gamma, so that
 ///
@@ -39,15 +40,13 @@ impl MooneyRivlin {
 
 impl OfInvariants for MooneyRivlin {
     #[inline(always)]
-    fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let rest_pa = self.rest_pressure_pa();
-        let mut d = Derivatives {
-            energy: self.c10_pa * at.i1 + self.c01_pa * at.i2 - rest_pa * at.j,
-            ..Derivatives::default()
-        };
-        d.first[I1] = self.c10_pa;
-        d.first[I2] = self.c01_pa;
-        d.first[J] = -rest_pa;
+        let energy = at.i1 * self.c10_pa + at.i2 * self.c01_pa - at.j * rest_pa;
+        let mut d = Derivatives::of_energy(energy);
+        d.first[I1] = energy.constant(self.c10_pa);
+        d.first[I2] = energy.constant(self.c01_pa);
+        d.first[J] = energy.constant(-rest_pa);
         d
     }
 }
@@ -82,43 +81,40 @@ impl OfInvariants for ReducedMooneyRivlin {
     const THIRD: bool = true;
 
     #[inline(always)]
-    fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let Self { c10_pa, c01_pa } = *self;
-        let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, 1.0 + at.j);
+        let (i1, i2, jacobian) = (at.i1 + 3.0, at.i2 + 3.0, at.j + 1.0);
         // a - 1 without cancellation, so that the energy of a small strain keeps its digits.
-        let less = (-2.0 / 3.0 * at.j.ln_1p()).exp_m1();
-        let a = 1.0 + less;
+        let less = at.j.map(|j| (-2.0 / 3.0 * j.ln_1p()).exp_m1());
+        let a = less + 1.0;
         let (b, inverse) = (a * a, jacobian.recip());
-        let mut d = Derivatives {
-            energy: c10_pa * (at.i1 * a + 3.0 * less) + c01_pa * (at.i2 * b + 3.0 * less * (a + 1.0)),
-            ..Derivatives::default()
-        };
-        d.first = [
-            c10_pa * a,
-            c01_pa * b,
-            (-2.0 / 3.0 * c10_pa * i1 * a - 4.0 / 3.0 * c01_pa * i2 * b) * inverse,
-            0.0,
-        ];
-        d.second[I1][J] = -2.0 / 3.0 * c10_pa * a * inverse;
-        d.second[I2][J] = -4.0 / 3.0 * c01_pa * b * inverse;
+        let energy = (at.i1 * a + less * 3.0) * c10_pa + (at.i2 * b + less * 3.0 * (a + 1.0)) * c01_pa;
+        let mut d = Derivatives::of_energy(energy);
+        d.first[I1] = a * c10_pa;
+        d.first[I2] = b * c01_pa;
+        d.first[J] = (i1 * (-2.0 / 3.0 * c10_pa) * a - i2 * (4.0 / 3.0 * c01_pa) * b) * inverse;
+        d.second[I1][J] = a * (-2.0 / 3.0 * c10_pa) * inverse;
+        d.second[I2][J] = b * (-4.0 / 3.0 * c01_pa) * inverse;
         d.second[J][I1] = d.second[I1][J];
         d.second[J][I2] = d.second[I2][J];
-        d.second[J][J] = (10.0 / 9.0 * c10_pa * i1 * a + 28.0 / 9.0 * c01_pa * i2 * b) * inverse * inverse;
+        d.second[J][J] =
+            (i1 * (10.0 / 9.0 * c10_pa) * a + i2 * (28.0 / 9.0 * c01_pa) * b) * inverse * inverse;
         d
     }
 
     #[inline(always)]
-    fn third(&self, at: &Invariants) -> Third {
+    fn third<R: Real>(&self, at: &Invariants<R>) -> Third<R> {
         let Self { c10_pa, c01_pa } = *self;
-        let inverse = (1.0 + at.j).recip();
-        let a = (-2.0 / 3.0 * at.j.ln_1p()).exp();
+        let inverse = (at.j + 1.0).recip();
+        let inverse_squared = inverse * inverse;
+        let a = at.j.map(|j| (-2.0 / 3.0 * j.ln_1p()).exp());
         let b = a * a;
-        let mut third = Third::default();
-        third[I1][J][J] = 10.0 / 9.0 * c10_pa * a * inverse.powi(2);
-        third[I2][J][J] = 28.0 / 9.0 * c01_pa * b * inverse.powi(2);
-        third[J][J][J] = (-80.0 / 27.0 * c10_pa * (at.i1 + 3.0) * a
-            - 280.0 / 27.0 * c01_pa * (at.i2 + 3.0) * b)
-            * inverse.powi(3);
+        let mut third = no_third(at.j);
+        third[I1][J][J] = a * (10.0 / 9.0 * c10_pa) * inverse_squared;
+        third[I2][J][J] = b * (28.0 / 9.0 * c01_pa) * inverse_squared;
+        third[J][J][J] = ((at.i1 + 3.0) * (-80.0 / 27.0 * c10_pa) * a
+            - (at.i2 + 3.0) * (280.0 / 27.0 * c01_pa) * b)
+            * (inverse * inverse_squared);
         third
     }
 }

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, Invariants, J, Lame, OfInvariants, Third};
+use super::{Derivatives, I1, Invariants, J, Lame, OfInvariants, Third, no_third};
+use crate::lanes::Real;
 
 /// W = mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2
 ///
@@ -28,25 +29,24 @@ impl OfInvariants for NeoHookean {
     const SECOND_INVARIANT: bool = false;
 
     #[inline(always)]
-    fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
-        let mut d = Derivatives {
-            energy: 0.5 * mu_pa * at.i1 - mu_pa * log + 0.5 * lambda_pa * log * log,
-            ..Derivatives::default()
-        };
-        d.first[I1] = 0.5 * mu_pa;
-        d.first[J] = (lambda_pa * log - mu_pa) * inverse;
-        d.second[J][J] = (mu_pa + lambda_pa - lambda_pa * log) * inverse * inverse;
+        let (log, inverse) = (at.j.map(f64::ln_1p), (at.j + 1.0).recip());
+        let energy = at.i1 * (0.5 * mu_pa) - log * mu_pa + log * (0.5 * lambda_pa) * log;
+        let mut d = Derivatives::of_energy(energy);
+        d.first[I1] = energy.constant(0.5 * mu_pa);
+        d.first[J] = (log * lambda_pa - mu_pa) * inverse;
+        d.second[J][J] = (-(log * lambda_pa) + (mu_pa + lambda_pa)) * inverse * inverse;
         d
     }
 
     #[inline(always)]
-    fn third(&self, at: &Invariants) -> Third {
+    fn third<R: Real>(&self, at: &Invariants<R>) -> Third<R> {
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let (log, inverse) = (at.j.ln_1p(), (1.0 + at.j).recip());
-        let mut third = Third::default();
-        third[J][J][J] = (2.0 * lambda_pa * log - 2.0 * mu_pa - 3.0 * lambda_pa) * inverse.powi(3);
+        let (log, inverse) = (at.j.map(f64::ln_1p), (at.j + 1.0).recip());
+        let mut third = no_third(at.j);
+        let numerator = log * (2.0 * lambda_pa) - 2.0 * mu_pa - 3.0 * lambda_pa;
+        third[J][J][J] = numerator * (inverse * (inverse * inverse));
         third
     }
 }

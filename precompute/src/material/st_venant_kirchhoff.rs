@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Derivatives, I1, I2, Invariants, OfInvariants};
+use crate::lanes::Real;
 
 /// Lame's constants.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -54,16 +55,14 @@ impl OfInvariants for StVenantKirchhoff {
     const CURVED: [bool; 4] = [true, false, false, false];
 
     #[inline(always)]
-    fn derivatives(&self, at: &Invariants) -> Derivatives {
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
         let Lame { lambda_pa, mu_pa } = self.lame;
         let slope = 0.25 * lambda_pa + 0.5 * mu_pa;
-        let mut d = Derivatives {
-            energy: 0.5 * slope * at.i1 * at.i1 + mu_pa * (at.i1 - 0.5 * at.i2),
-            ..Derivatives::default()
-        };
-        d.first[I1] = slope * at.i1 + mu_pa;
-        d.first[I2] = -0.5 * mu_pa;
-        d.second[I1][I1] = slope;
+        let energy = at.i1 * (0.5 * slope) * at.i1 + (at.i1 - at.i2 * 0.5) * mu_pa;
+        let mut d = Derivatives::of_energy(energy);
+        d.first[I1] = at.i1 * slope + mu_pa;
+        d.first[I2] = energy.constant(-0.5 * mu_pa);
+        d.second[I1][I1] = energy.constant(slope);
         d
     }
 }

@@ -1,6 +1,7 @@
 //! The elasticity A = dP/dF in the form the assembly takes it.
 
-use nalgebra::{Matrix3, Vector3};
+use crate::lanes::Real;
+use crate::tensor::{Mat3, Vec3};
 
 /// The elasticity A = dP/dF, kept as the few numbers from which a block g_a . A . g_b is made.
 ///
@@ -10,43 +11,44 @@ use nalgebra::{Matrix3, Vector3};
 ///   + [ isotropic (g_a . g_b) + stretch (x_a . x_b) + along_fibre (a . g_a)(a . g_b) ] I
 ///   + sum_mn f_mn (I_m' g_a) (I_n' g_b)^T
 #[derive(Debug, Clone, Copy)]
-pub struct Tangent {
-    pub(super) map: Matrix3<f64>,
-    pub(super) forward: f64,
-    pub(super) crosswise: f64,
-    pub(super) left: Matrix3<f64>,
-    pub(super) stretch: f64,
-    pub(super) isotropic: f64,
-    pub(super) determinant: f64,
-    pub(super) fibre: Vector3<f64>,
-    pub(super) along_fibre: f64,
-    pub(super) second: [[f64; 4]; 4],
-    pub(super) slopes: [Matrix3<f64>; 4],
+pub struct Tangent<R = f64> {
+    pub(super) map: Mat3<R>,
+    pub(super) forward: R,
+    pub(super) crosswise: R,
+    pub(super) left: Mat3<R>,
+    pub(super) stretch: R,
+    pub(super) isotropic: R,
+    pub(super) determinant: R,
+    pub(super) fibre: Vec3<R>,
+    pub(super) along_fibre: R,
+    pub(super) second: [[R; 4]; 4],
+    pub(super) slopes: [Mat3<R>; 4],
     /// Rows of `second` that are not zero.
     pub(super) rows: [bool; 4],
 }
 
 /// What a [`Tangent`] needs of one shape function.
 #[derive(Debug, Clone, Copy)]
-pub struct TangentNode {
-    gradient: Vector3<f64>,
-    mapped: Vector3<f64>,
-    along: f64,
+pub struct TangentNode<R = f64> {
+    gradient: Vec3<R>,
+    mapped: Vec3<R>,
+    along: R,
     /// I_m' g and sum_n f_mn I_n' g.
-    slopes: [Vector3<f64>; 4],
-    weighted: [Vector3<f64>; 4],
+    slopes: [Vec3<R>; 4],
+    weighted: [Vec3<R>; 4],
 }
 
-impl Tangent {
+impl<R: Real> Tangent<R> {
     /// Prepares the gradient of one shape function.
     #[inline(always)]
-    pub fn node(&self, gradient: &Vector3<f64>) -> TangentNode {
+    pub fn node(&self, gradient: Vec3<R>) -> TangentNode<R> {
+        let zero = Vec3::constant(self.forward, [0.0; 3]);
         let mut node = TangentNode {
-            gradient: *gradient,
+            gradient,
             mapped: self.map * gradient,
             along: self.fibre.dot(gradient),
-            slopes: [Vector3::zeros(); 4],
-            weighted: [Vector3::zeros(); 4],
+            slopes: [zero; 4],
+            weighted: [zero; 4],
         };
         for m in 0..4 {
             if self.rows[m] {
@@ -63,27 +65,51 @@ impl Tangent {
         node
     }
 
+    /// Blocks (k, l), l <= k, of four gradients. Written out: with indices known at compile time the nodes, a kilobyte each,
+    /// need not be copied to where a loop could index them (a tenth of the time).
+    #[inline(always)]
+    pub(crate) fn blocks(&self, gradients: &[Vec3<R>; 4], mut put: impl FnMut(usize, usize, [R; 9])) {
+        let [a, b, c, d] = *gradients;
+        let a = self.node(a);
+        put(0, 0, self.block(&a, &a));
+        let b = self.node(b);
+        put(1, 0, self.block(&b, &a));
+        put(1, 1, self.block(&b, &b));
+        let c = self.node(c);
+        put(2, 0, self.block(&c, &a));
+        put(2, 1, self.block(&c, &b));
+        put(2, 2, self.block(&c, &c));
+        let d = self.node(d);
+        put(3, 0, self.block(&d, &a));
+        put(3, 1, self.block(&d, &b));
+        put(3, 2, self.block(&d, &c));
+        put(3, 3, self.block(&d, &d));
+    }
+
     /// The block g_a . A . g_b, row-major.
     #[inline(always)]
-    pub fn block(&self, a: &TangentNode, b: &TangentNode) -> [f64; 9] {
-        let (x, y) = (&a.mapped, &b.mapped);
-        let gradients = a.gradient.dot(&b.gradient);
-        let m = self.map * a.gradient.cross(&b.gradient) * self.determinant;
-        let mut block = [0.0, m[2], -m[1], -m[2], 0.0, m[0], m[1], -m[0], 0.0];
+    pub fn block(&self, a: &TangentNode<R>, b: &TangentNode<R>) -> [R; 9] {
+        let (x, y) = (a.mapped.0, b.mapped.0);
+        let gradients = a.gradient.dot(b.gradient);
+        let m = (self.map * a.gradient.cross(b.gradient) * self.determinant).0;
+        let zero = self.forward.constant(0.0);
+        let mut block = [zero, m[2], -m[1], -m[2], zero, m[0], m[1], -m[0], zero];
         for i in 0..3 {
             for j in 0..3 {
-                block[3 * i + j] +=
-                    self.forward * x[i] * y[j] + self.crosswise * y[i] * x[j] + self.left[(i, j)] * gradients;
+                block[3 * i + j] += self.forward * x[i] * y[j]
+                    + self.crosswise * y[i] * x[j]
+                    + self.left.at(i, j) * gradients;
             }
         }
-        let diagonal =
-            self.isotropic * gradients + self.stretch * x.dot(y) + self.along_fibre * a.along * b.along;
+        let diagonal = self.isotropic * gradients
+            + self.stretch * a.mapped.dot(b.mapped)
+            + self.along_fibre * a.along * b.along;
         for i in 0..3 {
             block[4 * i] += diagonal;
         }
         for k in 0..4 {
             if self.rows[k] {
-                let (left, right) = (&a.slopes[k], &b.weighted[k]);
+                let (left, right) = (a.slopes[k].0, b.weighted[k].0);
                 for i in 0..3 {
                     for j in 0..3 {
                         block[3 * i + j] += left[i] * right[j];
