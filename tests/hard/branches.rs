@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use palpate_precompute::body::Model;
 use palpate_precompute::boundary::{Handle, Pose};
-use palpate_precompute::material::Material;
-use palpate_precompute::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_precompute::material::{Material, StVenantKirchhoff};
+use palpate_precompute::scene::Scene;
+use palpate_precompute::solve::{Configuration, Excess, Problem, SolveFailure, Solver};
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
 
 use crate::table::{Case, Cost, row};
@@ -140,4 +141,38 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
     assert_eq!(lowest.unstable_modes, Some(0));
     assert!(distance_m(&problem, lowest, &straight) < 1e-9, "loading missed the lowest end");
     assert!(ends.len() > 1, "far starts find other ends");
+}
+
+/// A branch that ends under way (found by a reviewer: W was no integral of h there): the path goes on on another one, and
+/// says so at that step and at no other.
+#[test]
+fn a_change_of_branch_is_flagged_where_it_happens() {
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
+    let mut scene = Scene::load(scene.as_ref()).and_then(|s| s.resolve()).expect("the bundled organ");
+    for region in &mut scene.materials {
+        region.material = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(9000.0, 0.45));
+    }
+    let body = Arc::new(scene.body().expect("a rest"));
+    let mut solver = Solver::new(Arc::new(Problem::new(body, scene.active[0].node)));
+    let mut here = solver.rest().expect("held");
+    let (mut flagged, mut cost, mut smooth) = (Vec::new(), Cost::default(), 0.0f64);
+    for step in 1..=50 {
+        let next = solver.advance(&here.seed, [-1e-3 * f64::from(step), 0.0, 0.0]).expect("finishes");
+        let excess = Excess::between(&here.seed.potential, &next.seed.potential);
+        if next.switched {
+            flagged.push(step);
+            assert!(excess.rho_n.max(excess.rho_h_n) > 0.3, "{excess:?}");
+        } else {
+            smooth = smooth.max(excess.rho_n.max(excess.rho_h_n));
+        }
+        cost.iterations += next.iterations;
+        cost.factorisations += next.factorisations;
+        cost.increments += next.increments;
+        here = next;
+    }
+    cost.equations = solver.problem().unknowns();
+    let result = format!("left its branch at {flagged:?} mm, other steps join within {smooth:.2} N");
+    row(Case::Branches, "StVK 9 kPa 0.45, organ A1 50 mm along -x", cost, &result, "flagged");
+    assert_eq!(flagged, [46]);
+    assert!(smooth < 0.1);
 }

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use nalgebra::{Rotation3, Vector3};
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::boundary::{Handle, Pose};
-use palpate_precompute::element::Order;
+use palpate_precompute::element::{EDGES, Order};
 use palpate_precompute::scene::Constraints;
-use palpate_precompute::solve::{Configuration, Problem, Solver};
+use palpate_precompute::solve::{Configuration, Problem, Solver, settle};
 use palpate_tests::{beam, every_law, mooney_rivlin, nearest_node, nodes_where};
 
 fn problem(model: &Model, handle: &Handle, constraints: Constraints) -> Arc<Problem> {
@@ -99,8 +99,17 @@ fn reaction_is_minus_the_sum_of_the_fixed_reactions() {
 /// dW along a turn of the patch is the moment times the turn; a whole-body turn of force and moment is in balance.
 #[test]
 fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
-    let model = Model::uniform(mooney_rivlin(), &fixed());
-    let mut solver = Solver::new(problem(&model, &tip(), Constraints::Elimination));
+    let plain = Model::uniform(mooney_rivlin(), &fixed());
+    moment_of_a_patch("P1/P1", &plain);
+    moment_of_a_patch("P2/P1", &Model { order: Order::Quadratic, ..plain.clone() });
+    // Sagged: the patch turns about where its centre is at rest, not about where the mesh has it.
+    moment_of_a_patch("P1/P1 under gravity", &Model { body_force_n_m3: [0.0, 0.0, -3.0e4], ..plain });
+}
+
+fn moment_of_a_patch(name: &str, model: &Model) {
+    let body = Body::new(&beam(), model).expect("every element has volume");
+    let body = Arc::new(settle(body).expect("the beam has a rest"));
+    let mut solver = Solver::new(Arc::new(Problem::with(body, Some(tip()), Constraints::Elimination)));
     let pose = Pose { displacement_m: [0.003, 0.002, -0.006], rotation_rad: [0.08, -0.12, 0.2] };
     let here = reach(&mut solver, &pose);
     let size = Vector3::from(here.torque_n_m).norm();
@@ -121,8 +130,12 @@ fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
             / (12.0 * step);
         worst = worst.max((slope - here.torque_n_m[axis]).abs() / size);
     }
-    println!("moment against dW/d(rotation), worst relative {worst:.1e}");
-    assert!(worst < 1e-8);
+    println!("moment against dW/d(rotation), {name}: worst relative {worst:.1e}");
+    assert!(worst < 1e-8, "{name}");
+    assert_moves_rigidly(&solver.problem().body.clone(), &here, &pose);
+    if model.body_force_n_m3 != [0.0; 3] {
+        return;
+    }
     // Moments about the origin of tool and fixation cancel; the solver must stand at the pose for its nodal forces.
     let again = reach(&mut solver, &pose);
     let body = &solver.problem().body;
@@ -133,4 +146,85 @@ fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
         sum += place.cross(&at(solver.nodal_force_n()));
     }
     assert!(sum.norm() < 1e-9 * size, "{sum}");
+}
+
+/// Every node of the patch, those between its vertices too, is where a rigid body would be.
+fn assert_moves_rigidly(body: &Body, here: &Configuration, pose: &Pose) {
+    let vertices = tip().nodes;
+    let held = |n: u32| vertices.binary_search(&n).is_ok();
+    let between: Vec<u32> = (0..body.elements.len())
+        .flat_map(|e| {
+            let nodes = body.nodes_of(e);
+            let ends = EDGES.iter().zip(nodes.get(4..).unwrap_or(&[]));
+            ends.filter(|([a, b], _)| held(nodes[*a]) && held(nodes[*b])).map(|(_, &n)| n).collect::<Vec<_>>()
+        })
+        .collect();
+    assert_eq!(between.is_empty(), body.order == Order::Linear);
+    let at_rest = |n: u32| Vector3::from(body.rest_position_m(n));
+    let turn = Rotation3::from_scaled_axis(Vector3::from(pose.rotation_rad));
+    for &node in vertices.iter().chain(&between) {
+        let base = 3 * node as usize;
+        let moved = Vector3::from_column_slice(&here.seed.state[base..base + 3]);
+        let now = Vector3::from(body.nodes_m[node as usize]) + moved;
+        let centre = at_rest(top()) + Vector3::from(pose.displacement_m);
+        let rigid = centre + turn * (at_rest(node) - at_rest(top()));
+        assert!((now - rigid).norm() < 1e-12, "node {node}: {now} instead of {rigid}");
+    }
+}
+
+/// The nodal body force does the work of b on any field the element can have: on u_z = x^2 with quadratic elements.
+#[test]
+fn a_body_force_works_on_every_field_of_the_element() {
+    let mesh = beam();
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for x in &mesh.nodes_m {
+        for axis in 0..3 {
+            (low[axis], high[axis]) = (low[axis].min(x[axis]), high[axis].max(x[axis]));
+        }
+    }
+    let area = (high[1] - low[1]) * (high[2] - low[2]);
+    let moment =
+        |power: i32| (high[0].powi(power + 1) - low[0].powi(power + 1)) / f64::from(power + 1) * area;
+    for (order, powers) in [(Order::Linear, 0..=1), (Order::Quadratic, 0..=2)] {
+        let force = 1.0e4;
+        let model =
+            Model { order, body_force_n_m3: [0.0, 0.0, force], ..Model::uniform(mooney_rivlin(), &fixed()) };
+        let body = Body::new(&mesh, &model).expect("every element has volume");
+        for power in powers {
+            let work: f64 = (0..body.node_count())
+                .map(|n| body.external_force_n[3 * n + 2] * body.nodes_m[n][0].powi(power))
+                .sum();
+            let exact = force * moment(power);
+            assert!((work / exact - 1.0).abs() < 1e-12, "{order:?}, x^{power}: {work} instead of {exact}");
+        }
+    }
+}
+
+/// At the border of two incompressible materials the stress jumps, and the pressure with it: each has its own.
+#[test]
+fn materials_do_not_share_a_pressure() {
+    let mesh = beam();
+    let region_of_tet: Vec<u16> = (0..mesh.tets.len()).map(|tet| u16::from(tet >= 60)).collect();
+    let regions = vec![mooney_rivlin().into(), mooney_rivlin().into()];
+    let model =
+        Model { regions, region_of_tet: region_of_tet.clone(), ..Model::uniform(mooney_rivlin(), &fixed()) };
+    let body = Body::new(&mesh, &model).expect("every element has volume");
+    let mut border = 0;
+    for vertex in 0..mesh.nodes_m.len() as u32 {
+        let mut touching: Vec<u16> = (0..mesh.tets.len())
+            .filter(|&t| mesh.tets[t].contains(&vertex))
+            .map(|t| region_of_tet[t])
+            .collect();
+        touching.sort_unstable();
+        touching.dedup();
+        let mut sites: Vec<u16> =
+            body.pressure_sites.iter().filter(|(v, _)| *v == vertex).map(|(_, r)| *r).collect();
+        sites.sort_unstable();
+        assert_eq!(sites, touching, "vertex {vertex}");
+        border += usize::from(touching.len() == 2);
+    }
+    assert!(border > 4, "the two materials have a border");
+    for (element, region) in body.elements.iter().zip(&region_of_tet) {
+        assert!(element.pressures.iter().all(|&p| body.pressure_sites[p as usize].1 == *region));
+    }
 }

@@ -90,7 +90,10 @@ impl Worker {
         if self.solver.as_ref().is_none_or(|(active, _)| *active != job.active) {
             // The old one goes first: two factors of a large body need not stand side by side.
             self.solver = None;
-            self.solver = Some((job.active, Solver::new((workshop.problem)(job.active as usize))));
+            let mut solver = Solver::new((workshop.problem)(job.active as usize));
+            // Where a branch ends the space has other neighbours to come from; they keep W single-valued where it can be.
+            solver.loading.snap_through = false;
+            self.solver = Some((job.active, solver));
         }
         let (_, solver) = self.solver.as_mut().ok_or(UnusableSeed)?;
         let start = Instant::now();
@@ -134,7 +137,7 @@ fn transition(
     on_the_way: &mut Vec<Intermediate>,
 ) -> Result<Configuration, SolveFailure> {
     let (from, parts) = (seed.pose.displacement_m, increments.unwrap_or(1).max(1));
-    let (mut iterations, mut factorisations, mut steps) = (0, 0, 0);
+    let (mut iterations, mut factorisations, mut steps, mut switched) = (0, 0, 0, false);
     for part in 1..=parts {
         let share = f64::from(part) / f64::from(parts);
         let target =
@@ -145,8 +148,10 @@ fn transition(
         iterations += c.iterations;
         factorisations += c.factorisations;
         steps += c.increments;
+        switched |= c.switched;
         if part == parts {
             (c.iterations, c.factorisations, c.increments) = (iterations, factorisations, steps);
+            c.switched = switched;
             return Ok(c);
         }
         let s = &c.stiffness_n_m;

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::GridIndex;
 use super::plan::Task;
 use crate::material::SymmetricThird;
-use crate::solve::{Configuration, SolveFailure};
+use crate::solve::{Configuration, Potential, SolveFailure};
 
 /// The outcome of one [`Task`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,6 +40,8 @@ pub struct Record {
     pub inverted: u32,
     /// Unstable modes, where the factorisation tells them.
     pub unstable_modes: Option<u32>,
+    /// Whether the transition left the branch it started on.
+    pub switched: bool,
     /// Deformed volume, m^3.
     pub volume_m3: f64,
     /// Newton iterations.
@@ -70,6 +72,7 @@ impl Record {
             min_jacobian: f64::NAN,
             inverted: 0,
             unstable_modes: None,
+            switched: false,
             volume_m3: f64::NAN,
             iterations: 0,
             factorisations: 0,
@@ -89,6 +92,7 @@ impl Record {
             min_jacobian: c.min_jacobian,
             inverted: c.inverted as u32,
             unstable_modes: c.unstable_modes,
+            switched: c.switched,
             volume_m3: c.volume_m3,
             iterations: c.iterations,
             factorisations: c.factorisations,
@@ -121,12 +125,14 @@ impl Record {
 
 /// What later solves start from, as the store keeps it: little-endian f32. Because every child starts from what is stored, an
 /// interrupted run gives the same bits as an undisturbed one.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredSeed {
     /// State vector.
     pub(super) state: Vec<u8>,
     /// d(state)/dd along x, then y, then z.
     pub(super) sensitivity: Vec<u8>,
+    /// W, h, S (xx yy zz xy xz yz), as f64.
+    pub(super) potential: [f64; 10],
 }
 
 impl StoredSeed {
@@ -137,6 +143,11 @@ impl StoredSeed {
         Self {
             state: bytes(&seed.state),
             sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect(),
+            potential: {
+                let Potential { energy_j, force_n: [x, y, z], stiffness_n_m: s, .. } = seed.potential;
+                let [xx, yy, zz] = [0, 1, 2].map(|i| s[(i, i)]);
+                [energy_j, x, y, z, xx, yy, zz, s[(0, 1)], s[(0, 2)], s[(1, 2)]]
+            },
         }
     }
 
@@ -151,6 +162,13 @@ impl StoredSeed {
         let mut columns = self.sensitivity.chunks_exact(self.state.len()).map(numbers);
         let sensitivity = [columns.next()?, columns.next()?, columns.next()?];
         let pose = crate::boundary::Pose::translation(displacement_m);
-        Some(crate::solve::Seed { pose, state: numbers(&self.state), sensitivity })
+        let [energy_j, x, y, z, xx, yy, zz, xy, xz, yz] = self.potential;
+        let potential = Potential {
+            displacement_m,
+            energy_j,
+            force_n: [x, y, z],
+            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        };
+        Some(crate::solve::Seed { pose, state: numbers(&self.state), sensitivity, potential })
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
         None => f64::INFINITY,
     };
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
-    let (pressure_pair, constraints) = solver(place, &file.solver)?;
+    let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
     let mut warnings = lookup.warnings;
     if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
@@ -84,9 +84,14 @@ fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3]
     }
 }
 
-fn solver(place: &Place, table: &SolverTable) -> Result<(PressurePair, Constraints), InputError> {
+fn solver(place: &Place, table: &SolverTable, order: u8) -> Result<(PressurePair, Constraints), InputError> {
     let pair = match table.pressure.as_ref().map(|word| (word.get_ref().as_str(), word)) {
         None | Some(("plain", _)) => PressurePair::Plain,
+        Some(("stabilised", word)) if order == 2 => {
+            let what =
+                "`pressure` = \"stabilised\" is for `order` = 1: the pair of order 2 is stable by itself";
+            return Err(place.error(word.span(), what, "leave `pressure` out"));
+        }
         Some(("stabilised", _)) => PressurePair::Stabilised,
         Some((other, word)) => {
             let what = format!("unknown pressure field \"{other}\"");
@@ -529,6 +534,15 @@ impl Lookup<'_> {
         fixed: &[u32],
         active: &[ActiveNode],
     ) -> Result<(), InputError> {
+        for a in active {
+            let held = |n: u32| n == a.node || a.patch.contains(&n) || fixed.binary_search(&n).is_ok();
+            // A mid-edge node is free unless both ends of its edge are held alike: one free vertex is needed either way.
+            if (0..self.mesh.nodes_m.len() as u32).all(held) {
+                let what =
+                    format!("every node is fixed or held by active node \"{}\": nothing can deform", a.name);
+                return Err(self.place.error(fixed_span, what, "fix fewer nodes"));
+            }
+        }
         let piece_of = surface::pieces(self.mesh);
         let mut held: BTreeMap<u32, Vec<[f64; 3]>> = BTreeMap::new();
         for &node in fixed {
@@ -552,13 +566,13 @@ impl Lookup<'_> {
             };
             if on_a_line(points) {
                 let turns_under = active.iter().find(|a| {
-                    let held_too =
-                        (piece_of[a.node as usize] == piece).then_some(self.mesh.nodes_m[a.node as usize]);
+                    let handle = a.patch.iter().chain([&a.node]).filter(|n| piece_of[**n as usize] == piece);
+                    let held_too = handle.map(|n| self.mesh.nodes_m[*n as usize]);
                     on_a_line(&points.iter().copied().chain(held_too).collect::<Vec<_>>())
                 });
                 if let Some(active) = turns_under {
                     let what = format!(
-                        "the {} lie on a line, and holding active node \"{}\" does not stop the body from turning about it",
+                        "the {} on one line do not hold the body, and holding active node \"{}\" does not stop the body from turning about it",
                         count(points.len(), "fixed node"),
                         active.name
                     );
@@ -569,7 +583,7 @@ impl Lookup<'_> {
                     ));
                 }
                 self.warnings.push(format!(
-                    "the {} of the piece of the body they hold lie on a line: it can turn about it",
+                    "a piece of the body is held by {} on one line: it can turn about it",
                     count(points.len(), "fixed node")
                 ));
             }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::factor::SENSITIVITY;
-use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
+use super::{Configuration, FailureReason, Potential, Problem, Seed, SolveFailure, Solver};
 use crate::assembly::third_derivatives;
 use crate::boundary::Pose;
 
@@ -96,13 +96,15 @@ impl Solver {
             return fail(FailureReason::NotFinite, residual_n);
         }
         let (force_n, torque_n_m) = self.resultants(pose);
+        // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
+        let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
+        let potential = Potential { displacement_m: pose.displacement_m, energy_j, force_n, stiffness_n_m };
         Ok(Configuration {
-            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity },
+            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, potential },
             energy_j,
             force_n,
             torque_n_m,
-            // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
-            stiffness_n_m: 0.5 * (stiffness + stiffness.transpose()),
+            stiffness_n_m,
             third_n_m2,
             residual_n,
             min_jacobian: assembled.min_jacobian,
@@ -112,6 +114,7 @@ impl Solver {
             iterations,
             factorisations: self.factorisations,
             increments: 1,
+            switched: false,
         })
     }
 

@@ -1,6 +1,6 @@
 //! Incremental loading: from a solved configuration to a new pose of the handle.
 
-use super::{Configuration, Seed, SolveFailure, Solver};
+use super::{Configuration, Excess, Seed, SolveFailure, Solver};
 use crate::boundary::Pose;
 
 /// Step control.
@@ -51,6 +51,10 @@ impl Solver {
     /// takes 3 iterations where five 1 mm increments take 15 to 20); a step that fails is halved, a step that
     /// succeeds is followed by the largest that is left. Then the guess is disturbed, by a fixed pseudo-random push, and at
     /// last the body may snap through, once with all of the step that is left and once with half of it.
+    ///
+    /// A solution that does not join the last one smoothly ([`Excess`]) counts as failed while the step can be halved; then it
+    /// is taken and flagged: the branch ended, or another one crossed it. If the small steps find nothing at all, the solution
+    /// that a large one jumped to is better than none, and flagged too.
     /// Deviation from the paper: it splits every transition into M equal increments without a predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
@@ -58,6 +62,7 @@ impl Solver {
         let mut may_snap = self.loading.snap_through;
         let mut spent = Spent::default();
         let mut here: Option<Configuration> = None;
+        let (mut switched, mut elsewhere) = (false, None);
         let mut guess = vec![0.0; from.state.len()];
         let pose_at = |done: f64| if done >= 1.0 { *target } else { from.pose.towards(target, done) };
         loop {
@@ -68,7 +73,20 @@ impl Solver {
                 self.push(&mut guess, pushes);
             }
             let configuration = match self.solve_at(&pose, &guess) {
-                Ok(configuration) => configuration,
+                Ok(configuration) => {
+                    let jumps = leaves_branch(seed, &configuration);
+                    if jumps && halvings < self.loading.max_halvings {
+                        spent.add(configuration.iterations, configuration.factorisations);
+                        halvings += 1;
+                        if done + step >= 1.0 {
+                            elsewhere.get_or_insert(configuration);
+                        }
+                        step *= 0.5;
+                        continue;
+                    }
+                    switched |= jumps;
+                    configuration
+                }
                 Err(failure) => {
                     spent.add(failure.iterations, self.factorisations);
                     if halvings < self.loading.max_halvings {
@@ -80,6 +98,17 @@ impl Solver {
                         pushes += 1;
                         continue;
                     }
+                    if let Some(landed) = elsewhere {
+                        let Spent { iterations, factorisations, increments } = spent;
+                        let increments = increments + 1;
+                        return Ok(Configuration {
+                            iterations,
+                            factorisations,
+                            increments,
+                            switched: true,
+                            ..landed
+                        });
+                    }
                     let mut snap = |share: f64| {
                         self.snap_through(seed, &pose_at(done + share), &mut guess, &mut spent)
                             .map(|configuration| (share, configuration))
@@ -90,6 +119,7 @@ impl Solver {
                         return Err(SolveFailure { iterations: spent.iterations, ..failure });
                     };
                     may_snap = false;
+                    switched |= leaves_branch(seed, &configuration);
                     step = share;
                     configuration
                 }
@@ -99,7 +129,13 @@ impl Solver {
             done += step;
             if done >= 1.0 {
                 let Spent { iterations, factorisations, increments } = spent;
-                return Ok(Configuration { iterations, factorisations, increments, ..configuration });
+                return Ok(Configuration {
+                    iterations,
+                    factorisations,
+                    increments,
+                    switched,
+                    ..configuration
+                });
             }
             here = Some(configuration);
             step = (2.0 * step).min(1.0 - done);
@@ -161,6 +197,14 @@ impl Solver {
             }
         }
     }
+}
+
+/// Whether a solution does not join the seed's smoothly. A turned handle moves W by more than the displacement, which is
+/// all that is known of it: then nothing is said.
+fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
+    let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
+    let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
+    moved && !turned && Excess::between(&seed.potential, &found.seed.potential).is_jump()
 }
 
 /// What a transition has cost so far.

@@ -3,6 +3,7 @@
 //! [`Problem`] is built once per active node and shared by all threads; each thread owns a [`Solver`].
 //! [`Solver::advance`] goes from a solved [`Configuration`] to a new position by incremental loading.
 
+pub mod branch;
 mod condensed;
 mod factor;
 mod incremental_loading;
@@ -16,6 +17,7 @@ use std::sync::Arc;
 
 use nalgebra::Matrix3;
 
+pub use branch::{Excess, Potential};
 pub use incremental_loading::{Effort, LoadingOptions};
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
@@ -127,6 +129,8 @@ pub struct Seed {
     pub state: Vec<f64>,
     /// d(state)/dd along a translation of the handle, one state vector per axis: the tangent predictor.
     pub sensitivity: [Vec<f64>; 3],
+    /// The condensed potential there: what the next solution must join smoothly.
+    pub potential: Potential,
 }
 
 /// One solved configuration: the paper's C = (p, u, h), with its energy and the derivatives of it.
@@ -161,6 +165,8 @@ pub struct Configuration {
     pub factorisations: u32,
     /// Load increments that the step was split into.
     pub increments: u32,
+    /// Whether the transition left the branch it started on: however small the steps, W, h and S do not join.
+    pub switched: bool,
 }
 
 /// Solver of one thread: the problem's numbers and scratch memory. Nothing is allocated in an iteration.

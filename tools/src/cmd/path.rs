@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
 use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::boundary::Pose;
 use palpate_precompute::solve::{Configuration, Solver};
 
 use crate::displacements::Displacements;
@@ -32,6 +33,12 @@ pub(crate) struct Args {
     /// Number of steps
     #[arg(long)]
     steps: u32,
+    /// Turn the patch of the active node about it on the way, too: rotation vector x,y,z in rad, reached at the last step
+    #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
+    turn: Option<[f64; 3]>,
+    /// More columns after `status`: reason of a failure, unstable modes, whether the step left its branch, moment of a patch
+    #[arg(long)]
+    details: bool,
     /// CSV file to write; standard output if not given
     #[arg(long)]
     csv: Option<PathBuf>,
@@ -44,14 +51,20 @@ pub(crate) struct Args {
     displacements: Option<PathBuf>,
 }
 
-/// A unit vector from three numbers with commas.
-pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
+/// Three finite numbers with commas.
+fn three(text: &str) -> Result<[f64; 3], String> {
     let parts: Vec<f64> = text
         .split(',')
         .map(|t| t.trim().parse::<f64>())
         .collect::<Result<_, _>>()
         .map_err(|e| e.to_string())?;
     let vector: [f64; 3] = parts.try_into().map_err(|_| "give three numbers, as in 0,0,1".to_string())?;
+    if vector.iter().all(|x| x.is_finite()) { Ok(vector) } else { Err("the numbers must be finite".into()) }
+}
+
+/// A unit vector from three numbers with commas.
+pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
+    let vector = three(text)?;
     let length = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
     if !(length > 0.0 && length.is_finite()) {
         return Err("the direction must be finite and not zero".into());
@@ -61,6 +74,8 @@ pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
 
 const HEADER: &str = "step,dx_m,dy_m,dz_m,fx_n,fy_n,fz_n,energy_j,newton_iterations,residual_n,min_jacobian,inverted,\
                       volume_m3,status";
+/// With --details.
+const DETAILS: &str = ",reason,unstable_modes,switched,tx_n_m,ty_n_m,tz_n_m";
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
@@ -70,27 +85,48 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut displacements = Displacements::new(args.displacements.as_deref())?;
     let bench = Workbench::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
+    if args.turn.is_some() && active.patch.is_empty() {
+        return Err(Failure::input(format!(
+            "--turn: active node {} is a single node, which has nothing to turn; give it a `patch` or `patch_radius_m`",
+            active.name
+        )));
+    }
+    if args.steps == 0 {
+        return Err(Failure::input("--steps must be at least 1"));
+    }
     let mut solver = Solver::new(bench.problem(active));
     let mut here = solver.rest().map_err(|failure| {
         Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
     })?;
-    let mut table = format!("{HEADER}\n");
+    let mut table = format!("{HEADER}{}\n", if args.details { DETAILS } else { "" });
     displacements.add(0, 0.0, &bench.body, &here)?;
     let mut failed = None;
     for step in 1..=args.steps {
         let length_mm = f64::from(step) * args.step_mm;
         let target = args.direction.map(|x| x * (length_mm * 1e-3));
-        match solver.advance(&here.seed, target) {
+        let share = f64::from(step) / f64::from(args.steps);
+        let pose =
+            Pose { displacement_m: target, rotation_rad: args.turn.unwrap_or_default().map(|x| x * share) };
+        match solver.advance_to(&here.seed, &pose) {
             Ok(configuration) => {
-                push_row(&mut table, step, &configuration);
+                push_row(&mut table, step, &configuration, args.details);
+                if configuration.switched {
+                    eprintln!(
+                        "palpate: warning: step {step}: the body left its branch (it snapped, or Newton found another \
+                         equilibrium): W, h and S do not join those of the step before"
+                    );
+                }
                 displacements.add(step, length_mm, &bench.body, &configuration)?;
                 here = configuration;
             }
             Err(failure) => {
                 let [x, y, z] = target;
                 let (iterations, residual) = (failure.iterations, failure.residual_n);
-                table
-                    .push_str(&format!("{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed\n"));
+                let details =
+                    if args.details { format!(",{},,,,,", failure.reason.name()) } else { String::new() };
+                table.push_str(&format!(
+                    "{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed{details}\n"
+                ));
                 failed = Some((step, failure));
                 break;
             }
@@ -106,12 +142,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-fn push_row(table: &mut String, step: u32, c: &Configuration) {
+fn push_row(table: &mut String, step: u32, c: &Configuration, details: bool) {
     let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.pose.displacement_m, c.force_n);
     table.push_str(&format!(
-        "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok\n",
+        "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok",
         c.energy_j, c.iterations, c.residual_n, c.min_jacobian, c.inverted, c.volume_m3
     ));
+    if details {
+        let [x, y, z] = c.torque_n_m;
+        let unstable = c.unstable_modes.map_or(String::new(), |n| n.to_string());
+        table.push_str(&format!(",,{unstable},{},{x:?},{y:?},{z:?}", u32::from(c.switched)));
+    }
+    table.push('\n');
 }
 
 /// Writes to a file, or to standard output.

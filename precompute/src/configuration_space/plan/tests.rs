@@ -161,9 +161,10 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     let domain = Domain::new(&grid(), true);
     for index in jumped {
         let tries = log.values().filter(|t| t.target == index).count();
-        // A corner of the shell may have one parent only.
+        // A corner of the shell may have one parent only; a point whose second try brought it back is left alone.
         let parents = domain.parents(domain.position(index).unwrap()).len();
-        assert_eq!(tries, parents.min(1 + FOLD_TRIES as usize), "{index:?}");
+        let most = parents.min(1 + FOLD_TRIES as usize);
+        assert!((most.min(2)..=most).contains(&tries), "{index:?}: {tries} tries, {parents} parents");
     }
     let untouched = log.keys().filter(|(_, attempt)| *attempt == 0).count();
     assert!(log.len() < 3 * untouched, "not everything is solved again");

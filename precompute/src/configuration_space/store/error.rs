@@ -58,10 +58,12 @@ impl StoreError {
     pub fn is_damage(&self) -> bool {
         match self {
             Self::Corrupt { .. } => true,
-            Self::Sqlite { error, .. } => matches!(
-                error.sqlite_error_code(),
-                Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)
-            ),
+            Self::Sqlite { error, .. } => {
+                matches!(
+                    error.sqlite_error_code(),
+                    Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase)
+                ) || matches!(error, rusqlite::Error::InvalidColumnType(..))
+            }
             _ => false,
         }
     }
@@ -96,6 +98,7 @@ impl std::fmt::Display for StoreError {
                         write!(f, "{path}: is no .space file, or is damaged; {SALVAGE}")
                     }
                     Some(ErrorCode::DatabaseCorrupt) => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
+                    None if self.is_damage() => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
                     _ => write!(f, "{path}: {error}; check the disk, and that it is a .space file"),
                 }
             }

@@ -12,7 +12,8 @@ use super::super::{GridIndex, Record, StoredSeed};
 /// Columns of a record, in the order of [`read`].
 pub(super) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
                                   energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, sxy_n_m, sxz_n_m, syz_n_m, \
-                                  third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, volume_m3, \
+                                  third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
+                                  volume_m3, \
                                   iterations, factorisations, increments, seconds, checksum";
 
 /// A record as read, with the checksum it was written with.
@@ -31,7 +32,6 @@ pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
     let attempt: Option<u32> = row.get(9)?;
     let tag: String = row.get(4)?;
-    let unreadable = |column, kind| rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind);
     let [xx, yy, zz, xy, xz, yz] =
         [number(15)?, number(16)?, number(17)?, number(18)?, number(19)?, number(20)?];
     let third = match row.get::<_, Option<Vec<u8>>>(21)? {
@@ -56,13 +56,18 @@ pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
         min_jacobian: number(23)?,
         inverted: row.get::<_, Option<u32>>(24)?.unwrap_or(0),
         unstable_modes: row.get(25)?,
-        volume_m3: number(26)?,
-        iterations: row.get(27)?,
-        factorisations: row.get(28)?,
-        increments: row.get(29)?,
-        seconds: row.get(30)?,
+        switched: row.get::<_, Option<bool>>(26)?.unwrap_or(false),
+        volume_m3: number(27)?,
+        iterations: row.get(28)?,
+        factorisations: row.get(29)?,
+        increments: row.get(30)?,
+        seconds: row.get(31)?,
     };
-    Ok(Row { record, checksum: row.get(31)? })
+    Ok(Row { record, checksum: row.get(32)? })
+}
+
+fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
+    rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind)
 }
 
 /// Writes an outcome.
@@ -74,7 +79,7 @@ pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Re
     let parent = r.parent.map(|(index, _)| index);
     let sql = format!(
         "INSERT INTO configuration (active, {COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, \
-         ?13, ?14, ?15, ?16, ?17, ?18, ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33)"
+         ?13, ?14, ?15, ?16, ?17, ?18, ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, ?34)"
     );
     connection.prepare_cached(&sql)?.execute(params![
         active,
@@ -104,6 +109,7 @@ pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Re
         number(r.min_jacobian),
         solved.then_some(r.inverted),
         r.unstable_modes,
+        solved.then_some(r.switched),
         number(r.volume_m3),
         r.iterations,
         r.factorisations,
@@ -112,7 +118,7 @@ pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Re
         checksum(active as usize, r),
     ])?;
     if let Some(seed) = &outcome.seed {
-        let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
+        let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)";
         let [i, j, k] = r.index;
         connection.prepare_cached(sql)?.execute(params![
             active,
@@ -122,6 +128,7 @@ pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Re
             r.attempt,
             seed.state,
             seed.sensitivity,
+            bytes(&seed.potential),
             seed_checksum(seed)
         ])?;
     }
@@ -142,13 +149,17 @@ pub(super) fn seed(
     index: GridIndex,
     attempt: u32,
 ) -> rusqlite::Result<(StoredSeed, u32)> {
-    let sql = "SELECT state, sensitivity, checksum FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 \
+    let sql = "SELECT state, sensitivity, potential, checksum FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 \
                AND attempt = ?5";
-    connection
-        .prepare_cached(sql)?
-        .query_row(params![active as i64, index[0], index[1], index[2], attempt], |row| {
-            Ok((StoredSeed { state: row.get(0)?, sensitivity: row.get(1)? }, row.get(2)?))
-        })
+    connection.prepare_cached(sql)?.query_row(
+        params![active as i64, index[0], index[1], index[2], attempt],
+        |row| {
+            let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
+            let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
+            let seed = StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential };
+            Ok((seed, row.get(3)?))
+        },
+    )
 }
 
 /// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
@@ -157,7 +168,7 @@ pub(super) fn checksum(active: usize, r: &Record) -> u32 {
     let solved = r.tag.is_solved();
     let parent = r.parent.map_or([0; 4], |([i, j, k], attempt)| [i, j, k, attempt as i32 + 1]);
     let unstable = r.unstable_modes.map_or(0, |n| n + 1);
-    let inverted = if solved { r.inverted } else { 0 };
+    let inverted = if solved { 2 * r.inverted + u32::from(r.switched) } else { 0 };
     let whole =
         [active as u32, r.attempt, r.round, inverted, unstable, r.iterations, r.factorisations, r.increments];
     for n in whole.into_iter().chain(r.index.map(|n| n as u32)).chain(parent.map(|n| n as u32)) {
@@ -182,6 +193,7 @@ pub(super) fn seed_checksum(seed: &StoredSeed) -> u32 {
     let mut digest = CHECKSUM.digest();
     digest.update(&seed.state);
     digest.update(&seed.sensitivity);
+    digest.update(&bytes(&seed.potential));
     digest.finalize()
 }
 

@@ -18,7 +18,7 @@ CREATE TABLE configuration (
   energy_j REAL, fx_n REAL, fy_n REAL, fz_n REAL,
   sxx_n_m REAL, syy_n_m REAL, szz_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syz_n_m REAL,
   third_n_m2 BLOB,                                              -- f64 x 10: 000 001 002 011 012 022 111 112 122 222
-  residual_n REAL, min_jacobian REAL, inverted INTEGER, unstable_modes INTEGER, volume_m3 REAL,
+  residual_n REAL, min_jacobian REAL, inverted INTEGER, unstable_modes INTEGER, switched INTEGER, volume_m3 REAL,
   iterations INTEGER NOT NULL, factorisations INTEGER NOT NULL, increments INTEGER NOT NULL, seconds REAL NOT NULL,
   checksum INTEGER NOT NULL,                                    -- CRC-32 of the row
   PRIMARY KEY (active, i, j, k, attempt)
@@ -27,7 +27,8 @@ CREATE TABLE state (
   active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
   state BLOB NOT NULL,                                          -- f32: displacements, then pressures
   sensitivity BLOB NOT NULL,                                    -- f32: d(state)/dd along x, then y, then z
-  checksum INTEGER NOT NULL,                                    -- CRC-32 of both
+  potential BLOB NOT NULL,                                      -- f64: W, h, S (xx yy zz xy xz yz) there
+  checksum INTEGER NOT NULL,                                    -- CRC-32 of the three
   PRIMARY KEY (active, i, j, k, attempt)
 );
 CREATE TABLE intermediate (

@@ -154,7 +154,8 @@ fn measure(
     let sum = |value: fn(&palpate_precompute::configuration_space::Record) -> f64| -> f64 {
         attempts.iter().map(value).sum()
     };
-    let folds = palpate_precompute::configuration_space::fold::folds(&bench.grid()?, &store.records(0)?).len();
+    let folds =
+        palpate_precompute::configuration_space::fold::folds(&bench.grid()?, &store.records(0)?).len();
     drop(store);
     let solved = counts.solved().max(1) as f64;
     Ok(Row {

@@ -217,7 +217,7 @@ impl Space {
 
 const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,parent_k,failure,energy_j,fx_n,fy_n,fz_n,\
                           sxx_n_m,syy_n_m,szz_n_m,sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,volume_m3,\
-                          iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,\
+                          iterations,increments,seconds,attempt,parent_attempt,counts,factorisations,unstable_modes,switched,\
                           fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
@@ -241,6 +241,7 @@ fn csv_row(active: &str, grid: &SpaceGrid, r: &Record, counts: bool, fold: Optio
     cells.extend([r.iterations.to_string(), r.increments.to_string(), number(r.seconds)]);
     cells.extend([r.attempt.to_string(), whole(r.parent.map(|(_, attempt)| attempt))]);
     cells.extend([u32::from(counts).to_string(), r.factorisations.to_string(), whole(r.unstable_modes)]);
+    cells.push(whole(solved.then_some(u32::from(r.switched))));
     cells.extend(fold.map_or([const { String::new() }; 2], |e| e.map(number)));
     cells.extend(r.third_n_m2.map(number));
     cells.join(",") + "\n"
