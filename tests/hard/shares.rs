@@ -72,13 +72,13 @@ fn share(law: Material) -> (usize, usize) {
     walks.sort_by_key(|(index, ..)| *index);
     let mut failed = BTreeMap::new();
     let mut reasons: BTreeMap<&str, u32> = BTreeMap::new();
-    let (mut seconds, mut iterations) = (0.0, 0);
+    let (mut seconds, mut iterations, mut switched) = (0.0, 0, 0);
     for (index, w, took) in &walks {
         let Path { fixed, active, direction, .. } = &paths[*index];
         let mm = |m: Option<f64>| m.map_or("-".into(), |m| format!("{:.0}", 1e3 * m));
         println!(
             "{} {fixed} {active} {direction:>2?}  {:>3.0} mm  {:15} |h| {:7.3} N  min J {:7.3}  {:2} inverted (from {} mm)  \
-             unstable from {} mm  {:3} split steps  {:5} iterations  {took:5.1} s",
+             unstable from {} mm  {:3} split steps  {} changes of branch  {:5} iterations  {took:5.1} s",
             law.name(),
             1e3 * w.reached_m,
             w.failure.map_or("whole", |f| f.reason.name()),
@@ -88,6 +88,7 @@ fn share(law: Material) -> (usize, usize) {
             mm(w.inverted_at_m),
             mm(w.unstable_at_m),
             w.split_steps,
+            w.switches,
             w.cost.iterations,
         );
         let [bad, all] = failed.entry((*fixed, active.as_str())).or_insert([0, 0]);
@@ -97,11 +98,12 @@ fn share(law: Material) -> (usize, usize) {
             *reasons.entry(failure.reason.name()).or_default() += 1;
         }
         seconds += took;
+        switched += usize::from(w.failure.is_none() && w.switches > 0);
         iterations += w.cost.iterations;
     }
     let (bad, all) = failed.values().fold((0, 0), |(b, a), [bad, all]| (b + bad, a + all));
     println!(
-        "{}: {bad} of {all} paths non-convergent ({:.1} %); by set {failed:?}; reasons {reasons:?}; {iterations} iterations, \
+        "{}: {bad} of {all} paths non-convergent ({:.1} %), {switched} whole with a change of branch; by set {failed:?}; reasons {reasons:?}; {iterations} iterations, \
          {seconds:.0} s of one core",
         law.name(),
         100.0 * bad as f64 / all as f64

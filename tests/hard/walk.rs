@@ -26,6 +26,8 @@ pub(crate) struct Walk {
     pub(crate) unstable_at_m: Option<f64>,
     /// Steps that were split into increments.
     pub(crate) split_steps: u32,
+    /// Steps at which the body left its branch.
+    pub(crate) switches: u32,
     /// Work by the tool along the path, J: trapezia corrected by the stiffness at their ends, of fourth order.
     pub(crate) work_j: f64,
     /// What all of it cost.
@@ -97,6 +99,7 @@ pub(crate) fn walk(
         inverted_at_m: None,
         unstable_at_m: None,
         split_steps: 0,
+        switches: 0,
         work_j: 0.0,
         cost: Cost { equations, ..Cost::default() },
     };
@@ -120,6 +123,7 @@ impl Walk {
         self.cost.factorisations += next.factorisations;
         self.cost.increments += next.increments;
         self.split_steps += u32::from(next.increments > 1);
+        self.switches += u32::from(next.switched);
         let step_m = at_m - self.reached_m;
         let force = |c: &Configuration| Vector3::from(c.force_n).dot(along);
         let slope = |c: &Configuration| along.dot(&(c.stiffness_n_m * along));

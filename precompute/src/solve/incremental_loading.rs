@@ -62,7 +62,9 @@ impl Solver {
         let mut may_snap = self.loading.snap_through;
         let mut spent = Spent::default();
         let mut here: Option<Configuration> = None;
-        let (mut switched, mut elsewhere) = (false, None);
+        let mut switched = false;
+        // How far a step got that jumped, and where to.
+        let mut elsewhere: Option<(f64, Configuration)> = None;
         let mut guess = vec![0.0; from.state.len()];
         let pose_at = |done: f64| if done >= 1.0 { *target } else { from.pose.towards(target, done) };
         loop {
@@ -78,9 +80,8 @@ impl Solver {
                     if jumps && halvings < self.loading.max_halvings {
                         spent.add(configuration.iterations, configuration.factorisations);
                         halvings += 1;
-                        if done + step >= 1.0 {
-                            elsewhere.get_or_insert(configuration);
-                        }
+                        let counted = Configuration { iterations: 0, factorisations: 0, ..configuration };
+                        elsewhere.get_or_insert((done + step, counted));
                         step *= 0.5;
                         continue;
                     }
@@ -98,27 +99,19 @@ impl Solver {
                         pushes += 1;
                         continue;
                     }
-                    if let Some(landed) = elsewhere {
-                        let Spent { iterations, factorisations, increments } = spent;
-                        let increments = increments + 1;
-                        return Ok(Configuration {
-                            iterations,
-                            factorisations,
-                            increments,
-                            switched: true,
-                            ..landed
-                        });
-                    }
+                    let left = 1.0 - done;
                     let mut snap = |share: f64| {
                         self.snap_through(seed, &pose_at(done + share), &mut guess, &mut spent)
                             .map(|configuration| (share, configuration))
                     };
-                    let left = 1.0 - done;
-                    let landed = if may_snap { snap(left).or_else(|| snap(0.5 * left)) } else { None };
+                    let landed = match elsewhere.take().filter(|(reached, _)| *reached > done) {
+                        Some((reached, configuration)) => Some((reached - done, configuration)),
+                        None if std::mem::take(&mut may_snap) => snap(left).or_else(|| snap(0.5 * left)),
+                        None => None,
+                    };
                     let Some((share, configuration)) = landed else {
                         return Err(SolveFailure { iterations: spent.iterations, ..failure });
                     };
-                    may_snap = false;
                     switched |= leaves_branch(seed, &configuration);
                     step = share;
                     configuration
