@@ -57,7 +57,6 @@ impl Solver {
         let body = &problem.body;
         self.translation_columns();
         self.factorisations += 1;
-        let n = problem.unknowns();
         let solved = self.factor.factorise_and_solve(
             &problem.symbolic,
             &problem.pattern,
@@ -71,20 +70,7 @@ impl Solver {
         }
         let unstable_modes = self.factor.unstable_modes(&problem.symbolic);
         let stiffness = self.condensed_stiffness(&problem);
-        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
-        let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
-        for (axis, state_column) in sensitivity.iter_mut().enumerate() {
-            let x = &self.columns[axis * n..(axis + 1) * n];
-            for &(equation, position) in &problem.positions {
-                let unit = if position < forces { 1.0 } else { pressure_scale };
-                state_column[position] = unit * x[equation];
-            }
-            for &node in problem.handle_nodes() {
-                for (component, value) in state_column[3 * node as usize..][..3].iter_mut().enumerate() {
-                    *value = f64::from(u8::from(component == axis));
-                }
-            }
-        }
+        let sensitivity = self.sensitivity_of_state();
         let third_n_m2 = third_derivatives(body, &self.state, &sensitivity);
         let residual_n = self.polish(residual_n);
         let assembled = &self.assembled;
@@ -119,7 +105,7 @@ impl Solver {
     }
 
     /// Right-hand sides of the sensitivities, one column per axis.
-    fn translation_columns(&mut self) {
+    pub(super) fn translation_columns(&mut self) {
         let problem = &*self.problem;
         let n = problem.unknowns();
         let held = problem.dofs.multipliers();
@@ -137,11 +123,32 @@ impl Solver {
         }
     }
 
+    /// du/dd and dp/dd of every node along each axis, from the columns solved for.
+    pub(super) fn sensitivity_of_state(&self) -> [Vec<f64>; 3] {
+        let (problem, body) = (&*self.problem, &self.problem.body);
+        let n = problem.unknowns();
+        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
+        for (axis, state_column) in sensitivity.iter_mut().enumerate() {
+            let x = &self.columns[axis * n..(axis + 1) * n];
+            for &(equation, position) in &problem.positions {
+                let unit = if position < forces { 1.0 } else { pressure_scale };
+                state_column[position] = unit * x[equation];
+            }
+            for &node in problem.handle_nodes() {
+                for (component, value) in state_column[3 * node as usize..][..3].iter_mut().enumerate() {
+                    *value = f64::from(u8::from(component == axis));
+                }
+            }
+        }
+        sensitivity
+    }
+
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
     ///
     /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j: the last term makes the error of S the square of that of x, so one solve
     /// without refinement is enough. With multipliers K_AA is zero.
-    fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
+    pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;
         let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());

@@ -377,9 +377,7 @@ impl Factor {
             if !self.factorise(symbolic, pattern, matrix, route) {
                 continue;
             }
-            self.right[..right.len()].copy_from_slice(right);
-            let residual =
-                self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), accuracy);
+            let residual = self.solve(symbolic, pattern, matrix, right, x, accuracy);
             best = best.min(residual);
             let accepted = residual <= accuracy.accepted
                 || residual <= ACCEPTED_AT_FLOOR && residual <= rounding(matrix, x, right);
@@ -388,6 +386,20 @@ impl Factor {
             }
         }
         Err(SingularMatrix { residual: best })
+    }
+
+    /// Solves for the columns of `right` with the factor in place, refined; returns the relative residual reached.
+    pub(super) fn solve(
+        &mut self,
+        symbolic: &SymbolicFactor,
+        pattern: &Pattern,
+        matrix: &[f64],
+        right: &[f64],
+        x: &mut [f64],
+        accuracy: Accuracy,
+    ) -> f64 {
+        self.right[..right.len()].copy_from_slice(right);
+        self.refine(symbolic, pattern, matrix, x, right.len() / pattern.unknowns(), accuracy)
     }
 
     /// Residuals b - K x of the last checked solve, column after column.
