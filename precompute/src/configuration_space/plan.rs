@@ -11,7 +11,7 @@
 //! other until one succeeds. What becomes expandable then opens a new level.
 //!
 //! **Folds.** When nothing is left to retry, points of flagged pairs ([`super::fold`]) are solved once more from another parent,
-//! [`FOLD_TRIES`] times at most. Of all solutions of a point the one of lowest energy is kept; every try is recorded.
+//! twice at most. Of all solutions of a point the one of lowest energy is kept; every try is recorded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

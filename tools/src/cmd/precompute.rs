@@ -20,7 +20,7 @@ use crate::workbench::{Workbench, stop_flag, threads};
 /// parent is tried from its other neighbours; neighbours that seem to lie on different branches are solved again, and the
 /// lower energy is kept.
 ///
-/// With [grid] complete_cells (the default) the corners outside the radius of the cells that reach into it are solved too.
+/// With `complete_cells` in the grid (the default) the corners outside the radius of the cells that reach into it are solved too.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
