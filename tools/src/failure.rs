@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use palpate_precompute::configuration_space::ExpansionError;
+use palpate_precompute::held_out::HeldOutError;
 
 /// A command's failure.
 #[derive(Debug)]
@@ -50,6 +51,15 @@ impl From<ExpansionError> for Failure {
         match error {
             ExpansionError::Store(_) | ExpansionError::Rest(_) => Self::input(error),
             ExpansionError::Interrupted | ExpansionError::Crew(_) => Self::work(error),
+        }
+    }
+}
+
+impl From<HeldOutError> for Failure {
+    fn from(error: HeldOutError) -> Self {
+        match error {
+            HeldOutError::Store(_) | HeldOutError::NoSpace(_) => Self::input(error),
+            HeldOutError::Interrupted | HeldOutError::Crew(_) => Self::work(error),
         }
     }
 }

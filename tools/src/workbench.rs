@@ -28,7 +28,11 @@ pub(crate) struct Workbench {
 impl Workbench {
     /// Loads a scene and its mesh; warnings go to standard error.
     pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
-        let scene = Scene::load(path)?.resolve()?;
+        Self::of(path, Scene::load(path)?.resolve()?)
+    }
+
+    /// Builds the body of a scene that stands at `path`; warnings go to standard error.
+    pub(crate) fn of(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
         for warning in &scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }

@@ -37,6 +37,15 @@ pub enum StoreError {
         /// Asked for.
         wanted: String,
     },
+    /// Its held-out truth was drawn in another way.
+    Drawn {
+        /// The file.
+        path: PathBuf,
+        /// In the file.
+        stored: String,
+        /// Asked for.
+        wanted: String,
+    },
     /// A value in the file makes no sense.
     Corrupt {
         /// The file.
@@ -109,6 +118,11 @@ impl std::fmt::Display for StoreError {
             Self::Mismatch { path, what, stored, wanted } => write!(
                 f,
                 "{}: made with another {what} ({stored}, now {wanted}); give --out another name or delete the file",
+                path.display()
+            ),
+            Self::Drawn { path, stored, wanted } => write!(
+                f,
+                "{}: holds held-out truth of another draw ({stored}; now {wanted}); take the same, or --again to draw anew",
                 path.display()
             ),
             Self::Corrupt { path, what } => write!(f, "{}: {what}; {SALVAGE}", path.display()),

@@ -6,6 +6,7 @@
 //! may read meanwhile.
 
 mod error;
+mod held_out;
 mod rows;
 mod salvage;
 
@@ -129,7 +130,7 @@ impl Store {
         result.map_err(|error| StoreError::sqlite(&self.path, error))
     }
 
-    pub(super) fn corrupt(&self, what: impl Into<String>) -> StoreError {
+    pub(crate) fn corrupt(&self, what: impl Into<String>) -> StoreError {
         StoreError::Corrupt { path: self.path.clone(), what: what.into() }
     }
 
@@ -348,12 +349,16 @@ impl Store {
 
     /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
     pub fn add(&self, outcome: &Outcome) -> Result<(), StoreError> {
+        self.write(|connection| rows::insert(connection, outcome))
+    }
+
+    fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {
         let now = Instant::now();
         if self.connection.is_autocommit() {
             self.wrap(self.connection.execute_batch("BEGIN IMMEDIATE"))?;
             self.begun.set(now);
         }
-        let added = self.wrap(rows::insert(&self.connection, outcome));
+        let added = self.wrap(rows(&self.connection));
         if added.is_err() {
             // What was added before is worth keeping, if the disk still takes it; the error that matters is the first one.
             let _ = self.commit();
