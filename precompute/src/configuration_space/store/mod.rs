@@ -1,4 +1,4 @@
-//! The `.space` file: SQLite, self-contained; docs/space.md describes every table.
+//! The `.space` file: SQLite, self-contained; docs/formats.md, section 3, describes every table.
 //!
 //! Every try at every point is one row, committed at most a second after it is done. States and sensitivities are
 //! little-endian f32: they are first guesses of later solves and pictures for the eye, while energy, force and its derivatives are
