@@ -11,7 +11,9 @@ use super::{
     Crew, CrewError, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity, StoredSeed,
     fold,
 };
+use crate::boundary::Pose;
 use crate::mesh::TetMesh;
+use crate::solve::{Configuration, Potential, Seed};
 
 const SPACING_M: f64 = 0.01;
 /// The fold is the plane halfway between the grid points of i = 1 and those of i = 2.
@@ -211,17 +213,41 @@ fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_i
 #[test]
 fn a_configuration_that_is_not_finite_is_a_failure() {
     let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: Some(([0; 3], 0)) };
-    let sound = Fake::new(1.0, 0.0).record(&task, false);
-    assert!(sound.is_finite());
-    let breakers: [fn(&mut Record); 4] = [
-        |r| r.energy_j = f64::NAN,
-        |r| r.force_n[1] = f64::INFINITY,
-        |r| r.stiffness_n_m[(2, 1)] = f64::NAN,
-        |r| r.third_n_m2[9] = f64::NEG_INFINITY,
+    let (displacement_m, force_n, stiffness_n_m) = ([0.01, 0.0, 0.0], [1.0; 3], Matrix3::identity());
+    let sound = Configuration {
+        seed: Seed {
+            pose: Pose::translation(displacement_m),
+            state: vec![0.0],
+            sensitivity: [const { Vec::new() }; 3],
+            potential: Potential { displacement_m, energy_j: 1.0, force_n, stiffness_n_m },
+        },
+        energy_j: 1.0,
+        force_n,
+        torque_n_m: [0.0; 3],
+        stiffness_n_m,
+        third_n_m2: [0.0; 10],
+        residual_n: 1e-9,
+        min_jacobian: 1.0,
+        inverted: 0,
+        volume_m3: 1.0,
+        unstable_modes: None,
+        iterations: 3,
+        factorisations: 1,
+        increments: 1,
+        switched: false,
+    };
+    assert_eq!(Record::solved(&task, &sound, 10.0, 0.0).tag, ConfigTag::Expandable);
+    let breakers: [fn(&mut Configuration); 4] = [
+        |c| c.energy_j = f64::NAN,
+        |c| c.force_n[1] = f64::INFINITY,
+        |c| c.stiffness_n_m[(2, 1)] = f64::NAN,
+        |c| c.third_n_m2[9] = f64::NEG_INFINITY,
     ];
     for breaker in breakers {
         let mut broken = sound.clone();
         breaker(&mut broken);
-        assert!(!broken.is_finite());
+        let record = Record::solved(&task, &broken, 10.0, 0.0);
+        assert_eq!((record.tag, record.failure.as_deref()), (ConfigTag::Failed, Some("not-finite")));
+        assert_eq!(record.iterations, 3);
     }
 }

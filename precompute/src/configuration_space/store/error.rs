@@ -26,6 +26,11 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// A run was stopped before it wrote anything.
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
     /// Another process writes the file.
     InUse {
         /// The file.
@@ -49,6 +54,12 @@ pub enum StoreError {
         /// Which.
         what: String,
     },
+}
+
+/// A full disk by any of its names: the index of the log has a code of its own.
+fn is_full_disk(error: &rusqlite::Error) -> bool {
+    error.sqlite_error_code() == Some(ErrorCode::DiskFull)
+        || error.sqlite_error().is_some_and(|e| e.extended_code == rusqlite::ffi::SQLITE_IOERR_SHMSIZE)
 }
 
 /// How a damaged file is saved.
@@ -86,7 +97,7 @@ impl std::fmt::Display for StoreError {
             Self::Sqlite { path, error } => {
                 let path = path.display();
                 match error.sqlite_error_code() {
-                    Some(ErrorCode::DiskFull) => write!(
+                    _ if is_full_disk(error) => write!(
                         f,
                         "{path}: the disk is full; what was done before is kept: make room and run the same command again"
                     ),
@@ -119,6 +130,13 @@ impl std::fmt::Display for StoreError {
             }
             Self::Io { path, error } => {
                 write!(f, "{}: {error}; check the name, the folder and its permissions", path.display())
+            }
+            Self::Empty { path } => {
+                write!(
+                    f,
+                    "{}: there is nothing in it yet; run palpate precompute with it as --out",
+                    path.display()
+                )
             }
             Self::LogBeside { path } => {
                 let path = path.display();

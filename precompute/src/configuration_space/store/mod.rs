@@ -111,6 +111,9 @@ impl Store {
     /// Opens an existing store for reading, in a folder that may not be written too.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let store = Self::with(reading::connect(path)?, path, None);
+        if store.is_empty()? {
+            return Err(StoreError::Empty { path: path.to_path_buf() });
+        }
         store.expect_meta("layout", LAYOUT)?;
         Ok(store)
     }
