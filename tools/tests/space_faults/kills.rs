@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use super::{Draws, LARGE, dump, precompute, rows, scene, undisturbed};
+use super::{Draws, LARGE, dump, kept, precompute, scene, undisturbed};
 
 const KILLS: usize = 50;
 
@@ -88,7 +88,7 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
         if killed(run, &space, moment) {
             kills += 1;
             torn += usize::from(log_is_torn(&space));
-            let after = if space.exists() { seen(&space, folder.path()) } else { Vec::new() };
+            let after = kept(&space, folder.path());
             // Not one row that was there is gone or changed, its seconds included.
             let lost: Vec<&String> = before.iter().filter(|row| after.binary_search(row).is_err()).collect();
             assert!(
@@ -122,28 +122,4 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
         at_start > 0 && solving > 5,
         "{at_start} at start-up, {solving} later: the moments miss something"
     );
-}
-
-/// The rows of every try, sorted, none if the run was killed before it wrote its tables.
-fn seen(space: &Path, aside: &Path) -> Vec<String> {
-    let mut inspect = super::palpate();
-    let probe = inspect.arg("inspect").arg(space).output().expect("runs");
-    let said = String::from_utf8_lossy(&probe.stderr);
-    if !probe.status.success() {
-        assert!(said.contains("there is nothing in it yet"), "{said}");
-        return Vec::new();
-    }
-    let mut rows = rows(space, aside, true);
-    // `counts` and the fold flags of a row change with its neighbours.
-    let head: Vec<String> = rows.remove(0).split(',').map(String::from).collect();
-    let kept = |column: usize| head[column] != "counts" && !head[column].starts_with("fold_");
-    let mut rows: Vec<String> = rows
-        .iter()
-        .map(|row| {
-            let cells = row.split(',').enumerate().filter(|(column, _)| kept(*column));
-            cells.map(|(_, cell)| cell).collect::<Vec<_>>().join(",")
-        })
-        .collect();
-    rows.sort_unstable();
-    rows
 }

@@ -71,6 +71,34 @@ fn rows(space: &Path, aside: &Path, all_tries: bool) -> Vec<String> {
     rows
 }
 
+/// The rows of every try that a run kept, sorted; none if it was stopped before it wrote its tables.
+fn kept(space: &Path, aside: &Path) -> Vec<String> {
+    if !space.exists() {
+        return Vec::new();
+    }
+    let mut probe = palpate();
+    probe.arg("inspect").arg(space);
+    let probe = output(probe);
+    if !probe.status.success() {
+        let said = String::from_utf8_lossy(&probe.stderr);
+        assert!(said.contains("there is nothing in it yet"), "{said}");
+        return Vec::new();
+    }
+    let mut rows = rows(space, aside, true);
+    // `counts` and the fold flags of a row change with its neighbours.
+    let head: Vec<String> = rows.remove(0).split(',').map(String::from).collect();
+    let of_the_row = |column: usize| head[column] != "counts" && !head[column].starts_with("fold_");
+    let mut rows: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            let cells = row.split(',').enumerate().filter(|(column, _)| of_the_row(*column));
+            cells.map(|(_, cell)| cell).collect::<Vec<_>>().join(",")
+        })
+        .collect();
+    rows.sort_unstable();
+    rows
+}
+
 /// Everything a store holds of its space but the wall-clock seconds: the rows that count, then those of every try.
 fn dump(space: &Path, aside: &Path) -> [Vec<String>; 2] {
     [false, true].map(|all_tries| {
