@@ -135,3 +135,42 @@ fn an_unfinished_space_and_another_draw_are_refused() {
     run(Draw { seed: 4, uniform: 0, random: 1, regular_m: None, ..DRAW }).expect("drawn anew");
     assert_eq!(store.walks_done(0).expect("read").len(), 1);
 }
+
+#[test]
+fn what_is_intact_of_a_damaged_file_is_kept_and_the_rest_solved_to_the_same_bits() {
+    const PAGE: usize = 4096;
+    let bench = SpaceBench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let path = folder.path().join("a.space");
+    let expected = bits(&solved(&bench, &path, DRAW, 2));
+    let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
+    let damaged = |store: &Store| store.each_truth(0, |_, _, _| ()).err().is_some_and(|e| e.is_damage());
+    let (mut hit, mut most_kept) = (0, 0);
+    for page in 1..whole.len() / PAGE {
+        let torn = folder.path().join(format!("torn{page}.space"));
+        let mut bytes = whole.clone();
+        for byte in &mut bytes[page * PAGE + 100..page * PAGE + PAGE - 100] {
+            *byte ^= 0x5a;
+        }
+        std::fs::write(&torn, bytes).expect("written");
+        if !Store::open(&torn).is_ok_and(|store| damaged(&store)) {
+            continue;
+        }
+        hit += 1;
+        let active = [("A".to_string(), bench.active)];
+        let (saved, report) = Store::salvage(&torn, &bench.identity, &bench.mesh, &bench.fixed, &active)
+            .unwrap_or_else(|error| panic!("page {page}: {error}"));
+        most_kept = most_kept.max(report.walks);
+        bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the space ends");
+        solve(&bench, &saved, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        assert_eq!(bits(&saved), expected, "page {page}");
+    }
+    let walks = truths_walks(&expected);
+    assert!(hit > 3, "{hit} pages hold truth");
+    assert!(most_kept > walks / 2 && most_kept < walks, "{most_kept} of {walks} walks kept");
+}
+
+/// Walks among the rows of [`bits`]: one has a first step.
+fn truths_walks(bits: &[String]) -> usize {
+    bits.iter().filter(|row| row.split(')').next().is_some_and(|key| key.ends_with(", 1"))).count()
+}

@@ -104,7 +104,12 @@ fn a_store_of_another_scene_is_refused() {
     drop(SpaceBench::new(1.0).store(&path).expect("the store opens"));
     let refused = SpaceBench::new(2.0).store(&path).expect_err("another force limit is another scene");
     let line = refused.to_string();
-    assert!(line.contains("a.space") && line.contains("scene or mesh") && line.contains("--out"), "{line}");
+    assert!(
+        line.contains("a.space")
+            && line.contains("scene or mesh (max_force_n = 1.0, now max_force_n = 2.0)")
+            && line.contains("--out"),
+        "{line}"
+    );
 }
 
 #[test]

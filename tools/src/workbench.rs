@@ -107,8 +107,10 @@ impl Workbench {
         }
         let (store, salvaged) = Store::salvage(path, &identity, mesh, fixed, &active)?;
         eprintln!(
-            "palpate: {} configurations saved, {} damaged ones are solved again; the damaged file is now {}",
+            "palpate: {} configurations and {} held-out walks saved, {} damaged configurations are solved again; the damaged \
+             file is now {}",
             salvaged.saved,
+            salvaged.walks,
             salvaged.damaged,
             salvaged.moved_to.display()
         );

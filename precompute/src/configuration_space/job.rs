@@ -159,12 +159,12 @@ impl Worker {
         };
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
-            Ok(configuration) => Outcome {
-                active: job.active,
-                record: Record::solved(&job.task, &configuration, workshop.max_force_n, seconds),
-                seed: Some(StoredSeed::pack(&configuration.seed)),
-                intermediate,
-            },
+            Ok(configuration) => {
+                let record = Record::solved(&job.task, &configuration, workshop.max_force_n, seconds);
+                let seed = record.tag.is_solved().then(|| StoredSeed::pack(&configuration.seed));
+                let intermediate = if seed.is_some() { intermediate } else { Vec::new() };
+                Outcome { active: job.active, record, seed, intermediate }
+            }
             Err(failure) => Outcome {
                 active: job.active,
                 record: Record::failed(&job.task, &failure, seconds),

@@ -10,6 +10,8 @@ pub mod expansion;
 pub mod fold;
 pub mod job;
 pub mod plan;
+#[cfg(test)]
+mod planted_fold;
 mod record;
 pub mod store;
 

@@ -1,6 +1,6 @@
 //! Held-out truth in the store.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
@@ -91,6 +91,73 @@ impl Store {
         }
         Ok(())
     }
+}
+
+/// Copies what is intact of a damaged file's held-out truth, walk by walk; returns how many walks.
+///
+/// Read from both ends of every kind, so that a damaged page costs the walks on it. Without the meta table's word on how they were
+/// drawn nothing is copied.
+pub(super) fn salvage(old: &Connection, new: &Store, actives: usize) -> Result<usize, StoreError> {
+    let keys = "SELECT key, value FROM meta WHERE key LIKE 'held_out%'";
+    let drawn: rusqlite::Result<Vec<(String, String)>> = old
+        .prepare(keys)
+        .and_then(|mut statement| statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect());
+    let Some(drawn) = drawn.ok().filter(|drawn| !drawn.is_empty()) else { return Ok(0) };
+    for (key, value) in &drawn {
+        new.agree(key, value)?;
+    }
+    let mut saved = 0;
+    for active in 0..actives {
+        for kind in Kind::ALL {
+            let mut done = BTreeSet::new();
+            for order in ["number, step", "number DESC, step DESC"] {
+                let sql = format!(
+                    "SELECT {COLUMNS} FROM held_out WHERE active = {active} AND kind = '{}' ORDER BY {order}",
+                    kind.name()
+                );
+                let Ok(mut statement) = old.prepare(&sql) else { continue };
+                let Ok(mut rows) = statement.query([]) else { continue };
+                let mut walk: Option<(Walk, Vec<(u32, Truth)>)> = None;
+                loop {
+                    let row = match rows.next() {
+                        Ok(Some(row)) => read(active, row)
+                            .ok()
+                            .filter(|(walk, step, truth, stored)| *stored == checksum(walk, *step, truth)),
+                        // The end: the walk before it is whole.
+                        Ok(None) => {
+                            saved += keep(new, &mut done, walk.take())?;
+                            break;
+                        }
+                        Err(_) => None,
+                    };
+                    // Damaged: so is the walk it interrupts.
+                    let Some((here, step, truth, _)) = row else { break };
+                    if walk.as_ref().is_some_and(|(before, _)| *before != here) {
+                        saved += keep(new, &mut done, walk.take())?;
+                    }
+                    walk.get_or_insert((here, Vec::new())).1.push((step, truth));
+                }
+            }
+        }
+    }
+    Ok(saved)
+}
+
+/// Adds a whole walk that is not there yet.
+fn keep(
+    store: &Store,
+    done: &mut BTreeSet<Walk>,
+    walk: Option<(Walk, Vec<(u32, Truth)>)>,
+) -> Result<usize, StoreError> {
+    let Some((walk, mut steps)) = walk else { return Ok(0) };
+    steps.sort_unstable_by_key(|(step, _)| *step);
+    // A row may be missing altogether where a page was lost.
+    let gapless = steps.iter().zip(1..).all(|((step, _), n)| *step == n);
+    if !gapless || !done.insert(walk) {
+        return Ok(0);
+    }
+    store.add_walk(&WalkOutcome { walk, truths: steps.into_iter().map(|(_, truth)| truth).collect() })?;
+    Ok(1)
 }
 
 fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlite::Result<()> {

@@ -167,6 +167,23 @@ pub(super) fn plain(x: f64) -> f64 {
     if x.is_nan() { f64::NAN } else { x + 0.0 }
 }
 
+/// One state on the way of a try; `None` if it is not there or damaged.
+pub(super) fn intermediate(
+    connection: &Connection,
+    active: usize,
+    index: GridIndex,
+    attempt: u32,
+    part: u32,
+) -> Option<Intermediate> {
+    let sql = "SELECT numbers FROM intermediate WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5 \
+               AND part = ?6";
+    let key = params![active as i64, index[0], index[1], index[2], attempt, part];
+    let packed = connection
+        .prepare_cached(sql)
+        .and_then(|mut statement| statement.query_row(key, |row| row.get::<_, Vec<u8>>(0)));
+    unpack_intermediate(&packed.ok()?)
+}
+
 /// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
 pub(super) fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
