@@ -28,10 +28,16 @@ pub(crate) struct Workbench {
 impl Workbench {
     /// Loads a scene and its mesh; warnings go to standard error.
     pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
-        let scene = Scene::load(path)?.resolve()?;
-        for warning in &scene.warnings {
+        let bench = Self::load_quietly(path)?;
+        for warning in &bench.scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }
+        Ok(bench)
+    }
+
+    /// Loads a scene and its mesh, for one that is not the first to load it.
+    pub(crate) fn load_quietly(path: &Path) -> Result<Self, Failure> {
+        let scene = Scene::load(path)?.resolve()?;
         let body = scene.body().map_err(|error| {
             let line = format!("{}: {error}", path.display());
             match error {

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::sync::mpsc;
 
+use serde::{Deserialize, Serialize};
+
 use super::job::{Job, Outcome, Worker, Workshop};
 
 /// Why a crew cannot go on.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CrewError {
     /// A worker stopped on an internal error.
     Panicked,
@@ -82,6 +84,17 @@ struct Alarm<'s> {
 impl Drop for Alarm<'_> {
     fn drop(&mut self) {
         let _ = self.sender.send((self.number, Err(CrewError::Panicked)));
+    }
+}
+
+impl Threads {
+    /// An outcome that is there already; does not wait.
+    pub fn poll(&mut self) -> Result<Option<(usize, Outcome)>, CrewError> {
+        match self.outcomes.try_recv() {
+            Ok((worker, outcome)) => Ok(Some((worker, outcome?))),
+            Err(mpsc::TryRecvError::Empty) => Ok(None),
+            Err(mpsc::TryRecvError::Disconnected) => Err(CrewError::Panicked),
+        }
     }
 }
 
