@@ -45,12 +45,15 @@ enum Command {
 pub fn palpate_mpi() -> ExitCode {
     let parsed = Cli::try_parse();
     // Only the main thread calls MPI.
-    let Some((universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
+    let Some((mut universe, _)) = mpi::initialize_with_threading(Threading::Funneled) else {
         eprintln!("palpate-mpi: MPI does not start");
         return ExitCode::FAILURE;
     };
     let world = universe.world();
     let first = world.rank() == 0;
+    if first {
+        universe.set_buffer_size(ranks::BUFFER);
+    }
     let Command::Precompute(args) = match parsed {
         Ok(cli) => cli.command,
         Err(error) => {

@@ -1,5 +1,6 @@
 //! The other ranks as a crew, seen from rank 0.
 
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -14,6 +15,10 @@ use crate::failure::Failure;
 /// Pause between two looks for a message. MPI's own waiting would keep a core busy, which a rank that works could use.
 pub(super) const PAUSE: Duration = Duration::from_micros(100);
 
+/// MPI's own buffer for jobs on their way, bytes. Without it a send of more than some kilobytes would last until the other end looks
+/// for it, which is milliseconds where its cores are all solving.
+pub(super) const BUFFER: usize = 256 << 20;
+
 /// All ranks but 0. They are released when this goes, whatever the reason.
 pub(super) struct Ranks<'w> {
     world: &'w SimpleCommunicator,
@@ -21,6 +26,9 @@ pub(super) struct Ranks<'w> {
     present: Vec<bool>,
     /// Rank and thread of every desk, the first threads of all ranks first.
     desks: Vec<(i32, u32)>,
+    /// Bytes of the jobs that each desk has not answered yet, oldest first, and their sum: what may still be in the buffer.
+    unanswered: Vec<VecDeque<usize>>,
+    buffered: usize,
 }
 
 impl<'w> Ranks<'w> {
@@ -28,7 +36,7 @@ impl<'w> Ranks<'w> {
     pub(super) fn new(world: &'w SimpleCommunicator) -> Self {
         let mut present = vec![true; world.size() as usize];
         present[0] = false;
-        Self { world, present, desks: Vec::new() }
+        Self { world, present, desks: Vec::new(), unanswered: Vec::new(), buffered: 0 }
     }
 
     /// Waits until every rank has introduced itself and checks that all work on the same thing.
@@ -54,6 +62,7 @@ impl<'w> Ranks<'w> {
             self.desks.extend((0..desks).map(|desk| (rank, desk)));
         }
         self.desks.sort_by_key(|&(rank, desk)| (desk, rank));
+        self.unanswered = vec![VecDeque::new(); self.desks.len()];
         Ok(())
     }
 
@@ -79,6 +88,23 @@ impl<'w> Ranks<'w> {
             self.present[rank as usize] = false;
         }
         Ok(Some((rank, report)))
+    }
+
+    /// Sends a job without waiting, as long as the buffer has room (half of it: it may be in pieces).
+    fn hand(&mut self, worker: usize, job: Job) {
+        let (rank, desk) = self.desks[worker];
+        let bytes = encode(&Order::Work { desk, job: Box::new(job) });
+        let to = self.world.process_at_rank(rank);
+        self.unanswered[worker].push_back(bytes.len());
+        self.buffered += bytes.len();
+        if self.buffered <= BUFFER / 2 { to.buffered_send(&bytes[..]) } else { to.send(&bytes[..]) }
+    }
+
+    /// The desk that a rank's outcome came from.
+    fn answered(&mut self, rank: i32, desk: u32) -> Option<usize> {
+        let worker = self.desks.iter().position(|&at| at == (rank, desk))?;
+        self.buffered -= self.unanswered[worker].pop_front()?;
+        Some(worker)
     }
 
     fn tell(&self, rank: i32, order: &Order) {
@@ -135,10 +161,8 @@ impl Crew for RankCrew<'_, '_> {
         self.ranks.workers()
     }
 
-    /// Returns when the rank has the job: its thread for messages never works, so that is soon.
     fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError> {
-        let (rank, desk) = self.ranks.desks[worker];
-        self.ranks.tell(rank, &Order::Work { desk, job: Box::new(job) });
+        self.ranks.hand(worker, job);
         self.out += 1;
         Ok(())
     }
@@ -154,9 +178,8 @@ impl Crew for RankCrew<'_, '_> {
             };
             match report {
                 Report::Done { desk, outcome } => {
-                    let worker = self.ranks.desks.iter().position(|&at| at == (rank, desk));
-                    let worker =
-                        worker.ok_or_else(|| CrewError::Lost(format!("rank {rank} has no thread {desk}")))?;
+                    let unasked = || CrewError::Lost(format!("rank {rank} answered what it was not asked"));
+                    let worker = self.ranks.answered(rank, desk).ok_or_else(unasked)?;
                     self.out -= 1;
                     return Ok((worker, *outcome));
                 }

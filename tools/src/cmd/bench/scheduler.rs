@@ -41,8 +41,8 @@ pub(crate) struct Args {
     /// Microseconds that rank 0 is busy with a try; measured with --space, else 200.
     #[arg(long, value_name = "US")]
     rank0_us: Option<f64>,
-    /// Microseconds that rank 0 waits until a worker has taken a job.
-    #[arg(long, value_name = "US", default_value_t = 100.0)]
+    /// Microseconds in which rank 0 hands a job to MPI.
+    #[arg(long, value_name = "US", default_value_t = 25.0)]
     send_us: f64,
     /// Microseconds that a message is under way.
     #[arg(long, value_name = "US", default_value_t = 200.0)]
