@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// Milliseconds of a solve, where no file gives them.
     #[arg(long, value_name = "MS", default_value_t = 50.0)]
     solve_ms: f64,
-    /// Microseconds that rank 0 is busy with a try; measured with --space, else 200.
+    /// Microseconds that rank 0 is busy with a try; measured with --space, else 350.
     #[arg(long, value_name = "US")]
     rank0_us: Option<f64>,
     /// Microseconds in which rank 0 hands a job to MPI.
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if seconds.is_empty() {
         return Err(Failure::input("the file holds no solves"));
     }
-    let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(200.0);
+    let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(350.0);
     let costs = Costs {
         // Rank 0 plans and reads before it gives, and stores after it takes.
         give: nanoseconds((rank0_us / 2.0 + args.send_us) * 1e-6),
