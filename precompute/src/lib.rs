@@ -16,6 +16,7 @@ pub mod configuration_space;
 pub mod element;
 pub mod error;
 pub mod fit;
+pub mod held_out;
 pub mod kinematics;
 pub mod lanes;
 pub mod material;

@@ -1,6 +1,8 @@
 //! Fixtures shared by the tests across the crates: small bodies with known answers.
 #![forbid(unsafe_code)]
 
+pub mod space_bench;
+
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

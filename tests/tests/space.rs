@@ -1,83 +1,12 @@
 //! Configuration spaces: the same numbers whatever the threads and the interruptions, and a blob that gives them back.
 
-use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_precompute::blob_writer::pack;
-use palpate_precompute::configuration_space::{
-    Domain, Expansion, ExpansionError, Progress, Record, SpaceGrid, Store, StoreError, StoreIdentity,
-    TagCounts, Workshop, still_to_solve, with_threads,
-};
-use palpate_precompute::solve::{Problem, Solver};
-use palpate_tests::{mooney_rivlin, soft_beam};
-
-/// A space of 2 cells around the soft beam's active node.
-struct Bench {
-    mesh: palpate_precompute::mesh::TetMesh,
-    fixed: Vec<u32>,
-    active: u32,
-    problem: Arc<Problem>,
-    grid: SpaceGrid,
-    identity: StoreIdentity,
-}
-
-impl Bench {
-    fn new(max_force_n: f64) -> Self {
-        let (mesh, fixed, active, body) = soft_beam(mooney_rivlin());
-        let grid = SpaceGrid::new(0.005, 0.01).expect("the grid is valid");
-        let identity = StoreIdentity {
-            scene_name: "beam".into(),
-            scene: String::new(),
-            content_hash: format!("{max_force_n}"),
-            mesh_hash: mesh.content_hash(),
-            law: "mooney-rivlin".into(),
-            max_force_n,
-            spacing_m: grid.spacing_m,
-            radius_m: grid.radius_m,
-            visual: true,
-            complete_cells: true,
-            increments: None,
-        };
-        Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
-    }
-
-    fn store(&self, path: &Path) -> Result<Store, StoreError> {
-        let active = [("A".to_string(), self.active)];
-        Store::create_or_resume(path, &self.identity, &self.mesh, &self.fixed, &active)
-    }
-
-    fn expand(
-        &self,
-        store: &Store,
-        threads: usize,
-        stop: &AtomicBool,
-        progress: impl FnMut(&Progress),
-    ) -> Result<TagCounts, ExpansionError> {
-        let problem = self.problem.clone();
-        let workshop = Arc::new(Workshop {
-            problem: Box::new(move |_| problem.clone()),
-            grid: self.grid,
-            max_force_n: self.identity.max_force_n,
-            increments: self.identity.increments,
-        });
-        let expansion =
-            Expansion { actives: vec![0], grid: self.grid, complete_cells: self.identity.complete_cells };
-        with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress)).map(|all| all[0])
-    }
-
-    fn solve(&self, path: &Path, threads: usize) -> (Store, TagCounts) {
-        let store = self.store(path).expect("the store opens");
-        let counts = self.expand(&store, threads, &AtomicBool::new(false), |_| ()).expect("the run ends");
-        (store, counts)
-    }
-
-    fn still_to_solve(&self, store: &Store) -> usize {
-        let attempts = store.attempts(0).expect("records");
-        still_to_solve(&self.grid, self.identity.complete_cells, &attempts)
-    }
-}
+use palpate_precompute::configuration_space::{Domain, ExpansionError, Record, Store, still_to_solve};
+use palpate_precompute::solve::Solver;
+use palpate_tests::space_bench::SpaceBench;
 
 /// Everything a record holds but the seconds, bit for bit.
 fn bits(records: &[Record]) -> Vec<String> {
@@ -119,7 +48,7 @@ fn the_papers_four_grids_have_the_papers_numbers_of_points() {
 
 #[test]
 fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
-    let bench = Bench::new(1.0);
+    let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (one, counts) = bench.solve(&folder.path().join("one.space"), 1);
     let (two, again) = bench.solve(&folder.path().join("two.space"), 2);
@@ -149,11 +78,11 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
 #[test]
 fn points_beyond_the_force_limit_end_the_expansion() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
-    let (free, all) = Bench::new(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
+    let (free, all) = SpaceBench::new(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
     // 32 points of the ball of two cells; the corners that complete its cells make it the cube of 5^3 points.
     assert_eq!((all.expandable, all.terminating, all.failed, all.unknown), (124, 0, 0, 0));
     let largest = free.records(0).expect("records").iter().map(Record::force_norm_n).fold(0.0, f64::max);
-    let bench = Bench::new(0.5 * largest);
+    let bench = SpaceBench::new(0.5 * largest);
     let (limited, counts) = bench.solve(&folder.path().join("limited.space"), 2);
     assert!(counts.terminating > 0 && counts.expandable > 0, "{counts:?}");
     // Points that only terminating ones surround are not awaited.
@@ -172,15 +101,20 @@ fn points_beyond_the_force_limit_end_the_expansion() {
 fn a_store_of_another_scene_is_refused() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("a.space");
-    drop(Bench::new(1.0).store(&path).expect("the store opens"));
-    let refused = Bench::new(2.0).store(&path).expect_err("another force limit is another scene");
+    drop(SpaceBench::new(1.0).store(&path).expect("the store opens"));
+    let refused = SpaceBench::new(2.0).store(&path).expect_err("another force limit is another scene");
     let line = refused.to_string();
-    assert!(line.contains("a.space") && line.contains("scene or mesh") && line.contains("--out"), "{line}");
+    assert!(
+        line.contains("a.space")
+            && line.contains("scene or mesh (max_force_n = 1.0, now max_force_n = 2.0)")
+            && line.contains("--out"),
+        "{line}"
+    );
 }
 
 #[test]
 fn the_blob_gives_the_solved_forces_back_by_every_method() {
-    let bench = Bench::new(f64::INFINITY);
+    let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
     let bytes = pack(&store, &Method::ALL).expect("the space packs").bytes;
@@ -239,7 +173,7 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
 
 #[test]
 fn only_one_process_writes_a_store_and_others_may_read_it() {
-    let bench = Bench::new(f64::INFINITY);
+    let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("a.space");
     let (writer, _) = bench.solve(&path, 2);
@@ -256,7 +190,7 @@ fn only_one_process_writes_a_store_and_others_may_read_it() {
 /// solved to its end from there is the undisturbed one, bit for bit.
 #[test]
 fn a_store_with_a_damaged_page_is_salvaged_and_ends_the_same() {
-    let bench = Bench::new(f64::INFINITY);
+    let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("whole.space");
     let (store, counts) = bench.solve(&path, 2);
@@ -307,7 +241,7 @@ const PAGE: usize = 4096;
 
 #[test]
 fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
-    let mut bench = Bench::new(f64::INFINITY);
+    let mut bench = SpaceBench::new(f64::INFINITY);
     bench.identity.increments = Some(3);
     bench.identity.complete_cells = false;
     let folder = tempfile::tempdir().expect("a folder for the stores");

@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use palpate_precompute::configuration_space::ExpansionError;
+use palpate_precompute::configuration_space::{ExpansionError, StoreError};
+use palpate_precompute::held_out::HeldOutError;
 
 /// A command's failure.
 #[derive(Debug)]
@@ -48,9 +49,26 @@ impl Failure {
 impl From<ExpansionError> for Failure {
     fn from(error: ExpansionError) -> Self {
         match error {
-            ExpansionError::Store(_) | ExpansionError::Rest(_) => Self::input(error),
+            ExpansionError::Store(error) => error.into(),
+            ExpansionError::Rest(_) => Self::input(error),
             ExpansionError::Interrupted | ExpansionError::Crew(_) => Self::work(error),
         }
+    }
+}
+
+impl From<HeldOutError> for Failure {
+    fn from(error: HeldOutError) -> Self {
+        match error {
+            HeldOutError::Store(error) => error.into(),
+            HeldOutError::NoSpace(_) => Self::input(error),
+            HeldOutError::Interrupted | HeldOutError::Crew(_) => Self::work(error),
+        }
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        if error.is_of_the_machine() { Self::work(error) } else { Self::input(error) }
     }
 }
 
@@ -67,6 +85,5 @@ macro_rules! bad_input {
 bad_input!(
     palpate_precompute::error::InputError,
     palpate_precompute::body::DegenerateElement,
-    palpate_precompute::configuration_space::StoreError,
     palpate_precompute::blob_writer::PackError,
 );

@@ -5,22 +5,25 @@ use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use palpate_precompute::configuration_space::Progress;
+use palpate_precompute::held_out::HeldOutProgress;
 
 /// Lines on a pipe are this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(5);
 
-/// Progress display of the spaces of a scene.
+/// Display of some work under a label.
 #[derive(Debug)]
-pub(crate) struct SpaceProgress {
+pub(crate) struct WorkProgress {
     label: String,
+    /// What is counted.
+    of: &'static str,
     bar: Option<ProgressBar>,
     started: Instant,
     last_line: Instant,
 }
 
-impl SpaceProgress {
-    /// Display under the scene's name.
-    pub(crate) fn new(label: &str) -> Self {
+impl WorkProgress {
+    /// Display that counts `of`.
+    pub(crate) fn new(label: &str, of: &'static str) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(0);
             let style =
@@ -32,35 +35,46 @@ impl SpaceProgress {
             bar
         });
         let now = Instant::now();
-        Self { label: label.into(), bar, started: now, last_line: now }
+        Self { label: label.into(), of, bar, started: now, last_line: now }
     }
 
-    /// Shows `progress`.
-    pub(crate) fn update(&mut self, progress: &Progress) {
+    /// Shows progress of configuration spaces.
+    pub(crate) fn spaces(&mut self, progress: &Progress) {
         let Progress { counts, total, spaces: (done, spaces), round, solved_now } = *progress;
-        let decided = total - counts.unknown;
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
+        // Unknown points behind terminating ones are never solved, so the time left is an upper bound.
+        self.show(total - counts.unknown, total, solved_now, || {
+            format!(
+                "{of_spaces}{} expandable, {} terminating, {} failed, {} unknown (round {round})",
+                counts.expandable, counts.terminating, counts.failed, counts.unknown
+            )
+        });
+    }
+
+    /// Shows progress of held-out truth.
+    pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
+        let HeldOutProgress { walks, total, positions_now, walks_now } = *progress;
+        self.show(walks, total, walks_now, || format!("{positions_now} positions solved"));
+    }
+
+    /// `done` of `total`, of which `now` were done by this run.
+    fn show(&mut self, done: usize, total: usize, now: usize, what: impl Fn() -> String) {
         let seconds = self.started.elapsed().as_secs_f64();
-        // Unknown points behind terminating ones are never solved, so this is an upper bound.
-        let left = seconds * counts.unknown as f64 / solved_now.max(1) as f64;
-        let tags = format!(
-            "{of_spaces}{} expandable, {} terminating, {} failed, {} unknown (round {round})",
-            counts.expandable, counts.terminating, counts.failed, counts.unknown
-        );
+        let left = seconds * (total - done) as f64 / now.max(1) as f64;
         match &self.bar {
             Some(bar) => {
                 bar.set_length(total as u64);
-                bar.set_position(decided as u64);
-                bar.set_message(format!(
-                    "{tags}, at most {} left",
-                    HumanDuration(Duration::from_secs_f64(left))
-                ));
+                bar.set_position(done as u64);
+                let left = HumanDuration(Duration::from_secs_f64(left));
+                bar.set_message(format!("{}, at most {left} left", what()));
             }
             None if self.last_line.elapsed() >= LINE_EVERY => {
                 self.last_line = Instant::now();
                 eprintln!(
-                    "{}: {decided}/{total} points, {tags}, {seconds:.0} s, at most {left:.0} s left",
-                    self.label
+                    "{}: {done}/{total} {}, {}, {seconds:.0} s, at most {left:.0} s left",
+                    self.label,
+                    self.of,
+                    what()
                 );
             }
             None => {}

@@ -28,16 +28,24 @@ pub(crate) struct Workbench {
 impl Workbench {
     /// Loads a scene and its mesh; warnings go to standard error.
     pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
-        let bench = Self::load_quietly(path)?;
-        for warning in &bench.scene.warnings {
-            eprintln!("palpate: warning: {warning}");
-        }
-        Ok(bench)
+        Self::of(path, Scene::load(path)?.resolve()?)
     }
 
-    /// Loads a scene and its mesh, for one that is not the first to load it.
+    /// Builds the body of a scene that stands at `path`; warnings go to standard error.
+    pub(crate) fn of(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
+        for warning in &scene.warnings {
+            eprintln!("palpate: warning: {warning}");
+        }
+        Self::built(path, scene)
+    }
+
+    /// Loads a scene and its mesh without warnings, for one that is not the first to load it.
+    #[cfg(feature = "mpi")]
     pub(crate) fn load_quietly(path: &Path) -> Result<Self, Failure> {
-        let scene = Scene::load(path)?.resolve()?;
+        Self::built(path, Scene::load(path)?.resolve()?)
+    }
+
+    fn built(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
         let body = scene.body().map_err(|error| {
             let line = format!("{}: {error}", path.display());
             match error {
@@ -109,8 +117,10 @@ impl Workbench {
         }
         let (store, salvaged) = Store::salvage(path, &identity, mesh, fixed, &active)?;
         eprintln!(
-            "palpate: {} configurations saved, {} damaged ones are solved again; the damaged file is now {}",
+            "palpate: {} configurations and {} held-out walks saved, {} damaged configurations are solved again; the damaged \
+             file is now {}",
             salvaged.saved,
+            salvaged.walks,
             salvaged.damaged,
             salvaged.moved_to.display()
         );

@@ -467,3 +467,61 @@ fn a_comparison_of_nonsense_is_refused_in_one_line_and_leaves_nothing() {
         );
     }
 }
+
+#[test]
+fn held_out_truth_is_solved_shown_and_tabled() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 1.0);
+    let (space, csv) = (folder.path().join("a.space"), folder.path().join("truth.csv"));
+    let ask = |more: &[&str]| {
+        let fixed =
+            ["held-out", text(&scene), "--out", text(&space), "--uniform", "7", "--random", "2", "--json"];
+        palpate(&[&fixed, more].concat())
+    };
+    refused(
+        &["held-out", text(&scene), "--out", text(&space)],
+        &["a.space", "palpate precompute", "--uniform 0"],
+    );
+    assert!(palpate(&["precompute", text(&scene), "--out", text(&space)]).status.success());
+    let done = ask(&[]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    let kinds = &figures["actives"][0]["kinds"];
+    assert_eq!((kinds["regular"]["walks"].as_u64(), kinds["random"]["walks"].as_u64()), (Some(26), Some(2)));
+    assert_eq!(kinds["uniform"]["whole"].as_u64(), Some(7));
+    let again: serde_json::Value = serde_json::from_slice(&ask(&[]).stdout).expect("JSON");
+    assert_eq!(again["positions_now"].as_u64(), Some(0), "what is there is not solved again");
+    let other = ask(&["--seed", "9"]);
+    assert_eq!(other.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&other.stderr).contains("--again"));
+    assert!(ask(&["--seed", "9", "--again"]).status.success());
+
+    let shown = palpate(&["inspect", text(&space), "--held-out", text(&csv)]);
+    assert!(String::from_utf8_lossy(&shown.stdout).contains("held-out truth"));
+    let table = std::fs::read_to_string(&csv).expect("the table is written");
+    let header: Vec<&str> = table.lines().next().expect("a header").split(',').collect();
+    assert!(table.lines().skip(1).all(|line| line.split(',').count() == header.len()));
+    let training = header.iter().position(|name| *name == "training").expect("a column");
+    let seen = table.lines().filter(|line| line.split(',').nth(training) == Some("1"));
+    let on_axes = seen.filter(|line| line.starts_with("A,regular,")).count();
+    assert!(on_axes >= 6, "the axes go through grid points: {on_axes}");
+}
+
+#[test]
+fn the_protocol_counts_the_paths_of_every_fixed_set() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+    let out = folder.path().join("out");
+    let run =
+        ["protocol", text(&scene), "--out", text(&out), "--active-nodes", "2", "--length-mm", "2", "--json"];
+    let done = palpate(&run);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_eq!(figures["total"]["walks"].as_u64(), Some(2 * 2 * 26));
+    assert_eq!(figures["total"]["positions"].as_u64(), Some(2 * 2 * 26 * 2));
+    let nodes: std::collections::BTreeSet<u64> =
+        figures["rows"].as_array().expect("rows").iter().filter_map(|row| row["node"].as_u64()).collect();
+    assert_eq!(nodes.len(), 2);
+    assert!(out.join("liver-small-F1.space").exists() && out.join("liver-small-F2.space").exists());
+    refused(&["protocol", text(&scene), "--out", text(&out), "--fixed", "F9"], &["F9", "F1", "F2"]);
+}

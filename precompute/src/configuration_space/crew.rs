@@ -5,7 +5,7 @@ use std::sync::mpsc;
 
 use serde::{Deserialize, Serialize};
 
-use super::job::{Job, Outcome, Worker, Workshop};
+use super::job::{Done, Work, Worker, Workshop};
 
 /// Why a crew cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,6 +16,8 @@ pub enum CrewError {
     Seed,
     /// A worker on another machine is lost.
     Lost(String),
+    /// A worker gave back what it was not asked for.
+    Confused,
 }
 
 impl std::fmt::Display for CrewError {
@@ -23,6 +25,7 @@ impl std::fmt::Display for CrewError {
         match self {
             Self::Panicked => write!(f, "a worker stopped on an internal error; please report it"),
             Self::Seed => write!(f, "a stored state does not fit the body; the file is damaged"),
+            Self::Confused => write!(f, "a worker gave back what it was not asked for; please report it"),
             Self::Lost(what) => write!(f, "{what}; what it was doing is lost, run the same command to go on"),
         }
     }
@@ -33,28 +36,71 @@ pub trait Crew {
     /// How many workers there are.
     fn size(&self) -> usize;
 
-    /// Gives a job to a worker; it may still be busy with another one.
-    fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError>;
+    /// Gives work to a worker; it may still be busy with something else.
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError>;
 
-    /// Waits for the next outcome, whoever has it.
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError>;
+    /// Waits for whoever is done next.
+    fn take(&mut self) -> Result<(usize, Done), CrewError>;
+}
+
+/// Pieces of work a worker has at once: the one it does and the next, so that it never waits for the store.
+const AT_A_DESK: usize = 2;
+
+/// What every worker of a crew has before it.
+#[derive(Debug)]
+pub(crate) struct Desks(Vec<Desk>);
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Desk {
+    pieces: usize,
+    /// The active node of its last piece.
+    last: Option<usize>,
+}
+
+impl Desks {
+    /// Empty desks.
+    pub(crate) fn of(crew: &dyn Crew) -> Self {
+        Self(vec![Desk::default(); crew.size()])
+    }
+
+    /// The worker with the least to do, if any has room, and the active node it knows.
+    pub(crate) fn free(&self) -> Option<(usize, Option<usize>)> {
+        let (worker, desk) = self.0.iter().enumerate().min_by_key(|(_, desk)| desk.pieces)?;
+        (desk.pieces < AT_A_DESK).then_some((worker, desk.last))
+    }
+
+    /// A worker was given a piece of work on this active node.
+    pub(crate) fn given(&mut self, worker: usize, active: usize) {
+        self.0[worker].pieces += 1;
+        self.0[worker].last = Some(active);
+    }
+
+    /// A worker gave a piece back.
+    pub(crate) fn taken(&mut self, worker: usize) {
+        self.0[worker].pieces -= 1;
+    }
+
+    /// Whether nothing is out.
+    pub(crate) fn all_clear(&self) -> bool {
+        self.0.iter().all(|desk| desk.pieces == 0)
+    }
 }
 
 /// Runs `work` with a crew of `threads` threads, which end with it.
 pub fn with_threads<R>(workshop: &Arc<Workshop>, threads: usize, work: impl FnOnce(&mut Threads) -> R) -> R {
     std::thread::scope(|scope| {
-        let (sender, outcomes) = mpsc::channel();
+        let (sender, done) = mpsc::channel();
         let desks = (0..threads.max(1))
             .map(|number| {
-                let (desk, jobs) = mpsc::channel::<Job>();
+                let (desk, pieces) = mpsc::channel::<Work>();
                 let (sender, workshop) = (sender.clone(), workshop.clone());
                 scope.spawn(move || {
                     // Without this a panic would leave the others waiting for an outcome that never comes.
                     let alarm = Alarm { number, sender: &sender };
                     let mut worker = Worker::new(workshop);
-                    for job in jobs {
-                        let outcome = worker.work(&job).map_err(|_| CrewError::Seed);
-                        if sender.send((number, outcome)).is_err() {
+                    for work in pieces {
+                        let done = worker.work(&work).map_err(|_| CrewError::Seed);
+                        if sender.send((number, done)).is_err() {
                             break;
                         }
                     }
@@ -65,20 +111,20 @@ pub fn with_threads<R>(workshop: &Arc<Workshop>, threads: usize, work: impl FnOn
             .collect();
         drop(sender);
         // The desks go with the crew; a worker without a desk ends.
-        work(&mut Threads { desks, outcomes })
+        work(&mut Threads { desks, done })
     })
 }
 
 /// Threads of this process.
 #[derive(Debug)]
 pub struct Threads {
-    desks: Vec<mpsc::Sender<Job>>,
-    outcomes: mpsc::Receiver<(usize, Result<Outcome, CrewError>)>,
+    desks: Vec<mpsc::Sender<Work>>,
+    done: mpsc::Receiver<(usize, Result<Done, CrewError>)>,
 }
 
 struct Alarm<'s> {
     number: usize,
-    sender: &'s mpsc::Sender<(usize, Result<Outcome, CrewError>)>,
+    sender: &'s mpsc::Sender<(usize, Result<Done, CrewError>)>,
 }
 
 impl Drop for Alarm<'_> {
@@ -88,10 +134,10 @@ impl Drop for Alarm<'_> {
 }
 
 impl Threads {
-    /// An outcome that is there already; does not wait.
-    pub fn poll(&mut self) -> Result<Option<(usize, Outcome)>, CrewError> {
-        match self.outcomes.try_recv() {
-            Ok((worker, outcome)) => Ok(Some((worker, outcome?))),
+    /// What is done already; does not wait.
+    pub fn poll(&mut self) -> Result<Option<(usize, Done)>, CrewError> {
+        match self.done.try_recv() {
+            Ok((worker, done)) => Ok(Some((worker, done?))),
             Err(mpsc::TryRecvError::Empty) => Ok(None),
             Err(mpsc::TryRecvError::Disconnected) => Err(CrewError::Panicked),
         }
@@ -103,12 +149,12 @@ impl Crew for Threads {
         self.desks.len()
     }
 
-    fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError> {
-        self.desks[worker].send(job).map_err(|_| CrewError::Panicked)
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        self.desks[worker].send(work).map_err(|_| CrewError::Panicked)
     }
 
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError> {
-        let (worker, outcome) = self.outcomes.recv().map_err(|_| CrewError::Panicked)?;
-        Ok((worker, outcome?))
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+        let (worker, done) = self.done.recv().map_err(|_| CrewError::Panicked)?;
+        Ok((worker, done?))
     }
 }

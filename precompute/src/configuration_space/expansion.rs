@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::crew::{Crew, CrewError};
+use super::crew::{Crew, CrewError, Desks};
 use super::domain::Domain;
-use super::job::Job;
+use super::job::{Done, Job, Work};
 use super::plan::{Plan, TagCounts, Task};
 use super::store::{Store, StoreError};
 use super::{GridIndex, Record, SpaceGrid};
@@ -84,9 +84,6 @@ impl From<CrewError> for ExpansionError {
     }
 }
 
-/// Jobs a worker has at once: the one it does and the next, so that it never waits for the store.
-const AT_A_DESK: usize = 2;
-
 /// A space in progress.
 struct Space {
     plan: Plan,
@@ -140,7 +137,7 @@ impl Expansion {
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
         let domain = Arc::new(Domain::new(&self.grid, self.complete_cells));
-        let mut desks: Vec<Desk> = (0..crew.size()).map(|_| Desk::default()).collect();
+        let mut desks = Desks::of(crew);
         // Spaces in hand, by position in `actives`. A space is begun only when those in hand have nothing certain to do, so that
         // a worker stays with its active node and only a few plans are in memory.
         let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
@@ -153,12 +150,11 @@ impl Expansion {
             round: 0,
             solved_now: 0,
         };
-        let mut out = 0;
         loop {
             while !stop.load(Ordering::Relaxed) {
-                let Some(worker) = idlest(&desks) else { break };
-                let Some((at, task)) =
-                    self.next_task(store, &domain, &mut spaces, &mut begun, desks[worker].last)?
+                let Some((worker, last)) = desks.free() else { break };
+                let prefer = last.and_then(|active| self.position_of(active));
+                let Some((at, task)) = self.next_task(store, &domain, &mut spaces, &mut begun, prefer)?
                 else {
                     break;
                 };
@@ -167,10 +163,8 @@ impl Expansion {
                     Some((parent, attempt)) => Some(store.stored_seed(active, parent, attempt)?),
                     None => None,
                 };
-                crew.give(worker, Job { active: active as u32, task, seed })?;
-                desks[worker].jobs += 1;
-                desks[worker].last = Some(at);
-                out += 1;
+                crew.give(worker, Work::Point(Job { active: active as u32, task, seed }))?;
+                desks.given(worker, active);
             }
             let done: Vec<usize> =
                 spaces.iter().filter(|(_, s)| s.plan.is_done()).map(|(&at, _)| at).collect();
@@ -182,14 +176,14 @@ impl Expansion {
                     progress(&state);
                 }
             }
-            if out == 0 {
+            if desks.all_clear() {
                 break;
             }
-            let (worker, outcome) = crew.take()?;
-            desks[worker].jobs -= 1;
-            out -= 1;
+            let (worker, done) = crew.take()?;
+            desks.taken(worker);
+            let Done::Point(outcome) = done else { return Err(CrewError::Confused.into()) };
             store.add(&outcome)?;
-            let at = self.position_of(outcome.active).unwrap_or(usize::MAX);
+            let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
             let record = &outcome.record;
             if record.parent.is_none() && !record.tag.is_solved() {
                 return Err(ExpansionError::Rest(record.failure.clone().unwrap_or_default()));
@@ -207,8 +201,8 @@ impl Expansion {
         Ok(finished.into_iter().flatten().collect())
     }
 
-    fn position_of(&self, active: u32) -> Option<usize> {
-        self.actives.iter().position(|&a| a == active as usize)
+    fn position_of(&self, active: usize) -> Option<usize> {
+        self.actives.iter().position(|&a| a == active)
     }
 
     /// A task of the space the worker knows, or else of any space in hand, or else of a new one.
@@ -261,20 +255,6 @@ impl Progress {
         space.counted = new;
         self.round = self.round.max(space.plan.round());
     }
-}
-
-/// What one worker has before it.
-#[derive(Debug, Default)]
-struct Desk {
-    jobs: usize,
-    /// The space of its last job.
-    last: Option<usize>,
-}
-
-/// The worker with the least to do, if any has room.
-fn idlest(desks: &[Desk]) -> Option<usize> {
-    let least = desks.iter().enumerate().min_by_key(|(_, desk)| desk.jobs);
-    least.filter(|(_, desk)| desk.jobs < AT_A_DESK).map(|(worker, _)| worker)
 }
 
 /// Tries that a space still needs, as far as can be said: the points that are certain to be next. Zero when it is complete.

@@ -6,9 +6,28 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::plan::Task;
-use super::{Record, SpaceGrid, StoredSeed};
+use super::{GridIndex, Record, SpaceGrid, StoredSeed};
+use crate::held_out::{WalkJob, WalkOutcome};
 use crate::material::SymmetricThird;
-use crate::solve::{Configuration, Problem, SolveFailure, Solver};
+use crate::solve::{Configuration, Problem, Seed, SolveFailure, Solver};
+
+/// What a worker is asked for.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum Work {
+    /// A point of a space.
+    Point(Job),
+    /// Held-out truth.
+    Walk(WalkJob),
+}
+
+/// What a worker gives back.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub enum Done {
+    /// A point of a space.
+    Point(Outcome),
+    /// Held-out truth.
+    Walk(WalkOutcome),
+}
 
 /// A task of one space, with what it starts from.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -84,40 +103,68 @@ impl Worker {
         Self { workshop, solver: None }
     }
 
-    /// Does a job.
-    pub fn work(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
-        let workshop = self.workshop.clone();
-        if self.solver.as_ref().is_none_or(|(active, _)| *active != job.active) {
+    /// Does what is asked.
+    pub fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
+        match work {
+            Work::Point(job) => self.point(job).map(Done::Point),
+            Work::Walk(job) => self.walk(job).map(Done::Walk),
+        }
+    }
+
+    /// The solver of an active node.
+    fn solver(&mut self, active: u32) -> &mut Solver {
+        if self.solver.as_ref().is_none_or(|(there, _)| *there != active) {
             // The old one goes first: two factors of a large body need not stand side by side.
             self.solver = None;
-            let mut solver = Solver::new((workshop.problem)(job.active as usize));
+        }
+        let workshop = &self.workshop;
+        let (_, solver) = self.solver.get_or_insert_with(|| {
+            let mut solver = Solver::new((workshop.problem)(active as usize));
             // Where a branch ends the space has other neighbours to come from; they keep W single-valued where it can be.
             solver.loading.snap_through = false;
-            self.solver = Some((job.active, solver));
-        }
-        let (_, solver) = self.solver.as_mut().ok_or(UnusableSeed)?;
+            (active, solver)
+        });
+        solver
+    }
+
+    /// A stored state as the seed at a grid point, if it is one of this body.
+    fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, UnusableSeed> {
+        let seed = stored.unpack(self.workshop.grid.displacement_m(at)).ok_or(UnusableSeed)?;
+        let fits = seed.state.len() == self.solver(active).problem().body.state_len();
+        fits.then_some(seed).ok_or(UnusableSeed)
+    }
+
+    fn walk(&mut self, job: &WalkJob) -> Result<WalkOutcome, UnusableSeed> {
+        let (active, max_force_n) = (job.walk.active, self.workshop.max_force_n);
+        let start = match &job.start {
+            Some((at, stored)) => Some(self.seed(active, *at, stored)?),
+            None => None,
+        };
+        Ok(job.solve(self.solver(active), start, max_force_n))
+    }
+
+    fn point(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
+        let workshop = self.workshop.clone();
+        let seed = match (&job.seed, job.task.parent) {
+            (Some(stored), Some((parent, _))) => Some(self.seed(job.active, parent, stored)?),
+            _ => None,
+        };
+        let solver = self.solver(job.active);
         let start = Instant::now();
         let mut intermediate = Vec::new();
-        let solved = match (&job.seed, job.task.parent) {
-            (Some(stored), Some((parent, _))) => {
-                let from = workshop.grid.displacement_m(parent);
-                let to = workshop.grid.displacement_m(job.task.target);
-                let seed = stored.unpack(from).ok_or(UnusableSeed)?;
-                if seed.state.len() != solver.problem().body.state_len() {
-                    return Err(UnusableSeed);
-                }
-                transition(solver, seed, to, workshop.increments, &mut intermediate)
-            }
-            _ => solver.rest(),
+        let to = workshop.grid.displacement_m(job.task.target);
+        let solved = match seed {
+            Some(seed) => transition(solver, seed, to, workshop.increments, &mut intermediate),
+            None => solver.rest(),
         };
         let seconds = start.elapsed().as_secs_f64();
         Ok(match solved {
-            Ok(configuration) => Outcome {
-                active: job.active,
-                record: Record::solved(&job.task, &configuration, workshop.max_force_n, seconds),
-                seed: Some(StoredSeed::pack(&configuration.seed)),
-                intermediate,
-            },
+            Ok(configuration) => {
+                let record = Record::solved(&job.task, &configuration, workshop.max_force_n, seconds);
+                let seed = record.tag.is_solved().then(|| StoredSeed::pack(&configuration.seed));
+                let intermediate = if seed.is_some() { intermediate } else { Vec::new() };
+                Outcome { active: job.active, record, seed, intermediate }
+            }
             Err(failure) => Outcome {
                 active: job.active,
                 record: Record::failed(&job.task, &failure, seconds),
@@ -131,7 +178,7 @@ impl Worker {
 /// One transition, in equal parts if asked; iterations and the like are summed.
 fn transition(
     solver: &mut Solver,
-    mut seed: crate::solve::Seed,
+    mut seed: Seed,
     to: [f64; 3],
     increments: Option<u32>,
     on_the_way: &mut Vec<Intermediate>,

@@ -10,13 +10,15 @@ pub mod expansion;
 pub mod fold;
 pub mod job;
 pub mod plan;
+#[cfg(test)]
+mod planted_fold;
 mod record;
 pub mod store;
 
 pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use domain::Domain;
 pub use expansion::{Expansion, ExpansionError, Progress, still_to_solve};
-pub use job::{Intermediate, Job, Outcome, Worker, Workshop};
+pub use job::{Done, Intermediate, Job, Outcome, Work, Worker, Workshop};
 pub use plan::TagCounts;
 pub use record::{Record, StoredSeed};
 pub use store::{Salvaged, Store, StoreError, StoreIdentity, solver_version};

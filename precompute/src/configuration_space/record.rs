@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::GridIndex;
 use super::plan::Task;
 use crate::material::SymmetricThird;
-use crate::solve::{Configuration, Potential, SolveFailure};
+use crate::solve::{Configuration, FailureReason, Potential, SolveFailure};
 
 /// The outcome of one [`Task`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -81,7 +81,7 @@ impl Record {
         }
     }
 
-    /// Record of a solved configuration; beyond `max_force_n` it is terminating.
+    /// Record of a solved configuration; beyond `max_force_n` it is terminating. One that is not finite is none.
     pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
         let mut record = Self {
             energy_j: c.energy_j,
@@ -100,6 +100,11 @@ impl Record {
             seconds,
             ..Self::blank(task)
         };
+        if !record.is_finite() {
+            let (iterations, residual_n) = (c.iterations, c.residual_n);
+            let failure = SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n };
+            return Self::failed(task, &failure, seconds);
+        }
         let reachable = task.parent.is_none() || record.force_norm_n() < max_force_n;
         record.tag = if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating };
         record
@@ -115,6 +120,12 @@ impl Record {
             seconds,
             ..Self::blank(task)
         }
+    }
+
+    /// Whether every number of a solution that others rest on is one.
+    pub(super) fn is_finite(&self) -> bool {
+        let numbers = self.force_n.iter().chain(self.stiffness_n_m.iter()).chain(&self.third_n_m2);
+        numbers.chain([&self.energy_j]).all(|x| x.is_finite())
     }
 
     /// |h|, N.

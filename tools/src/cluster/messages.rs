@@ -1,6 +1,6 @@
 //! What rank 0 and the other ranks tell each other: postcard bytes, one message each.
 
-use palpate_precompute::configuration_space::{CrewError, Job, Outcome, solver_version};
+use palpate_precompute::configuration_space::{CrewError, Done, Work, solver_version};
 use serde::{Deserialize, Serialize};
 
 use crate::workbench::Workbench;
@@ -13,7 +13,7 @@ pub(super) enum Order {
         /// Which thread.
         desk: u32,
         /// The job.
-        job: Box<Job>,
+        job: Box<Work>,
     },
     /// Nothing more comes; say [`Report::Gone`] and end.
     Release,
@@ -36,7 +36,7 @@ pub(super) enum Report {
         /// Which thread did it.
         desk: u32,
         /// What it found.
-        outcome: Box<Outcome>,
+        outcome: Box<Done>,
     },
     /// The rank cannot go on.
     Stuck(CrewError),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
-use palpate_precompute::configuration_space::{Crew, CrewError, Job, Outcome, Store};
+use palpate_precompute::configuration_space::{Crew, CrewError, Done, Store, Work};
 
 use super::messages::{Basis, Order, Report, decode, encode};
 use crate::failure::Failure;
@@ -91,7 +91,7 @@ impl<'w> Ranks<'w> {
     }
 
     /// Sends a job without waiting, as long as the buffer has room (half of it: it may be in pieces).
-    fn hand(&mut self, worker: usize, job: Job) {
+    fn hand(&mut self, worker: usize, job: Work) {
         let (rank, desk) = self.desks[worker];
         let bytes = encode(&Order::Work { desk, job: Box::new(job) });
         let to = self.world.process_at_rank(rank);
@@ -161,13 +161,13 @@ impl Crew for RankCrew<'_, '_> {
         self.ranks.workers()
     }
 
-    fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError> {
+    fn give(&mut self, worker: usize, job: Work) -> Result<(), CrewError> {
         self.ranks.hand(worker, job);
         self.out += 1;
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError> {
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
         loop {
             let (rank, report) = match self.ranks.look()? {
                 Some(found) => found,

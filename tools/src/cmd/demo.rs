@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::blob;
 use crate::failure::Failure;
 use crate::output;
-use crate::progress::SpaceProgress;
+use crate::progress::WorkProgress;
 use crate::touch;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -188,10 +188,10 @@ fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Sol
         seconds: 0.0,
         threads: threads(None),
     };
-    let mut progress = SpaceProgress::new(&bench.scene.name);
+    let mut progress = WorkProgress::new(&bench.scene.name, "points");
     let counts = bench.expand((0..bench.scene.active.len()).collect(), store, solved.threads, stop, |p| {
         solved.solved_now = p.solved_now;
-        progress.update(p);
+        progress.spaces(p);
     });
     progress.finish();
     solved.counts = counts?;

@@ -3,9 +3,11 @@
 pub(crate) mod bench;
 pub(crate) mod compare;
 pub(crate) mod demo;
+pub(crate) mod held_out;
 pub(crate) mod inspect;
 pub(crate) mod pack;
 pub(crate) mod path;
 pub(crate) mod precompute;
+pub(crate) mod protocol;
 pub(crate) mod query;
 pub(crate) mod run;

@@ -11,7 +11,7 @@ use serde_json::json;
 
 use crate::failure::Failure;
 use crate::output;
-use crate::progress::SpaceProgress;
+use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Solve the configuration spaces of a scene into a .space file.
@@ -99,11 +99,11 @@ pub(crate) fn run_with(
     let points = bench.expansion(vec![0])?.total();
     let store = bench.store(&args.out, args.salvage)?;
     let start = Instant::now();
-    let mut progress = SpaceProgress::new(&bench.scene.name);
+    let mut progress = WorkProgress::new(&bench.scene.name, "points");
     let mut solved_now = 0;
     let counts = work(&bench.expansion(chosen.clone())?, &store, stop, &mut |p| {
         solved_now = p.solved_now;
-        progress.update(p);
+        progress.spaces(p);
     });
     progress.finish();
     let counts = counts?;

@@ -21,6 +21,16 @@ pub enum StoreError {
         /// What it said.
         error: std::io::Error,
     },
+    /// The file cannot be read without its write-ahead log, and that not in a folder that may not be written.
+    LogBeside {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A run was stopped before it wrote anything.
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
     /// Another process writes the file.
     InUse {
         /// The file.
@@ -37,6 +47,15 @@ pub enum StoreError {
         /// Asked for.
         wanted: String,
     },
+    /// Its held-out truth was drawn in another way.
+    Drawn {
+        /// The file.
+        path: PathBuf,
+        /// In the file.
+        stored: String,
+        /// Asked for.
+        wanted: String,
+    },
     /// A value in the file makes no sense.
     Corrupt {
         /// The file.
@@ -46,12 +65,24 @@ pub enum StoreError {
     },
 }
 
+/// A full disk by any of its names: the index of the log has a code of its own.
+fn is_full_disk(error: &rusqlite::Error) -> bool {
+    error.sqlite_error_code() == Some(ErrorCode::DiskFull)
+        || error.sqlite_error().is_some_and(|e| e.extended_code == rusqlite::ffi::SQLITE_IOERR_SHMSIZE)
+}
+
 /// How a damaged file is saved.
 const SALVAGE: &str = "run the same precompute with --salvage to save what is intact";
 
 impl StoreError {
     pub(super) fn sqlite(path: &Path, error: rusqlite::Error) -> Self {
         Self::Sqlite { path: path.to_path_buf(), error }
+    }
+
+    /// Whether the machine failed, not what it was given: the same command may succeed later.
+    pub fn is_of_the_machine(&self) -> bool {
+        let Self::Sqlite { error, .. } = self else { return false };
+        matches!(error.sqlite_error_code(), Some(ErrorCode::DiskFull | ErrorCode::SystemIoFailure))
     }
 
     /// Whether the file itself is damaged, so that salvaging it makes sense.
@@ -75,7 +106,7 @@ impl std::fmt::Display for StoreError {
             Self::Sqlite { path, error } => {
                 let path = path.display();
                 match error.sqlite_error_code() {
-                    Some(ErrorCode::DiskFull) => write!(
+                    _ if is_full_disk(error) => write!(
                         f,
                         "{path}: the disk is full; what was done before is kept: make room and run the same command again"
                     ),
@@ -88,9 +119,13 @@ impl std::fmt::Display for StoreError {
                     Some(ErrorCode::CannotOpen) => {
                         write!(
                             f,
-                            "{path}: cannot be opened ({error}); see that its folder exists and may be written"
+                            "{path}: cannot be opened (SQLite: unable to open database file); see that its folder exists and may be written, or choose another"
                         )
                     }
+                    Some(ErrorCode::SystemIoFailure) => write!(
+                        f,
+                        "{path}: the disk failed ({error}); what was done before is kept: see that it has room and is sound, and run the same command again"
+                    ),
                     Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                         write!(f, "{path}: another process is writing it; wait for it or stop it")
                     }
@@ -102,13 +137,34 @@ impl std::fmt::Display for StoreError {
                     _ => write!(f, "{path}: {error}; check the disk, and that it is a .space file"),
                 }
             }
-            Self::Io { path, error } => write!(f, "{}: {error}", path.display()),
+            Self::Io { path, error } => {
+                write!(f, "{}: {error}; check the name, the folder and its permissions", path.display())
+            }
+            Self::Empty { path } => {
+                write!(
+                    f,
+                    "{}: there is nothing in it yet; run palpate precompute with it as --out",
+                    path.display()
+                )
+            }
+            Self::LogBeside { path } => {
+                let path = path.display();
+                write!(
+                    f,
+                    "{path}: its last commits are in {path}-wal, and its folder may not be written; copy both files to a folder of your own"
+                )
+            }
             Self::InUse { path } => {
                 write!(f, "{}: another process is writing it; wait for it or stop it", path.display())
             }
             Self::Mismatch { path, what, stored, wanted } => write!(
                 f,
                 "{}: made with another {what} ({stored}, now {wanted}); give --out another name or delete the file",
+                path.display()
+            ),
+            Self::Drawn { path, stored, wanted } => write!(
+                f,
+                "{}: holds held-out truth of another draw ({stored}; now {wanted}); take the same, or --again to draw anew",
                 path.display()
             ),
             Self::Corrupt { path, what } => write!(f, "{}: {what}; {SALVAGE}", path.display()),

@@ -1,11 +1,14 @@
-//! The `.space` file: SQLite, self-contained; docs/space.md describes every table.
+//! The `.space` file: SQLite, self-contained; docs/formats.md, section 3, describes every table.
 //!
-//! Every try at every point is one row, committed at most a second after it is done. States and sensitivities are
+//! Every try at every point is one row, committed with those of the same tenth of a second. States and sensitivities are
 //! little-endian f32: they are first guesses of later solves and pictures for the eye, while energy, force and its derivatives are
 //! f64. Every row has a checksum, because SQLite notices a damaged page, not a damaged number. One process writes, many
 //! may read meanwhile.
 
 mod error;
+mod held_out;
+mod reading;
+mod refusal;
 mod rows;
 mod salvage;
 
@@ -17,7 +20,7 @@ use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use rusqlite::{Connection, OpenFlags, OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, params};
 
 use super::job::Outcome;
 use super::plan::supersedes;
@@ -61,9 +64,11 @@ pub struct StoreIdentity {
 }
 
 /// Work is committed at most this long after it is done.
-const COMMIT_AFTER: Duration = Duration::from_secs(1);
+///
+/// A commit costs a tenth of a millisecond (the log is not synchronised), a kill costs what was not committed.
+const COMMIT_AFTER: Duration = Duration::from_millis(100);
 /// Outcomes further apart than this are committed one by one.
-const SLOW: Duration = Duration::from_millis(200);
+const SLOW: Duration = Duration::from_millis(50);
 
 /// An open `.space` file.
 #[derive(Debug)]
@@ -104,12 +109,12 @@ impl Store {
         Ok(store)
     }
 
-    /// Opens an existing store for reading.
+    /// Opens an existing store for reading, in a folder that may not be written too.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection =
-            Connection::open_with_flags(path, flags).map_err(|error| StoreError::sqlite(path, error))?;
-        let store = Self::with(connection, path, None);
+        let store = Self::with(reading::connect(path)?, path, None);
+        if store.is_empty()? {
+            return Err(StoreError::Empty { path: path.to_path_buf() });
+        }
         store.expect_meta("layout", LAYOUT)?;
         Ok(store)
     }
@@ -129,7 +134,7 @@ impl Store {
         result.map_err(|error| StoreError::sqlite(&self.path, error))
     }
 
-    pub(super) fn corrupt(&self, what: impl Into<String>) -> StoreError {
+    pub(crate) fn corrupt(&self, what: impl Into<String>) -> StoreError {
         StoreError::Corrupt { path: self.path.clone(), what: what.into() }
     }
 
@@ -203,7 +208,7 @@ impl Store {
     fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {
         self.expect_meta("layout", LAYOUT)?;
         self.expect_meta("solver", &solver_version())?;
-        self.expect_meta("content_hash", &identity.content_hash)?;
+        self.expect_content(identity)?;
         let stored = self.active()?;
         if stored != active {
             return Err(StoreError::Mismatch {
@@ -221,11 +226,7 @@ impl Store {
         if stored == wanted {
             return Ok(());
         }
-        let what = match key {
-            "content_hash" => "scene or mesh",
-            "layout" => "file layout",
-            _ => "version of the solver",
-        };
+        let what = if key == "layout" { "file layout" } else { "version of the solver" };
         let short = |s: &str| s.chars().take(40).collect::<String>();
         Err(StoreError::Mismatch {
             path: self.path.clone(),
@@ -348,12 +349,16 @@ impl Store {
 
     /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
     pub fn add(&self, outcome: &Outcome) -> Result<(), StoreError> {
+        self.write(|connection| rows::insert(connection, outcome))
+    }
+
+    fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {
         let now = Instant::now();
         if self.connection.is_autocommit() {
             self.wrap(self.connection.execute_batch("BEGIN IMMEDIATE"))?;
             self.begun.set(now);
         }
-        let added = self.wrap(rows::insert(&self.connection, outcome));
+        let added = self.wrap(rows(&self.connection));
         if added.is_err() {
             // What was added before is worth keeping, if the disk still takes it; the error that matters is the first one.
             let _ = self.commit();

@@ -70,7 +70,7 @@ pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     Ok(Row { record, checksum: row.get(32)? })
 }
 
-fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
+pub(super) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
     rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind)
 }
 
@@ -166,6 +166,28 @@ pub(super) fn seed(
     )
 }
 
+/// A number as SQLite gives it back.
+pub(super) fn plain(x: f64) -> f64 {
+    if x.is_nan() { f64::NAN } else { x + 0.0 }
+}
+
+/// One state on the way of a try; `None` if it is not there or damaged.
+pub(super) fn intermediate(
+    connection: &Connection,
+    active: usize,
+    index: GridIndex,
+    attempt: u32,
+    part: u32,
+) -> Option<Intermediate> {
+    let sql = "SELECT numbers FROM intermediate WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5 \
+               AND part = ?6";
+    let key = params![active as i64, index[0], index[1], index[2], attempt, part];
+    let packed = connection
+        .prepare_cached(sql)
+        .and_then(|mut statement| statement.query_row(key, |row| row.get::<_, Vec<u8>>(0)));
+    unpack_intermediate(&packed.ok()?)
+}
+
 /// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
 pub(super) fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
@@ -187,8 +209,7 @@ pub(super) fn checksum(active: usize, r: &Record) -> u32 {
         .chain([s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(0, 2)], s[(1, 2)]])
         .chain(r.third_n_m2);
     for x in of_solution.filter(|_| solved).chain([r.residual_n, r.seconds]) {
-        let x = if x.is_nan() { f64::NAN } else { x + 0.0 };
-        digest.update(&x.to_le_bytes());
+        digest.update(&plain(x).to_le_bytes());
     }
     digest.finalize()
 }

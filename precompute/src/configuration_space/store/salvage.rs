@@ -7,7 +7,7 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension};
 use super::super::domain::Domain;
 use super::super::job::Outcome;
 use super::super::{GridIndex, SpaceGrid};
-use super::{Store, StoreError, StoreIdentity, rows};
+use super::{Store, StoreError, StoreIdentity, held_out, rows};
 use crate::mesh::TetMesh;
 
 /// What was saved.
@@ -17,6 +17,8 @@ pub struct Salvaged {
     pub saved: usize,
     /// Rows that were there and damaged.
     pub damaged: usize,
+    /// Walks of held-out truth that were copied.
+    pub walks: usize,
     /// Where the damaged file is now.
     pub moved_to: PathBuf,
 }
@@ -25,8 +27,8 @@ impl Store {
     /// Copies every intact try of the damaged file at `path` into a new one; the old one is kept beside it under another name.
     ///
     /// Rows are asked for one by one, so that a damaged page costs only what it held. Scene and mesh come from the caller:
-    /// the damaged file is not asked for anything but rows. Whether the rows belong to this scene is checked where its meta table
-    /// can still be read.
+    /// the damaged file is not asked for anything but rows. Whether they belong to this scene and solver is checked before
+    /// anything is moved, where its meta table can still be read. A file that another process writes is left alone.
     pub fn salvage(
         path: &Path,
         identity: &StoreIdentity,
@@ -35,6 +37,20 @@ impl Store {
         active: &[(String, u32)],
     ) -> Result<(Self, Salvaged), StoreError> {
         let io = |error| StoreError::Io { path: path.to_path_buf(), error };
+        {
+            let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+            let connection = Connection::open_with_flags(path, flags);
+            let lock = super::lock(path)?;
+            if let Ok(connection) = connection {
+                let old = Self::with(connection, path, Some(lock));
+                let belongs = old.expect_meta("layout", super::LAYOUT);
+                let belongs = belongs.and_then(|()| old.expect_meta("solver", &super::solver_version()));
+                let belongs = belongs.and_then(|()| old.expect_content(identity));
+                if let Err(other @ StoreError::Mismatch { .. }) = belongs {
+                    return Err(other);
+                }
+            }
+        }
         let moved_to = path.with_extension(format!("damaged.{}", std::process::id()));
         for suffix in ["", "-wal", "-shm"] {
             let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
@@ -43,24 +59,18 @@ impl Store {
             }
         }
         let store = Self::create_or_resume(path, identity, mesh, fixed, active)?;
-        let mut salvaged = Salvaged { saved: 0, damaged: 0, moved_to: moved_to.clone() };
+        let mut salvaged = Salvaged { saved: 0, damaged: 0, walks: 0, moved_to: moved_to.clone() };
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let Ok(old) = Connection::open_with_flags(&moved_to, flags) else { return Ok((store, salvaged)) };
-        let hash: Option<String> = old
-            .query_row("SELECT value FROM meta WHERE key = 'content_hash'", [], |row| row.get(0))
-            .optional()
-            .unwrap_or(None);
-        if hash.is_some_and(|hash| hash != identity.content_hash) {
-            return Ok((store, salvaged));
-        }
         let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
             .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
         let domain = Domain::new(&grid, identity.complete_cells);
         for number in 0..active.len() {
             for point in 0..domain.len() as u32 {
-                salvaged.copy(&old, &store, number, domain.index(point))?;
+                salvaged.copy(&old, &store, number, domain.index(point), identity.increments)?;
             }
         }
+        salvaged.walks = held_out::salvage(&old, &store, active.len())?;
         store.commit()?;
         Ok((store, salvaged))
     }
@@ -74,6 +84,7 @@ impl Salvaged {
         store: &Store,
         active: usize,
         index: GridIndex,
+        increments: Option<u32>,
     ) -> Result<(), StoreError> {
         for attempt in 0.. {
             let sql = format!(
@@ -101,7 +112,18 @@ impl Salvaged {
             } else {
                 None
             };
-            store.add(&Outcome { active: active as u32, record, seed, intermediate: Vec::new() })?;
+            // A transition of n parts has n - 1 states on its way; the rest point has no transition, a failed one none that count.
+            let parts = match increments {
+                Some(parts) if seed.is_some() && record.parent.is_some() => parts - 1,
+                _ => 0,
+            };
+            let on_the_way: Option<Vec<_>> =
+                (1..=parts).map(|part| rows::intermediate(old, active, index, attempt, part)).collect();
+            let Some(intermediate) = on_the_way else {
+                self.damaged += 1;
+                return Ok(());
+            };
+            store.add(&Outcome { active: active as u32, record, seed, intermediate })?;
             self.saved += 1;
         }
         Ok(())

@@ -37,3 +37,18 @@ CREATE TABLE intermediate (
   numbers BLOB NOT NULL,                                        -- f64 x 23: d, W, h, S (xx yy zz xy xz yz), W_ijk; CRC-32
   PRIMARY KEY (active, i, j, k, attempt, part)
 ) WITHOUT ROWID;
+CREATE TABLE held_out (
+  active INTEGER NOT NULL REFERENCES active (id),
+  kind TEXT NOT NULL,                                           -- regular | random | uniform
+  number INTEGER NOT NULL, step INTEGER NOT NULL,               -- which walk, and which step of it, from 1
+  x_m REAL NOT NULL, y_m REAL NOT NULL, z_m REAL NOT NULL,
+  tag TEXT NOT NULL,                                            -- expandable | terminating | failed
+  failure TEXT,                                                 -- reason, if failed
+  energy_j REAL, fx_n REAL, fy_n REAL, fz_n REAL,
+  sxx_n_m REAL, syy_n_m REAL, szz_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syz_n_m REAL,
+  residual_n REAL, min_jacobian REAL, inverted INTEGER NOT NULL, unstable_modes INTEGER, switched INTEGER NOT NULL,
+  iterations INTEGER NOT NULL, factorisations INTEGER NOT NULL, seconds REAL NOT NULL,
+  displacements BLOB NOT NULL,                                  -- f32 x, y, z per node; empty if not kept
+  checksum INTEGER NOT NULL,                                    -- CRC-32 of the row
+  PRIMARY KEY (active, kind, number, step)
+) WITHOUT ROWID;

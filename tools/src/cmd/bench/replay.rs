@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use palpate_precompute::configuration_space::{
-    Crew, CrewError, Job, Outcome, Record, SpaceGrid, Store, still_to_solve,
+    Crew, CrewError, Done, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
 };
 use serde::Serialize;
 
@@ -64,7 +64,7 @@ impl Replay {
                 };
                 let outcome =
                     Outcome { active: active as u32, record: record.clone(), seed, intermediate: Vec::new() };
-                messages.insert(key, postcard::to_stdvec(&outcome).map_err(Failure::work)?);
+                messages.insert(key, postcard::to_stdvec(&Done::Point(outcome)).map_err(Failure::work)?);
                 records.insert(key, record);
             }
         }
@@ -112,15 +112,16 @@ impl Crew for AtOnce<'_> {
         8
     }
 
-    fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError> {
-        let bytes = postcard::to_stdvec(&job).map_err(|error| CrewError::Lost(error.to_string()))?;
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        let bytes = postcard::to_stdvec(&work).map_err(|error| CrewError::Lost(error.to_string()))?;
+        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are replayed".into())) };
         self.job_bytes += bytes.len();
         self.tries += 1;
         self.done.push_back((worker, (job.active, job.task.target, job.task.attempt)));
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError> {
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
         let (worker, at) = self.done.pop_front().ok_or_else(|| CrewError::Lost("nothing is out".into()))?;
         let unknown = || CrewError::Lost(format!("the file has no try {} at {:?}", at.2, at.1));
         let bytes = self.replay.messages.get(&at).ok_or_else(unknown)?;

@@ -7,7 +7,7 @@ use palpate_core::ConfigTag;
 use palpate_precompute::boundary::Pose;
 use palpate_precompute::configuration_space::plan::Task;
 use palpate_precompute::configuration_space::{
-    Crew, CrewError, GridIndex, Job, Outcome, Record, SpaceGrid, StoredSeed,
+    Crew, CrewError, Done, GridIndex, Outcome, Record, SpaceGrid, StoredSeed, Work,
 };
 use palpate_precompute::solve::{Potential, Seed};
 
@@ -173,7 +173,8 @@ impl Crew for Simulated<'_> {
         self.free.len()
     }
 
-    fn give(&mut self, worker: usize, job: Job) -> Result<(), CrewError> {
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are simulated".into())) };
         self.now += self.costs.give;
         self.ran.rank0_busy += self.costs.give;
         let (duration, record) = self.solve(job.active, &job.task)?;
@@ -193,23 +194,25 @@ impl Crew for Simulated<'_> {
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError> {
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
         let idle = || CrewError::Lost("nothing is under way".into());
         let Reverse((arrival, number, worker)) = self.under_way.pop().ok_or_else(idle)?;
         self.now = self.now.max(arrival) + self.costs.take;
         self.ran.rank0_busy += self.costs.take;
         let outcome = self.outcomes.remove(&number).ok_or_else(idle)?;
-        Ok((worker, outcome))
+        Ok((worker, Done::Point(outcome)))
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use palpate_precompute::configuration_space::Job;
+
     use super::*;
 
-    fn job(target: GridIndex, parent: Option<GridIndex>) -> Job {
+    fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
         let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)) };
-        Job { active: 0, task, seed: None }
+        Work::Point(Job { active: 0, task, seed: None })
     }
 
     #[test]

@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::memory::{forget_peak, peak_mb, shown};
 use crate::failure::Failure;
 use crate::output;
-use crate::progress::SpaceProgress;
+use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells completed, no
@@ -143,9 +143,9 @@ fn measure(
     let bench = Arc::new(bench);
     let store = bench.store(path, false)?;
     forget_peak();
-    let mut progress = SpaceProgress::new(&format!("{name}, {threads} threads"));
+    let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "points");
     let start = Instant::now();
-    let counts = bench.expand(vec![0], &store, threads, stop, |p| progress.update(p));
+    let counts = bench.expand(vec![0], &store, threads, stop, |p| progress.spaces(p));
     let seconds = start.elapsed().as_secs_f64();
     progress.finish();
     let counts = counts?[0];

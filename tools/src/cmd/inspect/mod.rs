@@ -1,5 +1,6 @@
 //! `palpate inspect`: what a mesh, a scene, a space or a blob holds.
 
+mod held_out;
 mod space;
 
 use std::path::{Path, PathBuf};
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// FILE-NAME.vtu when there are several)
     #[arg(long)]
     vtu: Option<PathBuf>,
+    /// Of a .space: write its held-out truth to this CSV file, one row a position
+    #[arg(long, value_name = "CSV")]
+    held_out: Option<PathBuf>,
     /// Of a mesh: its unit of length, m, cm or mm (a scene says its own) [default: m]
     #[arg(long, value_parser = unit)]
     unit: Option<LengthUnit>,
@@ -49,14 +53,15 @@ fn unit(text: &str) -> Result<LengthUnit, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let kind = args.file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    if (args.csv.is_some() || args.vtu.is_some()) && kind != "space" {
-        return Err(Failure::input(format!("{}: --csv and --vtu are for .space files", args.file.display())));
+    if [&args.csv, &args.vtu, &args.held_out].iter().any(|file| file.is_some()) && kind != "space" {
+        let what = "--csv, --vtu and --held-out are for .space files";
+        return Err(Failure::input(format!("{}: {what}", args.file.display())));
     }
     if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml") {
         return Err(Failure::input(format!("{}: --unit is for mesh files", args.file.display())));
     }
     let (text, figures) = match kind.as_str() {
-        "space" => space::show(&args.file, args.csv.as_deref(), args.all_tries, args.vtu.as_deref())?,
+        "space" => space::show(args)?,
         "blob" => blob(&args.file)?,
         "toml" => scene(&args.file)?,
         _ => mesh(&args.file, args.unit.unwrap_or_default())?,

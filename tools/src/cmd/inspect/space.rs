@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use palpate_precompute::blob_writer::write_atomically;
 use palpate_precompute::configuration_space::fold::{Fold, folds};
 use palpate_precompute::configuration_space::{Domain, GridIndex, Record, SpaceGrid, Store, still_to_solve};
+use palpate_precompute::held_out::Summary;
 use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
 use serde_json::json;
 
-use super::Shown;
+use super::{Args, Shown, held_out};
+use crate::cmd::held_out::in_words;
 use crate::failure::Failure;
 
 /// One active node's space, read once.
@@ -25,12 +27,8 @@ struct Space {
 }
 
 /// Describes the store, and writes what was asked for.
-pub(super) fn show(
-    path: &Path,
-    csv: Option<&Path>,
-    all_tries: bool,
-    vtu: Option<&Path>,
-) -> Result<Shown, Failure> {
+pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
+    let (path, csv, vtu) = (args.file.as_path(), args.csv.as_deref(), args.vtu.as_deref());
     let store = Store::open(path)?;
     let identity = store.identity()?;
     let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::input)?;
@@ -59,11 +57,17 @@ pub(super) fn show(
         let records = store.records(active)?;
         let open = still_to_solve(&grid, identity.complete_cells, &attempts);
         let space = Space { name, node, folds: folds(&grid, &records), attempts, records, open };
-        let (words, numbers) = space.describe(total);
+        let (words, mut numbers) = space.describe(total);
         text.push_str(&words);
+        let walks = Summary::of(&store, active)?;
+        if !walks.is_empty() {
+            text.push_str(&format!("  held-out truth\n{}\n", in_words("   ", &walks)));
+        }
+        let walks: BTreeMap<&str, &Summary> = walks.iter().map(|(kind, sum)| (kind.name(), sum)).collect();
+        numbers["held_out"] = json!(walks);
         figures.push(numbers);
         if csv.is_some() {
-            space.rows(&grid, all_tries, &mut table);
+            space.rows(&grid, args.all_tries, &mut table);
         }
         if let Some(vtu) = vtu {
             space.cloud(&grid, &if several { beside(vtu, &space.name) } else { vtu.to_path_buf() })?;
@@ -71,6 +75,9 @@ pub(super) fn show(
     }
     if let Some(csv) = csv {
         write_atomically(csv, table.as_bytes()).map_err(|error| Failure::file(csv, &error))?;
+    }
+    if let Some(path) = &args.held_out {
+        held_out::write(&store, &grid, identity.increments, path)?;
     }
     let figures = json!({
         "scene": identity.scene_name, "law": identity.law, "points": grid.lattice.count(), "completing": completed,

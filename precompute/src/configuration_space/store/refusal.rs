@@ -1,0 +1,46 @@
+//! What exactly differs between a store and the scene it is to go on with.
+
+use super::{Store, StoreError, StoreIdentity, hex};
+
+impl Store {
+    /// Refuses a store of another scene or mesh, and names the first thing that differs.
+    pub(super) fn expect_content(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+        let stored = self.meta("content_hash")?;
+        if stored == identity.content_hash {
+            return Ok(());
+        }
+        let (stored, wanted) =
+            self.first_difference(identity)?.unwrap_or((stored, identity.content_hash.clone()));
+        let short = |s: String| s.chars().take(40).collect::<String>();
+        Err(StoreError::Mismatch {
+            path: self.path.clone(),
+            what: "scene or mesh",
+            stored: short(stored),
+            wanted: short(wanted),
+        })
+    }
+
+    fn first_difference(&self, identity: &StoreIdentity) -> Result<Option<(String, String)>, StoreError> {
+        let stored = self.meta("mesh_hash")?;
+        let wanted = hex(&identity.mesh_hash);
+        if stored != wanted {
+            let mesh = |hash: &str| format!("mesh {}", hash.chars().take(8).collect::<String>());
+            return Ok(Some((mesh(&stored), mesh(&wanted))));
+        }
+        let stored = self.meta("scene")?;
+        // Comments and the order of keys are not in the stored text, so every differing line means something.
+        let (old, new): (Vec<&str>, Vec<&str>) = (stored.lines().collect(), identity.scene.lines().collect());
+        let line =
+            |lines: &[&str], at: usize| lines.get(at).map_or("nothing", |line| line.trim()).to_string();
+        let free = |text: &str| text.starts_with("name") || text.starts_with("file");
+        let at = (0..old.len().max(new.len()))
+            .find(|&at| old.get(at) != new.get(at) && !free(old.get(at).unwrap_or(&"")));
+        if let Some(at) = at {
+            return Ok(Some((line(&old, at), line(&new, at))));
+        }
+        let stored = self.parsed::<f64>("max_force_n")?;
+        Ok((stored != identity.max_force_n).then(|| {
+            (format!("max_force_n = {stored:?}"), format!("max_force_n = {:?}", identity.max_force_n))
+        }))
+    }
+}

@@ -1,0 +1,210 @@
+//! Where the truth is solved: pure functions of a seed, the name of the active node and a number.
+
+use super::Kind;
+use crate::configuration_space::SpaceGrid;
+
+/// What is drawn. Numbers of walks may grow later, the rest may not: a store keeps one draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Draw {
+    /// Seed of the random paths and uniform positions.
+    pub seed: u64,
+    /// Length of a step of a path, m.
+    pub step_m: f64,
+    /// Length of the 26 regular paths, m; `None` for none of them.
+    pub regular_m: Option<f64>,
+    /// Random paths an active node.
+    pub random: u32,
+    /// Steps of a random path.
+    pub random_steps: u32,
+    /// Uniform reachable positions an active node.
+    pub uniform: u32,
+}
+
+impl Draw {
+    /// The paper's: 1 mm steps, regular paths of 10 cm, random ones of 200 steps; and 299 uniform positions, the number that
+    /// without an exceedance certifies 99 % at 95 % confidence.
+    pub const PAPER: Self =
+        Self { seed: 1, step_m: 1e-3, regular_m: Some(0.1), random: 20, random_steps: 200, uniform: 299 };
+
+    /// What must not change within one store.
+    pub fn identity(&self) -> String {
+        format!(
+            "seed {}, steps of {:?} m, random paths of {} steps",
+            self.seed, self.step_m, self.random_steps
+        )
+    }
+}
+
+/// The 26 directions to the neighbours of a lattice point, in a fixed order.
+pub fn regular_directions() -> impl Iterator<Item = [f64; 3]> {
+    (0..27_i32)
+        .map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1])
+        .filter(|d| *d != [0; 3])
+        .map(|d| unit(d.map(f64::from)))
+}
+
+/// Positions of a regular path, without the rest.
+pub fn regular_path(direction: [f64; 3], length_m: f64, step_m: f64) -> Vec<[f64; 3]> {
+    let steps = (length_m / step_m).round().max(1.0) as u32;
+    (1..=steps).map(|n| direction.map(|x| x * f64::from(n) * step_m)).collect()
+}
+
+/// Arc length over which a random path forgets its direction, in grid radii.
+const PERSISTENCE: f64 = 4.0;
+/// Random paths turn back at this share of the grid radius.
+const TURNS_AT: f64 = 0.9;
+
+/// Positions of random path `number`, without the rest. It starts in a random direction, turns slowly (the direction forgets
+/// itself over 4 r_G of path, so that nearly every path of two radii gets to its turning point), and is mirrored back at 0.9 r_G.
+pub fn random_path(draw: &Draw, active: &str, number: u32, radius_m: f64) -> Vec<[f64; 3]> {
+    let mut stream = Stream::new(draw.seed, active, Kind::Random, number);
+    // One step adds a vector uniform in a ball of radius s: <1 - cos> = s^2 / 5 to leading order.
+    let turn = (5.0 * draw.step_m / (PERSISTENCE * radius_m)).sqrt();
+    let (mut at, mut direction) = ([0.0; 3], unit(stream.in_unit_ball()));
+    let mut path = Vec::with_capacity(draw.random_steps as usize);
+    for _ in 0..draw.random_steps {
+        let push = stream.in_unit_ball();
+        direction = unit(std::array::from_fn(|i| direction[i] + turn * push[i]));
+        let ahead = std::array::from_fn(|i| at[i] + draw.step_m * direction[i]);
+        if norm(ahead) > TURNS_AT * radius_m {
+            let out = unit(at);
+            let outwards = dot(direction, out).max(0.0);
+            direction = std::array::from_fn(|i| direction[i] - 2.0 * outwards * out[i]);
+        }
+        at = std::array::from_fn(|i| at[i] + draw.step_m * direction[i]);
+        path.push(at);
+    }
+    path
+}
+
+/// Uniform position `number` in the ball of the grid.
+pub fn uniform_position(draw: &Draw, active: &str, number: u32, radius_m: f64) -> [f64; 3] {
+    Stream::new(draw.seed, active, Kind::Uniform, number).in_unit_ball().map(|x| x * radius_m)
+}
+
+/// Whether a position is one that a fit may have seen: a grid point or, if transitions were made in `increments` equal parts, a
+/// point that such a part could end at. Errors are measured elsewhere.
+pub fn is_on_training_lattice(grid: &SpaceGrid, increments: Option<u32>, displacement_m: [f64; 3]) -> bool {
+    let parts = f64::from(increments.unwrap_or(1));
+    displacement_m.iter().all(|x| {
+        let cells = x / grid.spacing_m * parts;
+        (cells - cells.round()).abs() < 1e-6
+    })
+}
+
+/// Numbers that depend on their key alone, on every machine: the extended output of BLAKE3.
+struct Stream(blake3::OutputReader);
+
+impl Stream {
+    fn new(seed: u64, active: &str, kind: Kind, number: u32) -> Self {
+        let mut hasher = blake3::Hasher::new_derive_key("palpate held-out truth 1");
+        hasher.update(&seed.to_le_bytes()).update(kind.name().as_bytes());
+        hasher.update(&number.to_le_bytes()).update(active.as_bytes());
+        Self(hasher.finalize_xof())
+    }
+
+    /// Uniform in -1 .. 1.
+    fn next(&mut self) -> f64 {
+        let mut bytes = [0; 8];
+        self.0.fill(&mut bytes);
+        (u64::from_le_bytes(bytes) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Uniform in the unit ball, the centre left out.
+    fn in_unit_ball(&mut self) -> [f64; 3] {
+        loop {
+            let point = [self.next(), self.next(), self.next()];
+            if (1e-6..=1.0).contains(&dot(point, point)) {
+                return point;
+            }
+        }
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+fn unit(a: [f64; 3]) -> [f64; 3] {
+    let length = norm(a);
+    a.map(|x| x / length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RADIUS_M: f64 = 0.1;
+
+    #[test]
+    fn regular_directions_are_the_26_and_their_paths_have_equal_steps() {
+        let all: Vec<[f64; 3]> = regular_directions().collect();
+        assert_eq!(all.len(), 26);
+        for (n, a) in all.iter().enumerate() {
+            assert!((norm(*a) - 1.0).abs() < 1e-15);
+            assert!(all[..n].iter().all(|b| dot(*a, *b) < 0.9), "{a:?} is there twice");
+        }
+        let path = regular_path(all[0], RADIUS_M, 1e-3);
+        assert_eq!(path.len(), 100);
+        assert!((norm(path[99]) - RADIUS_M).abs() < 1e-15 && (norm(path[0]) - 1e-3).abs() < 1e-17);
+    }
+
+    #[test]
+    fn random_paths_have_equal_steps_reach_the_rim_and_stay_inside() {
+        let (mut reached, mut straight) = (0, 0.0);
+        for number in 0..200 {
+            let path = random_path(&Draw::PAPER, "A1", number, RADIUS_M);
+            let mut before = [0.0; 3];
+            let mut direction = path[0].map(|x| x / 1e-3);
+            for &at in &path {
+                let step: [f64; 3] = std::array::from_fn(|i| at[i] - before[i]);
+                assert!((norm(step) - 1e-3).abs() < 1e-15);
+                assert!(norm(at) <= 0.9 * RADIUS_M + 1e-12, "{at:?} is outside");
+                straight += dot(direction, unit(step)) / (200.0 * 200.0);
+                direction = unit(step);
+                before = at;
+            }
+            reached += usize::from(path.iter().any(|&at| norm(at) > 0.89 * RADIUS_M));
+        }
+        assert!(reached >= 190, "{reached} of 200 reached 0.9 r_G");
+        // 1 - s^2/5 a step is .9975; the mirrorings take some.
+        assert!(straight > 0.98 && straight < 0.9995, "mean cosine of a turn {straight}");
+    }
+
+    #[test]
+    fn uniform_positions_fill_the_ball_evenly() {
+        let draw = Draw::PAPER;
+        let all: Vec<[f64; 3]> = (0..4000).map(|n| uniform_position(&draw, "A1", n, RADIUS_M)).collect();
+        // Half the volume lies within 2^(-1/3) of the radius; each mean is that of a symmetric body.
+        let inner = all.iter().filter(|&&p| norm(p) < RADIUS_M * 0.5_f64.cbrt()).count();
+        assert!((1900..2100).contains(&inner), "{inner}");
+        for axis in 0..3 {
+            let mean = all.iter().map(|p| p[axis]).sum::<f64>() / 4000.0;
+            assert!(mean.abs() < 0.03 * RADIUS_M, "{mean}");
+        }
+        assert!(all.iter().all(|&p| norm(p) <= RADIUS_M));
+    }
+
+    #[test]
+    fn a_position_depends_on_seed_node_kind_and_number_alone() {
+        let draw = Draw::PAPER;
+        let one = uniform_position(&draw, "A1", 7, RADIUS_M);
+        assert_eq!(one, uniform_position(&Draw { uniform: 1, random: 0, ..draw.clone() }, "A1", 7, RADIUS_M));
+        assert_ne!(one, uniform_position(&draw, "A2", 7, RADIUS_M));
+        assert_ne!(one, uniform_position(&draw, "A1", 8, RADIUS_M));
+        assert_ne!(one, uniform_position(&Draw { seed: 2, ..draw }, "A1", 7, RADIUS_M));
+    }
+
+    #[test]
+    fn training_points_on_a_path_are_known() {
+        let grid = SpaceGrid::new(0.01, 0.05).expect("a grid");
+        let axis = regular_path([1.0, 0.0, 0.0], 0.05, 1e-3);
+        let on = |increments| axis.iter().filter(|&&p| is_on_training_lattice(&grid, increments, p)).count();
+        assert_eq!((on(None), on(Some(5))), (5, 25));
+        assert!(!is_on_training_lattice(&grid, None, [0.01, 0.0, 1e-5]));
+    }
+}

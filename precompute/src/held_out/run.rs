@@ -1,0 +1,313 @@
+//! Hands the walks to a crew and keeps what comes back.
+//!
+//! Regular and random paths start from rest and need nothing of the space. Uniform positions start from it: position number n of an
+//! active node is tried if a corner of its cell is reachable, from the nearest such corner, and counts if |h| < f_max there. They
+//! are tried in rounds of as many as are still missing, so that which ones are tried depends on the numbers alone, not on
+//! who was done first.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use palpate_core::ConfigTag;
+
+use super::positions::{random_path, regular_directions, regular_path, uniform_position};
+use super::{Draw, Kind, Walk, WalkJob};
+use crate::configuration_space::crew::Desks;
+use crate::configuration_space::{
+    Crew, CrewError, Done, GridIndex, SpaceGrid, Store, StoreError, Work, still_to_solve,
+};
+
+/// The truth to solve.
+#[derive(Debug, Clone)]
+pub struct HeldOut {
+    /// Active nodes: number in the store, and name.
+    pub actives: Vec<(usize, String)>,
+    /// The grid.
+    pub grid: SpaceGrid,
+    /// What is drawn.
+    pub draw: Draw,
+    /// Whether displacements of all nodes are kept at uniform positions.
+    pub keep_displacements: bool,
+}
+
+/// What a caller is told after every walk.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct HeldOutProgress {
+    /// Walks done, those of earlier runs with them.
+    pub walks: usize,
+    /// Walks known so far; uniform positions that turn out unreachable are replaced by others.
+    pub total: usize,
+    /// Positions solved now.
+    pub positions_now: usize,
+    /// Walks done now.
+    pub walks_now: usize,
+}
+
+/// Why it ended early.
+#[derive(Debug)]
+pub enum HeldOutError {
+    /// The store failed.
+    Store(StoreError),
+    /// The workers failed.
+    Crew(CrewError),
+    /// Asked to stop; every finished walk is committed.
+    Interrupted,
+    /// Uniform positions need the space of this active node, which is not solved to its end.
+    NoSpace(String),
+}
+
+impl std::fmt::Display for HeldOutError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Store(error) => write!(f, "{error}"),
+            Self::Crew(error) => write!(f, "{error}"),
+            Self::Interrupted => {
+                write!(f, "interrupted; every finished path is kept, run the same command to go on")
+            }
+            Self::NoSpace(name) => write!(
+                f,
+                "{name}: uniform positions start from the solved space, which is not complete; run `palpate precompute` first, or \
+                 ask for none with --uniform 0"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for HeldOutError {}
+
+impl From<StoreError> for HeldOutError {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+impl From<CrewError> for HeldOutError {
+    fn from(error: CrewError) -> Self {
+        Self::Crew(error)
+    }
+}
+
+/// How many positions may be drawn for one that counts before a node is given up: its reachable cells are all but empty.
+const DRAWS_FOR_ONE: u32 = 1000;
+
+impl HeldOut {
+    /// Solves what the store does not hold yet, until all is done or `stop` is raised.
+    pub fn run(
+        &self,
+        store: &Store,
+        crew: &mut dyn Crew,
+        stop: &AtomicBool,
+        mut progress: impl FnMut(&HeldOutProgress),
+    ) -> Result<(), HeldOutError> {
+        store.draw_held_out(&self.draw)?;
+        let outcome = self.all(store, crew, stop, &mut progress);
+        let committed = store.commit();
+        outcome?;
+        Ok(committed?)
+    }
+
+    fn all(
+        &self,
+        store: &Store,
+        crew: &mut dyn Crew,
+        stop: &AtomicBool,
+        progress: &mut dyn FnMut(&HeldOutProgress),
+    ) -> Result<(), HeldOutError> {
+        let mut run = Run {
+            held_out: self,
+            store,
+            stop,
+            progress,
+            done: BTreeMap::new(),
+            state: HeldOutProgress::default(),
+        };
+        let mut uniform = Vec::new();
+        let mut queue = VecDeque::new();
+        for (active, name) in &self.actives {
+            for ((kind, number), tag) in store.walks_done(*active)? {
+                run.done.insert(Walk { active: *active as u32, kind, number }, tag);
+            }
+            queue.extend(
+                self.paths(*active).filter(|walk| !run.done.contains_key(walk)).map(|walk| (walk, None)),
+            );
+            if self.draw.uniform > 0 {
+                uniform.push(Uniform::of(store, *active, name)?);
+            }
+        }
+        let paths =
+            self.draw.regular_m.map_or(0, |_| regular_directions().count()) + self.draw.random as usize;
+        run.state.total = self.actives.len() * (paths + self.draw.uniform as usize);
+        run.state.walks = self.actives.len() * paths - queue.len();
+        run.work_off(&mut queue, crew)?;
+        loop {
+            // A round: as many positions of every node as are still missing, those of earlier runs answered from the store.
+            let mut drawn = 0;
+            run.state.walks = self.actives.len() * paths;
+            for node in &mut uniform {
+                let accepted = node.accepted(&run.done);
+                run.state.walks += accepted as usize;
+                for _ in accepted..self.draw.uniform {
+                    let Some((walk, start)) = self.next_uniform(node) else { break };
+                    drawn += 1;
+                    if !run.done.contains_key(&walk) {
+                        queue.push_back((walk, Some(start)));
+                    }
+                }
+            }
+            (run.progress)(&run.state);
+            if drawn == 0 {
+                return Ok(());
+            }
+            run.work_off(&mut queue, crew)?;
+        }
+    }
+
+    /// The paths of an active node.
+    fn paths(&self, active: usize) -> impl Iterator<Item = Walk> + use<> {
+        let regular = self.draw.regular_m.map_or(0, |_| regular_directions().count() as u32);
+        let walk = move |kind| move |number| Walk { active: active as u32, kind, number };
+        (0..regular).map(walk(Kind::Regular)).chain((0..self.draw.random).map(walk(Kind::Random)))
+    }
+
+    /// Where a walk goes.
+    fn positions_m(&self, walk: &Walk) -> Vec<[f64; 3]> {
+        let name = self.actives.iter().find(|(active, _)| *active == walk.active as usize);
+        let (name, radius_m) = (name.map_or("", |(_, name)| name), self.grid.radius_m);
+        match walk.kind {
+            Kind::Regular => {
+                let direction = regular_directions().nth(walk.number as usize);
+                let length_m = self.draw.regular_m.unwrap_or(radius_m);
+                direction.map_or(Vec::new(), |d| regular_path(d, length_m, self.draw.step_m))
+            }
+            Kind::Random => random_path(&self.draw, name, walk.number, radius_m),
+            Kind::Uniform => vec![uniform_position(&self.draw, name, walk.number, radius_m)],
+        }
+    }
+
+    /// The next position that has a reachable corner.
+    fn next_uniform(&self, node: &mut Uniform) -> Option<(Walk, Start)> {
+        while node.next < self.draw.uniform.saturating_mul(DRAWS_FOR_ONE) {
+            let number = node.next;
+            node.next += 1;
+            let at = uniform_position(&self.draw, &node.name, number, self.grid.radius_m);
+            if let Some(start) = node.start(&self.grid, at) {
+                return Some((node.walk(number), start));
+            }
+        }
+        None
+    }
+}
+
+/// A point of the space, and which of its solutions.
+type Start = (GridIndex, u32);
+
+/// One call of [`HeldOut::run`].
+struct Run<'a> {
+    held_out: &'a HeldOut,
+    store: &'a Store,
+    stop: &'a AtomicBool,
+    progress: &'a mut dyn FnMut(&HeldOutProgress),
+    done: BTreeMap<Walk, ConfigTag>,
+    state: HeldOutProgress,
+}
+
+impl Run<'_> {
+    /// What a worker needs for a walk; only now, so that no state waits in memory.
+    fn job(&self, walk: Walk, start: Option<Start>) -> Result<WalkJob, StoreError> {
+        let start = match start {
+            Some((point, attempt)) => {
+                Some((point, self.store.stored_seed(walk.active as usize, point, attempt)?))
+            }
+            None => None,
+        };
+        Ok(WalkJob {
+            walk,
+            start,
+            positions_m: self.held_out.positions_m(&walk),
+            keep_displacements: self.held_out.keep_displacements && walk.kind == Kind::Uniform,
+        })
+    }
+
+    /// Has everything in the queue done.
+    fn work_off(
+        &mut self,
+        queue: &mut VecDeque<(Walk, Option<Start>)>,
+        crew: &mut dyn Crew,
+    ) -> Result<(), HeldOutError> {
+        let mut desks = Desks::of(crew);
+        loop {
+            while !self.stop.load(Ordering::Relaxed)
+                && let Some((worker, _)) = desks.free()
+                && let Some((walk, start)) = queue.pop_front()
+            {
+                crew.give(worker, Work::Walk(self.job(walk, start)?))?;
+                desks.given(worker, walk.active as usize);
+            }
+            if desks.all_clear() {
+                return if queue.is_empty() { Ok(()) } else { Err(HeldOutError::Interrupted) };
+            }
+            let (worker, outcome) = crew.take()?;
+            desks.taken(worker);
+            let Done::Walk(outcome) = outcome else { return Err(CrewError::Confused.into()) };
+            self.store.add_walk(&outcome)?;
+            let last = outcome.truths.last().map_or(ConfigTag::Unknown, |truth| truth.tag);
+            self.done.insert(outcome.walk, last);
+            let counts = outcome.walk.kind != Kind::Uniform || last == ConfigTag::Expandable;
+            self.state.walks += usize::from(counts);
+            self.state.walks_now += 1;
+            self.state.positions_now += outcome.truths.iter().filter(|truth| truth.tag.is_solved()).count();
+            (self.progress)(&self.state);
+        }
+    }
+}
+
+/// Uniform positions of one active node.
+struct Uniform {
+    active: usize,
+    name: String,
+    /// Reachable points: where a position may start from, with the try that counts.
+    reachable: BTreeMap<GridIndex, u32>,
+    /// The next number to be drawn.
+    next: u32,
+}
+
+impl Uniform {
+    /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
+    fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
+        let identity = store.identity()?;
+        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
+            .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+        let open = still_to_solve(&grid, identity.complete_cells, &store.attempts(active)?);
+        let records = store.records(active)?;
+        let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
+        let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
+        if open > 0 || reachable.len() < 2 {
+            return Err(HeldOutError::NoSpace(name.into()));
+        }
+        Ok(Self { active, name: name.into(), reachable, next: 0 })
+    }
+
+    fn walk(&self, number: u32) -> Walk {
+        Walk { active: self.active as u32, kind: Kind::Uniform, number }
+    }
+
+    /// The nearest reachable corner of the cell round `at`, and which of its solutions; the first by index if two are as near.
+    fn start(&self, grid: &SpaceGrid, at: [f64; 3]) -> Option<Start> {
+        let cells = at.map(|x| x / grid.spacing_m);
+        let corners = (0..8).map(|code| -> GridIndex {
+            std::array::from_fn(|axis| cells[axis].floor() as i32 + (code >> (2 - axis) & 1))
+        });
+        let distance = |corner: &GridIndex| -> f64 {
+            corner.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
+        };
+        corners
+            .filter_map(|corner| Some((corner, *self.reachable.get(&corner)?)))
+            .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))
+    }
+
+    /// How many of the numbers drawn so far count.
+    fn accepted(&self, done: &BTreeMap<Walk, ConfigTag>) -> u32 {
+        let drawn = done.range(self.walk(0)..self.walk(self.next));
+        drawn.filter(|(_, tag)| **tag == ConfigTag::Expandable).count() as u32
+    }
+}

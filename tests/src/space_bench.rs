@@ -1,0 +1,95 @@
+//! A small configuration space for the tests: two cells round the soft beam's active node.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use palpate_precompute::configuration_space::{
+    Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreError, StoreIdentity, TagCounts, Workshop,
+    still_to_solve, with_threads,
+};
+use palpate_precompute::solve::Problem;
+
+use crate::{mooney_rivlin, soft_beam};
+
+/// A space of 2 cells around the soft beam's active node.
+pub struct SpaceBench {
+    /// The beam.
+    pub mesh: palpate_precompute::mesh::TetMesh,
+    /// Its held nodes.
+    pub fixed: Vec<u32>,
+    /// Its active node.
+    pub active: u32,
+    /// Its problem.
+    pub problem: Arc<Problem>,
+    /// The grid.
+    pub grid: SpaceGrid,
+    /// What the store is made of.
+    pub identity: StoreIdentity,
+}
+
+impl SpaceBench {
+    /// The bench with a force limit, N.
+    pub fn new(max_force_n: f64) -> Self {
+        let (mesh, fixed, active, body) = soft_beam(mooney_rivlin());
+        let grid = SpaceGrid::new(0.005, 0.01).expect("the grid is valid");
+        let identity = StoreIdentity {
+            scene_name: "beam".into(),
+            scene: String::new(),
+            content_hash: format!("{max_force_n}"),
+            mesh_hash: mesh.content_hash(),
+            law: "mooney-rivlin".into(),
+            max_force_n,
+            spacing_m: grid.spacing_m,
+            radius_m: grid.radius_m,
+            visual: true,
+            complete_cells: true,
+            increments: None,
+        };
+        Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
+    }
+
+    /// Its store at `path`.
+    pub fn store(&self, path: &Path) -> Result<Store, StoreError> {
+        let active = [("A".to_string(), self.active)];
+        Store::create_or_resume(path, &self.identity, &self.mesh, &self.fixed, &active)
+    }
+
+    /// What workers need.
+    pub fn workshop(&self) -> Arc<Workshop> {
+        let problem = self.problem.clone();
+        Arc::new(Workshop {
+            problem: Box::new(move |_| problem.clone()),
+            grid: self.grid,
+            max_force_n: self.identity.max_force_n,
+            increments: self.identity.increments,
+        })
+    }
+
+    /// Expands the space until done or stopped.
+    pub fn expand(
+        &self,
+        store: &Store,
+        threads: usize,
+        stop: &AtomicBool,
+        progress: impl FnMut(&Progress),
+    ) -> Result<TagCounts, ExpansionError> {
+        let workshop = self.workshop();
+        let expansion =
+            Expansion { actives: vec![0], grid: self.grid, complete_cells: self.identity.complete_cells };
+        with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress)).map(|all| all[0])
+    }
+
+    /// Its store at `path`, complete.
+    pub fn solve(&self, path: &Path, threads: usize) -> (Store, TagCounts) {
+        let store = self.store(path).expect("the store opens");
+        let counts = self.expand(&store, threads, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        (store, counts)
+    }
+
+    /// Tries still open.
+    pub fn still_to_solve(&self, store: &Store) -> usize {
+        let attempts = store.attempts(0).expect("records");
+        still_to_solve(&self.grid, self.identity.complete_cells, &attempts)
+    }
+}

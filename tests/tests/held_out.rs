@@ -1,0 +1,176 @@
+//! Held-out truth: the same whatever the threads and the interruptions, solved where it says, never on a grid point.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use palpate_core::ConfigTag;
+use palpate_precompute::configuration_space::{Store, StoreError, with_threads};
+use palpate_precompute::held_out::{
+    Draw, HeldOut, HeldOutError, HeldOutProgress, Kind, Summary, Truth, is_on_training_lattice,
+};
+use palpate_precompute::solve::Solver;
+use palpate_tests::space_bench::SpaceBench;
+
+const DRAW: Draw =
+    Draw { seed: 3, step_m: 5e-4, regular_m: Some(6e-3), random: 3, random_steps: 24, uniform: 12 };
+
+fn solve(
+    bench: &SpaceBench,
+    store: &Store,
+    draw: Draw,
+    threads: usize,
+    stop: &AtomicBool,
+    progress: impl FnMut(&HeldOutProgress),
+) -> Result<(), HeldOutError> {
+    let actives = vec![(0, "A".to_string())];
+    let held_out = HeldOut { actives, grid: bench.grid, draw, keep_displacements: true };
+    with_threads(&bench.workshop(), threads, |crew| held_out.run(store, crew, stop, progress))
+}
+
+fn solved(bench: &SpaceBench, path: &Path, draw: Draw, threads: usize) -> Store {
+    let (store, _) = bench.solve(path, 2);
+    solve(bench, &store, draw, threads, &AtomicBool::new(false), |_| ()).expect("the run ends");
+    store
+}
+
+/// Every truth by kind, walk and step.
+fn truths(store: &Store) -> BTreeMap<(Kind, u32, u32), Truth> {
+    let mut all = BTreeMap::new();
+    store
+        .each_truth(0, |walk, step, truth| {
+            all.insert((walk.kind, walk.number, step), truth.clone());
+        })
+        .expect("intact");
+    all
+}
+
+/// All of it but the seconds, bit for bit.
+fn bits(store: &Store) -> Vec<String> {
+    let truths = truths(store).into_iter();
+    truths.map(|(key, truth)| format!("{key:?} {:?}", Truth { seconds: 0.0, ..truth })).collect()
+}
+
+#[test]
+fn threads_interruptions_and_asking_for_more_change_no_bit() {
+    let bench = SpaceBench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let at = |name: &str| folder.path().join(name);
+    let expected = bits(&solved(&bench, &at("one.space"), DRAW, 1));
+    assert_eq!(expected, bits(&solved(&bench, &at("two.space"), DRAW, 2)));
+
+    let (torn, _) = bench.solve(&at("torn.space"), 2);
+    for stop_after in [1, 9, 20] {
+        let stop = AtomicBool::new(false);
+        let ended = solve(&bench, &torn, DRAW, 2, &stop, |p| {
+            stop.store(p.walks_now >= stop_after, Ordering::Relaxed);
+        });
+        assert!(matches!(ended, Err(HeldOutError::Interrupted)), "{ended:?}");
+    }
+    solve(&bench, &torn, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+    assert_eq!(expected, bits(&torn));
+
+    let grown = solved(&bench, &at("grown.space"), Draw { random: 1, uniform: 5, ..DRAW }, 2);
+    solve(&bench, &grown, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+    assert_eq!(expected, bits(&grown), "more of them are the ones there and others");
+}
+
+#[test]
+fn every_kind_is_where_it_should_be_and_an_equilibrium() {
+    let bench = SpaceBench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let store = solved(&bench, &folder.path().join("a.space"), DRAW, 2);
+    let (all, sums) = (truths(&store), Summary::of(&store, 0).expect("intact"));
+    let [regular, random, uniform] = [Kind::Regular, Kind::Random, Kind::Uniform].map(|kind| &sums[&kind]);
+    assert_eq!((regular.walks, random.walks, uniform.whole), (26, 3, 12));
+    assert!(regular.at_force_limit > 0 && uniform.at_force_limit > 0, "the limit is felt: {sums:?}");
+    assert_eq!(uniform.walks, uniform.whole + uniform.at_force_limit + uniform.failures());
+
+    let nodes = bench.mesh.nodes_m.len();
+    let mut solver = Solver::new(bench.problem.clone());
+    let rest = solver.rest().expect("the beam is held");
+    for (n, ((kind, number, step), truth)) in all.iter().enumerate() {
+        let force = truth.force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
+        assert_eq!(truth.tag == ConfigTag::Terminating, force >= 1.0, "{kind:?} {number} {step}");
+        let last = !all.contains_key(&(*kind, *number, step + 1));
+        assert!(last || truth.tag == ConfigTag::Expandable, "a walk ends where it leaves the reach");
+        assert_eq!(truth.displacements.len(), if *kind == Kind::Uniform { 12 * nodes } else { 0 });
+        let cells = truth.displacement_m.map(|x| x / bench.grid.spacing_m);
+        let on_grid = cells.iter().all(|x| (x - x.round()).abs() < 1e-6);
+        assert_eq!(is_on_training_lattice(&bench.grid, None, truth.displacement_m), on_grid);
+        assert!(*kind == Kind::Regular || !on_grid);
+        if n % 11 == 0 && truth.tag.is_solved() {
+            let fresh = solver.advance(&rest.seed, truth.displacement_m).expect("converges");
+            let error = (0..3).map(|i| (fresh.force_n[i] - truth.force_n[i]).abs()).fold(0.0, f64::max);
+            assert!(error < 1e-9, "{kind:?} {number} {step}: {error} N");
+        }
+    }
+    // What was solved for a uniform position moves the active node there.
+    let ((_, number, _), truth) = all.iter().find(|((k, ..), _)| *k == Kind::Uniform).expect("there is one");
+    let active = &truth.displacements[12 * bench.active as usize..][..12];
+    let moved: Vec<f32> = active.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    assert_eq!(moved, truth.displacement_m.map(|x| x as f32), "uniform {number}");
+}
+
+#[test]
+fn an_unfinished_space_and_another_draw_are_refused() {
+    let bench = SpaceBench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let store = bench.store(&folder.path().join("a.space")).expect("the store opens");
+    let run = |draw| solve(&bench, &store, draw, 1, &AtomicBool::new(false), |_| ());
+    let line = run(DRAW).expect_err("uniform positions need the space").to_string();
+    assert!(line.contains("palpate precompute") && line.contains("--uniform 0"), "{line}");
+    run(Draw { uniform: 0, ..DRAW }).expect("paths need nothing of it");
+    for other in [
+        Draw { seed: 4, uniform: 0, ..DRAW },
+        Draw { step_m: 1e-3, uniform: 0, ..DRAW },
+        Draw { regular_m: Some(5e-3), uniform: 0, ..DRAW },
+    ] {
+        let refused = run(other).expect_err("another draw");
+        assert!(matches!(refused, HeldOutError::Store(StoreError::Drawn { .. })), "{refused:?}");
+        assert!(refused.to_string().contains("--again"), "{refused}");
+    }
+    store.forget_held_out().expect("forgotten");
+    assert!(truths(&store).is_empty());
+    run(Draw { seed: 4, uniform: 0, random: 1, regular_m: None, ..DRAW }).expect("drawn anew");
+    assert_eq!(store.walks_done(0).expect("read").len(), 1);
+}
+
+#[test]
+fn what_is_intact_of_a_damaged_file_is_kept_and_the_rest_solved_to_the_same_bits() {
+    const PAGE: usize = 4096;
+    let bench = SpaceBench::new(1.0);
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let path = folder.path().join("a.space");
+    let expected = bits(&solved(&bench, &path, DRAW, 2));
+    let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
+    let damaged = |store: &Store| store.each_truth(0, |_, _, _| ()).err().is_some_and(|e| e.is_damage());
+    let (mut hit, mut most_kept) = (0, 0);
+    for page in 1..whole.len() / PAGE {
+        let torn = folder.path().join(format!("torn{page}.space"));
+        let mut bytes = whole.clone();
+        for byte in &mut bytes[page * PAGE + 100..page * PAGE + PAGE - 100] {
+            *byte ^= 0x5a;
+        }
+        std::fs::write(&torn, bytes).expect("written");
+        if !Store::open(&torn).is_ok_and(|store| damaged(&store)) {
+            continue;
+        }
+        hit += 1;
+        let active = [("A".to_string(), bench.active)];
+        let (saved, report) = Store::salvage(&torn, &bench.identity, &bench.mesh, &bench.fixed, &active)
+            .unwrap_or_else(|error| panic!("page {page}: {error}"));
+        most_kept = most_kept.max(report.walks);
+        bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the space ends");
+        solve(&bench, &saved, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        assert_eq!(bits(&saved), expected, "page {page}");
+    }
+    let walks = truths_walks(&expected);
+    assert!(hit > 3, "{hit} pages hold truth");
+    assert!(most_kept > walks / 2 && most_kept < walks, "{most_kept} of {walks} walks kept");
+}
+
+/// Walks among the rows of [`bits`]: one has a first step.
+fn truths_walks(bits: &[String]) -> usize {
+    bits.iter().filter(|row| row.split(')').next().is_some_and(|key| key.ends_with(", 1"))).count()
+}

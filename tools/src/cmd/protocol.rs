@@ -1,0 +1,187 @@
+//! `palpate protocol`: the paper's regular paths, 10 active nodes x 26 directions x 2 fixed sets.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args as ClapArgs;
+use palpate_precompute::held_out::{Draw, Summary};
+use palpate_precompute::mesh::TetMesh;
+use palpate_precompute::mesh::surface::Surface;
+use palpate_precompute::scene::{ResolvedScene, Scene};
+use serde_json::json;
+
+use super::held_out::solve;
+use crate::failure::Failure;
+use crate::output;
+use crate::progress::WorkProgress;
+use crate::workbench::{Workbench, stop_flag, threads};
+
+/// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of 10 cm in steps of
+/// 1 mm for the scene's law, and count those that do not converge.
+///
+/// The active nodes are free surface nodes as far from one another as can be, the scene's first one among them. A force limit
+/// of the scene is left out: the paper's paths go on whatever the force. One .space file a fixed set is written, with every
+/// position; run the same command again to go on.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scene file (TOML)
+    scene: PathBuf,
+    /// Folder for the .space files
+    #[arg(long)]
+    out: PathBuf,
+    /// Groups of the mesh that are held, one after the other
+    #[arg(long, value_delimiter = ',', default_value = "F1,F2")]
+    fixed: Vec<String>,
+    /// Active nodes
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    active_nodes: usize,
+    /// Length of a path, mm
+    #[arg(long, value_name = "MM", default_value_t = 100.0)]
+    length_mm: f64,
+    /// Length of a step, mm
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    step_mm: f64,
+    /// Random paths of 200 steps an active node, too (the paper: 5,000 a law)
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    random: u32,
+    /// Worker threads; one a core if not given
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    if !(args.step_mm > 0.0 && args.length_mm >= args.step_mm && args.length_mm.is_finite()) {
+        return Err(Failure::input("--step-mm must be positive and --length-mm at least as long"));
+    }
+    let scene = Scene::load(&args.scene)?.resolve()?;
+    let actives = spread(&scene, &args.fixed, args.active_nodes)?;
+    std::fs::create_dir_all(&args.out).map_err(|error| Failure::file(&args.out, &error))?;
+    let benches = args
+        .fixed
+        .iter()
+        .map(|fixed| Ok((fixed, Arc::new(variant(args, &scene, fixed, &actives)?))))
+        .collect::<Result<Vec<_>, Failure>>()?;
+    let draw = Draw {
+        step_m: 1e-3 * args.step_mm,
+        regular_m: Some(1e-3 * args.length_mm),
+        random: args.random,
+        uniform: 0,
+        ..Draw::PAPER
+    };
+    let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let start = Instant::now();
+    let (mut lines, mut figures) = (Vec::new(), Vec::new());
+    let mut total = Summary::default();
+    for (fixed, bench) in &benches {
+        let path = args.out.join(format!("{}-{fixed}.space", scene.name));
+        let store = bench.store(&path, false)?;
+        let all: Vec<usize> = (0..bench.scene.active.len()).collect();
+        let mut progress = WorkProgress::new(&format!("{} {fixed}", scene.name), "paths");
+        let solved = solve(bench, &store, draw.clone(), &all, threads, &stop, |p| progress.walks(p));
+        progress.finish();
+        solved?;
+        let mut of_set = Summary::default();
+        for active in all {
+            for (kind, sum) in Summary::of(&store, active)? {
+                let name = &bench.scene.active[active].name;
+                figures
+                    .push(json!({ "fixed": fixed, "active": name, "node": bench.scene.active[active].node,
+                                     "kind": kind.name(), "summary": sum }));
+                of_set.add(&sum);
+            }
+        }
+        lines.push(format!("{fixed:8} {}", row(&of_set)));
+        total.add(&of_set);
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    if args.json {
+        let law = benches.first().map(|(_, bench)| bench.body.law_names());
+        let whole = json!({ "scene": scene.name, "law": law, "rows": figures, "total": total, "seconds": seconds,
+                            "threads": threads });
+        return output::line(serde_json::to_string_pretty(&whole).map_err(Failure::work)?);
+    }
+    output::line(
+        "fixed     paths  whole  failed   share  positions  inverted  branches  iterations   CPU s",
+    )?;
+    for line in lines {
+        output::line(line)?;
+    }
+    output::line(format!("{:8} {}", "all", row(&total)))?;
+    let reasons: Vec<String> = total.failed.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
+    if !reasons.is_empty() {
+        output::line(format!("failures: {}", reasons.join(", ")))?;
+    }
+    output::line(format!("{seconds:.1} s on {threads} threads; every position is in {}", args.out.display()))
+}
+
+fn row(s: &Summary) -> String {
+    format!(
+        "{:6} {:6} {:7} {:6.1}% {:10} {:9} {:9} {:11} {:7.1}",
+        s.walks,
+        s.whole,
+        s.failures(),
+        100.0 * f64::from(s.failures()) / f64::from(s.walks.max(1)),
+        s.positions,
+        s.inverted,
+        s.switched,
+        s.iterations,
+        s.seconds
+    )
+}
+
+/// Free surface nodes as far from one another as can be, beginning with the scene's first active node.
+fn spread(scene: &ResolvedScene, fixed: &[String], wanted: usize) -> Result<Vec<u32>, Failure> {
+    let mesh: &TetMesh = &scene.mesh;
+    let mut held = vec![false; mesh.nodes_m.len()];
+    for name in fixed {
+        let group = mesh.node_groups.get(name.as_str()).ok_or_else(|| {
+            let known: Vec<&str> = mesh.node_groups.keys().map(String::as_str).collect();
+            Failure::input(format!("--fixed {name}: the mesh has no such group; it has {}", known.join(", ")))
+        })?;
+        group.iter().for_each(|&node| held[node as usize] = true);
+    }
+    let surface = Surface::of(mesh);
+    let free: Vec<u32> =
+        (0..mesh.nodes_m.len() as u32).filter(|&n| surface.contains(n) && !held[n as usize]).collect();
+    if wanted == 0 || wanted > free.len() {
+        let there = free.len();
+        return Err(Failure::input(format!(
+            "--active-nodes {wanted}: give 1 to {there}, the free surface nodes"
+        )));
+    }
+    let apart = |a: u32, b: u32| -> f64 {
+        let [a, b] = [a, b].map(|n| mesh.nodes_m[n as usize]);
+        a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum()
+    };
+    let first = scene.active.iter().map(|a| a.node).find(|node| free.contains(node)).unwrap_or(free[0]);
+    let mut chosen = vec![first];
+    while chosen.len() < wanted {
+        let nearest = |node: u32| chosen.iter().map(|&c| apart(node, c)).fold(f64::INFINITY, f64::min);
+        let next = free.iter().copied().reduce(|best, n| if nearest(n) > nearest(best) { n } else { best });
+        chosen.extend(next);
+    }
+    Ok(chosen)
+}
+
+/// The scene with another fixed set and these active nodes, and without a force limit: a scene of its own, as its store says.
+fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> Result<Workbench, Failure> {
+    let mut table: toml::Table = toml::from_str(&scene.text).map_err(Failure::input)?;
+    let held = toml::Table::from_iter([("group".to_string(), fixed.into())]);
+    let nodes = actives.iter().enumerate().map(|(n, &node)| {
+        let name = format!("P{}", n + 1);
+        toml::Value::Table(toml::Table::from_iter([
+            ("name".to_string(), name.into()),
+            ("node".to_string(), i64::from(node).into()),
+        ]))
+    });
+    table.insert("fixed".into(), held.into());
+    table.insert("active".into(), toml::Value::Array(nodes.collect()));
+    table.remove("device");
+    let text = toml::to_string(&table).map_err(Failure::work)?;
+    Workbench::of(&args.scene, Scene::parse(&args.scene, text)?.resolve()?)
+}

@@ -1,0 +1,125 @@
+//! SIGKILL, fifty times.
+
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use super::{Draws, LARGE, dump, kept, precompute, scene, undisturbed};
+
+const KILLS: usize = 50;
+
+/// When a run is killed.
+#[derive(Clone, Copy)]
+enum Moment {
+    /// So long after its start.
+    After(Duration),
+    /// When its log grows past `skip` commits or so: in the middle of writing one, if we are quick.
+    Committing { skip: usize },
+}
+
+/// Whether the write-ahead log ends in a transaction that is not closed (sqlite.org/fileformat2.html, section 4): of the frames
+/// of the current salt, the last commits nothing.
+fn log_is_torn(space: &Path) -> bool {
+    let bytes = std::fs::read(format!("{}-wal", space.display())).unwrap_or_default();
+    let mut torn = false;
+    let Some((header, frames)) = bytes.split_at_checked(32) else { return torn };
+    let page = u32::from_be_bytes([header[8], header[9], header[10], header[11]]) as usize;
+    for frame in frames.chunks(24 + page) {
+        if frame.get(8..16) != Some(&header[16..24]) {
+            break;
+        }
+        torn = frame.len() < 24 + page || frame[4..8] == [0; 4];
+    }
+    torn
+}
+
+/// Waits for the moment and kills. False if the run had ended by itself, and then it must have ended well.
+fn killed(mut run: Child, space: &Path, moment: Moment) -> bool {
+    match moment {
+        // The one place where time is what is tested.
+        Moment::After(wait) => std::thread::sleep(wait),
+        Moment::Committing { mut skip } => {
+            let name = format!("{}-wal", space.display());
+            let length = || std::fs::metadata(&name).map_or(0, |log| log.len());
+            let mut before = length();
+            while run.try_wait().expect("the state of a child").is_none() {
+                let now = length();
+                if now != before {
+                    if skip == 0 {
+                        break;
+                    }
+                    skip -= 1;
+                    before = now;
+                }
+            }
+        }
+    }
+    let ended = run.try_wait().expect("the state of a child");
+    if let Some(status) = ended {
+        assert!(status.success(), "{status}");
+        return false;
+    }
+    run.kill().expect("SIGKILL");
+    // It may have ended between the two.
+    !run.wait().expect("reaped").success()
+}
+
+#[test]
+fn fifty_kills_lose_nothing_but_the_work_in_flight() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (scene, space) = (scene(folder.path(), LARGE), folder.path().join("killed.space"));
+    let began = Instant::now();
+    let expected = undisturbed(&scene, folder.path());
+    let whole_s = began.elapsed().as_secs_f64();
+    let mut draws = Draws(4);
+    let (mut kills, mut at_start, mut solving, mut torn, mut ended, mut progressed) = (0, 0, 0, 0, 0, 0);
+    let mut before: Vec<String> = Vec::new();
+    while kills < KILLS {
+        assert!(ended < KILLS, "runs end before they are killed: {kills} kills");
+        let moment = match draws.next() % 4 {
+            0 => Moment::After(Duration::from_secs_f64(0.03 * draws.unit())),
+            1 => Moment::Committing { skip: (draws.next() % 3) as usize },
+            // Up to four tenths of the whole: several kills to a space.
+            _ => Moment::After(Duration::from_secs_f64(0.4 * whole_s.min(2.0) * draws.unit())),
+        };
+        let threads = 1 + (draws.next() % 3) as usize;
+        let quiet = Stdio::null;
+        let run = precompute(&scene, &space, threads).stdout(quiet()).stderr(quiet()).spawn().expect("runs");
+        if killed(run, &space, moment) {
+            kills += 1;
+            torn += usize::from(log_is_torn(&space));
+            let after = kept(&space, folder.path());
+            // Not one row that was there is gone or changed, its seconds included.
+            let lost: Vec<&String> = before.iter().filter(|row| after.binary_search(row).is_err()).collect();
+            assert!(
+                lost.is_empty(),
+                "kill {kills} lost {} of {} rows: {:?}",
+                lost.len(),
+                before.len(),
+                lost[0]
+            );
+            let gained = after.len() > before.len();
+            progressed += usize::from(gained);
+            *(if gained { &mut solving } else { &mut at_start }) += 1;
+            before = after;
+        } else {
+            // Done in spite of us: it must be right, and the rest of the kills go to a new one.
+            ended += 1;
+            assert!(dump(&space, folder.path()) == expected, "after {kills} kills the space is another one");
+            std::fs::remove_file(&space).expect("removed");
+            before.clear();
+        }
+    }
+    super::succeeds(precompute(&scene, &space, 2));
+    assert!(dump(&space, folder.path()) == expected, "after {kills} kills the space is another one");
+    println!(
+        "{kills} kills of running processes: {at_start} before a row of theirs was kept, {solving} after, {torn} in the middle \
+         of a commit; {progressed} runs got on, {} spaces ended, all as the undisturbed one ({:.1} s; it took {whole_s:.1} s)",
+        ended + 1,
+        began.elapsed().as_secs_f64()
+    );
+    assert!(
+        at_start > 0 && solving > 5,
+        "{at_start} at start-up, {solving} later: the moments miss something"
+    );
+}
