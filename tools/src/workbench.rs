@@ -9,6 +9,7 @@ use palpate_precompute::body::Body;
 use palpate_precompute::configuration_space::{
     Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreIdentity, TagCounts, Workshop, with_threads,
 };
+use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::scene::{ActiveNode, BodyError, GridSpec, ResolvedScene, Scene};
 use palpate_precompute::solve::Problem;
 
@@ -36,6 +37,16 @@ impl Workbench {
         for warning in &scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }
+        Self::built(path, scene)
+    }
+
+    /// Loads a scene and its mesh without warnings, for one that is not the first to load it.
+    #[cfg(feature = "mpi")]
+    pub(crate) fn load_quietly(path: &Path) -> Result<Self, Failure> {
+        Self::built(path, Scene::load(path)?.resolve()?)
+    }
+
+    fn built(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
         let body = scene.body().map_err(|error| {
             let line = format!("{}: {error}", path.display());
             match error {
@@ -120,6 +131,13 @@ impl Workbench {
     /// The expansion of the spaces of these active nodes.
     pub(crate) fn expansion(&self, actives: Vec<usize>) -> Result<Expansion, Failure> {
         Ok(Expansion { actives, grid: self.grid()?, complete_cells: self.grid_spec()?.complete_cells })
+    }
+
+    /// Held-out truth of these active nodes.
+    pub(crate) fn held_out(&self, actives: &[usize], draw: Draw) -> Result<HeldOut, Failure> {
+        let named = actives.iter().map(|&active| (active, self.scene.active[active].name.clone()));
+        let (grid, keep_displacements) = (self.grid()?, self.scene.visual);
+        Ok(HeldOut { actives: named.collect(), grid, draw, keep_displacements })
     }
 
     /// What workers need to solve this scene.

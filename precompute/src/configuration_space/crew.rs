@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::sync::mpsc;
 
+use serde::{Deserialize, Serialize};
+
 use super::job::{Done, Work, Worker, Workshop};
 
 /// Why a crew cannot go on.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CrewError {
     /// A worker stopped on an internal error.
     Panicked,
@@ -128,6 +130,17 @@ struct Alarm<'s> {
 impl Drop for Alarm<'_> {
     fn drop(&mut self) {
         let _ = self.sender.send((self.number, Err(CrewError::Panicked)));
+    }
+}
+
+impl Threads {
+    /// What is done already; does not wait.
+    pub fn poll(&mut self) -> Result<Option<(usize, Done)>, CrewError> {
+        match self.done.try_recv() {
+            Ok((worker, done)) => Ok(Some((worker, done?))),
+            Err(mpsc::TryRecvError::Empty) => Ok(None),
+            Err(mpsc::TryRecvError::Disconnected) => Err(CrewError::Panicked),
+        }
     }
 }
 

@@ -24,7 +24,7 @@ pub enum Work {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum Done {
     /// A point of a space.
-    Point(Outcome),
+    Point(Box<Outcome>),
     /// Held-out truth.
     Walk(WalkOutcome),
 }
@@ -106,7 +106,7 @@ impl Worker {
     /// Does what is asked.
     pub fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
         match work {
-            Work::Point(job) => self.point(job).map(Done::Point),
+            Work::Point(job) => self.point(job).map(Box::new).map(Done::Point),
             Work::Walk(job) => self.walk(job).map(Done::Walk),
         }
     }

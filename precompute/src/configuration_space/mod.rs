@@ -15,13 +15,13 @@ mod planted_fold;
 mod record;
 pub mod store;
 
-pub use crew::{Crew, CrewError, with_threads};
+pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use domain::Domain;
 pub use expansion::{Expansion, ExpansionError, Progress, still_to_solve};
 pub use job::{Done, Intermediate, Job, Outcome, Work, Worker, Workshop};
 pub use plan::TagCounts;
 pub use record::{Record, StoredSeed};
-pub use store::{Salvaged, Store, StoreError, StoreIdentity};
+pub use store::{Salvaged, Store, StoreError, StoreIdentity, solver_version};
 
 use palpate_core::{BallLattice, LatticeError};
 

@@ -139,8 +139,10 @@ impl Record {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredSeed {
     /// State vector.
+    #[serde(with = "serde_bytes")]
     pub(super) state: Vec<u8>,
     /// d(state)/dd along x, then y, then z.
+    #[serde(with = "serde_bytes")]
     pub(super) sensitivity: Vec<u8>,
     /// W, h, S (xx yy zz xy xz yz), as f64.
     pub(super) potential: [f64; 10],

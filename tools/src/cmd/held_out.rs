@@ -11,6 +11,7 @@ use palpate_precompute::configuration_space::{Store, with_threads};
 use palpate_precompute::held_out::{Draw, HeldOut, HeldOutProgress, Kind, Summary};
 use serde_json::json;
 
+use super::precompute::Team;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
@@ -25,7 +26,7 @@ use crate::workbench::{Workbench, stop_flag, threads};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
-    scene: PathBuf,
+    pub scene: PathBuf,
     /// The .space file of the scene
     #[arg(long)]
     out: PathBuf,
@@ -53,9 +54,9 @@ pub(crate) struct Args {
     /// Only this active node; all if not given
     #[arg(long)]
     active: Option<String>,
-    /// Worker threads; one a core if not given
+    /// Worker threads; if not given, one a core (palpate-mpi: one a rank)
     #[arg(long)]
-    threads: Option<usize>,
+    pub threads: Option<usize>,
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
@@ -63,7 +64,21 @@ pub(crate) struct Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let (stop, threads) = (stop_flag()?, threads(args.threads));
     let bench = Arc::new(Workbench::load(&args.scene)?);
+    run_with(args, &bench, &stop, &Team::threads(threads), |held_out, store, stop, progress| {
+        Ok(with_threads(&bench.workshop()?, threads, |crew| held_out.run(store, crew, stop, progress))?)
+    })
+}
+
+/// Runs the command with `team`, which `work` brings to the truth.
+pub(crate) fn run_with(
+    args: &Args,
+    bench: &Workbench,
+    stop: &AtomicBool,
+    team: &Team,
+    work: impl FnOnce(&HeldOut, &Store, &AtomicBool, &mut dyn FnMut(&HeldOutProgress)) -> Result<(), Failure>,
+) -> Result<(), Failure> {
     let draw = draw(args, bench.grid()?.radius_m)?;
     let chosen: Vec<usize> = match &args.active {
         Some(name) => vec![bench.active(Some(name))?.0],
@@ -79,11 +94,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.again {
         store.forget_held_out()?;
     }
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
     let start = Instant::now();
     let mut progress = WorkProgress::new(&bench.scene.name, "paths and positions");
     let mut last = HeldOutProgress::default();
-    let solved = solve(&bench, &store, draw.clone(), &chosen, threads, &stop, |p| {
+    let solved = work(&bench.held_out(&chosen, draw.clone())?, &store, stop, &mut |p| {
         last = *p;
         progress.walks(p);
     });
@@ -103,16 +117,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             })
             .collect();
         let figures = json!({ "space": args.out, "draw": draw.identity(), "actives": actives,
-                              "positions_now": last.positions_now, "seconds": seconds, "threads": threads });
+                              "positions_now": last.positions_now, "seconds": seconds, "threads": team.workers });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
     for (name, kinds) in &all {
         output::line(in_words(&format!("{name}:"), kinds))?;
     }
     output::line(format!(
-        "{}: {} positions solved now in {seconds:.1} s on {threads} threads ({})",
+        "{}: {} positions solved now in {seconds:.1} s {} ({})",
         args.out.display(),
         last.positions_now,
+        team.words,
         draw.identity()
     ))
 }
@@ -137,26 +152,6 @@ fn draw(args: &Args, radius_m: f64) -> Result<Draw, Failure> {
         random_steps: args.random_steps.max(1),
         uniform: args.uniform,
     })
-}
-
-/// Solves held-out truth of these active nodes on this machine.
-pub(super) fn solve(
-    bench: &Arc<Workbench>,
-    store: &Store,
-    draw: Draw,
-    actives: &[usize],
-    threads: usize,
-    stop: &AtomicBool,
-    progress: impl FnMut(&HeldOutProgress),
-) -> Result<(), Failure> {
-    let named = actives.iter().map(|&active| (active, bench.scene.active[active].name.clone()));
-    let held_out = HeldOut {
-        actives: named.collect(),
-        grid: bench.grid()?,
-        draw,
-        keep_displacements: bench.scene.visual,
-    };
-    Ok(with_threads(&bench.workshop()?, threads, |crew| held_out.run(store, crew, stop, progress))?)
 }
 
 /// Counts of one active node, for people, a line each after `label`.

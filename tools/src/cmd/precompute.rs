@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::TagCounts;
+use palpate_precompute::configuration_space::{Expansion, Progress, Store, TagCounts, with_threads};
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -24,13 +25,13 @@ use crate::workbench::{Workbench, stop_flag, threads};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
-    scene: PathBuf,
+    pub scene: PathBuf,
     /// The .space file to write or to go on with
     #[arg(long)]
     out: PathBuf,
-    /// Worker threads; one a core if not given
+    /// Worker threads; if not given, one a core (palpate-mpi: one a rank)
     #[arg(long)]
-    threads: Option<usize>,
+    pub threads: Option<usize>,
     /// Only this active node; all if not given
     #[arg(long)]
     active: Option<String>,
@@ -42,20 +43,65 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// Those who do the work.
+#[derive(Debug)]
+pub(crate) struct Team {
+    /// How many jobs are worked on at once.
+    pub workers: usize,
+    /// "on 2 threads", for people.
+    pub words: String,
+}
+
+impl Team {
+    /// Threads of this process.
+    pub(crate) fn threads(threads: usize) -> Self {
+        Self { workers: threads, words: format!("on {}", counted(threads, "thread")) }
+    }
+
+    /// Threads of other ranks.
+    #[cfg(feature = "mpi")]
+    pub(crate) fn ranks(threads: usize, ranks: usize) -> Self {
+        let words = format!("on {} of {} and rank 0", counted(threads, "thread"), counted(ranks, "rank"));
+        Self { workers: threads, words }
+    }
+}
+
+fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let (stop, threads) = (stop_flag()?, threads(args.threads));
     let bench = Arc::new(Workbench::load(&args.scene)?);
+    run_with(args, &bench, &stop, &Team::threads(threads), |expansion, store, stop, progress| {
+        Ok(with_threads(&bench.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
+    })
+}
+
+/// Runs the command with `team`, which `work` brings to the expansion.
+pub(crate) fn run_with(
+    args: &Args,
+    bench: &Workbench,
+    stop: &AtomicBool,
+    team: &Team,
+    work: impl FnOnce(
+        &Expansion,
+        &Store,
+        &AtomicBool,
+        &mut dyn FnMut(&Progress),
+    ) -> Result<Vec<TagCounts>, Failure>,
+) -> Result<(), Failure> {
     let chosen: Vec<usize> = match &args.active {
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
     let points = bench.expansion(vec![0])?.total();
     let store = bench.store(&args.out, args.salvage)?;
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
     let start = Instant::now();
     let mut progress = WorkProgress::new(&bench.scene.name, "points");
     let mut solved_now = 0;
-    let counts = bench.expand(chosen.clone(), &store, threads, &stop, |p| {
+    let counts = work(&bench.expansion(chosen.clone())?, &store, stop, &mut |p| {
         solved_now = p.solved_now;
         progress.spaces(p);
     });
@@ -73,16 +119,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             })
             .collect();
         let figures = json!({ "space": args.out, "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
-                              "threads": threads });
+                              "threads": team.workers });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
     for (name, counts) in names.iter().zip(&counts) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
     }
-    output::line(format!(
-        "{}: {solved_now} solved now in {seconds:.1} s on {threads} threads",
-        args.out.display()
-    ))
+    output::line(format!("{}: {solved_now} solved now in {seconds:.1} s {}", args.out.display(), team.words))
 }
 
 /// Points by tag, for people.

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
+use palpate_precompute::configuration_space::with_threads;
 use palpate_precompute::held_out::{Draw, Summary};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::mesh::surface::Surface;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use serde_json::json;
 
-use super::held_out::solve;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
@@ -82,7 +82,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let store = bench.store(&path, false)?;
         let all: Vec<usize> = (0..bench.scene.active.len()).collect();
         let mut progress = WorkProgress::new(&format!("{} {fixed}", scene.name), "paths");
-        let solved = solve(bench, &store, draw.clone(), &all, threads, &stop, |p| progress.walks(p));
+        let held_out = bench.held_out(&all, draw.clone())?;
+        let solved = with_threads(&bench.workshop()?, threads, |crew| {
+            held_out.run(&store, crew, &stop, |p| progress.walks(p))
+        });
         progress.finish();
         solved?;
         let mut of_set = Summary::default();

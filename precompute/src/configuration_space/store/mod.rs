@@ -443,7 +443,7 @@ fn configure(connection: &Connection) -> rusqlite::Result<()> {
 }
 
 /// Version of the numbers: crate version, revision of the solver, and instruction set (other instructions round differently).
-fn solver_version() -> String {
+pub fn solver_version() -> String {
     format!("{}.{SOLVER_REVISION} {}", env!("CARGO_PKG_VERSION"), instruction_set())
 }
 

@@ -1,13 +1,17 @@
 //! Rows of the tables, to and from SQLite, with their checksums.
 
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
-use palpate_core::blob::format::CHECKSUM;
 use rusqlite::types::Type;
 use rusqlite::{Connection, params};
 
 use super::super::job::{Intermediate, Outcome};
 use super::super::{GridIndex, Record, StoredSeed};
+
+/// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
+/// cluster does this for every try.
+static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// Columns of a record, in the order of [`read`].
 pub(super) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \

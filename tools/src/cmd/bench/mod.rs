@@ -2,6 +2,9 @@
 
 mod fem;
 mod memory;
+mod replay;
+mod scheduler;
+mod simulated;
 mod sizes;
 mod space;
 
@@ -21,6 +24,7 @@ enum What {
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Space(space::Args),
+    Scheduler(scheduler::Args),
 }
 
 /// Runs the command.
@@ -29,5 +33,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Space(args) => space::run(args),
+        What::Scheduler(args) => scheduler::run(args),
     }
 }

@@ -1,9 +1,13 @@
 //! `palpate`: the command line over all crates. Only parsing and exit codes here; one file per command in `cmd/`.
 //!
+//! A library, because two binaries use it: `palpate`, and with feature `mpi` also `palpate-mpi`.
+//!
 //! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad input.
 #![forbid(unsafe_code)]
 
 mod blob;
+#[cfg(feature = "mpi")]
+mod cluster;
 mod cmd;
 mod displacements;
 mod failure;
@@ -42,7 +46,11 @@ enum Command {
     Bench(cmd::bench::Args),
 }
 
-fn main() -> ExitCode {
+#[cfg(feature = "mpi")]
+pub use cluster::palpate_mpi;
+
+/// The command `palpate`, with the arguments of the process.
+pub fn palpate() -> ExitCode {
     let cli = Cli::parse();
     let done = match cli.command {
         Command::Demo(args) => cmd::demo::run(&args),

@@ -1,0 +1,6 @@
+//! `palpate-mpi`: `palpate precompute` on many machines; everything is in the library.
+#![forbid(unsafe_code)]
+
+fn main() -> std::process::ExitCode {
+    palpate_tools::palpate_mpi()
+}

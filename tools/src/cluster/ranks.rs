@@ -1,0 +1,193 @@
+//! The other ranks as a crew, seen from rank 0.
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use mpi::point_to_point::MatchedReceiveVec;
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{Communicator, Destination, Source};
+use palpate_precompute::configuration_space::{Crew, CrewError, Done, Store, Work};
+
+use super::messages::{Basis, Order, Report, decode, encode};
+use crate::failure::Failure;
+
+/// Pause between two looks for a message. MPI's own waiting would keep a core busy, which a rank that works could use.
+pub(super) const PAUSE: Duration = Duration::from_micros(100);
+
+/// MPI's own buffer for jobs on their way, bytes. Without it a send of more than some kilobytes would last until the other end looks
+/// for it, which is milliseconds where its cores are all solving.
+pub(super) const BUFFER: usize = 256 << 20;
+
+/// All ranks but 0. They are released when this goes, whatever the reason.
+pub(super) struct Ranks<'w> {
+    world: &'w SimpleCommunicator,
+    /// Ranks that have not said their last word.
+    present: Vec<bool>,
+    /// Rank and thread of every desk, the first threads of all ranks first.
+    desks: Vec<(i32, u32)>,
+    /// Bytes of the jobs that each desk has not answered yet, oldest first, and their sum: what may still be in the buffer.
+    unanswered: Vec<VecDeque<usize>>,
+    buffered: usize,
+}
+
+impl<'w> Ranks<'w> {
+    /// The ranks of `world`, which have said nothing yet.
+    pub(super) fn new(world: &'w SimpleCommunicator) -> Self {
+        let mut present = vec![true; world.size() as usize];
+        present[0] = false;
+        Self { world, present, desks: Vec::new(), unanswered: Vec::new(), buffered: 0 }
+    }
+
+    /// Waits until every rank has introduced itself and checks that all work on the same thing.
+    pub(super) fn muster(&mut self, ours: &Basis, stop: &AtomicBool) -> Result<(), Failure> {
+        for _ in 1..self.world.size() {
+            let (rank, report) = loop {
+                match self.look().map_err(Failure::work)? {
+                    Some(found) => break found,
+                    None if stop.load(Ordering::Relaxed) => return Err(Failure::work("interrupted")),
+                    None => std::thread::sleep(PAUSE),
+                }
+            };
+            let Report::Hello { host, desks, basis } = report else {
+                return Err(Failure::work(format!("rank {rank} did not introduce itself; use one build")));
+            };
+            let objection = match basis {
+                Ok(theirs) => ours.objection(&theirs),
+                Err(line) => Some(line),
+            };
+            if let Some(line) = objection {
+                return Err(Failure::input(format!("rank {rank} on {host} {line}")));
+            }
+            self.desks.extend((0..desks).map(|desk| (rank, desk)));
+        }
+        self.desks.sort_by_key(|&(rank, desk)| (desk, rank));
+        self.unanswered = vec![VecDeque::new(); self.desks.len()];
+        Ok(())
+    }
+
+    /// How many jobs the ranks work on at once.
+    pub(super) fn workers(&self) -> usize {
+        self.desks.len()
+    }
+
+    /// The crew of an expansion into `store`. When `stop` is raised the jobs that are out are still waited for, but what is
+    /// done is committed at once: whoever raised it may kill all ranks a second later.
+    pub(super) fn crew<'c>(&'c mut self, store: &'c Store, stop: &'c AtomicBool) -> RankCrew<'c, 'w> {
+        RankCrew { ranks: self, store, stop, told: false, out: 0 }
+    }
+
+    /// A message that is there already.
+    fn look(&mut self) -> Result<Option<(i32, Report)>, CrewError> {
+        let Some(found) = self.world.any_process().immediate_matched_probe() else { return Ok(None) };
+        let (bytes, status) = found.matched_receive_vec::<u8>();
+        let rank = status.source_rank();
+        let report = decode(&bytes)
+            .ok_or_else(|| CrewError::Lost(format!("rank {rank} sent what this build cannot read")))?;
+        if matches!(report, Report::Gone) {
+            self.present[rank as usize] = false;
+        }
+        Ok(Some((rank, report)))
+    }
+
+    /// Sends a job without waiting, as long as the buffer has room (half of it: it may be in pieces).
+    fn hand(&mut self, worker: usize, job: Work) {
+        let (rank, desk) = self.desks[worker];
+        let bytes = encode(&Order::Work { desk, job: Box::new(job) });
+        let to = self.world.process_at_rank(rank);
+        self.unanswered[worker].push_back(bytes.len());
+        self.buffered += bytes.len();
+        if self.buffered <= BUFFER / 2 { to.buffered_send(&bytes[..]) } else { to.send(&bytes[..]) }
+    }
+
+    /// The desk that a rank's outcome came from.
+    fn answered(&mut self, rank: i32, desk: u32) -> Option<usize> {
+        let worker = self.desks.iter().position(|&at| at == (rank, desk))?;
+        self.buffered -= self.unanswered[worker].pop_front()?;
+        Some(worker)
+    }
+
+    fn tell(&self, rank: i32, order: &Order) {
+        self.world.process_at_rank(rank).send(&encode(order)[..]);
+    }
+}
+
+impl Drop for Ranks<'_> {
+    fn drop(&mut self) {
+        let present = (1..).zip(&self.present[1..]).filter(|(_, present)| **present);
+        for (rank, _) in present {
+            self.tell(rank, &Order::Release);
+        }
+        // Outcomes still under way are received, or their senders could not end.
+        while self.present.contains(&true) {
+            if matches!(self.look(), Ok(None)) {
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+}
+
+/// The ranks at work on one expansion.
+pub(super) struct RankCrew<'c, 'w> {
+    ranks: &'c mut Ranks<'w>,
+    store: &'c Store,
+    stop: &'c AtomicBool,
+    /// The user knows that we are stopping.
+    told: bool,
+    out: usize,
+}
+
+impl RankCrew<'_, '_> {
+    /// What to do while there is no message.
+    fn idle(&mut self) -> Result<(), CrewError> {
+        if self.stop.load(Ordering::Relaxed) {
+            self.store.commit().map_err(|error| CrewError::Lost(error.to_string()))?;
+            if !self.told {
+                self.told = true;
+                let out = self.out;
+                eprintln!(
+                    "palpate-mpi: stopping; what is finished is kept, {out} jobs are waited for, run the same command to go \
+                     on"
+                );
+            }
+        }
+        std::thread::sleep(PAUSE);
+        Ok(())
+    }
+}
+
+impl Crew for RankCrew<'_, '_> {
+    fn size(&self) -> usize {
+        self.ranks.workers()
+    }
+
+    fn give(&mut self, worker: usize, job: Work) -> Result<(), CrewError> {
+        self.ranks.hand(worker, job);
+        self.out += 1;
+        Ok(())
+    }
+
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+        loop {
+            let (rank, report) = match self.ranks.look()? {
+                Some(found) => found,
+                None => {
+                    self.idle()?;
+                    continue;
+                }
+            };
+            match report {
+                Report::Done { desk, outcome } => {
+                    let unasked = || CrewError::Lost(format!("rank {rank} answered what it was not asked"));
+                    let worker = self.ranks.answered(rank, desk).ok_or_else(unasked)?;
+                    self.out -= 1;
+                    return Ok((worker, *outcome));
+                }
+                Report::Stuck(error) => return Err(error),
+                Report::Hello { .. } | Report::Gone => {
+                    return Err(CrewError::Lost(format!("rank {rank} left")));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! A rank that works: one thread for the messages, the others solve.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mpi::point_to_point::MatchedReceiveVec;
+use mpi::topology::SimpleCommunicator;
+use mpi::traits::{Communicator, Destination, Source};
+use palpate_precompute::configuration_space::{Crew, CrewError, Threads, with_threads};
+
+use super::messages::{Basis, Order, Report, decode, encode};
+use super::ranks::PAUSE;
+use crate::failure::Failure;
+use crate::workbench::Workbench;
+
+/// Works for rank 0 until it lets go. What goes wrong here is told to rank 0, which says it to the user.
+pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, threads: Option<usize>) -> Result<(), Failure> {
+    let line = Line { world, released: false };
+    let desks = threads.filter(|&n| n > 0).unwrap_or(1);
+    let loaded = Workbench::load_quietly(scene).map(Arc::new);
+    let ready = loaded.and_then(|bench| Ok((Basis::of(&bench), bench.workshop()?)));
+    let host = mpi::environment::processor_name().unwrap_or_default();
+    let hello = |basis| Report::Hello { host, desks: desks as u32, basis };
+    match ready {
+        Ok((basis, workshop)) => with_threads(&workshop, desks, |crew| line.serve(crew, &hello(Ok(basis)))),
+        Err(failure) => line.apologise(&hello(Err(failure.line()))),
+    }
+    Ok(())
+}
+
+/// The connection to rank 0.
+struct Line<'w> {
+    world: &'w SimpleCommunicator,
+    released: bool,
+}
+
+impl Line<'_> {
+    fn serve(mut self, crew: &mut Threads, hello: &Report) {
+        self.say(hello, Some(crew));
+        let mut stuck = false;
+        while !self.released {
+            let heard = self.hear(crew);
+            let outcome = if stuck { Ok(None) } else { heard.and_then(|()| crew.poll()) };
+            match outcome {
+                Ok(Some((desk, outcome))) => {
+                    let done = Report::Done { desk: desk as u32, outcome: Box::new(outcome) };
+                    self.say(&done, Some(crew));
+                }
+                Ok(None) => std::thread::sleep(PAUSE),
+                Err(error) => {
+                    stuck = true;
+                    self.say(&Report::Stuck(error), Some(crew));
+                }
+            }
+        }
+        self.say(&Report::Gone, None);
+    }
+
+    /// Tells why nothing can be done, and waits for the release.
+    fn apologise(mut self, hello: &Report) {
+        self.say(hello, None);
+        while !self.released {
+            match self.order() {
+                Some(_) => {}
+                None => std::thread::sleep(PAUSE),
+            }
+        }
+        self.say(&Report::Gone, None);
+    }
+
+    /// An order that is there already.
+    fn order(&mut self) -> Option<Option<Order>> {
+        let found = self.world.process_at_rank(0).immediate_matched_probe()?;
+        let order = decode(&found.matched_receive_vec::<u8>().0);
+        self.released |= matches!(order, Some(Order::Release));
+        Some(order)
+    }
+
+    /// Hands on the orders that are there.
+    fn hear(&mut self, crew: &mut Threads) -> Result<(), CrewError> {
+        while let Some(order) = self.order() {
+            match order {
+                Some(Order::Work { desk, job }) => crew.give(desk as usize, *job)?,
+                Some(Order::Release) => {}
+                None => return Err(CrewError::Lost("rank 0 sent what this build cannot read".into())),
+            }
+        }
+        Ok(())
+    }
+
+    /// Sends a report. Meanwhile orders are heard: were both ends only to send, neither would ever receive.
+    fn say(&mut self, report: &Report, mut crew: Option<&mut Threads>) {
+        let bytes = encode(report);
+        mpi::request::scope(|scope| {
+            let mut request = self.world.process_at_rank(0).immediate_send(scope, &bytes[..]);
+            loop {
+                request = match request.test() {
+                    Ok(_) => return,
+                    Err(request) => request,
+                };
+                if let Some(crew) = crew.as_deref_mut() {
+                    // A thread that is gone has left word of it, which is found when this is sent.
+                    let _ = self.hear(crew);
+                }
+                std::thread::sleep(PAUSE);
+            }
+        });
+    }
+}

@@ -1,0 +1,134 @@
+//! An expansion that was solved before, done again without solving: what rank 0 alone can do.
+
+use std::collections::{HashMap, VecDeque};
+use std::path::Path;
+use std::time::Instant;
+
+use palpate_precompute::configuration_space::{
+    Crew, CrewError, Done, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
+};
+use serde::Serialize;
+
+use super::simulated::Try;
+use crate::failure::Failure;
+
+/// What rank 0 does for a try, by clock.
+#[derive(Debug, Serialize)]
+pub(super) struct RankZero {
+    /// Tries a second.
+    pub tries_per_second: f64,
+    /// Microseconds a try.
+    pub us_per_try: f64,
+    /// Mean bytes of a job's message.
+    pub job_bytes: f64,
+    /// Mean bytes of an outcome's message.
+    pub outcome_bytes: f64,
+}
+
+/// A finished space in memory.
+#[derive(Debug)]
+pub(super) struct Replay {
+    /// Its grid.
+    pub grid: SpaceGrid,
+    /// Whether cells were completed.
+    pub complete_cells: bool,
+    /// Active nodes with solved points.
+    pub actives: Vec<usize>,
+    /// All tries.
+    pub records: HashMap<Try, Record>,
+    /// The outcomes as workers would send them.
+    messages: HashMap<Try, Vec<u8>>,
+}
+
+impl Replay {
+    /// Reads a complete store. States between grid points are left out.
+    pub(super) fn load(path: &Path) -> Result<Self, Failure> {
+        let store = Store::open(path)?;
+        let identity = store.identity()?;
+        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::input)?;
+        let (mut actives, mut records, mut messages) = (Vec::new(), HashMap::new(), HashMap::new());
+        for active in 0..store.active()?.len() {
+            let attempts = store.attempts(active)?;
+            if attempts.is_empty() {
+                continue;
+            }
+            if still_to_solve(&grid, identity.complete_cells, &attempts) > 0 {
+                return Err(Failure::input(format!("{}: not finished; precompute it first", path.display())));
+            }
+            actives.push(active);
+            for record in attempts {
+                let key = (active as u32, record.index, record.attempt);
+                let seed = match record.tag.is_solved() {
+                    true => Some(store.stored_seed(active, record.index, record.attempt)?),
+                    false => None,
+                };
+                let outcome =
+                    Outcome { active: active as u32, record: record.clone(), seed, intermediate: Vec::new() };
+                messages.insert(
+                    key,
+                    postcard::to_stdvec(&Done::Point(Box::new(outcome))).map_err(Failure::work)?,
+                );
+                records.insert(key, record);
+            }
+        }
+        Ok(Self { grid, complete_cells: identity.complete_cells, actives, records, messages })
+    }
+
+    /// Seconds of every solve, sorted.
+    pub(super) fn seconds(&self) -> Vec<f64> {
+        let mut seconds: Vec<f64> = self.records.values().map(|r| r.seconds).collect();
+        seconds.sort_by(f64::total_cmp);
+        seconds
+    }
+
+    /// Times `expand` with a crew that has every outcome at once.
+    pub(super) fn measure(
+        &self,
+        expand: impl FnOnce(&mut dyn Crew) -> Result<(), Failure>,
+    ) -> Result<RankZero, Failure> {
+        let mut crew =
+            AtOnce { replay: self, done: VecDeque::new(), tries: 0, job_bytes: 0, outcome_bytes: 0 };
+        let start = Instant::now();
+        expand(&mut crew)?;
+        let seconds = start.elapsed().as_secs_f64();
+        let tries = crew.tries.max(1) as f64;
+        Ok(RankZero {
+            tries_per_second: tries / seconds,
+            us_per_try: 1e6 * seconds / tries,
+            job_bytes: crew.job_bytes as f64 / tries,
+            outcome_bytes: crew.outcome_bytes as f64 / tries,
+        })
+    }
+}
+
+/// A few workers that need no time.
+struct AtOnce<'r> {
+    replay: &'r Replay,
+    done: VecDeque<(usize, Try)>,
+    tries: usize,
+    job_bytes: usize,
+    outcome_bytes: usize,
+}
+
+impl Crew for AtOnce<'_> {
+    fn size(&self) -> usize {
+        8
+    }
+
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        let bytes = postcard::to_stdvec(&work).map_err(|error| CrewError::Lost(error.to_string()))?;
+        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are replayed".into())) };
+        self.job_bytes += bytes.len();
+        self.tries += 1;
+        self.done.push_back((worker, (job.active, job.task.target, job.task.attempt)));
+        Ok(())
+    }
+
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+        let (worker, at) = self.done.pop_front().ok_or_else(|| CrewError::Lost("nothing is out".into()))?;
+        let unknown = || CrewError::Lost(format!("the file has no try {} at {:?}", at.2, at.1));
+        let bytes = self.replay.messages.get(&at).ok_or_else(unknown)?;
+        self.outcome_bytes += bytes.len();
+        Ok((worker, postcard::from_bytes(bytes).map_err(|error| CrewError::Lost(error.to_string()))?))
+    }
+}

@@ -1,0 +1,283 @@
+//! `palpate bench scheduler`: how far the expansion of spaces scales, and where it stops.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use clap::Args as ClapArgs;
+use palpate_precompute::configuration_space::{Crew, Domain, Expansion, SpaceGrid, Store, StoreIdentity};
+use palpate_precompute::mesh::TetMesh;
+use serde::Serialize;
+
+use super::replay::{RankZero, Replay};
+use super::simulated::{Costs, Simulated, Solves, nanoseconds};
+use crate::failure::Failure;
+use crate::output;
+
+/// Makespan of whole configuration spaces on 1 to 4,096 workers, by discrete simulation: the real planning and hand-out over
+/// workers that only exist in simulated time.
+///
+/// With --space the solve times are drawn from that file, its own expansion is simulated as well (with the failures and
+/// retries it had), and what rank 0 does for a try is measured by replaying it: plan, read the parent's state, encode the job,
+/// decode the outcome, store it; all but the transport. Without it every solve takes --solve-ms.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Solve times come from this file.
+    #[arg(long, value_name = "FILE.space")]
+    space: Option<PathBuf>,
+    /// Grids, by their number of points: 514, 1418, 4168 or 14146; cells are completed.
+    #[arg(long, value_name = "N,M", value_delimiter = ',', default_value = "514,1418,4168,14146")]
+    points: Vec<usize>,
+    /// Numbers of workers.
+    #[arg(
+        long,
+        value_name = "N,M",
+        value_delimiter = ',',
+        default_value = "1,2,4,8,16,32,64,128,256,512,1024,2048,4096"
+    )]
+    workers: Vec<usize>,
+    /// Milliseconds of a solve, where no file gives them.
+    #[arg(long, value_name = "MS", default_value_t = 50.0)]
+    solve_ms: f64,
+    /// Microseconds that rank 0 is busy with a try; measured with --space, else 350.
+    #[arg(long, value_name = "US")]
+    rank0_us: Option<f64>,
+    /// Microseconds in which rank 0 hands a job to MPI.
+    #[arg(long, value_name = "US", default_value_t = 25.0)]
+    send_us: f64,
+    /// Microseconds that a message is under way.
+    #[arg(long, value_name = "US", default_value_t = 200.0)]
+    message_us: f64,
+    /// Write the table as CSV.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// One simulated run.
+#[derive(Debug, Serialize)]
+struct Row {
+    case: String,
+    points: usize,
+    tries: usize,
+    /// Levels and rounds that have tries.
+    levels: usize,
+    workers: usize,
+    makespan_s: f64,
+    speed_up: f64,
+    efficiency: f64,
+    /// No hand-out can be faster: the work shared evenly, or the longest chain of solves.
+    bound_s: f64,
+    /// Longest chain of solves, each starting from the one before.
+    chain_s: f64,
+    /// What rounds with a barrier between them would take: the sum over levels of ceil(tries / workers) mean solves.
+    barrier_s: f64,
+    /// Share of the makespan that rank 0 is busy.
+    rank0_busy: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct Figures {
+    rank0: Option<RankZero>,
+    rank0_us: f64,
+    send_us: f64,
+    message_us: f64,
+    mean_solve_s: f64,
+    rows: Vec<Row>,
+}
+
+/// A space to simulate.
+struct Case<'a> {
+    name: String,
+    grid: SpaceGrid,
+    complete_cells: bool,
+    actives: Vec<usize>,
+    solves: Solves<'a>,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    if args.workers.contains(&0) {
+        return Err(Failure::input("--workers: there must be one at least"));
+    }
+    let dir = tempfile::tempdir().map_err(|error| Failure::work(format!("no folder to work in: {error}")))?;
+    let replay = args.space.as_deref().map(Replay::load).transpose()?;
+    let rank0 = replay.as_ref().map(|replay| measure(replay, dir.path())).transpose()?;
+    let seconds: Vec<f64> = match &replay {
+        Some(replay) => replay.seconds(),
+        None => vec![args.solve_ms / 1e3],
+    };
+    if seconds.is_empty() {
+        return Err(Failure::input("the file holds no solves"));
+    }
+    let rank0_us = args.rank0_us.or(rank0.as_ref().map(|r| r.us_per_try)).unwrap_or(350.0);
+    let costs = Costs {
+        // Rank 0 plans and reads before it gives, and stores after it takes.
+        give: nanoseconds((rank0_us / 2.0 + args.send_us) * 1e-6),
+        take: nanoseconds(rank0_us / 2.0 * 1e-6),
+        message: nanoseconds(args.message_us * 1e-6),
+    };
+    let pool: Vec<u64> = seconds.iter().map(|&s| nanoseconds(s)).collect();
+    let mut cases = Vec::new();
+    if let Some(replay) = &replay {
+        cases.push(Case {
+            name: "as solved".into(),
+            grid: replay.grid,
+            complete_cells: replay.complete_cells,
+            actives: replay.actives.clone(),
+            solves: Solves::Known(&replay.records),
+        });
+    }
+    for &points in &args.points {
+        cases.push(Case {
+            name: points.to_string(),
+            grid: grid_of(points)?,
+            complete_cells: true,
+            actives: vec![0],
+            solves: Solves::Drawn(&pool),
+        });
+    }
+    let mut rows = Vec::new();
+    for case in &cases {
+        for &workers in &args.workers {
+            let path = dir.path().join("simulated.space");
+            rows.push(simulate(case, workers, costs, &path)?);
+            let _ = std::fs::remove_file(&path);
+        }
+    }
+    if let Some(path) = &args.csv {
+        std::fs::write(path, csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
+    }
+    let figures = Figures {
+        rank0,
+        rank0_us,
+        send_us: args.send_us,
+        message_us: args.message_us,
+        mean_solve_s: seconds.iter().sum::<f64>() / seconds.len() as f64,
+        rows,
+    };
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+    }
+    output::line(table(&figures))
+}
+
+fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {
+    let cells = match points {
+        514 => 5.0,
+        1418 => 7.0,
+        4168 => 10.0,
+        14146 => 15.0,
+        _ => return Err(Failure::input(format!("no grid of {points} points; 514, 1418, 4168 or 14146"))),
+    };
+    SpaceGrid::new(0.05 / cells, 0.05).map_err(Failure::input)
+}
+
+/// A store that holds nothing yet, of a body that does not matter.
+fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) -> Result<Store, Failure> {
+    let mesh = TetMesh::cuboid([1; 3], 0.1);
+    let identity = StoreIdentity {
+        scene_name: "scheduler".into(),
+        scene: String::new(),
+        content_hash: String::new(),
+        mesh_hash: mesh.content_hash(),
+        law: String::new(),
+        max_force_n: f64::INFINITY,
+        spacing_m: grid.spacing_m,
+        radius_m: grid.radius_m,
+        visual: false,
+        complete_cells,
+        increments: None,
+    };
+    let active: Vec<(String, u32)> = (0..actives).map(|i| (format!("A{i}"), 0)).collect();
+    Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)
+}
+
+fn expand(
+    store: &Store,
+    crew: &mut dyn Crew,
+    actives: &[usize],
+    grid: SpaceGrid,
+    complete_cells: bool,
+) -> Result<(), Failure> {
+    let expansion = Expansion { actives: actives.to_vec(), grid, complete_cells };
+    expansion.run(store, crew, &AtomicBool::new(false), |_| ())?;
+    Ok(())
+}
+
+fn measure(replay: &Replay, dir: &Path) -> Result<RankZero, Failure> {
+    let store =
+        scratch(&dir.join("replay.space"), &replay.grid, replay.complete_cells, replay.actives.len())?;
+    replay.measure(|crew| expand(&store, crew, &replay.actives, replay.grid, replay.complete_cells))
+}
+
+fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
+    let store = scratch(path, &case.grid, case.complete_cells, case.actives.len())?;
+    let mut crew = Simulated::new(workers, costs, &case.solves, case.grid);
+    expand(&store, &mut crew, &case.actives, case.grid, case.complete_cells)?;
+    let seconds = |ns: u64| ns as f64 * 1e-9;
+    let ran = crew.ran();
+    let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));
+    let mean = work / ran.tries.max(1) as f64;
+    let rounds = ran.levels.values().map(|tries| tries.div_ceil(workers)).sum::<usize>();
+    let speed_up = work / makespan;
+    Ok(Row {
+        case: case.name.clone(),
+        points: case.actives.len() * (Domain::new(&case.grid, case.complete_cells).len() - 1),
+        tries: ran.tries,
+        levels: ran.levels.len(),
+        workers,
+        makespan_s: makespan,
+        speed_up,
+        efficiency: speed_up / workers as f64,
+        bound_s: (work / workers as f64).max(chain),
+        chain_s: chain,
+        barrier_s: rounds as f64 * mean,
+        rank0_busy: seconds(ran.rank0_busy) / makespan,
+    })
+}
+
+fn table(figures: &Figures) -> String {
+    let mut text = String::new();
+    if let Some(r) = &figures.rank0 {
+        text += &format!(
+            "rank 0 alone: {:.0} tries a second ({:.0} us each); a job has {:.0} bytes, an outcome {:.0}\n",
+            r.tries_per_second, r.us_per_try, r.job_bytes, r.outcome_bytes
+        );
+    }
+    text += &format!(
+        "mean solve {:.1} ms; rank 0 {:.0} us a try and {:.0} us a send; a message is {:.0} us under way\n\n",
+        1e3 * figures.mean_solve_s,
+        figures.rank0_us,
+        figures.send_us,
+        figures.message_us
+    );
+    text += "case       points   tries  levels  workers  makespan s  speed-up  efficiency    bound s    chain s  barrier s  rank 0";
+    for r in &figures.rows {
+        text += &format!(
+            "\n{:9} {:>7} {:>7} {:>7} {:>8} {:>11.3} {:>9.1} {:>10.1}% {:>10.3} {:>10.3} {:>10.3} {:>6.1}%",
+            r.case,
+            r.points,
+            r.tries,
+            r.levels,
+            r.workers,
+            r.makespan_s,
+            r.speed_up,
+            100.0 * r.efficiency,
+            r.bound_s,
+            r.chain_s,
+            r.barrier_s,
+            100.0 * r.rank0_busy
+        );
+    }
+    text
+}
+
+fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(Failure::work)?;
+    }
+    writer.into_inner().map_err(Failure::work)
+}

@@ -1,0 +1,235 @@
+//! A crew in simulated time: the real expansion hands out to it, nothing is solved. Times are whole nanoseconds.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, HashMap};
+
+use palpate_core::ConfigTag;
+use palpate_precompute::boundary::Pose;
+use palpate_precompute::configuration_space::plan::Task;
+use palpate_precompute::configuration_space::{
+    Crew, CrewError, Done, GridIndex, Outcome, Record, SpaceGrid, StoredSeed, Work,
+};
+use palpate_precompute::solve::{Potential, Seed};
+
+/// What takes time beside the solves, ns.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Costs {
+    /// Rank 0 before and while it gives a job.
+    pub give: u64,
+    /// Rank 0 with an outcome.
+    pub take: u64,
+    /// A message under way, either way.
+    pub message: u64,
+}
+
+/// A try: active node, grid point, attempt.
+pub(super) type Try = (u32, GridIndex, u32);
+
+/// How long solves take and what they give.
+#[derive(Debug)]
+pub(super) enum Solves<'a> {
+    /// Every point is solved at its first try; durations are drawn from these, ns, the same ones for a point in every run.
+    Drawn(&'a [u64]),
+    /// As they were.
+    Known(&'a HashMap<Try, Record>),
+}
+
+/// What a simulated run took, ns.
+#[derive(Debug)]
+pub(super) struct Ran {
+    /// From the first job to the last outcome in the store.
+    pub makespan: u64,
+    /// Sum of all solves.
+    pub work: u64,
+    /// Longest chain of solves of which each starts from the one before.
+    pub chain: u64,
+    /// What rank 0 was busy.
+    pub rank0_busy: u64,
+    /// Tries.
+    pub tries: usize,
+    /// Tries of each active node's levels and rounds.
+    pub levels: BTreeMap<(u32, u32), usize>,
+}
+
+/// Workers that take the time and do nothing.
+#[derive(Debug)]
+pub(super) struct Simulated<'a> {
+    costs: Costs,
+    solves: &'a Solves<'a>,
+    grid: SpaceGrid,
+    seed: StoredSeed,
+    /// Rank 0's clock.
+    now: u64,
+    /// When each worker has done all that it was given.
+    free: Vec<u64>,
+    /// Outcomes by arrival at rank 0; the number keeps the order of what arrives at once.
+    under_way: BinaryHeap<Reverse<(u64, usize, usize)>>,
+    outcomes: HashMap<usize, Outcome>,
+    /// End of the chain that leads to a try.
+    chains: HashMap<Try, u64>,
+    ran: Ran,
+}
+
+/// `seconds` in ns.
+pub(super) fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
+
+/// The least that the store takes as a state.
+pub(super) fn blank_seed() -> StoredSeed {
+    let potential = Potential {
+        displacement_m: [0.0; 3],
+        energy_j: 0.0,
+        force_n: [0.0; 3],
+        stiffness_n_m: Default::default(),
+    };
+    StoredSeed::pack(&Seed {
+        pose: Pose::translation([0.0; 3]),
+        state: vec![0.0],
+        sensitivity: [vec![0.0], vec![0.0], vec![0.0]],
+        potential,
+    })
+}
+
+impl<'a> Simulated<'a> {
+    /// A crew of `workers` that have nothing to do yet.
+    pub(super) fn new(workers: usize, costs: Costs, solves: &'a Solves<'a>, grid: SpaceGrid) -> Self {
+        Self {
+            costs,
+            solves,
+            grid,
+            seed: blank_seed(),
+            now: 0,
+            free: vec![0; workers],
+            under_way: BinaryHeap::new(),
+            outcomes: HashMap::new(),
+            chains: HashMap::new(),
+            ran: Ran { makespan: 0, work: 0, chain: 0, rank0_busy: 0, tries: 0, levels: BTreeMap::new() },
+        }
+    }
+
+    /// What it took.
+    pub(super) fn ran(self) -> Ran {
+        Ran { makespan: self.now, ..self.ran }
+    }
+
+    fn solve(&self, active: u32, task: &Task) -> Result<(u64, Record), CrewError> {
+        match self.solves {
+            Solves::Drawn(pool) => {
+                let [i, j, k] = task.target.map(|n| n as u32 as u64);
+                let number = scramble(i ^ scramble(j ^ scramble(k ^ scramble(u64::from(task.attempt)))));
+                let duration = pool[(number % pool.len() as u64) as usize];
+                Ok((duration, harmonic(task, &self.grid)))
+            }
+            Solves::Known(records) => {
+                let record = records.get(&(active, task.target, task.attempt)).ok_or_else(|| {
+                    CrewError::Lost(format!("the file has no try {} at {:?}", task.attempt, task.target))
+                })?;
+                Ok((nanoseconds(record.seconds), record.clone()))
+            }
+        }
+    }
+}
+
+/// A good mixture of the bits (the finaliser of splitmix64).
+fn scramble(mut x: u64) -> u64 {
+    x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+/// The point of a spring of 1 N/m: solved, and smooth to its neighbours.
+fn harmonic(task: &Task, grid: &SpaceGrid) -> Record {
+    let d = grid.displacement_m(task.target);
+    let mut record = Record {
+        index: task.target,
+        attempt: task.attempt,
+        tag: ConfigTag::Expandable,
+        round: task.round,
+        parent: task.parent,
+        failure: None,
+        energy_j: 0.5 * d.iter().map(|x| x * x).sum::<f64>(),
+        force_n: d,
+        stiffness_n_m: Default::default(),
+        third_n_m2: [0.0; 10],
+        residual_n: 0.0,
+        min_jacobian: 1.0,
+        inverted: 0,
+        unstable_modes: None,
+        switched: false,
+        volume_m3: 1.0,
+        iterations: 1,
+        factorisations: 1,
+        increments: 1,
+        seconds: 0.0,
+    };
+    record.stiffness_n_m.fill_diagonal(1.0);
+    record
+}
+
+impl Crew for Simulated<'_> {
+    fn size(&self) -> usize {
+        self.free.len()
+    }
+
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        let Work::Point(job) = work else { return Err(CrewError::Lost("only points are simulated".into())) };
+        self.now += self.costs.give;
+        self.ran.rank0_busy += self.costs.give;
+        let (duration, record) = self.solve(job.active, &job.task)?;
+        let done = self.free[worker].max(self.now + self.costs.message) + duration;
+        self.free[worker] = done;
+        let parent = job.task.parent.map(|(index, attempt)| (job.active, index, attempt));
+        let chain = duration + parent.and_then(|p| self.chains.get(&p)).copied().unwrap_or(0);
+        self.chains.insert((job.active, record.index, record.attempt), chain);
+        self.ran.chain = self.ran.chain.max(chain);
+        self.ran.work += duration;
+        *self.ran.levels.entry((job.active, job.task.round)).or_default() += 1;
+        let number = self.ran.tries;
+        self.ran.tries += 1;
+        let seed = record.tag.is_solved().then(|| self.seed.clone());
+        self.outcomes.insert(number, Outcome { active: job.active, record, seed, intermediate: Vec::new() });
+        self.under_way.push(Reverse((done + self.costs.message, number, worker)));
+        Ok(())
+    }
+
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+        let idle = || CrewError::Lost("nothing is under way".into());
+        let Reverse((arrival, number, worker)) = self.under_way.pop().ok_or_else(idle)?;
+        self.now = self.now.max(arrival) + self.costs.take;
+        self.ran.rank0_busy += self.costs.take;
+        let outcome = self.outcomes.remove(&number).ok_or_else(idle)?;
+        Ok((worker, Done::Point(Box::new(outcome))))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_precompute::configuration_space::Job;
+
+    use super::*;
+
+    fn job(target: GridIndex, parent: Option<GridIndex>) -> Work {
+        let task = Task { target, attempt: 0, round: 1, parent: parent.map(|index| (index, 0)) };
+        Work::Point(Job { active: 0, task, seed: None })
+    }
+
+    #[test]
+    fn time_passes_as_on_a_machine() {
+        let grid = SpaceGrid::new(0.01, 0.02).expect("a grid");
+        let solves = Solves::Drawn(&[1000]);
+        let mut crew = Simulated::new(2, Costs { give: 10, take: 20, message: 5 }, &solves, grid);
+        // Given at 10 and 20; the third waits behind the first, which ends at 10 + 5 + 1000.
+        for (worker, target) in [(0, [0, 0, 1]), (1, [0, 0, 2]), (0, [0, 1, 0])] {
+            let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
+            crew.give(worker, job(target, parent)).expect("it is taken");
+        }
+        let order: Vec<usize> = (0..3).map(|_| crew.take().expect("three are out").0).collect();
+        assert_eq!(order, [0, 1, 0]);
+        assert!(crew.take().is_err());
+        let ran = crew.ran();
+        // The last one ends at 2015, arrives at 2020 and is stored at 2040.
+        assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));
+    }
+}
