@@ -9,7 +9,7 @@ use super::plan::Task;
 use super::{GridIndex, Record, SpaceGrid, StoredSeed};
 use crate::held_out::{WalkJob, WalkOutcome};
 use crate::material::SymmetricThird;
-use crate::solve::{Configuration, Problem, Seed, SolveFailure, Solver};
+use crate::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
 
 /// What a worker is asked for.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -93,6 +93,12 @@ pub struct Worker {
     solver: Option<(u32, Solver)>,
 }
 
+/// How hard the first try at a point is. Where a branch ends the space has other neighbours to come from: they cost less than many
+/// small steps towards a fold, and without snapping through W stays single-valued where it can be.
+const FIRST_TRY: LoadingOptions = LoadingOptions { max_halvings: 3, perturbations: 1, snap_through: false };
+/// How hard a later try is: most of those that fail at all have no solution near.
+const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 2, perturbations: 0, snap_through: false };
+
 /// The state a job starts from is not one of this body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnusableSeed;
@@ -119,10 +125,7 @@ impl Worker {
         }
         let workshop = &self.workshop;
         let (_, solver) = self.solver.get_or_insert_with(|| {
-            let mut solver = Solver::new((workshop.problem)(active as usize));
-            // Where a branch ends the space has other neighbours to come from; they keep W single-valued where it can be.
-            solver.loading.snap_through = false;
-            (active, solver)
+            (active, Solver::new((workshop.problem)(active as usize)))
         });
         solver
     }
@@ -140,7 +143,9 @@ impl Worker {
             Some((at, stored)) => Some(self.seed(active, *at, stored)?),
             None => None,
         };
-        Ok(job.solve(self.solver(active), start, max_force_n))
+        let solver = self.solver(active);
+        solver.loading = LoadingOptions { snap_through: false, ..LoadingOptions::default() };
+        Ok(job.solve(solver, start, max_force_n))
     }
 
     fn point(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {
@@ -150,6 +155,7 @@ impl Worker {
             _ => None,
         };
         let solver = self.solver(job.active);
+        solver.loading = if job.task.attempt == 0 { FIRST_TRY } else { AGAIN };
         let start = Instant::now();
         let mut intermediate = Vec::new();
         let to = workshop.grid.displacement_m(job.task.target);
