@@ -124,9 +124,8 @@ impl Worker {
             self.solver = None;
         }
         let workshop = &self.workshop;
-        let (_, solver) = self.solver.get_or_insert_with(|| {
-            (active, Solver::new((workshop.problem)(active as usize)))
-        });
+        let (_, solver) =
+            self.solver.get_or_insert_with(|| (active, Solver::new((workshop.problem)(active as usize))));
         solver
     }
 
