@@ -8,8 +8,8 @@ use palpate_core::ConfigTag;
 
 use super::plan::Task;
 use super::{
-    Crew, CrewError, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity, StoredSeed,
-    fold,
+    Crew, CrewError, Done, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity,
+    StoredSeed, Work, fold,
 };
 use crate::boundary::Pose;
 use crate::mesh::TetMesh;
@@ -101,7 +101,8 @@ impl Crew for Fake {
         1
     }
 
-    fn give(&mut self, _: usize, job: Job) -> Result<(), CrewError> {
+    fn give(&mut self, _: usize, work: Work) -> Result<(), CrewError> {
+        let Work::Point(job) = work else { return Err(CrewError::Confused) };
         let upper = self.upper(&job);
         let state = vec![u8::from(upper), 0, 0, 0];
         let seed = StoredSeed { sensitivity: state.repeat(3), state, potential: [0.0; 10] };
@@ -115,8 +116,8 @@ impl Crew for Fake {
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Outcome), CrewError> {
-        self.done.pop_front().map(|outcome| (0, outcome)).ok_or(CrewError::Panicked)
+    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+        self.done.pop_front().map(|outcome| (0, Done::Point(Box::new(outcome)))).ok_or(CrewError::Panicked)
     }
 }
 
