@@ -525,3 +525,88 @@ fn the_protocol_counts_the_paths_of_every_fixed_set() {
     assert!(out.join("liver-small-F1.space").exists() && out.join("liver-small-F2.space").exists());
     refused(&["protocol", text(&scene), "--out", text(&out), "--fixed", "F9"], &["F9", "F1", "F2"]);
 }
+
+/// Columns of a CSV by name, without those named in `but`.
+fn rows(csv: &Path, but: &[&str]) -> Vec<std::collections::BTreeMap<String, String>> {
+    let table = std::fs::read_to_string(csv).expect("the table is written");
+    let header: Vec<&str> = table.lines().next().expect("a header").split(',').collect();
+    let named = |line: &str| {
+        let cells = header.iter().zip(line.split(',')).filter(|(name, _)| !but.contains(name));
+        cells.map(|(name, cell)| (name.to_string(), cell.to_string())).collect()
+    };
+    table.lines().skip(1).map(named).collect()
+}
+
+/// Several active nodes share a store, the workers and their solvers, and nothing else.
+#[test]
+fn several_active_nodes_are_solved_as_if_each_were_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_beam_scene(folder.path(), MR, GRID, 1.0);
+    let (mesh, ..) = soft_beam(mooney_rivlin());
+    let others = [[0.06, 0.0, 0.0], [0.04, 0.02, 0.04]].map(|at| nearest_node(&mesh, at));
+    let mut text_of_scene = std::fs::read_to_string(&scene).expect("there");
+    for (name, node) in ["B", "C"].iter().zip(others) {
+        text_of_scene.push_str(&format!("[[active]]\nname = \"{name}\"\nnode = {node}\n"));
+    }
+    std::fs::write(&scene, text_of_scene).expect("written");
+    let run = |arguments: &[&str]| {
+        let done = palpate(arguments);
+        assert!(done.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
+    };
+    let dump = |name: &str, runs: &[&[&str]]| {
+        let [space, points, truth] =
+            ["space", "csv", "truth"].map(|kind| folder.path().join(format!("{name}.{kind}")));
+        for more in runs {
+            run(&[&["precompute", text(&scene), "--out", text(&space)], *more].concat());
+        }
+        for more in runs {
+            let walks = ["--regular-mm", "2", "--random", "2", "--random-steps", "6", "--uniform", "4"];
+            run(&[&["held-out", text(&scene), "--out", text(&space)], &walks[..], *more].concat());
+        }
+        run(&["inspect", text(&space), "--all-tries", "--csv", text(&points), "--held-out", text(&truth)]);
+        (rows(&points, &["seconds"]), rows(&truth, &["seconds"]))
+    };
+    let (points, truth) = dump("together", &[&["--threads", "2"]]);
+    let alone = [
+        ["--threads", "1", "--active", "C"],
+        ["--threads", "1", "--active", "A"],
+        ["--threads", "1", "--active", "B"],
+    ];
+    let (alone_points, alone_truth) = dump("alone", &alone.each_ref().map(|more| &more[..]));
+    assert!(points == alone_points, "points differ");
+    assert!(truth == alone_truth, "held-out truth differs");
+
+    for name in ["A", "B", "C"] {
+        let of_node = |table: &[std::collections::BTreeMap<String, String>], key: &str, value: &str| {
+            let found = table.iter().find(|row| row["active"] == name && row[key] == value);
+            found.unwrap_or_else(|| panic!("{name} has no row with {key} = {value}")).clone()
+        };
+        // The force at a grid point is the one of a path that this node is moved along.
+        let point =
+            points.iter().find(|r| r["active"] == name && r["i"] == "1" && r["j"] == "0" && r["k"] == "0");
+        let point = point.expect("the first neighbour along x");
+        let csv = folder.path().join(format!("{name}.path"));
+        let path = [
+            "path",
+            text(&scene),
+            "--active",
+            name,
+            "--direction",
+            "1,0,0",
+            "--step-mm",
+            "5",
+            "--steps",
+            "1",
+        ];
+        run(&[&path[..], &["--csv", text(&csv)]].concat());
+        let fresh = &rows(&csv, &[])[0];
+        for force in ["fx_n", "fy_n", "fz_n"] {
+            let [a, b] = [fresh, point].map(|row| row[force].parse::<f64>().expect("a number"));
+            assert!((a - b).abs() < 1e-9, "{name}: {force} is {b}, alone {a}");
+        }
+        // Random positions are the node's own.
+        let first = of_node(&truth, "kind", "random");
+        let same = truth.iter().filter(|row| row["kind"] == "random" && row["x_m"] == first["x_m"]).count();
+        assert_eq!(same, 1, "{name} shares its random path");
+    }
+}
