@@ -199,8 +199,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             if let Err(error) = self.tick(index, origin_ns, deadline_ns) {
                 return LoopEnd::DeviceLost(error);
             }
-            // The last deadline that is not in the future any more.
-            let passed = (self.clock.now_ns() - origin_ns) / period_ns;
+            // The last deadline of this run that is not in the future any more.
+            let passed = ((self.clock.now_ns() - origin_ns) / period_ns).min(periods - 1);
             if passed > index {
                 self.latency.record_overrun(index, passed - index);
                 self.skipped_periods += passed - index;
