@@ -58,12 +58,8 @@ impl SpaceBench {
     /// What workers need.
     pub fn workshop(&self) -> Arc<Workshop> {
         let problem = self.problem.clone();
-        Arc::new(Workshop {
-            problem: Box::new(move |_| problem.clone()),
-            grid: self.grid,
-            max_force_n: self.identity.max_force_n,
-            increments: self.identity.increments,
-        })
+        let (max_force_n, increments) = (self.identity.max_force_n, self.identity.increments);
+        Arc::new(Workshop::new(move |_| problem.clone(), self.grid, max_force_n, increments))
     }
 
     /// Expands the space until done or stopped.

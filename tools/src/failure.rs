@@ -60,7 +60,7 @@ impl From<HeldOutError> for Failure {
     fn from(error: HeldOutError) -> Self {
         match error {
             HeldOutError::Store(error) => error.into(),
-            HeldOutError::NoSpace(_) => Self::input(error),
+            HeldOutError::NoSpace(_) | HeldOutError::NoReach(_) => Self::input(error),
             HeldOutError::Interrupted | HeldOutError::Crew(_) => Self::work(error),
         }
     }

@@ -19,6 +19,16 @@ pub(crate) struct WorkProgress {
     bar: Option<ProgressBar>,
     started: Instant,
     last_line: Instant,
+    /// It was said that we are stopping.
+    told: bool,
+}
+
+/// What is known of the time left.
+enum Left {
+    /// Steps left, at the pace of those done.
+    Steps(usize, usize),
+    /// Nothing.
+    Unknown,
 }
 
 impl WorkProgress {
@@ -35,17 +45,22 @@ impl WorkProgress {
             bar
         });
         let now = Instant::now();
-        Self { label: label.into(), of, bar, started: now, last_line: now }
+        Self { label: label.into(), of, bar, started: now, last_line: now, told: false }
     }
 
     /// Shows progress of configuration spaces.
     pub(crate) fn spaces(&mut self, progress: &Progress) {
-        let Progress { counts, total, spaces: (done, spaces), round, solved_now } = *progress;
+        let Progress { counts, total, spaces: (done, spaces), round, solved_now, again, stopping } = *progress;
+        if let Some(out) = stopping {
+            return self.stopping(out);
+        }
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
-        // Unknown points behind terminating ones are never solved, so the time left is an upper bound.
-        self.show(total - counts.unknown, total, solved_now, || {
+        // Points behind terminating ones are never solved; failed ones and folds are solved more than once.
+        let left = if again { Left::Unknown } else { Left::Steps(counts.unknown, solved_now) };
+        self.show(total - counts.unknown, total, left, || {
+            let doing = if again { "failed points and folds again, " } else { "" };
             format!(
-                "{of_spaces}{} expandable, {} terminating, {} failed, {} unknown (round {round})",
+                "{of_spaces}{doing}{} expandable, {} terminating, {} failed, {} unknown (round {round})",
                 counts.expandable, counts.terminating, counts.failed, counts.unknown
             )
         });
@@ -53,29 +68,43 @@ impl WorkProgress {
 
     /// Shows progress of held-out truth.
     pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
-        let HeldOutProgress { walks, total, positions_now, walks_now } = *progress;
-        self.show(walks, total, walks_now, || format!("{positions_now} positions solved"));
+        let HeldOutProgress { walks, total, positions_now, steps: (done, all), stopping, .. } = *progress;
+        if let Some(out) = stopping {
+            return self.stopping(out);
+        }
+        let left = Left::Steps(all - done, done);
+        self.show(walks, total, left, || format!("{positions_now} positions solved"));
     }
 
-    /// `done` of `total`, of which `now` were done by this run.
-    fn show(&mut self, done: usize, total: usize, now: usize, what: impl Fn() -> String) {
+    /// Says what is waited for; on a pipe once.
+    fn stopping(&mut self, out: usize) {
+        let line = format!("stopping: {out} solves in hand are waited for (again to end at once)");
+        match &self.bar {
+            Some(bar) => bar.set_message(line),
+            None if !std::mem::replace(&mut self.told, true) => eprintln!("{}: {line}", self.label),
+            None => {}
+        }
+    }
+
+    /// `done` of `total`.
+    fn show(&mut self, done: usize, total: usize, left: Left, what: impl Fn() -> String) {
         let seconds = self.started.elapsed().as_secs_f64();
-        let left = seconds * (total - done) as f64 / now.max(1) as f64;
+        let left = match left {
+            Left::Steps(left, done) if done > 0 => {
+                let seconds = seconds * left as f64 / done as f64;
+                format!(", about {} left", HumanDuration(Duration::from_secs_f64(seconds)))
+            }
+            _ => String::new(),
+        };
         match &self.bar {
             Some(bar) => {
                 bar.set_length(total as u64);
                 bar.set_position(done as u64);
-                let left = HumanDuration(Duration::from_secs_f64(left));
-                bar.set_message(format!("{}, at most {left} left", what()));
+                bar.set_message(format!("{}{left}", what()));
             }
             None if self.last_line.elapsed() >= LINE_EVERY => {
                 self.last_line = Instant::now();
-                eprintln!(
-                    "{}: {done}/{total} {}, {}, {seconds:.0} s, at most {left:.0} s left",
-                    self.label,
-                    self.of,
-                    what()
-                );
+                eprintln!("{}: {done}/{total} {}, {}, {seconds:.0} s{left}", self.label, self.of, what());
             }
             None => {}
         }

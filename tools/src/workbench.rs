@@ -143,12 +143,9 @@ impl Workbench {
     /// What workers need to solve this scene.
     pub(crate) fn workshop(self: &Arc<Self>) -> Result<Arc<Workshop>, Failure> {
         let bench = self.clone();
-        Ok(Arc::new(Workshop {
-            problem: Box::new(move |active| bench.problem(&bench.scene.active[active])),
-            grid: self.grid()?,
-            max_force_n: self.scene.max_force_n,
-            increments: self.grid_spec()?.increments,
-        }))
+        let problem = move |active: usize| bench.problem(&bench.scene.active[active]);
+        let increments = self.grid_spec()?.increments;
+        Ok(Arc::new(Workshop::new(problem, self.grid()?, self.scene.max_force_n, increments)))
     }
 
     /// Solves the spaces of these active nodes on this machine.
@@ -188,6 +185,7 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     ctrlc::set_handler(move || {
         raised.store(true, Ordering::SeqCst);
         if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+            eprintln!("palpate: ended at once");
             std::process::exit(130);
         }
     })

@@ -4,9 +4,9 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use super::crew::{Crew, CrewError, Desks};
+use super::crew::{Crew, CrewError, Shift};
 use super::domain::Domain;
 use super::job::{Done, Job, Work};
 use super::plan::{Plan, TagCounts, Task};
@@ -37,6 +37,10 @@ pub struct Progress {
     pub round: u32,
     /// Tries of this run, not found in the store.
     pub solved_now: usize,
+    /// Points of failed tries and of folds are being solved again: how many is not known beforehand.
+    pub again: bool,
+    /// Solves that are waited for, once it was asked to stop.
+    pub stopping: Option<usize>,
 }
 
 /// Why an expansion ended early.
@@ -137,7 +141,7 @@ impl Expansion {
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
         let domain = Arc::new(Domain::new(&self.grid, self.complete_cells));
-        let mut desks = Desks::of(crew);
+        let mut shift = Shift::new(crew, store, stop);
         // Spaces in hand, by position in `actives`. A space is begun only when those in hand have nothing certain to do, so that
         // a worker stays with its active node and only a few plans are in memory.
         let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
@@ -149,10 +153,11 @@ impl Expansion {
             spaces: (0, self.actives.len()),
             round: 0,
             solved_now: 0,
+            again: false,
+            stopping: None,
         };
         loop {
-            while !stop.load(Ordering::Relaxed) {
-                let Some((worker, last)) = desks.free() else { break };
+            while let Some((worker, last)) = shift.free() {
                 let prefer = last.and_then(|active| self.position_of(active));
                 let Some((at, task)) = self.next_task(store, &domain, &mut spaces, &mut begun, prefer)?
                 else {
@@ -163,12 +168,11 @@ impl Expansion {
                     Some((parent, attempt)) => Some(store.stored_seed(active, parent, attempt)?),
                     None => None,
                 };
-                crew.give(worker, Work::Point(Job { active: active as u32, task, seed }))?;
-                desks.given(worker, active);
+                shift.give(worker, active, Work::Point(Job { active: active as u32, task, seed }))?;
             }
             let done: Vec<usize> =
                 spaces.iter().filter(|(_, s)| s.plan.is_done()).map(|(&at, _)| at).collect();
-            for at in done {
+            for &at in &done {
                 if let Some(mut space) = spaces.remove(&at) {
                     state.account(&mut space);
                     state.spaces.0 += 1;
@@ -176,11 +180,18 @@ impl Expansion {
                     progress(&state);
                 }
             }
-            if desks.all_clear() {
+            if !done.is_empty() && !shift.is_stopping() {
+                continue;
+            }
+            if shift.out() == 0 {
                 break;
             }
-            let (worker, done) = crew.take()?;
-            desks.taken(worker);
+            let done = shift.take::<ExpansionError>()?;
+            state.stopping = shift.is_stopping().then(|| shift.out());
+            let Some(done) = done else {
+                progress(&state);
+                continue;
+            };
             let Done::Point(outcome) = done else { return Err(CrewError::Confused.into()) };
             store.add(&outcome)?;
             let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
@@ -195,7 +206,7 @@ impl Expansion {
                 progress(&state);
             }
         }
-        if stop.load(Ordering::Relaxed) && finished.iter().any(Option::is_none) {
+        if shift.is_stopping() && finished.iter().any(Option::is_none) {
             return Err(ExpansionError::Interrupted);
         }
         Ok(finished.into_iter().flatten().collect())
@@ -221,10 +232,12 @@ impl Expansion {
                 return Ok(Some((at, task)));
             }
         }
-        while *begun < self.actives.len() {
+        // A space that earlier runs finished is let go of before the next one is begun.
+        if *begun < self.actives.len() && spaces.values().all(|space| !space.plan.is_done()) {
             let at = *begun;
             *begun += 1;
             let known = store.attempts(self.actives[at])?;
+            store.check_states(self.actives[at])?;
             let mut space = Space {
                 plan: Plan::new(domain.clone(), self.grid),
                 known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
@@ -254,6 +267,7 @@ impl Progress {
         };
         space.counted = new;
         self.round = self.round.max(space.plan.round());
+        self.again = space.plan.is_solving_again();
     }
 }
 

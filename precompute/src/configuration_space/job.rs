@@ -1,6 +1,8 @@
 //! What a worker is given and what it gives back; the same on a thread and on another machine.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -27,6 +29,8 @@ pub enum Done {
     Point(Box<Outcome>),
     /// Held-out truth.
     Walk(WalkOutcome),
+    /// Nothing: there was no time left to do it.
+    Abandoned,
 }
 
 /// A task of one space, with what it starts from.
@@ -70,14 +74,39 @@ pub struct Outcome {
 
 /// Everything a worker must know beside the job.
 pub struct Workshop {
-    /// Builds the problem of an active node: once for every worker that comes to it.
-    pub problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
+    problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
+    /// Problems that a worker has in hand: with its numbering and analysis one serves them all.
+    problems: Mutex<HashMap<u32, Weak<Problem>>>,
     /// The grid.
     pub grid: SpaceGrid,
     /// Force beyond which a configuration is terminating, N.
     pub max_force_n: f64,
     /// Equal parts in which a transition is made and kept; `None` leaves the steps to the solver and keeps none.
     pub increments: Option<u32>,
+}
+
+impl Workshop {
+    /// Workshop where `problem` builds that of an active node.
+    pub fn new(
+        problem: impl Fn(usize) -> Arc<Problem> + Send + Sync + 'static,
+        grid: SpaceGrid,
+        max_force_n: f64,
+        increments: Option<u32>,
+    ) -> Self {
+        Self { problem: Box::new(problem), problems: Mutex::default(), grid, max_force_n, increments }
+    }
+
+    fn problem(&self, active: u32) -> Arc<Problem> {
+        // Whoever comes second waits until it is built. A worker that panicked here left the table as it was.
+        let mut problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(problem) = problems.get(&active).and_then(Weak::upgrade) {
+            return problem;
+        }
+        problems.retain(|_, problem| problem.strong_count() > 0);
+        let problem = (self.problem)(active as usize);
+        problems.insert(active, Arc::downgrade(&problem));
+        problem
+    }
 }
 
 impl std::fmt::Debug for Workshop {
@@ -90,6 +119,7 @@ impl std::fmt::Debug for Workshop {
 #[derive(Debug)]
 pub struct Worker {
     workshop: Arc<Workshop>,
+    stop: Arc<AtomicBool>,
     solver: Option<(u32, Solver)>,
 }
 
@@ -97,23 +127,26 @@ pub struct Worker {
 /// small steps towards a fold, and without snapping through W stays single-valued where it can be.
 const FIRST_TRY: LoadingOptions = LoadingOptions { max_halvings: 3, perturbations: 1, snap_through: false };
 /// How hard a later try is: most of those that fail at all have no solution near.
-const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 2, perturbations: 0, snap_through: false };
+const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 1, perturbations: 0, snap_through: false };
 
 /// The state a job starts from is not one of this body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnusableSeed;
 
 impl Worker {
-    /// A worker that has not done anything yet.
-    pub fn new(workshop: Arc<Workshop>) -> Self {
-        Self { workshop, solver: None }
+    /// A worker that has not done anything yet, and that does no more once `stop` is raised.
+    pub fn new(workshop: Arc<Workshop>, stop: Arc<AtomicBool>) -> Self {
+        Self { workshop, stop, solver: None }
     }
 
     /// Does what is asked.
     pub fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Ok(Done::Abandoned);
+        }
         match work {
             Work::Point(job) => self.point(job).map(Box::new).map(Done::Point),
-            Work::Walk(job) => self.walk(job).map(Done::Walk),
+            Work::Walk(job) => self.walk(job).map(|walked| walked.map_or(Done::Abandoned, Done::Walk)),
         }
     }
 
@@ -125,7 +158,7 @@ impl Worker {
         }
         let workshop = &self.workshop;
         let (_, solver) =
-            self.solver.get_or_insert_with(|| (active, Solver::new((workshop.problem)(active as usize))));
+            self.solver.get_or_insert_with(|| (active, Solver::new(workshop.problem(active))));
         solver
     }
 
@@ -136,15 +169,16 @@ impl Worker {
         fits.then_some(seed).ok_or(UnusableSeed)
     }
 
-    fn walk(&mut self, job: &WalkJob) -> Result<WalkOutcome, UnusableSeed> {
+    fn walk(&mut self, job: &WalkJob) -> Result<Option<WalkOutcome>, UnusableSeed> {
         let (active, max_force_n) = (job.walk.active, self.workshop.max_force_n);
         let start = match &job.start {
             Some((at, stored)) => Some(self.seed(active, *at, stored)?),
             None => None,
         };
+        let stop = self.stop.clone();
         let solver = self.solver(active);
         solver.loading = LoadingOptions { snap_through: false, ..LoadingOptions::default() };
-        Ok(job.solve(solver, start, max_force_n))
+        Ok(job.solve(solver, start, max_force_n, &stop))
     }
 
     fn point(&mut self, job: &Job) -> Result<Outcome, UnusableSeed> {

@@ -11,7 +11,7 @@
 //! other until one succeeds. What becomes expandable then opens a new level.
 //!
 //! **Folds.** When nothing is left to retry, points of flagged pairs ([`super::fold`]) are solved once more from another parent,
-//! twice at most. Of all solutions of a point the one of lowest energy is kept; every try is recorded.
+//! and a second time where that parent's side has changed. Of all solutions of a point the one of lowest energy is kept; every try is recorded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use super::domain::{Domain, REST};
 use super::{GridIndex, Record, SpaceGrid, fold};
 
 /// How often a point of a flagged pair is solved again.
-const FOLD_TRIES: u32 = 2;
+const FOLD_TRIES: usize = 2;
 
 /// One configuration to solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -94,10 +94,10 @@ struct Point {
     pending: bool,
     /// In the queue of certain points.
     queued: bool,
-    /// Parents tried, in order: one for each attempt.
-    tried: Vec<u32>,
-    /// How many of the tries were made because of a fold.
-    fold_tries: u32,
+    /// Parents tried, and which of their solutions, in order: one for each attempt.
+    tried: Vec<(u32, u32)>,
+    /// The first attempt that was made because of a fold.
+    first_at_fold: Option<u32>,
     /// Parents yet to be tried in this phase, and which of their solutions, the next one last. Named when the phase begins:
     /// a solution found meanwhile must not matter.
     left: Vec<(u32, u32)>,
@@ -149,7 +149,7 @@ impl Plan {
             pending: false,
             queued: false,
             tried: Vec::new(),
-            fold_tries: 0,
+            first_at_fold: None,
             left: Vec::new(),
             kept: None,
         };
@@ -175,6 +175,11 @@ impl Plan {
     /// Highest level or round so far.
     pub fn round(&self) -> u32 {
         self.round
+    }
+
+    /// Whether failed points or those at folds are being solved once more.
+    pub fn is_solving_again(&self) -> bool {
+        matches!(self.phase, Phase::Retry | Phase::Fold)
     }
 
     /// Whether nothing is left to do.
@@ -224,8 +229,10 @@ impl Plan {
         let from = parent.map(|(w, attempt)| (self.domain.index(w), attempt));
         let point = &mut self.points[p as usize];
         let attempt = point.tried.len() as u32;
-        point.tried.push(parent.map_or(REST, |(w, _)| w));
-        point.fold_tries += u32::from(self.phase == Phase::Fold);
+        point.tried.push(parent.unwrap_or((REST, 0)));
+        if self.phase == Phase::Fold {
+            point.first_at_fold.get_or_insert(attempt);
+        }
         point.pending = true;
         point.queued = false;
         self.pending += 1;
@@ -379,7 +386,7 @@ impl Plan {
             for tag in [ConfigTag::Terminating, ConfigTag::Expandable] {
                 for &w in self.domain.parents(p).iter().rev() {
                     let parent = &self.points[w as usize];
-                    if parent.tag() == tag && !tried.contains(&w) {
+                    if parent.tag() == tag && !tried.iter().any(|(from, _)| *from == w) {
                         left.push((w, parent.solution()));
                     }
                 }
@@ -392,7 +399,10 @@ impl Plan {
         }
     }
 
-    /// Points of flagged pairs, each with one parent it has not been tried from: the other end of a flagged pair first.
+    /// Points of flagged pairs, each with one solution of a neighbour that it has not been tried from.
+    ///
+    /// The first time that is the other end of a flagged pair, or if it came from there, any other neighbour. Once more it is tried
+    /// only where the other end has found a better solution since: a fold that stays is not worth a second look.
     fn begin_folds(&mut self) {
         let record = |index| self.points[self.domain.position(index)? as usize].kept.as_ref();
         let records = self.points.iter().filter_map(|p| p.kept.as_ref());
@@ -405,16 +415,24 @@ impl Plan {
         let opened = self.round + 1;
         for p in 1..self.points.len() as u32 {
             let (point, partners) = (&self.points[p as usize], &partners[p as usize]);
-            if partners.is_empty() || point.fold_tries >= FOLD_TRIES {
+            let tries = point.first_at_fold.map_or(0, |first| point.tried.len() - first as usize);
+            if partners.is_empty() || tries >= FOLD_TRIES {
                 continue;
             }
-            let untried = |w: &&u32| !point.tried.contains(w) && self.points[**w as usize].tag().is_solved();
+            let first_time = tries == 0;
+            let candidate = |w: &u32| {
+                let other = &self.points[*w as usize];
+                let solution = other.solution();
+                let found_since = other.first_at_fold.is_some_and(|first| solution >= first);
+                let usable = other.tag().is_solved() && !point.tried.contains(&(*w, solution));
+                (usable && (first_time || found_since)).then_some((*w, solution))
+            };
             let all = self.domain.parents(p);
-            let suspect = all.iter().filter(|w| partners.contains(w)).find(untried);
-            if let Some(&w) = suspect.or_else(|| all.iter().find(untried)) {
-                let solution = self.points[w as usize].solution();
+            let suspect = all.iter().filter(|w| partners.contains(w)).find_map(candidate);
+            let another = || all.iter().filter(|_| first_time).find_map(candidate);
+            if let Some(from) = suspect.or_else(another) {
                 self.round = opened;
-                self.points[p as usize].left = vec![(w, solution)];
+                self.points[p as usize].left = vec![from];
                 self.queue(p);
             }
         }

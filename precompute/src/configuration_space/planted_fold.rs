@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use nalgebra::{Matrix3, Vector3};
 use palpate_core::ConfigTag;
@@ -116,8 +117,13 @@ impl Crew for Fake {
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Done), CrewError> {
-        self.done.pop_front().map(|outcome| (0, Done::Point(Box::new(outcome)))).ok_or(CrewError::Panicked)
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
+        let outcome = self.done.pop_front().ok_or(CrewError::Panicked)?;
+        Ok(Some((0, Done::Point(Box::new(outcome)))))
+    }
+
+    fn stop(&mut self) {
+        self.done.clear();
     }
 }
 

@@ -6,13 +6,13 @@
 //! who was done first.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use palpate_core::ConfigTag;
 
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
 use super::{Draw, Kind, Walk, WalkJob};
-use crate::configuration_space::crew::Desks;
+use crate::configuration_space::crew::Shift;
 use crate::configuration_space::{
     Crew, CrewError, Done, GridIndex, SpaceGrid, Store, StoreError, Work, still_to_solve,
 };
@@ -41,6 +41,10 @@ pub struct HeldOutProgress {
     pub positions_now: usize,
     /// Walks done now.
     pub walks_now: usize,
+    /// Steps of the walks done now, those behind an early end with them, and of all that are known to be done by this run.
+    pub steps: (usize, usize),
+    /// Walks that are given up or waited for, once it was asked to stop.
+    pub stopping: Option<usize>,
 }
 
 /// Why it ended early.
@@ -54,6 +58,8 @@ pub enum HeldOutError {
     Interrupted,
     /// Uniform positions need the space of this active node, which is not solved to its end.
     NoSpace(String),
+    /// Uniform positions need more of this active node's space than its rest.
+    NoReach(String),
 }
 
 impl std::fmt::Display for HeldOutError {
@@ -68,6 +74,10 @@ impl std::fmt::Display for HeldOutError {
                 f,
                 "{name}: uniform positions start from the solved space, which is not complete; run `palpate precompute` first, or \
                  ask for none with --uniform 0"
+            ),
+            Self::NoReach(name) => write!(
+                f,
+                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or                  take a finer grid, or ask for none with --uniform 0"
             ),
         }
     }
@@ -138,7 +148,7 @@ impl HeldOut {
             self.draw.regular_m.map_or(0, |_| regular_directions().count()) + self.draw.random as usize;
         run.state.total = self.actives.len() * (paths + self.draw.uniform as usize);
         run.state.walks = self.actives.len() * paths - queue.len();
-        run.work_off(&mut queue, crew)?;
+        run.work_off(&mut queue, crew, self.actives.len() * self.draw.uniform as usize)?;
         loop {
             // A round: as many positions of every node as are still missing, those of earlier runs answered from the store.
             let mut drawn = 0;
@@ -158,7 +168,7 @@ impl HeldOut {
             if drawn == 0 {
                 return Ok(());
             }
-            run.work_off(&mut queue, crew)?;
+            run.work_off(&mut queue, crew, 0)?;
         }
     }
 
@@ -228,27 +238,35 @@ impl Run<'_> {
         })
     }
 
-    /// Has everything in the queue done.
+    /// Has everything in the queue done; as many steps as `to_come` follow at least.
     fn work_off(
         &mut self,
         queue: &mut VecDeque<(Walk, Option<Start>)>,
         crew: &mut dyn Crew,
+        to_come: usize,
     ) -> Result<(), HeldOutError> {
-        let mut desks = Desks::of(crew);
+        let steps: usize = queue.iter().map(|(walk, _)| self.held_out.positions_m(walk).len()).sum();
+        self.state.steps.1 = self.state.steps.0 + steps + to_come;
+        let (all, mut done) = (queue.len(), 0);
+        let mut shift = Shift::new(crew, self.store, self.stop);
         loop {
-            while !self.stop.load(Ordering::Relaxed)
-                && let Some((worker, _)) = desks.free()
+            while let Some((worker, _)) = shift.free()
                 && let Some((walk, start)) = queue.pop_front()
             {
-                crew.give(worker, Work::Walk(self.job(walk, start)?))?;
-                desks.given(worker, walk.active as usize);
+                shift.give(worker, walk.active as usize, Work::Walk(self.job(walk, start)?))?;
             }
-            if desks.all_clear() {
-                return if queue.is_empty() { Ok(()) } else { Err(HeldOutError::Interrupted) };
+            if shift.out() == 0 {
+                return if done == all { Ok(()) } else { Err(HeldOutError::Interrupted) };
             }
-            let (worker, outcome) = crew.take()?;
-            desks.taken(worker);
+            let outcome = shift.take::<HeldOutError>()?;
+            self.state.stopping = shift.is_stopping().then(|| shift.out());
+            let Some(outcome) = outcome else {
+                (self.progress)(&self.state);
+                continue;
+            };
             let Done::Walk(outcome) = outcome else { return Err(CrewError::Confused.into()) };
+            done += 1;
+            self.state.steps.0 += self.held_out.positions_m(&outcome.walk).len();
             self.store.add_walk(&outcome)?;
             let last = outcome.truths.last().map_or(ConfigTag::Unknown, |truth| truth.tag);
             self.done.insert(outcome.walk, last);
@@ -281,8 +299,11 @@ impl Uniform {
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
-        if open > 0 || reachable.len() < 2 {
+        if open > 0 {
             return Err(HeldOutError::NoSpace(name.into()));
+        }
+        if reachable.len() < 2 {
+            return Err(HeldOutError::NoReach(name.into()));
         }
         Ok(Self { active, name: name.into(), reachable, next: 0 })
     }

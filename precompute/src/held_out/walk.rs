@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::Kind;
@@ -121,8 +122,15 @@ impl Truth {
 }
 
 impl WalkJob {
-    /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches `max_force_n`.
-    pub fn solve(&self, solver: &mut Solver, start: Option<Seed>, max_force_n: f64) -> WalkOutcome {
+    /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches `max_force_n`; `None` if `stop`
+    /// is raised meanwhile: half a walk would be taken for one that ended there.
+    pub fn solve(
+        &self,
+        solver: &mut Solver,
+        start: Option<Seed>,
+        max_force_n: f64,
+        stop: &AtomicBool,
+    ) -> Option<WalkOutcome> {
         let mut truths = Vec::with_capacity(self.positions_m.len());
         let mut clock = Instant::now();
         let mut here = match start {
@@ -130,6 +138,9 @@ impl WalkJob {
             None => solver.rest().map(|c| c.seed),
         };
         for &at in &self.positions_m {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
             let solved = here.and_then(|seed| solver.advance(&seed, at));
             let seconds = std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
             let seed = match solved {
@@ -153,6 +164,6 @@ impl WalkJob {
             }
             here = Ok(seed);
         }
-        WalkOutcome { walk: self.walk, truths }
+        Some(WalkOutcome { walk: self.walk, truths })
     }
 }

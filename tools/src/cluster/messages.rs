@@ -15,6 +15,8 @@ pub(super) enum Order {
         /// The job.
         job: Box<Work>,
     },
+    /// What can be given up is: it comes back as abandoned.
+    Stop,
     /// Nothing more comes; say [`Report::Gone`] and end.
     Release,
 }

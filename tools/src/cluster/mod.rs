@@ -126,12 +126,12 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     match command {
         Command::Precompute(args) => {
             precompute::run_with(args, &bench, &stop, &team, |expansion, store, stop, progress| {
-                Ok(expansion.run(store, &mut ranks.crew(store, stop), stop, progress)?)
+                Ok(expansion.run(store, &mut ranks, stop, progress)?)
             })
         }
         Command::HeldOut(args) => {
             held_out::run_with(args, &bench, &stop, &team, |held_out, store, stop, progress| {
-                Ok(held_out.run(store, &mut ranks.crew(store, stop), stop, progress)?)
+                Ok(held_out.run(store, &mut ranks, stop, progress)?)
             })
         }
     }

@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
-use palpate_precompute::configuration_space::{Crew, CrewError, Done, Store, Work};
+use palpate_precompute::configuration_space::{Crew, CrewError, Done, Work};
 
 use super::messages::{Basis, Order, Report, decode, encode};
 use crate::failure::Failure;
@@ -71,12 +71,6 @@ impl<'w> Ranks<'w> {
         self.desks.len()
     }
 
-    /// The crew of an expansion into `store`. When `stop` is raised the jobs that are out are still waited for, but what is
-    /// done is committed at once: whoever raised it may kill all ranks a second later.
-    pub(super) fn crew<'c>(&'c mut self, store: &'c Store, stop: &'c AtomicBool) -> RankCrew<'c, 'w> {
-        RankCrew { ranks: self, store, stop, told: false, out: 0 }
-    }
-
     /// A message that is there already.
     fn look(&mut self) -> Result<Option<(i32, Report)>, CrewError> {
         let Some(found) = self.world.any_process().immediate_matched_probe() else { return Ok(None) };
@@ -107,6 +101,11 @@ impl<'w> Ranks<'w> {
         Some(worker)
     }
 
+    /// Ranks that still listen.
+    fn others(&self) -> Vec<i32> {
+        (0..).zip(&self.present).filter_map(|(rank, present)| present.then_some(rank)).collect()
+    }
+
     fn tell(&self, rank: i32, order: &Order) {
         self.world.process_at_rank(rank).send(&encode(order)[..]);
     }
@@ -114,8 +113,7 @@ impl<'w> Ranks<'w> {
 
 impl Drop for Ranks<'_> {
     fn drop(&mut self) {
-        let present = (1..).zip(&self.present[1..]).filter(|(_, present)| **present);
-        for (rank, _) in present {
+        for rank in self.others() {
             self.tell(rank, &Order::Release);
         }
         // Outcomes still under way are received, or their senders could not end.
@@ -127,67 +125,40 @@ impl Drop for Ranks<'_> {
     }
 }
 
-/// The ranks at work on one expansion.
-pub(super) struct RankCrew<'c, 'w> {
-    ranks: &'c mut Ranks<'w>,
-    store: &'c Store,
-    stop: &'c AtomicBool,
-    /// The user knows that we are stopping.
-    told: bool,
-    out: usize,
-}
-
-impl RankCrew<'_, '_> {
-    /// What to do while there is no message.
-    fn idle(&mut self) -> Result<(), CrewError> {
-        if self.stop.load(Ordering::Relaxed) {
-            self.store.commit().map_err(|error| CrewError::Lost(error.to_string()))?;
-            if !self.told {
-                self.told = true;
-                let out = self.out;
-                eprintln!(
-                    "palpate-mpi: stopping; what is finished is kept, {out} jobs are waited for, run the same command to go \
-                     on"
-                );
-            }
-        }
-        std::thread::sleep(PAUSE);
-        Ok(())
-    }
-}
-
-impl Crew for RankCrew<'_, '_> {
+/// The ranks that have been mustered, at work.
+impl Crew for Ranks<'_> {
     fn size(&self) -> usize {
-        self.ranks.workers()
+        self.workers()
     }
 
     fn give(&mut self, worker: usize, job: Work) -> Result<(), CrewError> {
-        self.ranks.hand(worker, job);
-        self.out += 1;
+        self.hand(worker, job);
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Done), CrewError> {
-        loop {
-            let (rank, report) = match self.ranks.look()? {
-                Some(found) => found,
-                None => {
-                    self.idle()?;
-                    continue;
-                }
-            };
-            match report {
-                Report::Done { desk, outcome } => {
-                    let unasked = || CrewError::Lost(format!("rank {rank} answered what it was not asked"));
-                    let worker = self.ranks.answered(rank, desk).ok_or_else(unasked)?;
-                    self.out -= 1;
-                    return Ok((worker, *outcome));
-                }
-                Report::Stuck(error) => return Err(error),
-                Report::Hello { .. } | Report::Gone => {
-                    return Err(CrewError::Lost(format!("rank {rank} left")));
-                }
+    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
+        let until = Instant::now() + patience;
+        let (rank, report) = loop {
+            match self.look()? {
+                Some(found) => break found,
+                None if Instant::now() >= until => return Ok(None),
+                None => std::thread::sleep(PAUSE),
             }
+        };
+        match report {
+            Report::Done { desk, outcome } => {
+                let unasked = || CrewError::Lost(format!("rank {rank} answered what it was not asked"));
+                let worker = self.answered(rank, desk).ok_or_else(unasked)?;
+                Ok(Some((worker, *outcome)))
+            }
+            Report::Stuck(error) => Err(error),
+            Report::Hello { .. } | Report::Gone => Err(CrewError::Lost(format!("rank {rank} left"))),
+        }
+    }
+
+    fn stop(&mut self) {
+        for rank in self.others() {
+            self.tell(rank, &Order::Stop);
         }
     }
 }

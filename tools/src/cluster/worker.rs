@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
@@ -40,7 +41,7 @@ impl Line<'_> {
         let mut stuck = false;
         while !self.released {
             let heard = self.hear(crew);
-            let outcome = if stuck { Ok(None) } else { heard.and_then(|()| crew.poll()) };
+            let outcome = if stuck { Ok(None) } else { heard.and_then(|()| crew.take(Duration::ZERO)) };
             match outcome {
                 Ok(Some((desk, outcome))) => {
                     let done = Report::Done { desk: desk as u32, outcome: Box::new(outcome) };
@@ -81,6 +82,7 @@ impl Line<'_> {
         while let Some(order) = self.order() {
             match order {
                 Some(Order::Work { desk, job }) => crew.give(desk as usize, *job)?,
+                Some(Order::Stop) => crew.stop(),
                 Some(Order::Release) => {}
                 None => return Err(CrewError::Lost("rank 0 sent what this build cannot read".into())),
             }

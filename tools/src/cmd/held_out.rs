@@ -48,8 +48,8 @@ pub(crate) struct Args {
     /// Seed of random paths and uniform positions
     #[arg(long, default_value_t = Draw::PAPER.seed)]
     seed: u64,
-    /// Forget the held-out truth in the file and draw anew
-    #[arg(long)]
+    /// Forget the held-out truth in the file, of all active nodes, and draw anew
+    #[arg(long, conflicts_with = "active")]
     again: bool,
     /// Only this active node; all if not given
     #[arg(long)]
@@ -121,6 +121,14 @@ pub(crate) fn run_with(
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
     for (name, kinds) in &all {
+        let uniform = kinds.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
+        if uniform < draw.uniform {
+            eprintln!(
+                "palpate: warning: {name}: only {uniform} of {} uniform positions were found within f_max, in a thousand draws \
+                 for each: hardly anything of the grid's ball can be reached",
+                draw.uniform
+            );
+        }
         output::line(in_words(&format!("{name}:"), kinds))?;
     }
     output::line(format!(

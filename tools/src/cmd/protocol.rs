@@ -45,6 +45,9 @@ pub(crate) struct Args {
     /// Random paths of 200 steps an active node, too (the paper: 5,000 a law)
     #[arg(long, value_name = "N", default_value_t = 0)]
     random: u32,
+    /// Forget the paths in the files and solve them anew
+    #[arg(long)]
+    again: bool,
     /// Worker threads; one a core if not given
     #[arg(long)]
     threads: Option<usize>,
@@ -57,6 +60,10 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.step_mm > 0.0 && args.length_mm >= args.step_mm && args.length_mm.is_finite()) {
         return Err(Failure::input("--step-mm must be positive and --length-mm at least as long"));
+    }
+    let twice = args.fixed.iter().enumerate().find(|(n, name)| args.fixed[..*n].contains(*name));
+    if let Some((_, name)) = twice {
+        return Err(Failure::input(format!("--fixed names {name} twice; its paths would count twice")));
     }
     let scene = Scene::load(&args.scene)?.resolve()?;
     let actives = spread(&scene, &args.fixed, args.active_nodes)?;
@@ -73,15 +80,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         uniform: 0,
         ..Draw::PAPER
     };
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let (stop, threads, sets) = (stop_flag()?, threads(args.threads), benches.len());
     let start = Instant::now();
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();
-    for (fixed, bench) in &benches {
+    for (number, (fixed, bench)) in (1..).zip(&benches) {
         let path = args.out.join(format!("{}-{fixed}.space", scene.name));
         let store = bench.store(&path, false)?;
+        if args.again {
+            store.forget_held_out()?;
+        }
         let all: Vec<usize> = (0..bench.scene.active.len()).collect();
-        let mut progress = WorkProgress::new(&format!("{} {fixed}", scene.name), "paths");
+        let mut progress = WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
         let held_out = bench.held_out(&all, draw.clone())?;
         let solved = with_threads(&bench.workshop()?, threads, |crew| {
             held_out.run(&store, crew, &stop, |p| progress.walks(p))

@@ -32,7 +32,7 @@ use crate::solve::Seed;
 const LAYOUT: &str = "2";
 
 /// Bumped whenever the solver gives other bits.
-const SOLVER_REVISION: u32 = 3;
+const SOLVER_REVISION: u32 = 4;
 
 const SCHEMA: &str = include_str!("schema.sql");
 
@@ -379,6 +379,21 @@ impl Store {
             let _ = self.connection.execute_batch("ROLLBACK");
         }
         committed
+    }
+
+    /// Reads every state of one active node: a damaged one may not be asked for again before the store is used.
+    pub fn check_states(&self, active: usize) -> Result<(), StoreError> {
+        let sql = format!("SELECT {}, i, j, k FROM state WHERE active = ?1", rows::STATE);
+        let mut statement = self.wrap(self.connection.prepare(&sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            let (seed, checksum) = self.wrap(rows::read_seed(row))?;
+            if checksum != rows::seed_checksum(&seed) {
+                let index = self.wrap((|| Ok([row.get(4)?, row.get(5)?, row.get(6)?]))())?;
+                return Err(self.corrupt(rows::damaged(&index)));
+            }
+        }
+        Ok(())
     }
 
     /// The state that one try at a point ended in.

@@ -36,7 +36,16 @@ impl Store {
         let at = (0..old.len().max(new.len()))
             .find(|&at| old.get(at) != new.get(at) && !free(old.get(at).unwrap_or(&"")));
         if let Some(at) = at {
-            return Ok(Some((line(&old, at), line(&new, at))));
+            // A line that comes later in the other text was not changed: one was put in, or taken out, before it.
+            let later = |lines: &[&str], what: Option<&&str>| {
+                what.is_some_and(|what| lines.get(at..).is_some_and(|rest| rest.contains(what)))
+            };
+            let nothing = || "nothing".to_string();
+            return Ok(Some(match (later(&new, old.get(at)), later(&old, new.get(at))) {
+                (true, false) => (nothing(), line(&new, at)),
+                (false, true) => (line(&old, at), nothing()),
+                _ => (line(&old, at), line(&new, at)),
+            }));
         }
         let stored = self.parsed::<f64>("max_force_n")?;
         Ok((stored != identity.max_force_n).then(|| {

@@ -153,17 +153,21 @@ pub(super) fn seed(
     index: GridIndex,
     attempt: u32,
 ) -> rusqlite::Result<(StoredSeed, u32)> {
-    let sql = "SELECT state, sensitivity, potential, checksum FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 \
-               AND attempt = ?5";
-    connection.prepare_cached(sql)?.query_row(
-        params![active as i64, index[0], index[1], index[2], attempt],
-        |row| {
-            let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
-            let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
-            let seed = StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential };
-            Ok((seed, row.get(3)?))
-        },
-    )
+    let sql = format!(
+        "SELECT {STATE} FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5"
+    );
+    let key = params![active as i64, index[0], index[1], index[2], attempt];
+    connection.prepare_cached(&sql)?.query_row(key, read_seed)
+}
+
+/// Columns of a state, in the order of [`read_seed`].
+pub(super) const STATE: &str = "state, sensitivity, potential, checksum";
+
+/// Reads a row of [`STATE`].
+pub(super) fn read_seed(row: &rusqlite::Row<'_>) -> rusqlite::Result<(StoredSeed, u32)> {
+    let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
+    let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
+    Ok((StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential }, row.get(3)?))
 }
 
 /// A number as SQLite gives it back.

@@ -51,7 +51,7 @@ impl Store {
                 }
             }
         }
-        let moved_to = path.with_extension(format!("damaged.{}", std::process::id()));
+        let moved_to = path.with_extension(format!("damaged-{}.space", std::process::id()));
         for suffix in ["", "-wal", "-shm"] {
             let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
             if with(path).exists() {

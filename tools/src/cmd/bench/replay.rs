@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use palpate_precompute::configuration_space::{
     Crew, CrewError, Done, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
@@ -124,11 +124,14 @@ impl Crew for AtOnce<'_> {
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
         let (worker, at) = self.done.pop_front().ok_or_else(|| CrewError::Lost("nothing is out".into()))?;
         let unknown = || CrewError::Lost(format!("the file has no try {} at {:?}", at.2, at.1));
         let bytes = self.replay.messages.get(&at).ok_or_else(unknown)?;
         self.outcome_bytes += bytes.len();
-        Ok((worker, postcard::from_bytes(bytes).map_err(|error| CrewError::Lost(error.to_string()))?))
+        let done = postcard::from_bytes(bytes).map_err(|error| CrewError::Lost(error.to_string()))?;
+        Ok(Some((worker, done)))
     }
+
+    fn stop(&mut self) {}
 }

@@ -2,6 +2,7 @@
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
+use std::time::Duration;
 
 use palpate_core::ConfigTag;
 use palpate_precompute::boundary::Pose;
@@ -194,14 +195,16 @@ impl Crew for Simulated<'_> {
         Ok(())
     }
 
-    fn take(&mut self) -> Result<(usize, Done), CrewError> {
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
         let idle = || CrewError::Lost("nothing is under way".into());
         let Reverse((arrival, number, worker)) = self.under_way.pop().ok_or_else(idle)?;
         self.now = self.now.max(arrival) + self.costs.take;
         self.ran.rank0_busy += self.costs.take;
         let outcome = self.outcomes.remove(&number).ok_or_else(idle)?;
-        Ok((worker, Done::Point(Box::new(outcome))))
+        Ok(Some((worker, Done::Point(Box::new(outcome)))))
     }
+
+    fn stop(&mut self) {}
 }
 
 #[cfg(test)]
@@ -225,9 +228,10 @@ mod tests {
             let parent = (target == [0, 0, 2]).then_some([0, 0, 1]);
             crew.give(worker, job(target, parent)).expect("it is taken");
         }
-        let order: Vec<usize> = (0..3).map(|_| crew.take().expect("three are out").0).collect();
+        let mut take = || crew.take(Duration::ZERO).map(|done| done.expect("it never waits").0);
+        let order: Vec<usize> = (0..3).map(|_| take().expect("three are out")).collect();
         assert_eq!(order, [0, 1, 0]);
-        assert!(crew.take().is_err());
+        assert!(take().is_err());
         let ran = crew.ran();
         // The last one ends at 2015, arrives at 2020 and is stored at 2040.
         assert_eq!((ran.makespan, ran.work, ran.chain, ran.rank0_busy), (2040, 3000, 2000, 90));

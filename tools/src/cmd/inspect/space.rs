@@ -55,6 +55,7 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
     for (active, (name, node)) in nodes.into_iter().enumerate() {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
+        store.check_states(active)?;
         let open = still_to_solve(&grid, identity.complete_cells, &attempts);
         let space = Space { name, node, folds: folds(&grid, &records), attempts, records, open };
         let (words, mut numbers) = space.describe(total);
