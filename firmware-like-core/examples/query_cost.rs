@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use palpate_core::flags;
 use palpate_core::grid::BallLattice;
+use palpate_core::hermite::{HermiteTable, Node};
 use palpate_core::method::Method;
 use palpate_core::rbf::{LANES, RbfTable};
 use palpate_core::table::{LatticeTable, Space};
@@ -46,6 +47,8 @@ fn measure(cells: f32) {
         planes.iter().map(|plane| plane.iter().map(|&value| value as f32).collect()).collect()
     };
     let (centres_f32, weights_f32) = (narrow(&centres), narrow(&weights));
+    let row: Vec<u32> = (0..lattice.slots() as u32).collect();
+    let nodes: Vec<Node> = (0..lattice.slots()).map(|slot| [[slot as f32 * 1e-4; 12]; 3]).collect();
     let space = Space {
         name: heapless::String::new(),
         node: 0,
@@ -56,6 +59,7 @@ fn measure(cells: f32) {
         lattice_table: Some(LatticeTable::new(&lattice, three(&force)).expect("planes fit")),
         rbf_linear: Some(RbfTable::new(three(&centres_f32), three(&weights_f32)).expect("planes fit")),
         rbf_cubic: Some(RbfTable::new(three(&centres), three(&weights)).expect("planes fit")),
+        hermite: Some(HermiteTable::new(lattice.slots(), &row, &nodes).expect("planes fit")),
         displacement: None,
     };
     let queries = queries(radius_m);

@@ -1,6 +1,6 @@
 //! One byte per slot: which configurations are solved, and which cells and super-cells are therefore complete.
 //!
-//! CELL, SUPERCELL and INTERIOR follow from SOLVED. The writer derives them with [`derive()`], the reader verifies them
+//! CELL, SUPERCELL and INTERIOR follow from SOLVED, SMOOTH from FOLD. The writer derives them with [`derive()`], the reader verifies them
 //! with [`first_inconsistent`], and both ask the same functions; the tick only looks them up.
 
 use crate::grid::BallLattice;
@@ -18,8 +18,13 @@ pub const SUPERCELL: u8 = 16;
 /// All 8 cells that touch this slot are SUPERCELL.
 pub const INTERIOR: u8 = 32;
 
+/// Two corners of the cell whose low corner is this slot lie on different branches.
+pub const FOLD: u8 = 64;
+/// None of the 8 cells that touch this slot is FOLD.
+pub const SMOOTH: u8 = 128;
+
 /// Bits the writer sets; the others are derived.
-const GIVEN: u8 = SOLVED | TERMINATING | INVERTED;
+const GIVEN: u8 = SOLVED | TERMINATING | INVERTED | FOLD;
 
 /// Whether every slot of the block ijk + from ..= ijk + to carries all bits of `mask`.
 fn block_has(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3], from: i32, to: i32, mask: u8) -> bool {
@@ -42,11 +47,19 @@ fn cell_bits(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3]) -> u8 {
     cell | supercell
 }
 
+fn smooth_bit(lattice: &BallLattice, flags: &[u8], [i, j, k]: [i32; 3]) -> u8 {
+    let folded = (0..8).any(|code: i32| {
+        let cell = [i.saturating_sub(code & 1), j.saturating_sub(code >> 1 & 1), k.saturating_sub(code >> 2)];
+        lattice.slot(cell).and_then(|slot| flags.get(slot)).is_some_and(|bits| bits & FOLD != 0)
+    });
+    if folded { 0 } else { SMOOTH }
+}
+
 fn interior_bit(lattice: &BallLattice, flags: &[u8], ijk: [i32; 3]) -> u8 {
     if block_has(lattice, flags, ijk, -1, 0, SUPERCELL) { INTERIOR } else { 0 }
 }
 
-/// Sets CELL, SUPERCELL and INTERIOR of every slot from SOLVED. `flags` has one byte per slot of the box.
+/// Sets CELL, SUPERCELL, INTERIOR and SMOOTH of every slot from SOLVED and FOLD. `flags` has one byte per slot of the box.
 pub fn derive(lattice: &BallLattice, flags: &mut [u8]) {
     for slot in 0..flags.len() {
         let derived = cell_bits(lattice, flags, lattice.ijk(slot));
@@ -55,7 +68,8 @@ pub fn derive(lattice: &BallLattice, flags: &mut [u8]) {
         }
     }
     for slot in 0..flags.len() {
-        let derived = interior_bit(lattice, flags, lattice.ijk(slot));
+        let ijk = lattice.ijk(slot);
+        let derived = interior_bit(lattice, flags, ijk) | smooth_bit(lattice, flags, ijk);
         if let Some(bits) = flags.get_mut(slot) {
             *bits |= derived;
         }
@@ -67,7 +81,8 @@ pub fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> 
     flags.iter().enumerate().position(|(slot, &bits)| {
         let ijk = lattice.ijk(slot);
         // INTERIOR is tested against stored SUPERCELL bits, which the same pass tests against SOLVED.
-        let derived = cell_bits(lattice, flags, ijk) | interior_bit(lattice, flags, ijk);
+        let derived =
+            cell_bits(lattice, flags, ijk) | interior_bit(lattice, flags, ijk) | smooth_bit(lattice, flags, ijk);
         let qualified_but_not_solved = bits & SOLVED == 0 && bits & (TERMINATING | INVERTED) != 0;
         bits & !GIVEN != derived || qualified_but_not_solved
     })

@@ -85,6 +85,10 @@ pub struct Location {
     pub position: Vec3,
     /// False where the query was not finite or outside the ball and had to be pulled back.
     pub inside: bool,
+    /// Where the query was pulled back: its direction from rest; zero inside and for a query that is not finite.
+    pub outward: Vec3,
+    /// How far it was pulled back, metres.
+    pub pulled_m: f32,
 }
 
 impl BallLattice {
@@ -119,6 +123,11 @@ impl BallLattice {
     /// Distance of neighbouring points, metres.
     pub const fn spacing_m(&self) -> f32 {
         self.spacing_m
+    }
+
+    /// Cells a metre.
+    pub const fn cells_per_m(&self) -> f32 {
+        self.cells_per_m
     }
 
     /// Radius of the ball, metres.
@@ -227,14 +236,14 @@ impl BallLattice {
 
     /// Finds the cell for any query at all, by the out-of-table policy.
     ///
-    /// Beyond the ball the query is pulled back along the radius, so the force goes on constant and continuous. A
-    /// query that is not finite is answered at the rest point: the controller has faulted before, and a force of
+    /// Beyond the ball the query is pulled back along the radius, and what continues it from there is told. A query that is not
+    /// finite is answered at the rest point: the controller has faulted before, and a force of
     /// zero is the safe answer to a question without sense.
     #[inline]
     pub fn locate(&self, displacement_m: Vec3) -> Location {
         // The comparison is false for NaN too.
         if vec3::norm_squared(displacement_m) <= self.radius_squared {
-            self.place(displacement_m, true)
+            self.place(displacement_m)
         } else {
             self.locate_outside(displacement_m)
         }
@@ -242,13 +251,17 @@ impl BallLattice {
 
     #[cold]
     fn locate_outside(&self, displacement_m: Vec3) -> Location {
-        self.place(vec3::scale(vec3::normalize_or_zero(displacement_m), self.radius_m), false)
+        let outward = vec3::normalize_or_zero(displacement_m);
+        let length = vec3::norm(displacement_m);
+        let pulled_m = if length > self.radius_m { length - self.radius_m } else { 0.0 };
+        Location { inside: false, outward, pulled_m, ..self.place(vec3::scale(outward, self.radius_m)) }
     }
 
     #[inline]
-    fn place(&self, displacement_m: Vec3, inside: bool) -> Location {
+    fn place(&self, displacement_m: Vec3) -> Location {
         let position = vec3::scale(displacement_m, self.cells_per_m);
         let (low, t) = self.cell_of(position);
-        Location { slot: self.slot_in_box(low), t, position, inside }
+        let slot = self.slot_in_box(low);
+        Location { slot, t, position, inside: true, outward: vec3::ZERO, pulled_m: 0.0 }
     }
 }

@@ -17,12 +17,23 @@ pub enum Method {
     RbfLinear,
     /// Radial basis functions, phi = r^3.
     RbfCubic,
+    /// Cubic Hermite on each force component; C1.
+    Hermite,
+    /// Gradient of the quintic Hermite interpolant of the energy; C1, conservative.
+    Energy,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 5] =
-        [Self::Trilinear, Self::Tricubic, Self::Hybrid, Self::RbfLinear, Self::RbfCubic];
+    pub const ALL: [Self; 7] = [
+        Self::Trilinear,
+        Self::Tricubic,
+        Self::Hybrid,
+        Self::RbfLinear,
+        Self::RbfCubic,
+        Self::Hermite,
+        Self::Energy,
+    ];
 
     /// The name used on the command line and in files.
     pub const fn name(self) -> &'static str {
@@ -32,6 +43,8 @@ impl Method {
             Self::Hybrid => "hybrid",
             Self::RbfLinear => "rbf-linear",
             Self::RbfCubic => "rbf-cubic",
+            Self::Hermite => "hermite",
+            Self::Energy => "energy",
         }
     }
 
@@ -72,6 +85,19 @@ impl Coverage {
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|coverage| coverage.name() == name)
     }
+}
+
+/// Everything one evaluation gives, always finite.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// h, force by the tool on the body, newtons.
+    pub force_n: Vec3,
+    /// dh_i/dd_j as rows i, newtons per metre: the derivative of this very interpolant. Symmetric for `energy` alone.
+    pub stiffness_n_m: [Vec3; 3],
+    /// W, joules, where the force is its gradient: `energy`, inside the ball and away from folds.
+    pub energy_j: Option<f32>,
+    /// The data behind it.
+    pub coverage: Coverage,
 }
 
 /// Reaction force at one query, always finite, with its coverage.

@@ -59,6 +59,16 @@ impl<'a, T: Copy + Into<f64>> RbfTable<'a, T> {
         Ok(Self { centres, weights })
     }
 
+    /// The planes x, y, z of the centres, in cells.
+    pub const fn centres(&self) -> &[&'a [T]; 3] {
+        &self.centres
+    }
+
+    /// The planes x, y, z of the weights.
+    pub const fn weights(&self) -> &[&'a [T]; 3] {
+        &self.weights
+    }
+
     /// Number of centres, padding included.
     pub fn padded_len(&self) -> usize {
         self.centres.first().map_or(0, |plane| plane.len())
@@ -90,6 +100,48 @@ impl RbfTable<'_, f64> {
     pub fn interpolate(&self, position: Vec3) -> Vec3 {
         let cubic = |squared: f64| squared * math::sqrt_f64(squared);
         sum_over_centres(self, position.map(f64::from), cubic).map(|force_n| force_n as f32)
+    }
+}
+
+impl<T: Copy + Into<f64>> RbfTable<'_, T> {
+    /// dh_i/dx_j as rows i, x in cell units: sum of w_i phi'(r) (x - x_i) / r, `slope(r)` = phi'(r) / r.
+    ///
+    /// A centre at the query itself gives nothing: phi = r has no slope there, phi = r^3 has slope zero. In f64: for stiffness, which
+    /// no tick asks for.
+    fn slopes(&self, position: Vec3, slope: impl Fn(f64) -> f64) -> [Vec3; 3] {
+        let at = position.map(f64::from);
+        let mut sums = [[0.0_f64; 3]; 3];
+        let [cx, cy, cz] = self.centres;
+        let [wx, wy, wz] = self.weights;
+        for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
+            let [x, y, z] = at;
+            let d = [x - (*cx).into(), y - (*cy).into(), z - (*cz).into()];
+            let [dx, dy, dz] = d;
+            let squared = dx * dx + dy * dy + dz * dz;
+            if squared > 0.0 {
+                let factor = slope(math::sqrt_f64(squared));
+                for (sums, weight) in sums.iter_mut().zip([wx, wy, wz]) {
+                    for (sum, d) in sums.iter_mut().zip(d) {
+                        *sum += (*weight).into() * factor * d;
+                    }
+                }
+            }
+        }
+        sums.map(|row| row.map(|value| value as f32))
+    }
+}
+
+impl RbfTable<'_, f32> {
+    /// dh_i/dx_j as rows i, x in cell units.
+    pub fn linear_slopes(&self, position: Vec3) -> [Vec3; 3] {
+        self.slopes(position, |r| 1.0 / r)
+    }
+}
+
+impl RbfTable<'_, f64> {
+    /// dh_i/dx_j as rows i, x in cell units.
+    pub fn cubic_slopes(&self, position: Vec3) -> [Vec3; 3] {
+        self.slopes(position, |r| 3.0 * r)
     }
 }
 

@@ -6,9 +6,11 @@
 use heapless::String;
 
 use crate::blend;
+use crate::continuation;
 use crate::flags::{CELL, SUPERCELL};
-use crate::grid::BallLattice;
-use crate::method::{Coverage, ForceSample, Method};
+use crate::grid::{BallLattice, Location};
+use crate::hermite::HermiteTable;
+use crate::method::{Coverage, Estimate, ForceSample, Method};
 use crate::rbf::RbfTable;
 use crate::tricubic;
 use crate::trilinear;
@@ -161,6 +163,8 @@ pub struct Space<'a> {
     pub rbf_linear: Option<RbfTable<'a, f32>>,
     /// For rbf-cubic.
     pub rbf_cubic: Option<RbfTable<'a, f64>>,
+    /// For hermite and energy.
+    pub hermite: Option<HermiteTable<'a>>,
     /// For the eye.
     pub displacement: Option<DisplacementTable<'a>>,
 }
@@ -172,13 +176,14 @@ impl Space<'_> {
             Method::Trilinear | Method::Tricubic | Method::Hybrid => self.lattice_table.is_some(),
             Method::RbfLinear => self.rbf_linear.is_some(),
             Method::RbfCubic => self.rbf_cubic.is_some(),
+            Method::Hermite | Method::Energy => self.hermite.is_some(),
         }
     }
 
     /// Reaction force h at a displacement of the active node, and the data it stands on.
     ///
     /// `None` only if the method is not in the blob. Any displacement is answered, with a finite force: beyond the ball with
-    /// the force at the rim, NaN and infinities with the force at rest, both as `Extrapolated`.
+    /// a [`continuation`] of that at the rim, NaN and infinities with the force at rest, both as `Extrapolated`.
     #[inline]
     pub fn force(&self, method: Method, displacement_m: Vec3) -> Option<ForceSample> {
         let at = self.lattice.locate(displacement_m);
@@ -187,12 +192,67 @@ impl Space<'_> {
         let force_n = match method {
             Method::Trilinear => trilinear::interpolate(table()?, side, at.slot, at.t),
             Method::Tricubic => tricubic::interpolate(table()?, side, at.slot, at.t),
-            Method::Hybrid => blend::interpolate(table()?, self.flags, side, at.slot, at.t),
+            Method::Hybrid => blend::hybrid(table()?, self.flags, side, at.slot, at.t),
+            Method::Hermite => self.hermite.as_ref()?.force(side, at.slot, at.t),
+            Method::Energy => blend::energy(self.hermite.as_ref()?, self.flags, side, at.slot, at.t),
             Method::RbfLinear => finite_or_zero(self.rbf_linear.as_ref()?.interpolate(at.position)),
             Method::RbfCubic => finite_or_zero(self.rbf_cubic.as_ref()?.interpolate(at.position)),
         };
-        let flags = if at.inside { self.flags.get(at.slot).copied().unwrap_or(0) } else { 0 };
-        Some(ForceSample { force_n, coverage: coverage(method, flags) })
+        if at.inside {
+            let flags = self.flags.get(at.slot).copied().unwrap_or(0);
+            return Some(ForceSample { force_n, coverage: coverage(method, flags) });
+        }
+        let force_n = self.continued(method, &at, force_n);
+        Some(ForceSample { force_n, coverage: Coverage::Extrapolated })
+    }
+
+    /// The force beyond the rim, from that at the rim.
+    #[cold]
+    fn continued(&self, method: Method, at: &Location, at_rim_n: Vec3) -> Vec3 {
+        let Some((stiffness_n_m, _)) = self.slopes(method, at) else { return at_rim_n };
+        let spacing_m = self.lattice.spacing_m();
+        let force_n = continuation::force(at_rim_n, &stiffness_n_m, at.outward, at.pulled_m, spacing_m);
+        if vec3::is_finite(force_n) { force_n } else { at_rim_n }
+    }
+
+    /// Force with stiffness, and energy where there is one. `None` only if the method is not in the blob.
+    ///
+    /// Costs a few times as much as [`Space::force`]; the tick does not ask for it.
+    pub fn estimate(&self, method: Method, displacement_m: Vec3) -> Option<Estimate> {
+        let ForceSample { force_n, coverage } = self.force(method, displacement_m)?;
+        let at = self.lattice.locate(displacement_m);
+        let (mut stiffness_n_m, mut energy_j) = self.slopes(method, &at)?;
+        if !at.inside {
+            let (spacing_m, radius_m) = (self.lattice.spacing_m(), self.lattice.radius_m());
+            stiffness_n_m =
+                continuation::stiffness(&stiffness_n_m, at.outward, at.pulled_m, spacing_m, radius_m);
+            energy_j = None;
+        }
+        if !stiffness_n_m.iter().all(|row| vec3::is_finite(*row)) {
+            stiffness_n_m = [vec3::ZERO; 3];
+        }
+        Some(Estimate { force_n, stiffness_n_m, energy_j, coverage })
+    }
+
+    /// dh_i/dd_j of a method inside the ball, N/m, and W, J, where the force is its gradient.
+    fn slopes(&self, method: Method, at: &Location) -> Option<([Vec3; 3], Option<f32>)> {
+        let (side, slot, t) = (self.lattice.side(), at.slot, at.t);
+        let table = || self.lattice_table.as_ref().map(LatticeTable::force_n);
+        let mut energy = None;
+        let slopes = match method {
+            Method::Trilinear => trilinear::slopes(table()?, side, slot, t),
+            Method::Tricubic => tricubic::slopes(table()?, side, slot, t),
+            Method::Hybrid => blend::hybrid_slopes(table()?, self.flags, side, slot, t),
+            Method::RbfLinear => self.rbf_linear.as_ref()?.linear_slopes(at.position),
+            Method::RbfCubic => self.rbf_cubic.as_ref()?.cubic_slopes(at.position),
+            Method::Hermite => self.hermite.as_ref()?.force_slope(side, slot, t),
+            Method::Energy => {
+                let (slopes, value) = blend::energy_slopes(self.hermite.as_ref()?, self.flags, side, slot, t);
+                energy = value.map(|value| value * self.lattice.spacing_m());
+                slopes
+            }
+        };
+        Some((slopes.map(|row| vec3::scale(row, self.lattice.cells_per_m())), energy))
     }
 
     /// Surface displacement at a displacement of the active node. `false` where the blob holds none; `out` is then zero.
@@ -209,10 +269,8 @@ impl Space<'_> {
 fn coverage(method: Method, flags: u8) -> Coverage {
     let (cell, supercell) = (flags & CELL != 0, flags & SUPERCELL != 0);
     match method {
-        Method::Trilinear | Method::Hybrid if cell && !(supercell && method == Method::Hybrid) => {
-            Coverage::Cell
-        }
         Method::Tricubic | Method::Hybrid if supercell => Coverage::SuperCell,
+        Method::Trilinear | Method::Hybrid | Method::Hermite | Method::Energy if cell => Coverage::Cell,
         Method::RbfLinear | Method::RbfCubic if cell => Coverage::Scattered,
         _ => Coverage::Extrapolated,
     }

@@ -6,7 +6,7 @@
 //! Tensor Lagrange is a little more accurate but only C0: its slope jumps at every face.
 
 use crate::trilinear::Planes;
-use crate::vec3::Vec3;
+use crate::vec3::{self, Vec3};
 
 /// Catmull-Rom weights of the points -1, 0, 1, 2 at t in [0, 1]. Sum 1; reproduces quadratics.
 #[inline]
@@ -23,13 +23,33 @@ pub fn weights(t: f32) -> [f32; 4] {
 /// Cost: 16 rows of 4 per component, summed along z last so that the rows stay whole vectors.
 /// Source: Peterlik 2010, section 4.4, Fig. 1(b). Deviation: missing points hold ghosts, so the force never jumps.
 #[inline]
-pub fn interpolate(force: &[&[f32]; 3], side: usize, slot: usize, [tx, ty, tz]: Vec3) -> Vec3 {
+pub fn interpolate(force: &[&[f32]; 3], side: usize, slot: usize, t: Vec3) -> Vec3 {
+    contract(force, side, slot, &t.map(weights))
+}
+
+/// Derivatives of [`weights`].
+fn weight_slopes(t: f32) -> [f32; 4] {
+    let s = 1.0 - t;
+    [-0.5 * s * (1.0 - 3.0 * t), t * (4.5 * t - 5.0), -s * (4.5 * s - 5.0), 0.5 * t * (1.0 - 3.0 * s)]
+}
+
+/// dh_i/dt_j as rows i.
+pub fn slopes(force: &[&[f32]; 3], side: usize, slot: usize, [tx, ty, tz]: Vec3) -> [Vec3; 3] {
+    let [wx, wy, wz] = [weights(tx), weights(ty), weights(tz)];
+    vec3::transposed([
+        contract(force, side, slot, &[weight_slopes(tx), wy, wz]),
+        contract(force, side, slot, &[wx, weight_slopes(ty), wz]),
+        contract(force, side, slot, &[wx, wy, weight_slopes(tz)]),
+    ])
+}
+
+#[inline]
+fn contract(force: &[&[f32]; 3], side: usize, slot: usize, [wx, wy, wz]: &[[f32; 4]; 3]) -> Vec3 {
     let mut rows = [[0.0; 4]; 3];
     // Past the end of the planes, which a checked table never reaches, the rows stay zero.
-    let _ = contract_xy(force, side as u32, slot as u32, &weights(tx), &weights(ty), &mut rows);
+    let _ = contract_xy(force, side as u32, slot as u32, wx, wy, &mut rows);
     let [x, y, z] = rows;
-    let wz = weights(tz);
-    [dot(x, wz), dot(y, wz), dot(z, wz)]
+    [dot(x, *wz), dot(y, *wz), dot(z, *wz)]
 }
 
 /// Contracts x and y; leaves four values along z per component.

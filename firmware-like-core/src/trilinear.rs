@@ -28,6 +28,18 @@ fn checked(force: &[&[f32]; 3], side: u32, slot: u32, [tx, ty, tz]: Vec3) -> Opt
     Some(lerp(near, far, tx))
 }
 
+/// dh_i/dt_j as rows i.
+pub fn slopes(force: &[&[f32]; 3], side: usize, slot: usize, [tx, ty, tz]: Vec3) -> [Vec3; 3] {
+    // Linear along each axis: the slope is the difference of the two ends.
+    let rise = |axis: fn(f32, Vec3) -> Vec3| {
+        let [low, high] = [0.0, 1.0].map(|end| interpolate(force, side, slot, axis(end, [tx, ty, tz])));
+        vec3::sub(high, low)
+    };
+    let columns =
+        [rise(|t, [_, y, z]| [t, y, z]), rise(|t, [x, _, z]| [x, t, z]), rise(|t, [x, y, _]| [x, y, t])];
+    vec3::transposed(columns)
+}
+
 #[inline]
 fn lerp([ax, ay, az]: Vec3, [bx, by, bz]: Vec3, t: f32) -> Vec3 {
     [ax + t * (bx - ax), ay + t * (by - ay), az + t * (bz - az)]

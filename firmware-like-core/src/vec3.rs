@@ -44,6 +44,18 @@ pub fn cross([ax, ay, az]: Vec3, [bx, by, bz]: Vec3) -> Vec3 {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
+/// Columns to rows.
+#[inline]
+pub fn transposed([[ax, ay, az], [bx, by, bz], [cx, cy, cz]]: [Vec3; 3]) -> [Vec3; 3] {
+    [[ax, bx, cx], [ay, by, cy], [az, bz, cz]]
+}
+
+/// M a, M given by its rows.
+#[inline]
+pub fn transform([x, y, z]: &[Vec3; 3], a: Vec3) -> Vec3 {
+    [dot(*x, a), dot(*y, a), dot(*z, a)]
+}
+
 /// |a|^2; overflows to infinity beyond about 1e19.
 #[inline]
 pub fn norm_squared(a: Vec3) -> f32 {

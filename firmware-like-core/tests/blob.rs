@@ -142,8 +142,8 @@ fn a_buffer_at_an_odd_address() {
 #[test]
 fn versions() {
     assert_eq!(
-        spoiled(|draft| draft.version = 2),
-        BlobError::NewerVersion { found: 2, supported: format::VERSION }
+        spoiled(|draft| draft.version = format::VERSION + 1),
+        BlobError::NewerVersion { found: 3, supported: format::VERSION }
     );
     assert_eq!(spoiled(|draft| draft.version = 0), BlobError::UnknownVersion { found: 0 });
 }
@@ -282,6 +282,12 @@ fn indices_out_of_range() {
         draft.plane(row, 4)[8..12].copy_from_slice(&rows.to_le_bytes());
     });
     assert_eq!(error, plane("displacement rows", TableError::OutOfRange { index: 2 }));
+    let slots = small().lattice().slots() as u32;
+    let error = spoiled(|draft| {
+        let row = draft.spaces[0].hermite.expect("packed").row;
+        draft.plane(row, 4)[8..12].copy_from_slice(&slots.to_le_bytes());
+    });
+    assert_eq!(error, plane("hermite nodes", TableError::OutOfRange { index: 2 }));
 }
 
 #[test]
@@ -294,14 +300,27 @@ fn flags_and_the_rest_point() {
     assert_eq!(error, plane("flags", PlaneProblem::Flags { slot: 0 }));
     let error = spoiled(|draft| {
         let flags = draft.spaces[0].flags;
-        draft.plane(flags, 1).fill(0);
+        draft.plane(flags, 1).fill(palpate_core::flags::SMOOTH);
     });
     assert_eq!(error, BlobError::RestPoint { space: 0 });
+    let error = spoiled(|draft| {
+        let flags = draft.spaces[0].flags;
+        draft.plane(flags, 1)[0] |= palpate_core::flags::FOLD;
+    });
+    assert_eq!(error, plane("flags", PlaneProblem::Flags { slot: 0 }), "its corners are not smooth");
     let error = spoiled(|draft| {
         let [force, ..] = draft.spaces[0].force_n.expect("packed");
         draft.plane(force, 4)[rest * 4..][..4].copy_from_slice(&1e-3_f32.to_le_bytes());
     });
     assert_eq!(error, BlobError::RestPoint { space: 0 });
+    // W, h_z, h_y and h_x in a node of 36 floats, which stands at the slot's own row in this blob.
+    for place in [0, 1, 4, 12] {
+        let error = spoiled(|draft| {
+            let nodes = draft.spaces[0].hermite.expect("packed").nodes;
+            draft.plane(nodes, 144)[rest * 144 + 4 * place..][..4].copy_from_slice(&1e-3_f32.to_le_bytes());
+        });
+        assert_eq!(error, BlobError::RestPoint { space: 0 }, "{place}");
+    }
 }
 
 /// A message is one line and says what to do.
@@ -327,12 +346,12 @@ fn messages_say_the_mend() {
 
 /// The layout as `blob::format` documents it, read by hand: what a reader in another language relies on.
 #[test]
-fn layout_version_1_byte_by_byte() {
-    let blob = Recipe { rbf: false, displacement: false, ..small() }.blob();
+fn layout_version_2_byte_by_byte() {
+    let blob = Recipe { rbf: false, hermite: false, displacement: false, ..small() }.blob();
     let bytes = blob.bytes();
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
     assert_eq!(&bytes[..8], b"PALPATE\0");
-    assert_eq!(u32_at(8), 1);
+    assert_eq!(u32_at(8), 2);
     let header_len = u32_at(12) as usize;
     assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
     // Strings are a length and their bytes; floats four bytes.

@@ -4,7 +4,7 @@ mod common;
 
 use common::{Aligned, Random, Recipe, SHARES, distance, force};
 use palpate_core::vec3::{self, Vec3};
-use palpate_core::{Coverage, Method, Organ};
+use palpate_core::{Coverage, Estimate, Method, Organ, flags};
 
 fn read(blob: &Aligned) -> Organ<'_, 2> {
     Organ::read(blob.bytes()).expect("the blob is good")
@@ -62,23 +62,88 @@ fn every_answer_is_finite() {
     }
 }
 
+/// Value and slope go on across the rim; a cell later the force is constant, however far.
 #[test]
-fn beyond_the_rim_the_force_goes_on_constant() {
+fn beyond_the_rim_the_force_bends_into_a_constant() {
     let blob = Recipe::default().blob();
-    let space = &read(&blob).spaces[0];
+    let organ = read(&blob);
+    let space = &organ.spaces[0];
     let mut random = Random(4);
-    for _ in 0..500 {
+    let (radius, cell) = (0.03_f32, 0.01_f32);
+    for _ in 0..300 {
         let direction = vec3::normalize_or_zero(random.point(1.0));
         for method in Method::ALL {
-            let rim = space.force(method, vec3::scale(direction, 0.03 * 0.999_999)).expect("packed");
-            for far in [0.030_001, 0.05, 1.0, 1e20, 3e38] {
-                let beyond = space.force(method, vec3::scale(direction, far)).expect("packed");
-                assert_eq!(beyond.coverage, Coverage::Extrapolated);
-                // 1e-6 of the radius times the slope, plus f32 rounding of a force of 8 N.
-                assert!(distance(beyond.force_n, rim.force_n) < 2e-4, "{method:?} {direction:?} at {far}");
+            let force = |r: f32| space.force(method, vec3::scale(direction, r)).expect("packed");
+            let [inside, outside] = [0.999_99, 1.000_01].map(|share| force(radius * share));
+            assert_eq!(outside.coverage, Coverage::Extrapolated);
+            // 0.6 um of a slope of 2 kN/m at most, plus f32 rounding of a force of 8 N.
+            assert!(distance(inside.force_n, outside.force_n) < 2e-3, "{method:?} {direction:?}");
+            let step = 2e-5;
+            let [low, high] = [-step, step].map(|d| {
+                let [near, far] = [force(radius + 0.05 * d).force_n, force(radius + d).force_n];
+                vec3::scale(vec3::sub(far, near), 1.0 / (0.95 * d))
+            });
+            // The slope turns by its own curvature over 20 um (much, near ghosts that are wrong by a quarter of W), and by 20 um
+            // in a cell of the way to zero. Were it constant at once, the slope would fall by 300 N/m and more.
+            assert!(distance(low, high) < 12.0, "{method:?} {direction:?}: {low:?} {high:?}");
+            let last = force(radius + 1.001 * cell).force_n;
+            for far in [0.05, 1.0, 1e20, 3e38] {
+                assert!(distance(force(far).force_n, last) < 2e-4, "{method:?} {direction:?} at {far}");
             }
         }
     }
+}
+
+/// The stiffness is the derivative of the force that is given, and the energy of the force that is its gradient.
+#[test]
+fn stiffness_and_energy_agree_with_differences_of_the_force() {
+    let blob = Recipe {
+        radius_m: 0.04,
+        solved: |ijk| ijk != [2, 1, 0],
+        fold: |[i, j, k]| i == -2 && j == 0 && k == 0,
+        ..Recipe::default()
+    }
+    .blob();
+    let organ = read(&blob);
+    let space = &organ.spaces[0];
+    let mut random = Random(14);
+    let (mut compared, mut with_energy) = (0, 0);
+    for _ in 0..3000 {
+        let d = random.point(0.045);
+        let h = 1e-4_f32;
+        for method in Method::ALL {
+            let here = space.estimate(method, d).expect("packed");
+            assert_eq!(Some(here.force_n), space.force(method, d).map(|sample| sample.force_n));
+            let cell = space.lattice.locate(d);
+            // Differences want one cell, and no rim, between their two ends; the continuation's stiffness is not exact.
+            if !cell.inside || vec3::norm(d) > 0.0395 || cell.t.iter().any(|t| !(0.02..0.98).contains(t)) {
+                continue;
+            }
+            compared += 1;
+            for axis in 0..3 {
+                let [low, high] = [-h, h].map(|step| {
+                    let mut at = d;
+                    at[axis] += step;
+                    space.estimate(method, at).expect("packed")
+                });
+                let column = [0, 1, 2].map(|i| here.stiffness_n_m[i][axis]);
+                let slope = vec3::scale(vec3::sub(high.force_n, low.force_n), 0.5 / h);
+                // Third derivatives of the interpolants times h^2 / 6, and rounding of forces over h.
+                let tolerance = 2e-3 * vec3::norm(column) + if method == Method::RbfLinear { 8.0 } else { 1.5 };
+                assert!(distance(column, slope) < tolerance, "{method:?} {d:?}: {column:?} {slope:?}");
+                if let (Some(low), Some(_), Some(high)) = (low.energy_j, here.energy_j, high.energy_j) {
+                    with_energy += 1;
+                    let slope = (high - low) * 0.5 / h;
+                    assert!((slope - here.force_n[axis]).abs() < 0.01, "{slope} {:?}", here.force_n);
+                }
+            }
+            if method == Method::Energy && here.energy_j.is_some() {
+                let s = here.stiffness_n_m;
+                assert!((s[0][1] - s[1][0]).abs() + (s[0][2] - s[2][0]).abs() + (s[1][2] - s[2][1]).abs() < 1e-3);
+            }
+        }
+    }
+    assert!(compared > 5000 && with_energy > 1000, "{compared} {with_energy}");
 }
 
 #[test]
@@ -210,6 +275,77 @@ fn tricubic_is_c1_across_faces() {
     assert!(worst_linear > 20.0, "the test can see a kink: tri-linear {worst_linear} N/m");
 }
 
+/// Both Hermite forces are C1 at faces, whatever the ghosts; the seam between them at a fold is continuous.
+#[test]
+fn hermite_and_energy_join_smoothly_across_faces_and_folds() {
+    let blob = Recipe {
+        radius_m: 0.05,
+        rbf: false,
+        solved: |ijk| ijk != [2, 1, 0] && ijk != [-1, -3, 1],
+        fold: |[i, j, k]| i == 1 && j == 0 && k.abs() < 2,
+        ..Recipe::default()
+    }
+    .blob();
+    let organ = read(&blob);
+    let space = &organ.spaces[0];
+    let (mut worst, mut crossed) = ([0.0_f32; 2], 0);
+    for (axis, low, high, width) in crossings(0.01, 0.045, 30_000) {
+        for (method, worst) in [Method::Hermite, Method::Energy].into_iter().zip(&mut worst) {
+            let [a, b] = [low, high].map(|d| space.force(method, d).expect("packed").force_n);
+            assert!(distance(a, b) < 5000.0 * width + 2e-5, "{method:?} jumps at {low:?}: {a:?} {b:?}");
+            // The blend has kinks; either method alone has none.
+            let [a, b] = [low, high].map(|d| space.estimate(method, d).expect("packed"));
+            if method == Method::Hermite || (a.energy_j.is_some() && b.energy_j.is_some()) {
+                let column = |e: Estimate| [0, 1, 2].map(|i| e.stiffness_n_m[i][axis]);
+                *worst = worst.max(distance(column(a), column(b)));
+            }
+        }
+        let folded = |d: Vec3| {
+            let at = space.lattice.locate(d);
+            space.flags[at.slot] & flags::FOLD != 0
+        };
+        crossed += usize::from(folded(low) != folded(high));
+    }
+    assert!(crossed > 50, "{crossed} crossings of a folded cell's faces");
+    // Rounding of slopes of 1e3 N/m, and h'' up to 3e6 N/m^2 near the wrong ghosts over the gap of 1e-7 m.
+    assert!(worst[0] < 2.0 && worst[1] < 2.0, "slopes jump by {worst:?} N/m");
+}
+
+/// The energy's force does no work on a closed path, whatever the ghosts; the tri-cubic's does.
+#[test]
+fn the_energy_does_no_work_round_a_closed_path() {
+    let recipe = Recipe {
+        radius_m: 0.05,
+        rbf: false,
+        solved: |ijk| ijk != [2, 1, 0] && ijk != [-1, -3, 1],
+        ..Recipe::default()
+    };
+    let blob = recipe.blob();
+    let space = &read(&blob).spaces[0];
+    let work = |method| -> (f64, f64) {
+        let (mut net, mut exchanged) = (0.0, 0.0);
+        const STEPS: usize = 4000;
+        let place = |n: usize| -> [f64; 3] {
+            let angle = std::f64::consts::TAU * n as f64 / STEPS as f64;
+            let (s, c) = angle.sin_cos();
+            [0.017 + 0.012 * c, 0.008 + 0.012 * s, 0.004 + 0.006 * s * c]
+        };
+        for n in 0..STEPS {
+            let (a, b) = (place(n), place(n + 1));
+            let middle: [f32; 3] = std::array::from_fn(|i| (0.5 * (a[i] + b[i])) as f32);
+            let h = space.force(method, middle).expect("packed").force_n;
+            let step: f64 = (0..3).map(|i| f64::from(h[i]) * (b[i] - a[i])).sum();
+            net += step;
+            exchanged += step.abs();
+        }
+        (net.abs(), exchanged)
+    };
+    let [(energy, of), (tricubic, _), (hermite, _)] =
+        [Method::Energy, Method::Tricubic, Method::Hermite].map(work);
+    assert!(energy < 1e-5 * of, "{energy} J of {of} J");
+    assert!(tricubic > 5e-5 * of && hermite > 1e-4 * of, "the path meets the ghosts: {tricubic} {hermite} of {of} J");
+}
+
 /// Where it can, the hybrid is the tri-cubic; where it cannot, the tri-linear.
 #[test]
 fn hybrid_is_tricubic_inside_and_trilinear_at_the_rim() {
@@ -271,7 +407,7 @@ fn every_method_approximates_the_field() {
     let blob = Recipe { radius_m: 0.04, ghost: force, ..Recipe::default() }.blob();
     let space = &read(&blob).spaces[0];
     let mut random = Random(11);
-    let mut worst = [0.0_f32; 5];
+    let mut worst = [0.0_f32; 7];
     for _ in 0..2000 {
         let d = random.point(0.017);
         let exact = force(d).map(|h| h as f32);
@@ -280,9 +416,11 @@ fn every_method_approximates_the_field() {
             *worst = worst.max(distance(answer, exact));
         }
     }
-    let [linear, cubic, hybrid, rbf_linear, rbf_cubic] = worst;
+    let [linear, cubic, hybrid, rbf_linear, rbf_cubic, hermite, energy] = worst;
     assert!(linear < 0.3 && cubic < 0.05 && hybrid < 0.3 && rbf_linear < 0.3 && rbf_cubic < 0.1, "{worst:?}");
     assert!(cubic < 0.5 * linear && rbf_cubic < linear, "{worst:?}");
+    // The field is a cubic: both Hermite methods are exact but for rounding.
+    assert!(hermite < 1e-5 && energy < 1e-5, "{worst:?}");
 }
 
 #[test]
@@ -306,8 +444,10 @@ fn a_method_that_was_not_packed_is_not_answered() {
     let space = &read(&blob).spaces[0];
     assert!(space.has(Method::Hybrid) && !space.has(Method::RbfCubic));
     assert_eq!(space.force(Method::RbfLinear, [0.0; 3]), None);
-    let blob = Recipe { lattice_table: false, displacement: false, ..Recipe::default() }.blob();
+    let blob =
+        Recipe { lattice_table: false, hermite: false, displacement: false, ..Recipe::default() }.blob();
     let space = &read(&blob).spaces[0];
+    assert!(!space.has(Method::Energy) && space.force(Method::Hermite, [0.0; 3]).is_none());
     assert!(!space.has(Method::Hybrid) && space.has(Method::RbfCubic));
     assert_eq!(space.force(Method::Trilinear, [0.0; 3]), None);
     assert!(!space.displacement_into([0.01, 0.0, 0.0], &mut [[1.0; 3]; 4]));

@@ -24,6 +24,14 @@ impl BlobFile {
         Ok(Self { words, len })
     }
 
+    /// A copy of bytes that are in memory already.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> Self {
+        let mut words = vec![0_u64; bytes.len().div_ceil(8)];
+        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+        Self { words, len: bytes.len() }
+    }
+
     /// The file, byte for byte.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {

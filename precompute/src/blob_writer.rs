@@ -6,13 +6,16 @@ use bytemuck::Pod;
 use palpate_core::Method;
 use palpate_core::blob::DEFAULT_MAX_SPACES;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader,
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader,
     SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
 use palpate_core::rbf::LANES;
 
+use crate::configuration_space::fold::{Fold, folds};
 use crate::configuration_space::{GridIndex, SpaceGrid, Store, StoreError};
-use crate::fit::{FitError, Kernel, RbfFit, Sample, fit_rbf, lattice_values, nearest_solved, samples};
+use crate::fit::{
+    FitError, Kernel, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values, nearest_solved, samples,
+};
 use crate::mesh::{Surface, TetMesh};
 
 /// Why a space could not be packed.
@@ -79,13 +82,27 @@ fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless
     heapless::String::try_from(text).map_err(|_| PackError::TooLarge(what))
 }
 
-/// A packed blob.
-#[derive(Debug, Clone)]
+/// Packed tables.
+#[derive(Debug)]
 pub struct Packed {
-    /// The file's bytes.
-    pub bytes: Vec<u8>,
+    preamble: Preamble,
+    spaces: Vec<SpaceHeader>,
+    planes: PlaneArea,
     /// Active nodes without any solved configuration, which are not in it.
     pub left_out: Vec<String>,
+}
+
+impl Packed {
+    /// The file's bytes.
+    pub fn bytes(&self) -> Result<Vec<u8>, PackError> {
+        assemble(&self.preamble, &self.spaces, &self.planes)
+    }
+
+    /// Adds a certificate of the tables, as JSON. They keep their bits.
+    pub fn certify(&mut self, certificate: &str) -> Result<(), PackError> {
+        self.preamble.certificate = Some(self.planes.push(certificate.as_bytes())?);
+        Ok(())
+    }
 }
 
 /// Packs every solved space of `store` with the tables of `methods`.
@@ -105,10 +122,12 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        let samples = samples(&packer.grid, &store.records(active)?);
+        let records = store.records(active)?;
+        let samples = samples(&packer.grid, &records);
         // The rest point alone is no space.
         if samples.len() > 1 {
-            spaces.push(packer.space(active, &name, node, &samples)?);
+            let folds = folds(&packer.grid, &records);
+            spaces.push(packer.space(active, &name, node, &samples, &folds)?);
         } else {
             left_out.push(name);
         }
@@ -126,9 +145,10 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
         max_force_n: (identity.max_force_n as f32).min(f32::MAX),
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
+        certificate: None,
         space_count: spaces.len() as u32,
     };
-    Ok(Packed { bytes: assemble(&preamble, &spaces, &packer.planes)?, left_out })
+    Ok(Packed { preamble, spaces, planes: packer.planes, left_out })
 }
 
 /// The rest point.
@@ -170,8 +190,10 @@ impl Packer<'_> {
         name: &str,
         node: u32,
         samples: &[Sample],
+        folds: &[Fold],
     ) -> Result<SpaceHeader, PackError> {
-        let values = lattice_values(&self.grid, samples);
+        let mut values = lattice_values(&self.grid, samples);
+        flag_folds(&self.grid, folds, &mut values);
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.methods.iter().any(|m| on_lattice.contains(m));
@@ -187,6 +209,13 @@ impl Packer<'_> {
             Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
             None => None,
         };
+        let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.methods.contains(m));
+        let hermite = if has_hermite {
+            let table = hermite_nodes(&self.grid, samples, folds);
+            Some(HermiteHeader { row: self.planes.push(&table.row)?, nodes: self.planes.push(&table.nodes)? })
+        } else {
+            None
+        };
         let displacement = if self.visual { Some(self.displacement(active, samples)?) } else { None };
         let normal = self.surface.normal(node).expect("an active node is on the surface");
         Ok(SpaceHeader {
@@ -200,6 +229,7 @@ impl Packer<'_> {
             force_n,
             rbf_linear,
             rbf_cubic,
+            hermite,
             displacement,
         })
     }

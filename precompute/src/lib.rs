@@ -10,6 +10,7 @@
 
 pub mod assembly;
 pub mod blob_writer;
+pub mod certificate;
 pub mod body;
 pub mod boundary;
 pub mod configuration_space;

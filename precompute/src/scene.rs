@@ -162,7 +162,13 @@ impl Scene {
     /// Loads the mesh and looks everything up.
     pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
         self.check_supported()?;
-        resolve::resolve(self)
+        resolve::resolve(self, None)
+    }
+
+    /// Looks everything up in a mesh that was kept, with its fixed nodes: no file but the scene's own text is needed.
+    pub fn resolve_in(&self, mesh: TetMesh, fixed: Vec<u32>) -> Result<ResolvedScene, InputError> {
+        self.check_supported()?;
+        resolve::resolve(self, Some((mesh, fixed)))
     }
 
     /// Refuses what the format can say and this version of the solver cannot do.

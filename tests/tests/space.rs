@@ -117,7 +117,7 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
     let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
-    let bytes = pack(&store, &Method::ALL).expect("the space packs").bytes;
+    let bytes = pack(&store, &Method::ALL).and_then(|packed| packed.bytes()).expect("the space packs");
     let words: Vec<u64> =
         bytes.chunks(8).map(|c| c.iter().rev().fold(0, |w, b| (w << 8) | u64::from(*b))).collect();
     let organ: Organ<'_> =

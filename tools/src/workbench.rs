@@ -40,6 +40,20 @@ impl Workbench {
         Self::built(path, scene)
     }
 
+    /// The scene that a store was made of, out of the store alone.
+    pub(crate) fn of_store(store: &Store) -> Result<Self, Failure> {
+        let (mesh, fixed) = store.body()?;
+        let identity = store.identity()?;
+        let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
+        if hex(&scene.content_hash()) != identity.content_hash {
+            let path = store.path().display();
+            return Err(Failure::input(format!(
+                "{path}: the scene in it is not the one that it was solved for; run `palpate precompute` again"
+            )));
+        }
+        Self::built(store.path(), scene)
+    }
+
     /// Loads a scene and its mesh without warnings, for one that is not the first to load it.
     #[cfg(feature = "mpi")]
     pub(crate) fn load_quietly(path: &Path) -> Result<Self, Failure> {

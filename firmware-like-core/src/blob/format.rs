@@ -1,9 +1,9 @@
-//! Layout of a blob, version 1. Little-endian throughout.
+//! Layout of a blob, version 2. Little-endian throughout.
 //!
 //! ```text
 //! offset          size         what
 //! 0               8            magic "PALPATE\0"
-//! 8               4            u32 version = 1
+//! 8               4            u32 version = 2
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
 //! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard)
@@ -32,7 +32,7 @@ compile_error!(
 /// First eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"PALPATE\0";
 /// Layout written and read by this version.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Magic, version, header length and total length.
 pub const PREFIX_LEN: usize = 24;
 /// Length of the checksum at the end.
@@ -84,6 +84,8 @@ pub struct Preamble {
     pub mesh_hash: [u8; 32],
     /// Surface of the body.
     pub surface: SurfaceHeader,
+    /// u8: the certificate as JSON (UTF-8), for people and tools; the core does not read it. It is always the last plane.
+    pub certificate: Option<PlaneRef>,
     /// Number of [`SpaceHeader`]s that follow.
     pub space_count: u32,
 }
@@ -124,8 +126,19 @@ pub struct SpaceHeader {
     pub rbf_linear: Option<RbfHeader>,
     /// phi = r^3, planes of f64.
     pub rbf_cubic: Option<RbfHeader>,
+    /// The energy and its derivatives.
+    pub hermite: Option<HermiteHeader>,
     /// Surface displacements.
     pub displacement: Option<DisplacementHeader>,
+}
+
+/// Planes of the energy and its derivatives at the grid points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct HermiteHeader {
+    /// u32 per slot of the box: its node.
+    pub row: PlaneRef,
+    /// [`crate::hermite::Node`]: 36 f32 each, newtons; zero energy and force at the rest point.
+    pub nodes: PlaneRef,
 }
 
 /// Planes of one set of radial basis functions, padded to a multiple of [`crate::rbf::LANES`].

@@ -14,6 +14,7 @@ use super::format::{
 };
 use crate::flags;
 use crate::grid::BallLattice;
+use crate::hermite::{HermiteTable, Node, at};
 use crate::rbf::RbfTable;
 use crate::table::{DisplacementTable, LatticeTable, Space, TableError, check_finite, check_len};
 use crate::vec3::{self, Vec3};
@@ -39,6 +40,8 @@ pub struct Organ<'a, const MAX_SPACES: usize = DEFAULT_MAX_SPACES> {
     pub spaces: Vec<Space<'a>, MAX_SPACES>,
     /// For the eye.
     pub surface: Surface<'a>,
+    /// What was measured of these very tables, as JSON; `None` if nothing was.
+    pub certificate: Option<&'a [u8]>,
 }
 
 /// Surface of the body at rest.
@@ -80,8 +83,10 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         if !rest.is_empty() {
             return Err(BlobError::Header);
         }
-        let Preamble { scene, law, max_force_n, mesh_hash, .. } = preamble;
-        Ok(Self { scene, law, max_force_n, mesh_hash, spaces, surface })
+        let Preamble { scene, law, max_force_n, mesh_hash, certificate, .. } = preamble;
+        let certificate = certificate.map(|plane| planes.get(plane)).transpose();
+        let certificate = certificate.map_err(named("certificate", None))?;
+        Ok(Self { scene, law, max_force_n, mesh_hash, spaces, surface, certificate })
     }
 }
 
@@ -231,6 +236,19 @@ fn read_space<'a>(
         None => None,
         Some(rbf) => Some(planes.rbf(rbf).map_err(of("rbf-cubic"))?),
     };
+    let hermite = match header.hermite {
+        None => None,
+        Some(refs) => {
+            let row = planes.get(refs.row).map_err(of("hermite row"))?;
+            let nodes: &[Node] = planes.get(refs.nodes).map_err(of("hermite nodes"))?;
+            let table = HermiteTable::new(lattice.slots(), row, nodes);
+            let table = table.map_err(|error| of("hermite nodes")(error.into()))?;
+            if !table.node(rest).is_some_and(is_at_rest) {
+                return Err(BlobError::RestPoint { space });
+            }
+            Some(table)
+        }
+    };
     let displacement = match header.displacement {
         None => None,
         Some(refs) => {
@@ -251,8 +269,16 @@ fn read_space<'a>(
         lattice_table,
         rbf_linear,
         rbf_cubic,
+        hermite,
         displacement,
     })
+}
+
+/// Whether a node has neither energy nor force.
+fn is_at_rest([first, second, _]: &Node) -> bool {
+    let zero = |row: &[f32; 12], place: usize| row.get(place).is_some_and(|&value| value == 0.0);
+    let of_first = [at(0, 0), at(0, 1), at(1, 0)].into_iter().all(|place| zero(first, place));
+    of_first && zero(second, at(0, 0))
 }
 
 fn check_vector(vector: Vec3) -> Option<()> {

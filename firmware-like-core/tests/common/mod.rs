@@ -1,20 +1,51 @@
 //! A small blob writer and an analytic organ, for the tests of this crate. The real writer is in `palpate-precompute`.
 #![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
 
-use palpate_core::blob::format::{self, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader};
-use palpate_core::flags::{self, SOLVED};
+use palpate_core::blob::format::{
+    self, HermiteHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
+};
+use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
+use palpate_core::hermite::{Node, at};
 use palpate_core::rbf::LANES;
 use palpate_core::vec3::Vec3;
 
 /// A nonlinear potential W with h = grad W, h(0) = 0: stiffer under pressure than under tension, and with coupling.
 ///
 /// W = a |d|^2 / 2 + b z^3 / 3 + c |d|^4 / 4 + e x y z;   z along the outward normal, so pressing is z < 0 and h_z < 0.
+const A: f64 = 150.0;
+const B: f64 = -900.0;
+const C: f64 = 4.0e4;
+const E: f64 = 2.0e3;
+
+/// The derivative of W of these orders along x, y and z.
+pub fn potential(d: Vec3, orders: [usize; 3]) -> f64 {
+    const MONOMIALS: [(f64, [usize; 3]); 11] = [
+        (A / 2.0, [2, 0, 0]),
+        (A / 2.0, [0, 2, 0]),
+        (A / 2.0, [0, 0, 2]),
+        (B / 3.0, [0, 0, 3]),
+        (C / 4.0, [4, 0, 0]),
+        (C / 4.0, [0, 4, 0]),
+        (C / 4.0, [0, 0, 4]),
+        (C / 2.0, [2, 2, 0]),
+        (C / 2.0, [2, 0, 2]),
+        (C / 2.0, [0, 2, 2]),
+        (E, [1, 1, 1]),
+    ];
+    let falling = |n: usize, k: usize| (0..k).map(|i| n as f64 - i as f64).product::<f64>();
+    let of = |(factor, powers): (f64, [usize; 3])| -> f64 {
+        let along = |i: usize| {
+            let left = powers[i].checked_sub(orders[i]);
+            left.map_or(0.0, |left| falling(powers[i], orders[i]) * f64::from(d[i]).powi(left as i32))
+        };
+        factor * along(0) * along(1) * along(2)
+    };
+    MONOMIALS.into_iter().map(of).sum()
+}
+
+/// Its gradient.
 pub fn force(d: Vec3) -> [f64; 3] {
-    const A: f64 = 150.0;
-    const B: f64 = -900.0;
-    const C: f64 = 4.0e4;
-    const E: f64 = 2.0e3;
     let [x, y, z] = d.map(f64::from);
     let radial = A + C * (x * x + y * y + z * z);
     [radial * x + E * y * z, radial * y + E * x * z, radial * z + B * z * z + E * x * y]
@@ -58,6 +89,9 @@ pub struct Recipe {
     pub force: fn(Vec3) -> [f64; 3],
     pub lattice_table: bool,
     pub rbf: bool,
+    pub hermite: bool,
+    /// Cells with a fold in them, by their low corner.
+    pub fold: fn([i32; 3]) -> bool,
     pub displacement: bool,
 }
 
@@ -73,6 +107,8 @@ impl Default for Recipe {
             force,
             lattice_table: true,
             rbf: true,
+            hermite: true,
+            fold: |_| false,
             displacement: true,
         }
     }
@@ -97,8 +133,27 @@ impl Recipe {
         for ijk in self.solved_points() {
             bits[lattice.slot(ijk).expect("in the box")] = SOLVED;
         }
+        for (slot, bits) in bits.iter_mut().enumerate() {
+            *bits |= if (self.fold)(lattice.ijk(slot)) { FOLD } else { 0 };
+        }
         flags::derive(&lattice, &mut bits);
         bits
+    }
+
+    /// A node for every slot; ghosts are as wrong as those of the force.
+    fn hermite_planes(&self) -> (Vec<u32>, Vec<Node>) {
+        let (lattice, bits) = (self.lattice(), self.flags());
+        let node = |slot: usize| {
+            let d = lattice.displacement_m(lattice.ijk(slot));
+            let wrong = if bits[slot] & SOLVED != 0 { 1.0 } else { 1.25 };
+            let mut node = Node::default();
+            for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
+                let scale = f64::from(self.spacing_m).powi((a + b + c) as i32 - 1);
+                node[a][at(b, c)] = (wrong * scale * potential(d, [a, b, c])) as f32;
+            }
+            node
+        };
+        ((0..lattice.slots() as u32).collect(), (0..lattice.slots()).map(node).collect())
     }
 
     fn force_planes(&self) -> [Vec<f32>; 3] {
@@ -186,6 +241,7 @@ impl Recipe {
             max_force_n: 8.0,
             mesh_hash: [7; 32],
             surface,
+            certificate: None,
             space_count: spaces.len() as u32,
         };
         let mut draft = Draft { version: format::VERSION, preamble, spaces, area: area.bytes };
@@ -208,6 +264,10 @@ impl Recipe {
             let mut three = |planes: [Vec<f64>; 3]| planes.map(|plane| area.push(&plane));
             RbfHeader { centres: three(centres), weights: three(weights) }
         });
+        let hermite = self.hermite.then(|| {
+            let (row, nodes) = self.hermite_planes();
+            HermiteHeader { row: area.push(&row), nodes: area.push(&nodes) }
+        });
         let displacement = self.displacement.then(|| {
             let (row, rows) = self.displacement_planes();
             format::DisplacementHeader { row: area.push(&row), rows: area.push(&rows) }
@@ -223,6 +283,7 @@ impl Recipe {
             force_n,
             rbf_linear,
             rbf_cubic,
+            hermite,
             displacement,
         }
     }

@@ -60,6 +60,7 @@ pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
         max_force_n: 8.0,
         mesh_hash: [0; 32],
         surface,
+        certificate: None,
         space_count: spaces.len() as u32,
     };
     pack(&preamble, &spaces, &planes.bytes)
@@ -127,6 +128,7 @@ fn space(
         force_n: Some(force_n),
         rbf_linear: None,
         rbf_cubic: None,
+        hermite: None,
         displacement: Some(DisplacementHeader { row: planes.put(&row), rows: planes.put(&rows) }),
     }
 }

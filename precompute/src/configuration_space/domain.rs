@@ -72,6 +72,11 @@ impl Domain {
         self.points.len()
     }
 
+    /// All points, that at rest first.
+    pub fn points(&self) -> impl Iterator<Item = GridIndex> + '_ {
+        self.points.iter().copied()
+    }
+
     /// Never: the point at rest is always there.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()

@@ -102,6 +102,8 @@ mod tests {
         Sample {
             index,
             attempt: 0,
+            energy_j: 0.0,
+            third_n_m2: [0.0; 10],
             force_n: std::array::from_fn(|i| s[i].iter().zip(d).map(|(s, d)| s * d).sum()),
             stiffness_n_m: s,
             terminating: false,

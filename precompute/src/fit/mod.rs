@@ -1,12 +1,15 @@
 //! From solved configurations to the tables that the core interpolates.
 
 mod ghosts;
+mod hermite;
 mod rbf_weights;
 
 pub use ghosts::{LatticeValues, lattice_values, nearest_solved};
+pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
 pub use rbf_weights::{FitError, Kernel, RbfFit, fit_rbf};
 
 use crate::configuration_space::{GridIndex, Record, SpaceGrid};
+use crate::material::SymmetricThird;
 
 /// A solved grid point as the fits need it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,10 +18,14 @@ pub struct Sample {
     pub index: GridIndex,
     /// Which try at the point gave the solution.
     pub attempt: u32,
+    /// W, J.
+    pub energy_j: f64,
     /// h, N.
     pub force_n: [f64; 3],
     /// S = dh/dd, rows, N/m.
     pub stiffness_n_m: [[f64; 3]; 3],
+    /// W_ijk in the order of [`crate::material::THIRD_INDICES`], N/m^2.
+    pub third_n_m2: SymmetricThird,
     /// |h| is beyond the scene's force limit.
     pub terminating: bool,
     /// At least one element is inverted.
@@ -34,7 +41,9 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
             index: r.index,
             attempt: r.attempt,
             // Rest has no force by its definition; what the solver left of a body force's residual is rounding.
+            energy_j: if r.index == [0; 3] { 0.0 } else { r.energy_j },
             force_n: if r.index == [0; 3] { [0.0; 3] } else { r.force_n },
+            third_n_m2: r.third_n_m2,
             stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| r.stiffness_n_m[(i, j)])),
             terminating: r.tag == palpate_core::ConfigTag::Terminating,
             inverted: r.inverted > 0,

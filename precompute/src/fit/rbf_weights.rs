@@ -119,6 +119,8 @@ mod tests {
                 let [x, y, z] = index.map(|n| f64::from(n) / 3.0);
                 Sample {
                     attempt: 0,
+                    energy_j: 0.0,
+                    third_n_m2: [0.0; 10],
                     index,
                     force_n: [(2.0 * x).sinh() + y * z, y - x * z * z, (z + x).tanh()],
                     stiffness_n_m: [[0.0; 3]; 3],
@@ -148,6 +150,8 @@ mod tests {
     fn two_values_at_one_place_are_refused() {
         let sample = |force| Sample {
             attempt: 0,
+            energy_j: 0.0,
+            third_n_m2: [0.0; 10],
             index: [1, 2, 3],
             force_n: [force; 3],
             stiffness_n_m: [[0.0; 3]; 3],

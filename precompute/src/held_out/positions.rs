@@ -26,12 +26,23 @@ impl Draw {
     pub const PAPER: Self =
         Self { seed: 1, step_m: 1e-3, regular_m: Some(0.1), random: 20, random_steps: 200, uniform: 299 };
 
-    /// What must not change within one store.
+    /// What must not change within one store, as JSON.
     pub fn identity(&self) -> String {
-        format!(
-            "seed {}, steps of {:?} m, random paths of {} steps",
-            self.seed, self.step_m, self.random_steps
-        )
+        let Self { seed, step_m, random_steps, .. } = self;
+        serde_json::json!({ "seed": seed, "step_m": step_m, "random_steps": random_steps }).to_string()
+    }
+
+    /// A draw of that identity, of no positions yet.
+    pub(crate) fn of_identity(identity: &str) -> Option<Self> {
+        let parts: serde_json::Value = serde_json::from_str(identity).ok()?;
+        Some(Self {
+            seed: parts["seed"].as_u64()?,
+            step_m: parts["step_m"].as_f64()?,
+            random_steps: parts["random_steps"].as_u64()? as u32,
+            regular_m: None,
+            random: 0,
+            uniform: 0,
+        })
     }
 }
 

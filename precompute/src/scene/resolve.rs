@@ -19,16 +19,21 @@ use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, sur
 /// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
 
-pub(super) fn resolve(scene: &Scene) -> Result<ResolvedScene, InputError> {
+/// `kept`: mesh and fixed nodes, if they are known already.
+pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
     let Scene { place, file } = scene;
     let name = scene.name();
     let name_span = file.name.as_ref().map_or(0..0, Spanned::span);
     check_name(place, name_span, &name, SCENE_NAME_LEN)?;
-    let (mesh, order) = load_mesh(scene)?;
+    let order = order(scene)?;
+    let (mesh, known_fixed) = match kept {
+        Some((mesh, fixed)) => (mesh, Some(fixed)),
+        None => (load_mesh(scene)?, None),
+    };
     let skin = Surface::of(&mesh);
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
-    let fixed = lookup.fixed(&file.fixed)?;
+    let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let active = lookup.all_active(scene, &fixed)?;
     let grid = file.grid.as_ref().map(|grid| lookup.grid(grid)).transpose()?;
     let max_force_n = match &file.device {
@@ -109,7 +114,7 @@ fn solver(place: &Place, table: &SolverTable, order: u8) -> Result<(PressurePair
     Ok((pair, constraints))
 }
 
-fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
+fn load_mesh(scene: &Scene) -> Result<TetMesh, InputError> {
     let place = &scene.place;
     let table = scene.file.mesh.get_ref();
     let unit = match &table.unit {
@@ -122,18 +127,6 @@ fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
             )
         })?,
     };
-    let order = match &table.order {
-        None => 1,
-        Some(order) => {
-            u8::try_from(*order.get_ref()).ok().filter(|order| (1..=2).contains(order)).ok_or_else(|| {
-                place.error(
-                    order.span(),
-                    format!("`order` = {} is neither 1 nor 2", order.get_ref()),
-                    "use `order = 1` or `order = 2`",
-                )
-            })?
-        }
-    };
     let path = scene.mesh_path();
     // A file that is not there is a slip of the scene; a file that cannot be understood is the mesh's own.
     if let Err(error) = std::fs::File::open(&path) {
@@ -144,7 +137,18 @@ fn load_mesh(scene: &Scene) -> Result<(TetMesh, u8), InputError> {
             "correct `file` (it is relative to the scene file)",
         ));
     }
-    Ok((mesh::read(&path, unit)?, order))
+    mesh::read(&path, unit)
+}
+
+fn order(scene: &Scene) -> Result<u8, InputError> {
+    let Some(order) = &scene.file.mesh.get_ref().order else { return Ok(1) };
+    u8::try_from(*order.get_ref()).ok().filter(|order| (1..=2).contains(order)).ok_or_else(|| {
+        scene.place.error(
+            order.span(),
+            format!("`order` = {} is neither 1 nor 2", order.get_ref()),
+            "use `order = 1` or `order = 2`",
+        )
+    })
 }
 
 struct Lookup<'a> {

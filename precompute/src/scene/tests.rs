@@ -577,7 +577,7 @@ fn regions_are_resolved_for_the_day_the_solver_takes_them() {
         let text = SCENE.replacen("[material]", "[[material]]\ngroup = \"corner\"", 1);
         let scene =
             Scene::parse(&bench.path("block.toml"), text.replacen("[fixed]", rest, 1)).expect("well-formed");
-        resolve::resolve(&scene)
+        resolve::resolve(&scene, None)
     };
     let error = resolve("[fixed]").unwrap_err().to_string();
     assert!(error.contains("block.toml:6: 156 tets of the mesh in no material's group; add a"), "{error}");
@@ -590,11 +590,11 @@ fn regions_are_resolved_for_the_day_the_solver_takes_them() {
     assert!(error.contains("no group of volumes named \"left\"; use one of: all, corner"), "{error}");
     let text = SCENE.replacen("c01_pa = 1280.0", "c01_pa = 1280.0\ngroup = \"all\"", 1);
     let whole = Scene::parse(&bench.path("block.toml"), text).expect("well-formed");
-    let regions = resolve::resolve(&whole).expect("sound").materials;
+    let regions = resolve::resolve(&whole, None).expect("sound").materials;
     assert_eq!(regions[0].tets, Some((0..162).collect()));
     let force = SCENE.replacen("[device]", "[body_force]\nforce_n_per_m3 = [0, 0, -1e4]\n[device]", 1);
     let heavy = Scene::parse(&bench.path("block.toml"), force).expect("well-formed");
-    assert_eq!(resolve::resolve(&heavy).expect("sound").body_force, Some([0.0, 0.0, -1e4]));
+    assert_eq!(resolve::resolve(&heavy, None).expect("sound").body_force, Some([0.0, 0.0, -1e4]));
 }
 
 #[test]

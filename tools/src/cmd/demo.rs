@@ -10,7 +10,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
+use palpate_precompute::blob_writer::{pack, write_atomically};
 use palpate_precompute::configuration_space::{Store, TagCounts};
 use serde_json::json;
 
@@ -126,15 +126,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     ))?;
 
     let start = Instant::now();
-    let Packed { bytes, left_out } = pack(&store, &Method::ALL)?;
+    let packed = pack(&store, &Method::ALL)?;
     // From here on spaces of the blob and active nodes of the scene are numbered alike.
-    if !left_out.is_empty() {
-        return Err(Failure::work(format!("nothing could be solved around {}", left_out.join(", "))));
+    if !packed.left_out.is_empty() {
+        return Err(Failure::work(format!("nothing could be solved around {}", packed.left_out.join(", "))));
     }
+    let bytes = packed.bytes()?;
     let blob_path = at("liver-small.blob");
     write_atomically(&blob_path, &bytes).map_err(|error| Failure::file(&blob_path, &error))?;
     say(format!(
-        "packed       {:.2} MB, all five methods, in {:.1} s",
+        "packed       {:.2} MB, all methods, in {:.1} s",
         bytes.len() as f64 * 1e-6,
         start.elapsed().as_secs_f64()
     ))?;

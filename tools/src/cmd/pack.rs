@@ -1,29 +1,52 @@
-//! `palpate pack`: fits the tables of a `.space` file and writes the blob.
+//! `palpate pack`: fits the tables of a `.space` file, measures them, and writes the blob.
 
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_core::Method;
+use palpate_core::{Method, Organ};
+use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
-use palpate_precompute::configuration_space::{SpaceGrid, Store, still_to_solve};
+use palpate_precompute::certificate::{Certificate, certify};
+use palpate_precompute::configuration_space::{SpaceGrid, Store, still_to_solve, with_threads};
+use palpate_precompute::held_out::{Draw, Kind, Summary};
 
+use super::inspect::certificate;
 use crate::failure::Failure;
 use crate::output;
+use crate::progress::WorkProgress;
+use crate::workbench::{Workbench, stop_flag, threads};
 
-/// Fit the tables of a .space file and pack them into a .blob for the real-time loop.
+/// Fit the tables of a .space file, measure them, and pack them into a .blob for the real-time loop.
+///
+/// The packed tables are measured against finite-element solves that no fit has seen, and what comes out is kept in the blob as its
+/// certificate. Uniform positions that the .space file does not hold yet are solved into it first; `palpate held-out` adds paths.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
-    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic
-    #[arg(long = "method", value_delimiter = ',', default_value = "hybrid", value_parser = method)]
+    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy
+    #[arg(long = "method", value_delimiter = ',', default_value = "energy", value_parser = method)]
     methods: Vec<Method>,
     /// The .blob file to write
     #[arg(long)]
     out: PathBuf,
-    /// Pack a space that is not finished: where it has no data the force is extrapolated
+    /// Pack a space that is not finished: where it has no data the force is extrapolated. Such a blob has no certificate
     #[arg(long)]
     partial: bool,
+    /// Leave the certificate out; `palpate run` then wants to be told to trust the blob
+    #[arg(long)]
+    no_certificate: bool,
+    /// Uniform positions an active node that are solved for the certificate (299 can certify 99 % with 95 % confidence)
+    #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
+    uniform: u32,
+    /// Worker threads for those; one a core if not given
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print the certificate as JSON
+    #[arg(long)]
+    json: bool,
 }
 
 /// Parses a method's name.
@@ -37,23 +60,90 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
-    check_finished(&store, args)?;
-    let Packed { bytes, left_out } = pack(&store, &args.methods)?;
-    for name in left_out {
+    let finished = check_finished(&store, args)?;
+    let packed = if args.no_certificate || !finished {
+        let packed = pack(&store, &args.methods)?;
+        drop(store);
+        (packed, None)
+    } else {
+        drop(store);
+        solve_truth(args)?;
+        certified(&Store::open(&args.space)?, &args.methods).map(|(packed, made)| (packed, Some(made)))?
+    };
+    let (packed, made) = packed;
+    for name in &packed.left_out {
         eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
     }
+    let bytes = packed.bytes()?;
     write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&made).map_err(Failure::work)?);
+    }
     let names: Vec<&str> = args.methods.iter().map(|m| m.name()).collect();
     output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
+    match made {
+        Some(made) => output::line(certificate::in_words(&made)),
+        None => output::line("not certified"),
+    }
+}
+
+/// Packs the tables of `methods` with their certificate.
+pub(crate) fn certified(store: &Store, methods: &[Method]) -> Result<(Packed, Certificate), Failure> {
+    let mut packed = pack(store, methods)?;
+    // The very bytes that the loop will read.
+    let file = BlobFile::of(&packed.bytes()?);
+    let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
+    let certificate = certify(store, &organ)?;
+    packed.certify(&serde_json::to_string(&certificate).map_err(Failure::work)?)?;
+    Ok((packed, certificate))
+}
+
+/// Solves the uniform positions that are missing.
+fn solve_truth(args: &Args) -> Result<(), Failure> {
+    let missing = |store: &Store| -> Result<Vec<usize>, Failure> {
+        let mut missing = Vec::new();
+        for active in 0..store.active()?.len() {
+            let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
+            let reach = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
+            if there < args.uniform && reach > 1 {
+                missing.push(active);
+            }
+        }
+        Ok(missing)
+    };
+    let store = Store::open(&args.space)?;
+    let actives = missing(&store)?;
+    if actives.is_empty() {
+        return Ok(());
+    }
+    let bench = Arc::new(Workbench::of_store(&store)?);
+    drop(store);
+    let (stop, threads, start) = (stop_flag()?, threads(args.threads), Instant::now());
+    let store = bench.store(&args.space, false)?;
+    let draw = Draw { regular_m: None, random: 0, uniform: args.uniform, ..store.draw()?.unwrap_or(Draw::PAPER) };
+    let held_out = bench.held_out(&actives, draw)?;
+    let mut progress = WorkProgress::new("held-out truth", "positions");
+    let mut solved_now = 0;
+    let solved = with_threads(&bench.workshop()?, threads, |crew| {
+        held_out.run(&store, crew, &stop, |p| {
+            solved_now = p.positions_now;
+            progress.walks(p);
+        })
+    });
+    progress.finish();
+    solved?;
+    let seconds = start.elapsed().as_secs_f64();
+    eprintln!("palpate: {solved_now} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file");
     Ok(())
 }
 
 /// A blob of half a space looks like any other in the hand: it is made only when asked for.
-fn check_finished(store: &Store, args: &Args) -> Result<(), Failure> {
+fn check_finished(store: &Store, args: &Args) -> Result<bool, Failure> {
     let identity = store.identity()?;
     let space = args.space.display();
     let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
         .map_err(|error| Failure::input(format!("{space}: {error}")))?;
+    let mut finished = true;
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let open = still_to_solve(&grid, identity.complete_cells, &store.attempts(active)?);
         if open == 0 {
@@ -67,7 +157,8 @@ fn check_finished(store: &Store, args: &Args) -> Result<(), Failure> {
                 "{what}; run `palpate precompute` again, or pack with --partial"
             )));
         }
+        finished = false;
         eprintln!("palpate: warning: {what}");
     }
-    Ok(())
+    Ok(finished)
 }

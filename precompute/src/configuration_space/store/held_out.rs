@@ -25,6 +25,16 @@ impl Store {
         })
     }
 
+    /// How the truth in the store was drawn; `None` if nothing was yet.
+    pub fn draw(&self) -> Result<Option<Draw>, StoreError> {
+        let sql = "SELECT value FROM meta WHERE key = 'held_out'";
+        let stored: Option<String> =
+            self.wrap(self.connection.query_row(sql, [], |row| row.get(0)).optional())?;
+        let Some(stored) = stored else { return Ok(None) };
+        let unreadable = || self.corrupt(format!("its draw of held-out truth is `{stored}`"));
+        Draw::of_identity(&stored).map(Some).ok_or_else(unreadable)
+    }
+
     fn agree(&self, key: &str, wanted: &str) -> Result<(), StoreError> {
         let sql = "SELECT value FROM meta WHERE key = ?1";
         let stored: Option<String> =

@@ -29,7 +29,7 @@ use crate::mesh::TetMesh;
 use crate::solve::Seed;
 
 /// Layout of the file; a store of another layout is refused.
-const LAYOUT: &str = "2";
+const LAYOUT: &str = "3";
 
 /// Bumped whenever the solver gives other bits.
 const SOLVER_REVISION: u32 = 4;
@@ -175,11 +175,12 @@ impl Store {
         }
         transaction
             .execute(
-                "INSERT INTO mesh VALUES (0, ?1, ?2, ?3)",
+                "INSERT INTO mesh VALUES (0, ?1, ?2, ?3, ?4)",
                 params![
                     mesh.nodes_m.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>(),
                     mesh.tets.iter().flatten().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
                     fixed.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                    serde_json::json!([mesh.node_groups, mesh.tet_groups]).to_string(),
                 ],
             )
             .map_err(at)?;
@@ -280,11 +281,11 @@ impl Store {
         self.wrap(rows.collect())
     }
 
-    /// Mesh (without groups) and fixed nodes of the body.
+    /// Mesh and fixed nodes of the body.
     pub fn body(&self) -> Result<(TetMesh, Vec<u32>), StoreError> {
-        let (nodes, tets, fixed): (Vec<u8>, Vec<u8>, Vec<u8>) =
-            self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed FROM mesh", [], |row| {
-                Ok((row.get(0)?, row.get(1)?, row.get(2)?))
+        let (nodes, tets, fixed, groups): (Vec<u8>, Vec<u8>, Vec<u8>, String) =
+            self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed, groups FROM mesh", [], |row| {
+                Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?))
             }))?;
         let coordinates: Vec<f64> = nodes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
         let corners: Vec<u32> = tets.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
@@ -295,9 +296,11 @@ impl Store {
         if !tets.iter().flatten().chain(&fixed).all(in_range) {
             return Err(self.corrupt("its mesh names a node that is not there"));
         }
+        let (node_groups, tet_groups) = serde_json::from_str(&groups)
+            .map_err(|error| self.corrupt(format!("the groups of its mesh cannot be read ({error})")))?;
         let mesh = TetMesh::new(nodes_m, tets)
             .map_err(|fault| self.corrupt(format!("its mesh is not a body ({fault:?})")))?;
-        Ok((mesh, fixed))
+        Ok((TetMesh { node_groups, tet_groups, ..mesh }, fixed))
     }
 
     /// Every try at every point of one active node, sorted by grid index and attempt.

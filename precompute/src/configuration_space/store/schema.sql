@@ -3,7 +3,8 @@ CREATE TABLE mesh (
   id INTEGER PRIMARY KEY CHECK (id = 0),
   nodes_m BLOB NOT NULL,      -- f64 x, y, z per node
   tets BLOB NOT NULL,         -- u32 x 4 per tetrahedron
-  fixed BLOB NOT NULL         -- u32 per fixed node
+  fixed BLOB NOT NULL,        -- u32 per fixed node
+  groups TEXT NOT NULL        -- JSON: named groups of nodes, and of tetrahedra
 );
 CREATE TABLE active (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, node INTEGER NOT NULL);
 CREATE TABLE configuration (

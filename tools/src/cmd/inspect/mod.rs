@@ -1,5 +1,6 @@
 //! `palpate inspect`: what a mesh, a scene, a space or a blob holds.
 
+pub(crate) mod certificate;
 mod held_out;
 mod space;
 
@@ -148,7 +149,13 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
             "displacements": space.displacement.is_some(),
         }));
     }
+    let certificate = certificate::of(path, &organ)?;
+    match &certificate {
+        Some(certificate) => text.push_str(&format!("\n{}", certificate::in_words(certificate))),
+        None => text.push_str("\nno certificate: nothing says how far its forces are from finite elements\n"),
+    }
     let figures = json!({
+        "certificate": certificate,
         "scene": organ.scene.as_str(), "law": organ.law.as_str(), "bytes": file.bytes().len(),
         "surface_vertices": organ.surface.node.len(), "triangles": organ.surface.triangles.len(),
         "max_force_n": organ.max_force_n, "spaces": spaces,

@@ -1,0 +1,169 @@
+//! Errors of a force at a set of positions: of its components as the paper has them, and of the vector.
+
+use serde::{Deserialize, Serialize};
+
+/// What a method answered at one position, beside the truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Compared {
+    /// h by finite elements, N.
+    pub truth_n: [f64; 3],
+    /// h by the method, N.
+    pub found_n: [f64; 3],
+    /// The method has its own data all round.
+    pub covered: bool,
+}
+
+/// Components below this are left out of relative errors (paper, 6.3), N.
+pub const RELATIVE_FROM_N: f64 = 0.5;
+
+/// What a hand does not feel: an error up to this share of |h|, half of the just noticeable difference of 7 % ...
+pub const NOT_FELT_SHARE: f64 = 0.035;
+/// ... or up to this, N.
+pub const NOT_FELT_N: f64 = 0.02;
+
+impl Compared {
+    /// |error vector|, N.
+    pub fn error_n(&self) -> f64 {
+        self.truth_n.iter().zip(self.found_n).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+    }
+
+    /// Whether a hand would not feel the error.
+    pub fn is_not_felt(&self) -> bool {
+        let size = self.truth_n.iter().map(|h| h * h).sum::<f64>().sqrt();
+        self.error_n() <= (NOT_FELT_SHARE * size).max(NOT_FELT_N)
+    }
+}
+
+/// Errors over a set of positions. Zero where the set is empty.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Errors {
+    /// Positions.
+    pub count: usize,
+    /// Positions with the method's own data all round.
+    pub covered: usize,
+    /// Mean |error vector|, N.
+    pub mean_n: f64,
+    /// Its median, N.
+    pub p50_n: f64,
+    /// Its 95th percentile, N.
+    pub p95_n: f64,
+    /// Its 99th percentile, N.
+    pub p99_n: f64,
+    /// Its largest, N.
+    pub max_n: f64,
+    /// Mean absolute error of a component, N (paper, Eq. 13).
+    pub component_mean_n: f64,
+    /// Largest absolute error of a component, N.
+    pub component_max_n: f64,
+    /// Mean relative error of the components of at least 0.5 N (paper, Eq. 14).
+    pub relative_mean: f64,
+    /// Their largest relative error.
+    pub relative_max: f64,
+    /// Mean absolute error of the smaller components, N.
+    pub small_mean_n: f64,
+    /// Positions where a hand would not feel the error.
+    pub not_felt: usize,
+}
+
+impl Errors {
+    /// Errors of these positions.
+    pub fn of<'c>(compared: impl IntoIterator<Item = &'c Compared>) -> Self {
+        let mut errors = Self::default();
+        let (mut sizes, mut relatives, mut smalls) = (Vec::new(), 0usize, 0usize);
+        for c in compared {
+            errors.count += 1;
+            errors.covered += usize::from(c.covered);
+            errors.not_felt += usize::from(c.is_not_felt());
+            sizes.push(c.error_n());
+            for (truth, found) in c.truth_n.iter().zip(c.found_n) {
+                let error = (truth - found).abs();
+                errors.component_mean_n += error;
+                errors.component_max_n = errors.component_max_n.max(error);
+                if truth.abs() >= RELATIVE_FROM_N {
+                    relatives += 1;
+                    errors.relative_mean += error / truth.abs();
+                    errors.relative_max = errors.relative_max.max(error / truth.abs());
+                } else {
+                    smalls += 1;
+                    errors.small_mean_n += error;
+                }
+            }
+        }
+        let share = |sum: f64, count: usize| sum / count.max(1) as f64;
+        errors.mean_n = share(sizes.iter().sum(), sizes.len());
+        errors.component_mean_n = share(errors.component_mean_n, 3 * errors.count);
+        errors.relative_mean = share(errors.relative_mean, relatives);
+        errors.small_mean_n = share(errors.small_mean_n, smalls);
+        sizes.sort_by(f64::total_cmp);
+        [errors.p50_n, errors.p95_n, errors.p99_n] = [0.5, 0.95, 0.99].map(|share| percentile(&sizes, share));
+        errors.max_n = sizes.last().copied().unwrap_or(0.0);
+        errors
+    }
+}
+
+/// The smallest value that at least this share of the sorted ones does not exceed.
+fn percentile(sorted: &[f64], share: f64) -> f64 {
+    let place = (share * sorted.len() as f64).ceil() as usize;
+    sorted.get(place.max(1) - 1).copied().unwrap_or(0.0)
+}
+
+/// The share of all positions that is within the tolerance with 95 % confidence, when `exceeded` of `tests` independent ones were
+/// not (Clopper and Pearson). 299 tests without an exceedance certify 99 %.
+pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
+    if tests == 0 || exceeded >= tests {
+        return 0.0;
+    }
+    // P(at most `exceeded` failures) falls with the share of failures; that where it is 5 % is the bound.
+    let (mut low, mut high) = (0.0f64, 1.0f64);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if at_most(tests, exceeded, middle) > 0.05 { low = middle } else { high = middle }
+    }
+    1.0 - high
+}
+
+/// P(at most k of n) with probability p each.
+fn at_most(n: usize, k: usize, p: f64) -> f64 {
+    let mut log_term = n as f64 * (1.0 - p).ln();
+    let mut sum = log_term.exp();
+    for i in 0..k {
+        log_term += ((n - i) as f64 / (i + 1) as f64).ln() + (p / (1.0 - p)).ln();
+        sum += log_term.exp();
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_numbers_of_tests_that_certify_99_percent() {
+        for (tests, exceeded) in [(299, 0), (473, 1), (628, 2)] {
+            assert!(certified_share(tests, exceeded) >= 0.99, "{tests} {exceeded}");
+            assert!(certified_share(tests - 1, exceeded) < 0.99, "{tests} {exceeded}");
+        }
+        assert_eq!((certified_share(0, 0), certified_share(5, 5)), (0.0, 0.0));
+    }
+
+    #[test]
+    fn errors_of_a_hand_made_set() {
+        let compared = |truth_n: [f64; 3], found_n: [f64; 3]| Compared { truth_n, found_n, covered: truth_n[0] > 0.0 };
+        let all = [
+            compared([1.0, 0.0, 0.0], [1.1, 0.0, 0.0]),
+            compared([2.0, -1.0, 0.25], [2.0, -1.0, 0.25]),
+            compared([-4.0, 0.0, 3.0], [-4.0, 0.12, 3.16]),
+        ];
+        let e = Errors::of(&all);
+        assert_eq!((e.count, e.covered, e.not_felt), (3, 2, 1));
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        near(e.mean_n, 0.1);
+        near(e.max_n, 0.2);
+        near(e.p50_n, 0.1);
+        near(e.component_mean_n, 0.38 / 9.0);
+        near(e.component_max_n, 0.16);
+        // 1, 2, -1, -4 and 3 N.
+        near(e.relative_mean, (0.1 + 0.16 / 3.0) / 5.0);
+        near(e.small_mean_n, 0.12 / 4.0);
+    }
+}

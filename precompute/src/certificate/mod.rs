@@ -1,0 +1,239 @@
+//! The certificate of a blob: the packed bytes themselves against finite-element solves that no fit has seen.
+//!
+//! Bounds come from the independent uniform positions alone; paths are reported as the paper does. Positions at folds, where the
+//! body has several branches, are reported apart: no interpolant is right there, and a mean would hide them.
+
+mod errors;
+mod probes;
+mod reference;
+
+pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
+pub use probes::{Probe, Work};
+pub use reference::force_n as reference_force_n;
+
+use palpate_core::flags::SMOOTH;
+use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
+use serde::{Deserialize, Serialize};
+
+use crate::configuration_space::fold::folds;
+use crate::configuration_space::{SpaceGrid, Store, StoreError};
+use crate::held_out::{Kind, Summary, is_on_training_lattice};
+
+/// Everything that was measured of a blob.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Certificate {
+    /// Scene, mesh, law and solver that it was made with.
+    pub origin: Origin,
+    /// One entry for every active node in the blob.
+    pub spaces: Vec<SpaceCertificate>,
+}
+
+/// What a blob was made of.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Origin {
+    /// Name of the scene.
+    pub scene: String,
+    /// Hash over everything in scene and mesh that changes numbers.
+    pub content_hash: String,
+    /// Material law.
+    pub law: String,
+    /// Version of the solver, and instruction set.
+    pub solver: String,
+    /// f_max, N; none if the scene has none.
+    pub max_force_n: Option<f64>,
+    /// r_G, m.
+    pub radius_m: f64,
+    /// Grid spacing, m.
+    pub spacing_m: f64,
+    /// Whether the corners outside the ball were solved.
+    pub complete_cells: bool,
+}
+
+/// What was measured of one space.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SpaceCertificate {
+    /// The active node.
+    pub active: String,
+    /// Its mesh node.
+    pub node: u32,
+    /// What the space took.
+    pub cost: Cost,
+    /// Neighbours on different branches.
+    pub fold_pairs: usize,
+    /// Share of the ball's volume within a cell of such a pair.
+    pub folded_volume: f64,
+    /// Every packed method.
+    pub methods: Vec<MethodCertificate>,
+}
+
+/// What a space and its truth took.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Cost {
+    /// Solved configurations.
+    pub configurations: usize,
+    /// Tries, failed ones and those from other neighbours among them.
+    pub tries: usize,
+    /// Points that could not be solved.
+    pub failed: usize,
+    /// Seconds of solving, all threads together.
+    pub seconds: f64,
+    /// Largest residual of a configuration, N.
+    pub residual_n: f64,
+    /// Held-out positions solved.
+    pub held_out: u32,
+    /// Seconds of solving them.
+    pub held_out_seconds: f64,
+}
+
+/// What was measured of one method.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MethodCertificate {
+    /// The method.
+    pub method: String,
+    /// Independent uniform positions within f_max, away from folds.
+    pub uniform: Errors,
+    /// The same by distance from rest: up to a half, three quarters, and all of r_G.
+    pub by_radius: [Errors; 3],
+    /// Uniform positions at folds.
+    pub folded: Errors,
+    /// Share of positions whose error a hand does not feel, with 95 % confidence, from the uniform ones away from folds.
+    pub not_felt_certified: f64,
+    /// Regular paths within the grid and f_max, points of the grid left out, away from folds.
+    pub regular: Errors,
+    /// Random paths, alike.
+    pub random: Errors,
+    /// Positions of paths at folds.
+    pub paths_folded: Errors,
+    /// Work, seams, rounding and time.
+    pub probe: Probe,
+}
+
+/// A truth that a method is compared with.
+struct Truth {
+    kind: Kind,
+    displacement_m: [f32; 3],
+    force_n: [f64; 3],
+    folded: bool,
+}
+
+/// Measures every packed method of `organ`, which was packed from `store`.
+pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
+    let identity = store.identity()?;
+    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
+        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+    let mut spaces = Vec::new();
+    for (active, (name, node)) in store.active()?.into_iter().enumerate() {
+        let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
+        let records = store.records(active)?;
+        let truths = truths(store, active, space, &grid, identity.increments)?;
+        let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
+        spaces.push(SpaceCertificate {
+            cost: cost(store, active)?,
+            fold_pairs: folds(&grid, &records).len(),
+            folded_volume: probes::share_of_ball(space, |at| is_folded(space, at)),
+            methods: methods.map(|method| measure(space, method, &truths)).collect(),
+            active: name,
+            node,
+        });
+    }
+    Ok(Certificate {
+        origin: Origin {
+            scene: identity.scene_name,
+            content_hash: identity.content_hash,
+            law: identity.law,
+            solver: store.meta("solver")?,
+            max_force_n: Some(identity.max_force_n).filter(|f| f.is_finite()),
+            radius_m: identity.radius_m,
+            spacing_m: identity.spacing_m,
+            complete_cells: identity.complete_cells,
+        },
+        spaces,
+    })
+}
+
+fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
+    let attempts = store.attempts(active)?;
+    let records = store.records(active)?;
+    let solved = || records.iter().filter(|r| r.tag.is_solved());
+    let mut cost = Cost {
+        configurations: solved().count(),
+        tries: attempts.len(),
+        failed: records.len() - solved().count(),
+        seconds: attempts.iter().map(|r| r.seconds).sum(),
+        residual_n: solved().map(|r| r.residual_n).fold(0.0, f64::max),
+        ..Cost::default()
+    };
+    for summary in Summary::of(store, active)?.values() {
+        cost.held_out += summary.positions;
+        cost.held_out_seconds += summary.seconds;
+    }
+    Ok(cost)
+}
+
+/// Held-out positions that may be compared: reachable, inside the ball, and not among those that a fit saw.
+fn truths(
+    store: &Store,
+    active: usize,
+    space: &Space<'_>,
+    grid: &SpaceGrid,
+    increments: Option<u32>,
+) -> Result<Vec<Truth>, StoreError> {
+    let mut truths = Vec::new();
+    store.each_truth(active, |walk, _, truth| {
+        let at = truth.displacement_m;
+        let displacement_m = at.map(|x| x as f32);
+        let usable = truth.tag == ConfigTag::Expandable
+            && space.lattice.locate(displacement_m).inside
+            && !is_on_training_lattice(grid, increments, at);
+        if usable {
+            let folded = truth.switched || is_folded(space, displacement_m);
+            truths.push(Truth { kind: walk.kind, displacement_m, force_n: truth.force_n, folded });
+        }
+    })?;
+    Ok(truths)
+}
+
+/// Whether a cell with a fold in it is that of the position or touches it.
+fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
+    let at = space.lattice.locate(displacement_m);
+    let corners = trilinear::corners(space.lattice.side(), at.slot, at.t);
+    corners.iter().any(|(slot, _)| space.flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
+}
+
+fn measure(space: &Space<'_>, method: Method, truths: &[Truth]) -> MethodCertificate {
+    let compared: Vec<(&Truth, Compared)> = truths
+        .iter()
+        .filter_map(|truth| {
+            let found = space.force(method, truth.displacement_m)?;
+            let compared = Compared {
+                truth_n: truth.force_n,
+                found_n: found.force_n.map(f64::from),
+                covered: found.coverage != Coverage::Extrapolated,
+            };
+            Some((truth, compared))
+        })
+        .collect();
+    let errors = |chosen: &dyn Fn(&Truth) -> bool| {
+        Errors::of(compared.iter().filter(|(truth, _)| chosen(truth)).map(|(_, compared)| compared))
+    };
+    let radius_m = f64::from(space.lattice.radius_m());
+    let share = |truth: &Truth| {
+        truth.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt() / radius_m
+    };
+    let clear = |truth: &Truth, kind| truth.kind == kind && !truth.folded;
+    let ring = |from: f64, to: f64| {
+        errors(&|truth| clear(truth, Kind::Uniform) && share(truth) > from && share(truth) <= to)
+    };
+    let uniform = errors(&|truth| clear(truth, Kind::Uniform));
+    MethodCertificate {
+        method: method.name().into(),
+        by_radius: [ring(-1.0, 0.5), ring(0.5, 0.75), ring(0.75, 2.0)],
+        folded: errors(&|truth| truth.folded && truth.kind == Kind::Uniform),
+        not_felt_certified: certified_share(uniform.count, uniform.count - uniform.not_felt),
+        uniform,
+        regular: errors(&|truth| clear(truth, Kind::Regular)),
+        random: errors(&|truth| clear(truth, Kind::Random)),
+        paths_folded: errors(&|truth| truth.folded && truth.kind != Kind::Uniform),
+        probe: probes::probe(space, method, &truths.iter().map(|t| t.displacement_m).collect::<Vec<_>>()),
+    }
+}

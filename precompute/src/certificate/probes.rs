@@ -1,0 +1,193 @@
+//! What a force field is asked beside its accuracy: work round closed loops, jumps at seams, rounding, and time.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use palpate_core::{Method, Space, vec3};
+use serde::{Deserialize, Serialize};
+
+use super::{is_folded, reference};
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Probe {
+    /// Circles that keep away from folds.
+    pub work: Work,
+    /// Circles that touch a cell with a fold.
+    pub work_folded: Work,
+    /// Largest jump of the force across a face of the grid or the rim, N.
+    pub seam_n: f64,
+    /// Largest difference of the tick's arithmetic from f64, N.
+    pub rounding_n: f64,
+    /// Median time of a query, ns, on the machine that packed the blob.
+    pub nanoseconds: f64,
+}
+
+/// Work round circles of radius r_G / 4, as a share of the energy exchanged on the way.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Work {
+    /// Circles.
+    pub circles: usize,
+    /// Mean share.
+    pub mean: f64,
+    /// Largest share.
+    pub max: f64,
+}
+
+const CIRCLES: u32 = 200;
+const STEPS: u32 = 720;
+const CROSSINGS: u32 = 20_000;
+const QUERIES: usize = 4_000;
+const REPEATS: usize = 15;
+
+/// Asks all of it. Time is measured at `visited`, or where there is nothing of that, at points of the ball.
+pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
+    let (work, work_folded) = work(space, method);
+    let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
+    let queries: Vec<[f32; 3]> =
+        if visited.len() < 100 { points.clone() } else { visited.iter().copied().cycle().take(QUERIES).collect() };
+    Probe {
+        work,
+        work_folded,
+        seam_n: seam_n(space, method),
+        rounding_n: points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max),
+        nanoseconds: nanoseconds(space, method, &queries),
+    }
+}
+
+/// Share of the ball's volume where `is` holds.
+pub(super) fn share_of_ball(space: &Space<'_>, is: impl Fn([f32; 3]) -> bool) -> f64 {
+    let hits = (0..CROSSINGS).filter(|&n| is(in_ball(space, n))).count();
+    hits as f64 / f64::from(CROSSINGS)
+}
+
+/// Number `n` of a low-discrepancy sequence in the unit cube (powers of the plastic number's kin in three dimensions).
+fn spread(n: u32, shift: f64) -> [f64; 3] {
+    const STEP: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
+    STEP.map(|step| (shift + f64::from(n + 1) * step).fract())
+}
+
+/// Number `n` of points spread evenly in the ball.
+fn in_ball(space: &Space<'_>, n: u32) -> [f32; 3] {
+    let [r, z, angle] = spread(n, 0.0);
+    let (r, z) = (f64::from(space.lattice.radius_m()) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
+    direction(z, angle).map(|x| (r * x) as f32)
+}
+
+fn direction(z: f64, turn: f64) -> [f64; 3] {
+    let (s, c) = (std::f64::consts::TAU * turn).sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    [across * c, across * s, z]
+}
+
+fn force_n(space: &Space<'_>, method: Method, at: [f64; 3]) -> [f64; 3] {
+    let found = space.force(method, at.map(|x| x as f32));
+    found.map_or([0.0; 3], |sample| sample.force_n.map(f64::from))
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Circles anywhere inside the ball: away from folds, and touching them.
+fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
+    let radius_m = f64::from(space.lattice.radius_m());
+    let mut all = [Work::default(); 2];
+    for n in 0..CIRCLES {
+        let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
+        let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * share.cbrt() * x);
+        let axis = direction(2.0 * az - 1.0, aturn);
+        let least = (0..3).min_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs())).unwrap_or(0);
+        let mut u: [f64; 3] = std::array::from_fn(|i| f64::from(u8::from(i == least)) - axis[least] * axis[i]);
+        let length = dot(u, u).sqrt();
+        u = u.map(|x| x / length);
+        let v = [
+            axis[1] * u[2] - axis[2] * u[1],
+            axis[2] * u[0] - axis[0] * u[2],
+            axis[0] * u[1] - axis[1] * u[0],
+        ];
+        let (mut net, mut exchanged, mut folded) = (0.0, 0.0, false);
+        for step in 0..STEPS {
+            let (s, c) = (std::f64::consts::TAU * f64::from(step) / f64::from(STEPS)).sin_cos();
+            let r = 0.25 * radius_m;
+            let at: [f64; 3] = std::array::from_fn(|i| centre[i] + r * (c * u[i] + s * v[i]));
+            let along: [f64; 3] = std::array::from_fn(|i| r * (c * v[i] - s * u[i]));
+            let power = dot(force_n(space, method, at), along);
+            net += power;
+            exchanged += power.abs();
+            folded |= is_folded(space, at.map(|x| x as f32));
+        }
+        let share = net.abs() / f64::max(exchanged, f64::MIN_POSITIVE);
+        let of = &mut all[usize::from(folded)];
+        of.circles += 1;
+        of.mean += share;
+        of.max = of.max.max(share);
+    }
+    let [clear, folded] = all.map(|w| Work { mean: w.mean / w.circles.max(1) as f64, ..w });
+    (clear, folded)
+}
+
+/// Just this side and just the other side of a face or the rim: what the slopes on both sides do not account for.
+fn seam_n(space: &Space<'_>, method: Method) -> f64 {
+    let (spacing_m, radius_m) = (space.lattice.spacing_m(), space.lattice.radius_m());
+    // Rows of thousands of centres have no faces to cross, and time is dear.
+    let crossings = if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
+    let mut worst = 0.0f64;
+    for n in 0..crossings {
+        let mut at = in_ball(space, n);
+        let along = if n % 8 == 7 {
+            let outward = vec3::normalize_or_zero(at);
+            at = vec3::scale(outward, radius_m);
+            outward
+        } else {
+            let axis = n as usize % 3;
+            at[axis] = (at[axis] / spacing_m).round() * spacing_m;
+            std::array::from_fn(|i| f32::from(u8::from(i == axis)))
+        };
+        if vec3::norm(at) > 1.0001 * radius_m {
+            continue;
+        }
+        let gap = (2e-6 * spacing_m).max(4e-7 * vec3::max_abs(at));
+        let [low, high] = [-gap, gap].map(|step| vec3::add(at, vec3::scale(along, step)));
+        let Some([a, b]) = estimates(space, method, [low, high]) else { continue };
+        let moved: [f64; 3] = std::array::from_fn(|i| f64::from(high[i]) - f64::from(low[i]));
+        let jump: [f64; 3] = std::array::from_fn(|i| {
+            let slope: [f64; 3] =
+                std::array::from_fn(|j| 0.5 * (f64::from(a.stiffness_n_m[i][j]) + f64::from(b.stiffness_n_m[i][j])));
+            f64::from(b.force_n[i]) - f64::from(a.force_n[i]) - dot(slope, moved)
+        });
+        worst = worst.max(dot(jump, jump).sqrt());
+    }
+    worst
+}
+
+fn estimates(
+    space: &Space<'_>,
+    method: Method,
+    [low, high]: [[f32; 3]; 2],
+) -> Option<[palpate_core::Estimate; 2]> {
+    Some([space.estimate(method, low)?, space.estimate(method, high)?])
+}
+
+fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
+    let Some(exact) = reference::force_n(space, method, at) else { return 0.0 };
+    let found = force_n(space, method, at.map(f64::from));
+    let apart: [f64; 3] = std::array::from_fn(|i| exact[i] - found[i]);
+    dot(apart, apart).sqrt()
+}
+
+fn nanoseconds(space: &Space<'_>, method: Method, queries: &[[f32; 3]]) -> f64 {
+    let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
+    let queries = if radial { &queries[..queries.len() / 20] } else { queries };
+    let mut times: Vec<f64> = (0..REPEATS)
+        .map(|_| {
+            let start = Instant::now();
+            for &at in queries {
+                black_box(black_box(space).force(method, black_box(at)));
+            }
+            start.elapsed().as_nanos() as f64 / queries.len().max(1) as f64
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[REPEATS / 2]
+}

@@ -1,0 +1,196 @@
+//! The core's interpolants once more, in f64 and written another way: what its f32 loses is the difference.
+//!
+//! Takes the tables as they were packed, so it sees no error of the fit, only that of the evaluation.
+
+use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
+use palpate_core::hermite::at;
+use palpate_core::{Method, Space};
+
+/// h at a displacement inside the ball, N; `None` if the method is not packed.
+pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
+    let cell = Cell::of(space, displacement_m);
+    match method {
+        Method::Trilinear => cell.lattice(&LINEAR),
+        Method::Tricubic => cell.lattice(&CUBIC),
+        Method::Hybrid => {
+            let share = cell.share(SUPERCELL, INTERIOR);
+            Some(mix(share, cell.lattice(&LINEAR)?, cell.lattice(&CUBIC)?))
+        }
+        Method::RbfLinear => {
+            let table = space.rbf_linear.as_ref()?;
+            Some(radial(table.centres(), table.weights(), cell.position, |r| r))
+        }
+        Method::RbfCubic => {
+            let table = space.rbf_cubic.as_ref()?;
+            Some(radial(table.centres(), table.weights(), cell.position, |r| r * r * r))
+        }
+        Method::Hermite => cell.hermite(),
+        Method::Energy => {
+            let clear = space.flags[cell.slot([0; 3])] & FOLD == 0;
+            let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
+            Some(mix(share, cell.hermite()?, cell.energy()?))
+        }
+    }
+}
+
+/// a + share (b - a)
+fn mix(share: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| a[i] + share * (b[i] - a[i]))
+}
+
+/// Points of a 1-D stencil, relative to the cell's low corner, and their weights.
+struct Stencil {
+    points: &'static [i32],
+    weight: fn(usize, f64) -> f64,
+}
+
+const LINEAR: Stencil = Stencil { points: &[0, 1], weight: |n, t| if n == 0 { 1.0 - t } else { t } };
+/// Catmull-Rom, in powers of t.
+const CUBIC: Stencil = Stencil {
+    points: &[-1, 0, 1, 2],
+    weight: |n, t| {
+        let [a, b, c, d] = [
+            [0.0, -0.5, 1.0, -0.5],
+            [1.0, 0.0, -2.5, 1.5],
+            [0.0, 0.5, 2.0, -1.5],
+            [0.0, 0.0, -0.5, 0.5],
+        ][n];
+        a + t * (b + t * (c + t * d))
+    },
+};
+
+/// Quintics in powers of t: value, slope and curvature at 0, then at 1.
+const QUINTIC: [[f64; 6]; 6] = [
+    [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
+    [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+    [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+    [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],
+    [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
+    [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
+];
+/// Cubics: value and slope at 0, then at 1.
+const HERMITE: [[f64; 4]; 4] =
+    [[1.0, 0.0, -3.0, 2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]];
+
+fn polynomial(powers: &[f64], t: f64) -> f64 {
+    powers.iter().rev().fold(0.0, |sum, c| sum * t + c)
+}
+
+fn slope(powers: &[f64], t: f64) -> f64 {
+    powers.iter().enumerate().skip(1).rev().fold(0.0, |sum, (n, c)| sum * t + n as f64 * c)
+}
+
+/// Where a query is.
+struct Cell<'s, 'a> {
+    space: &'s Space<'a>,
+    low: [i32; 3],
+    t: [f64; 3],
+    position: [f64; 3],
+}
+
+impl<'s, 'a> Cell<'s, 'a> {
+    fn of(space: &'s Space<'a>, displacement_m: [f32; 3]) -> Self {
+        let (spacing_m, reach) = (f64::from(space.lattice.spacing_m()), space.lattice.reach());
+        let position = displacement_m.map(|x| f64::from(x) / spacing_m);
+        let low = position.map(|x| (x.floor() as i32).clamp(-reach, reach - 1));
+        let t = std::array::from_fn(|axis| position[axis] - f64::from(low[axis]));
+        Self { space, low, t, position }
+    }
+
+    fn slot(&self, offset: [i32; 3]) -> usize {
+        let point = std::array::from_fn(|axis| self.low[axis] + offset[axis]);
+        self.space.lattice.slot(point).expect("a point round a cell is in the box")
+    }
+
+    fn lattice(&self, stencil: &Stencil) -> Option<[f64; 3]> {
+        let planes = self.space.lattice_table.as_ref()?.force_n();
+        let mut sum = [0.0; 3];
+        let points = || stencil.points.iter().enumerate();
+        for (a, &i) in points() {
+            for (b, &j) in points() {
+                for (c, &k) in points() {
+                    let orders = [a, b, c];
+                    let weight: f64 = (0..3).map(|axis| (stencil.weight)(orders[axis], self.t[axis])).product();
+                    let slot = self.slot([i, j, k]);
+                    for (sum, plane) in sum.iter_mut().zip(planes) {
+                        *sum += weight * f64::from(plane[slot]);
+                    }
+                }
+            }
+        }
+        Some(sum)
+    }
+
+    /// Smoothstep of the tri-linear interpolation of `flag`, if the cell has all of `needed`.
+    fn share(&self, needed: u8, flag: u8) -> f64 {
+        if self.space.flags[self.slot([0; 3])] & needed != needed {
+            return 0.0;
+        }
+        let corners = (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]);
+        let w: f64 = corners
+            .filter(|&corner| self.space.flags[self.slot(corner)] & flag != 0)
+            .map(|corner| -> f64 {
+                corner.iter().zip(self.t).map(|(&n, t)| if n == 0 { 1.0 - t } else { t }).product()
+            })
+            .sum();
+        w * w * (3.0 - 2.0 * w)
+    }
+
+    /// W_abc at a corner.
+    fn derivative(&self, corner: [i32; 3], [a, b, c]: [usize; 3]) -> Option<f64> {
+        Some(f64::from(self.space.hermite.as_ref()?.node(self.slot(corner))?[a][at(b, c)]))
+    }
+
+    fn energy(&self) -> Option<[f64; 3]> {
+        let mut sum = [0.0; 3];
+        for corner in (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]) {
+            for orders in (0..27).map(|code: usize| [code / 9, code / 3 % 3, code % 3]) {
+                let value = self.derivative(corner, orders)?;
+                let of = |axis: usize| &QUINTIC[3 * corner[axis] as usize + orders[axis]];
+                for (along, sum) in sum.iter_mut().enumerate() {
+                    let factor = |axis: usize| {
+                        let f = if axis == along { slope } else { polynomial };
+                        f(of(axis), self.t[axis])
+                    };
+                    *sum += value * factor(0) * factor(1) * factor(2);
+                }
+            }
+        }
+        Some(sum)
+    }
+
+    fn hermite(&self) -> Option<[f64; 3]> {
+        let mut sum = [0.0; 3];
+        for corner in (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]) {
+            for orders in (0..8).map(|code: usize| [code >> 2, code >> 1 & 1, code & 1]) {
+                let factor = |axis: usize| {
+                    polynomial(&HERMITE[2 * corner[axis] as usize + orders[axis]], self.t[axis])
+                };
+                let weight = factor(0) * factor(1) * factor(2);
+                for (along, sum) in sum.iter_mut().enumerate() {
+                    let mut of_energy = orders;
+                    of_energy[along] += 1;
+                    *sum += weight * self.derivative(corner, of_energy)?;
+                }
+            }
+        }
+        Some(sum)
+    }
+}
+
+fn radial<T: Copy + Into<f64>>(
+    centres: &[&[T]; 3],
+    weights: &[&[T]; 3],
+    position: [f64; 3],
+    phi: impl Fn(f64) -> f64,
+) -> [f64; 3] {
+    let mut sum = [0.0; 3];
+    for i in 0..centres[0].len() {
+        let squared: f64 = (0..3).map(|axis| (position[axis] - centres[axis][i].into()).powi(2)).sum();
+        let value = phi(squared.sqrt());
+        for (sum, plane) in sum.iter_mut().zip(weights) {
+            *sum += value * plane[i].into();
+        }
+    }
+    sum
+}

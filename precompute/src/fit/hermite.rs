@@ -1,0 +1,379 @@
+//! The table of `hermite` and `energy`: 27 derivatives of W at every corner of every cell that a query comes to.
+//!
+//! In cell units, with W_abc = d^(a+b+c) W / dx^a dy^b dz^c and a, b, c in 0..=2:
+//!
+//! - order 0 to 3 are exact: W, h, S and W_ijk of the solver;
+//! - W_iijj and W_iijk are differences of W_ijk towards the neighbours, W_iijjk and W_iijjkk differences of those and of W_ijk, each
+//!   the mean of every route there is, central where both neighbours are there and one-sided at the rim;
+//! - no difference is taken across a fold: the two sides are not one function.
+//!
+//! A corner without a configuration is a ghost: the mean of the Taylor polynomials of its nearest solved neighbours.
+
+use palpate_core::flags;
+use palpate_core::hermite::{Node, at};
+
+use super::{LatticeValues, Sample};
+use crate::configuration_space::fold::Fold;
+use crate::configuration_space::{Domain, GridIndex, SpaceGrid};
+
+/// W_abc as `[a][b][c]`, cell units, W in units of newtons times cells.
+type Derivatives = [[[f64; 3]; 3]; 3];
+
+/// The table as the core takes it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HermiteNodes {
+    /// Index into `nodes` of every slot of the box.
+    pub row: Vec<u32>,
+    /// One for every corner of a cell in reach; the first is the rest point, which all other slots share.
+    pub nodes: Vec<Node>,
+}
+
+/// Sets the fold flag of every cell that has a flagged pair among its corners.
+pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) {
+    for fold in folds {
+        let low: GridIndex = std::array::from_fn(|axis| fold.from[axis].min(fold.to[axis]));
+        // Cells that have both ends: one below on the axes where the two are level.
+        for code in 0..8 {
+            let shift: GridIndex = std::array::from_fn(|axis| code >> axis & 1);
+            let level = |axis: usize| shift[axis] == 0 || fold.from[axis] == fold.to[axis];
+            if !(0..3).all(level) {
+                continue;
+            }
+            let cell = std::array::from_fn(|axis| low[axis] - shift[axis]);
+            if let Some(slot) = grid.lattice.slot(cell) {
+                values.flags[slot] |= flags::FOLD;
+            }
+        }
+    }
+    flags::derive(&grid.lattice, &mut values.flags);
+}
+
+/// The table of `samples`, sorted by index, the rest point among them.
+pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> HermiteNodes {
+    let slots = grid.lattice.slots();
+    let mut solved = vec![None; slots];
+    for sample in samples {
+        if let Some(slot) = grid.lattice.slot(sample.index) {
+            solved[slot] = Some(exact(sample, grid.spacing_m));
+        }
+    }
+    let mut cuts: Vec<(GridIndex, GridIndex)> =
+        folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+    cuts.sort_unstable();
+    let mut field = Field { grid, solved, cuts };
+    field.differentiate();
+    let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
+    for index in Domain::new(grid, true).points() {
+        let Some(slot) = grid.lattice.slot(index) else { continue };
+        let node = field.solved[slot].map_or_else(|| field.ghost(index), |known| known.w);
+        table.row[slot] = table.nodes.len() as u32;
+        table.nodes.push(packed(&node));
+    }
+    table
+}
+
+/// A solved node: what the table takes, and the pure third derivatives that it does not.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    w: Derivatives,
+    pure: [f64; 3],
+}
+
+fn exact(sample: &Sample, spacing_m: f64) -> Known {
+    let mut w = Derivatives::default();
+    w[0][0][0] = sample.energy_j / spacing_m;
+    for (i, h) in sample.force_n.iter().enumerate() {
+        *part(&mut w, &[i]) = *h;
+        for j in i..3 {
+            *part(&mut w, &[i, j]) = sample.stiffness_n_m[i][j] * spacing_m;
+        }
+    }
+    let mut pure = [0.0; 3];
+    for (triple, third) in crate::material::THIRD_INDICES.iter().zip(sample.third_n_m2) {
+        let value = third * spacing_m * spacing_m;
+        let [i, j, k] = *triple;
+        if i == k {
+            pure[i] = value;
+        } else {
+            *part(&mut w, &[i, j, k]) = value;
+        }
+    }
+    Known { w, pure }
+}
+
+/// The derivative along these axes.
+fn part<'w>(w: &'w mut Derivatives, axes: &[usize]) -> &'w mut f64 {
+    let [a, b, c] = orders(axes);
+    &mut w[a][b][c]
+}
+
+fn orders(axes: &[usize]) -> [usize; 3] {
+    std::array::from_fn(|axis| axes.iter().filter(|&&a| a == axis).count())
+}
+
+/// Solved nodes by slot.
+struct Field<'g> {
+    grid: &'g SpaceGrid,
+    solved: Vec<Option<Known>>,
+    /// Neighbours with a fold between them, both ways round, sorted.
+    cuts: Vec<(GridIndex, GridIndex)>,
+}
+
+impl Field<'_> {
+    /// The neighbour of `index`, if it is solved and on the same branch.
+    fn joined(&self, index: GridIndex, axis: usize, step: i32) -> Option<&Known> {
+        let mut other = index;
+        other[axis] += step;
+        let known = self.solved[self.grid.lattice.slot(other)?].as_ref()?;
+        self.cuts.binary_search(&(index, other)).is_err().then_some(known)
+    }
+
+    /// First difference of a derivative along an axis.
+    fn first(&self, index: GridIndex, of: &[usize], axis: usize) -> Option<f64> {
+        let [a, b, c] = orders(of);
+        let value = |known: &Known| known.w[a][b][c];
+        let here = value(self.solved[self.grid.lattice.slot(index)?].as_ref()?);
+        match [-1, 1].map(|step| self.joined(index, axis, step).map(value)) {
+            [Some(low), Some(high)] => Some(0.5 * (high - low)),
+            [None, Some(high)] => Some(high - here),
+            [Some(low), None] => Some(here - low),
+            [None, None] => None,
+        }
+    }
+
+    /// Second difference of a derivative along an axis.
+    fn second(&self, index: GridIndex, of: &[usize], axis: usize) -> Option<f64> {
+        let [a, b, c] = orders(of);
+        let value = |known: &Known| known.w[a][b][c];
+        let here = value(self.solved[self.grid.lattice.slot(index)?].as_ref()?);
+        let [low, high] = [-1, 1].map(|step| self.joined(index, axis, step).map(value));
+        Some(high? - 2.0 * here + low?)
+    }
+
+    /// The derivatives of order four and more, order by order: those of one order rest on the one before.
+    fn differentiate(&mut self) {
+        const PAIRS: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
+        self.fill(|field, at, w| {
+            for [i, j, k] in PAIRS {
+                *part(w, &[i, i, j, j]) = mean([field.first(at, &[i, i, j], j), field.first(at, &[i, j, j], i)]);
+                // k twice, with i and j once each.
+                *part(w, &[i, j, k, k]) = mean([
+                    field.first(at, &[j, k, k], i),
+                    field.first(at, &[i, k, k], j),
+                    field.first(at, &[i, j, k], k),
+                ]);
+            }
+        });
+        self.fill(|field, at, w| {
+            for [i, j, k] in PAIRS {
+                *part(w, &[i, i, j, j, k]) = mean([
+                    field.first(at, &[i, i, j, j], k),
+                    field.second(at, &[i, i, k], j),
+                    field.second(at, &[j, j, k], i),
+                ]);
+            }
+        });
+        self.fill(|field, at, w| {
+            *part(w, &[0, 0, 1, 1, 2, 2]) = mean(PAIRS.map(|[i, j, k]| field.second(at, &[i, i, j, j], k)));
+        });
+    }
+
+    /// Adds to every solved node what `add` makes of the field as it is.
+    fn fill(&mut self, add: impl Fn(&Self, GridIndex, &mut Derivatives)) {
+        let added: Vec<Option<Known>> = (0..self.solved.len())
+            .map(|slot| {
+                let mut known = self.solved[slot]?;
+                add(self, self.grid.lattice.ijk(slot), &mut known.w);
+                Some(known)
+            })
+            .collect();
+        self.solved = added;
+    }
+
+    /// Mean of the Taylor polynomials of the nearest solved nodes.
+    fn ghost(&self, index: GridIndex) -> Derivatives {
+        let distance = |slot: usize| -> i32 {
+            self.grid.lattice.ijk(slot).iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum()
+        };
+        let known = || self.solved.iter().enumerate().filter_map(|(slot, k)| Some((slot, k.as_ref()?)));
+        let nearest = known().map(|(slot, _)| distance(slot)).min().unwrap_or(0);
+        let (mut sum, mut count) = (Derivatives::default(), 0.0);
+        for (slot, node) in known().filter(|(slot, _)| distance(*slot) == nearest) {
+            let from = self.grid.lattice.ijk(slot);
+            let step = std::array::from_fn(|axis| f64::from(index[axis] - from[axis]));
+            let continued = taylor(node, step, nearest > NEAR);
+            for (sum, value) in sum.as_flattened_mut().as_flattened_mut().iter_mut().zip(continued.as_flattened().as_flattened()) {
+                *sum += value;
+            }
+            count += 1.0;
+        }
+        sum.map(|plane| plane.map(|row| row.map(|value| value / f64::max(count, 1.0))))
+    }
+}
+
+/// Squared distance, in cells, up to which a node is continued with all its derivatives; beyond, only W, h and S are.
+const NEAR: i32 = 3;
+
+/// The derivatives of a node's Taylor polynomial, `step` cells away.
+fn taylor(node: &Known, step: [f64; 3], only_quadratic: bool) -> Derivatives {
+    // step^n / n!
+    let power = step.map(|s| [1.0, s, 0.5 * s * s, s * s * s / 6.0]);
+    let mut moved = Derivatives::default();
+    for (a, b, c) in orders_up_to_two() {
+        let mut sum = 0.0;
+        for (i, j, k) in orders_up_to_two() {
+            if i >= a && j >= b && k >= c && !(only_quadratic && i + j + k > 2) {
+                sum += node.w[i][j][k] * power[0][i - a] * power[1][j - b] * power[2][k - c];
+            }
+        }
+        for (axis, pure) in node.pure.iter().enumerate() {
+            let order = [a, b, c];
+            let others = (0..3).filter(|&other| other != axis).all(|other| order[other] == 0);
+            if others && !only_quadratic {
+                sum += pure * power[axis][3 - order[axis]];
+            }
+        }
+        moved[a][b][c] = sum;
+    }
+    moved
+}
+
+fn orders_up_to_two() -> impl Iterator<Item = (usize, usize, usize)> {
+    (0..27).map(|code| (code / 9, code / 3 % 3, code % 3))
+}
+
+/// Mean of those that are there; zero if none is.
+fn mean<const N: usize>(routes: [Option<f64>; N]) -> f64 {
+    let there = routes.iter().flatten();
+    there.clone().sum::<f64>() / there.count().max(1) as f64
+}
+
+fn packed(w: &Derivatives) -> Node {
+    let mut node = Node::default();
+    for (a, b, c) in orders_up_to_two() {
+        node[a][at(b, c)] = w[a][b][c] as f32;
+    }
+    node
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::hermite::HermiteTable;
+
+    use super::*;
+
+    /// W = sum of c_n (u_n . x)^5 / 5!, x in m: a quintic with every derivative known.
+    const TERMS: [([f64; 3], f64); 4] =
+        [([1.0, 0.3, -0.5], 8e6), ([0.2, -1.0, 0.6], 5e6), ([0.4, 0.5, 1.0], -6e6), ([0.7, -0.7, 0.2], 4e6)];
+
+    fn derivative(x: [f64; 3], axes: &[usize]) -> f64 {
+        let factorial = |n: usize| (1..=n).product::<usize>() as f64;
+        let of = |(u, c): &([f64; 3], f64)| {
+            let along: f64 = u.iter().zip(x).map(|(u, x)| u * x).sum();
+            let left = 5 - axes.len();
+            c * along.powi(left as i32) / factorial(left) * axes.iter().map(|&i| u[i]).product::<f64>()
+        };
+        // A stiffness at rest, so that forces are of the usual size.
+        let base = match axes {
+            [] => 150.0 * x.iter().map(|x| x * x).sum::<f64>(),
+            [i] => 300.0 * x[*i],
+            [i, j] if i == j => 300.0,
+            _ => 0.0,
+        };
+        base + TERMS.iter().map(of).sum::<f64>()
+    }
+
+    fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
+        let x = grid.displacement_m(index);
+        Sample {
+            index,
+            attempt: 0,
+            energy_j: derivative(x, &[]),
+            force_n: std::array::from_fn(|i| derivative(x, &[i])),
+            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| derivative(x, &[i, j]))),
+            third_n_m2: crate::material::THIRD_INDICES.map(|triple| derivative(x, &triple)),
+            terminating: false,
+            inverted: false,
+        }
+    }
+
+    /// Largest errors of energy and hermite over positions inside, N.
+    fn errors(spacing_m: f64, without: impl Fn(GridIndex) -> bool) -> [f64; 2] {
+        let grid = SpaceGrid::new(spacing_m, 0.06).unwrap();
+        let samples: Vec<Sample> =
+            Domain::new(&grid, true).points().filter(|&p| !without(p)).map(|p| sample(&grid, p)).collect();
+        let table = hermite_nodes(&grid, &samples, &[]);
+        let table = HermiteTable::new(grid.lattice.slots(), &table.row, &table.nodes).expect("a table");
+        let mut worst = [0.0f64; 2];
+        for n in 0..4000u32 {
+            let x: [f64; 3] = std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
+            let place = grid.lattice.locate(x.map(|x| x as f32));
+            let side = grid.lattice.side();
+            let found = [table.energy_gradient(side, place.slot, place.t), table.force(side, place.slot, place.t)];
+            for (worst, found) in worst.iter_mut().zip(found) {
+                for i in 0..3 {
+                    *worst = worst.max((f64::from(found[i]) - derivative(x, &[i])).abs());
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn a_polynomial_of_degree_five_is_met_to_rounding_and_hermite_converges_with_order_four() {
+        let coarse = errors(0.01, |_| false);
+        let fine = errors(0.005, |_| false);
+        assert!(coarse[0] < 6e-5 && fine[0] < 6e-5, "energy: {} {} N", coarse[0], fine[0]);
+        let order = (coarse[1] / fine[1]).log2();
+        assert!(coarse[1] > 1e-4 && (3.5..4.6).contains(&order), "hermite: {} {} N, order {order}", coarse[1], fine[1]);
+    }
+
+    #[test]
+    fn a_ghost_continues_its_neighbours() {
+        let hole = |p: GridIndex| p == [1, 1, 0] || p == [-2, 0, 1];
+        let [energy, hermite] = errors(0.01, hole);
+        let largest = derivative([0.02, 0.02, 0.02], &[0]);
+        assert!(energy < 2e-2 * largest && hermite < 2e-2 * largest, "{energy} {hermite} of {largest} N");
+    }
+
+    #[test]
+    fn no_difference_is_taken_across_a_fold() {
+        let grid = SpaceGrid::new(0.01, 0.03).unwrap();
+        let points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
+        // Beyond x = 15 mm another branch, whose derivatives have nothing to do with those before.
+        let beyond = |p: GridIndex| p[0] > 1;
+        let samples = |jump: f64| -> Vec<Sample> {
+            let of = |&p: &GridIndex| {
+                let mut s = sample(&grid, p);
+                if beyond(p) {
+                    s.third_n_m2 = s.third_n_m2.map(|w| w + jump);
+                }
+                s
+            };
+            points.iter().map(of).collect()
+        };
+        let folds: Vec<Fold> = points
+            .iter()
+            .flat_map(|&a| points.iter().map(move |&b| (a, b)))
+            .filter(|&(a, b)| a < b && beyond(a) != beyond(b) && (0..3).all(|i| (a[i] - b[i]).abs() <= 1))
+            .map(|(from, to)| Fold { from, to, rho_n: 1.0, rho_h_n: 1.0 })
+            .collect();
+        let node = |jump: f64, folds: &[Fold]| {
+            let table = hermite_nodes(&grid, &samples(jump), folds);
+            table.nodes[table.row[grid.lattice.slot([1, 0, 0]).unwrap()] as usize]
+        };
+        assert_eq!(node(0.0, &folds), node(1e6, &folds), "the near side does not feel the far one");
+        assert_ne!(node(0.0, &[]), node(1e6, &[]), "without flags it would");
+        let mut values = super::super::lattice_values(&grid, &samples(0.0));
+        flag_folds(&grid, &folds, &mut values);
+        for (slot, bits) in values.flags.iter().enumerate() {
+            let [i, j, k] = grid.lattice.ijk(slot);
+            let crossed = i == 1 && [j, k].iter().all(|n| (-3..3).contains(n));
+            let flagged = bits & flags::FOLD != 0;
+            assert!(!flagged || i == 1, "cell {i} {j} {k}");
+            if crossed && j.abs() < 2 && k.abs() < 2 {
+                assert!(flagged, "cell {i} {j} {k}");
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! The certificate of a blob, for people.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use palpate_core::Organ;
+use palpate_precompute::certificate::{Certificate, Errors, MethodCertificate};
+
+use crate::failure::Failure;
+
+/// The certificate in a blob, if it has one.
+pub(crate) fn of(path: &Path, organ: &Organ<'_>) -> Result<Option<Certificate>, Failure> {
+    let Some(bytes) = organ.certificate else { return Ok(None) };
+    let unreadable = |error| {
+        Failure::input(format!("{}: its certificate cannot be read ({error}); pack it again", path.display()))
+    };
+    serde_json::from_slice(bytes).map(Some).map_err(unreadable)
+}
+
+/// The tables of a certificate.
+pub(crate) fn in_words(certificate: &Certificate) -> String {
+    let mut text = String::new();
+    for space in &certificate.spaces {
+        let cost = &space.cost;
+        let _ = writeln!(
+            text,
+            "certificate of {}: {} configurations ({} tries, {} failed, {:.1} s, residual up to {:.1e} N), {} held-out \
+             positions ({:.1} s)",
+            space.active,
+            cost.configurations,
+            cost.tries,
+            cost.failed,
+            cost.seconds,
+            cost.residual_n,
+            cost.held_out,
+            cost.held_out_seconds
+        );
+        let _ = writeln!(
+            text,
+            "  folds: {} pairs of neighbours, {:.1} % of the volume in touch with them",
+            space.fold_pairs,
+            100.0 * space.folded_volume
+        );
+        let _ = writeln!(
+            text,
+            "  error vector, mN      mean     p50     p95     p99     max  covered  not felt (certified)      at folds: \
+             mean / max"
+        );
+        for method in &space.methods {
+            text.push_str(&line(method));
+        }
+        let _ = writeln!(
+            text,
+            "  by radius, mean / max mN   0-1/2      1/2-3/4    3/4-1    paths mean / max     work, %    seam mN  f32 mN       \
+             ns"
+        );
+        for method in &space.methods {
+            text.push_str(&second_line(method));
+        }
+    }
+    text
+}
+
+fn mn(newtons: f64) -> String {
+    let value = 1e3 * newtons;
+    if value == 0.0 || value >= 100.0 {
+        format!("{value:.0}")
+    } else if value >= 10.0 {
+        format!("{value:.1}")
+    } else if value >= 0.01 {
+        format!("{value:.2}")
+    } else {
+        format!("{value:.0e}")
+    }
+}
+
+fn pair(errors: &Errors) -> String {
+    if errors.count == 0 { "-".into() } else { format!("{}/{}", mn(errors.mean_n), mn(errors.max_n)) }
+}
+
+fn line(method: &MethodCertificate) -> String {
+    let MethodCertificate { uniform: e, folded, .. } = method;
+    let percent = |n: usize| 100.0 * n as f64 / e.count.max(1) as f64;
+    let numbers: String =
+        [e.mean_n, e.p50_n, e.p95_n, e.p99_n, e.max_n].iter().map(|x| format!("{:>8}", mn(*x))).collect();
+    format!(
+        "    {:<14}{numbers}  {:6.1}%  {:6.1}% ({:.1}%)  {:>8} positions: {}\n",
+        method.method,
+        percent(e.covered),
+        percent(e.not_felt),
+        100.0 * method.not_felt_certified,
+        folded.count,
+        pair(folded)
+    )
+}
+
+fn second_line(method: &MethodCertificate) -> String {
+    let [inner, middle, outer] = &method.by_radius;
+    let paths = |errors: &Errors| if errors.count == 0 { "-".to_string() } else { pair(errors) };
+    let probe = &method.probe;
+    format!(
+        "    {:<14} {:>16} {:>12} {:>12} {:>14} {:>12.2e} {:>8} {:>8} {:8.0}\n",
+        method.method,
+        pair(inner),
+        pair(middle),
+        pair(outer),
+        paths(&method.random),
+        100.0 * probe.work.mean,
+        mn(probe.seam_n),
+        mn(probe.rounding_n),
+        probe.nanoseconds
+    )
+}
