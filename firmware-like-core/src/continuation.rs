@@ -17,7 +17,13 @@ fn course(pulled_m: f32, spacing_m: f32) -> (f32, f32) {
 }
 
 /// Force beyond the rim from that at the rim.
-pub fn force(at_rim_n: Vec3, stiffness_n_m: &[Vec3; 3], outward: Vec3, pulled_m: f32, spacing_m: f32) -> Vec3 {
+pub fn force(
+    at_rim_n: Vec3,
+    stiffness_n_m: &[Vec3; 3],
+    outward: Vec3,
+    pulled_m: f32,
+    spacing_m: f32,
+) -> Vec3 {
     let (rise_m, _) = course(pulled_m, spacing_m);
     vec3::add(at_rim_n, vec3::scale(vec3::transform(stiffness_n_m, outward), rise_m))
 }

@@ -81,8 +81,9 @@ pub fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> 
     flags.iter().enumerate().position(|(slot, &bits)| {
         let ijk = lattice.ijk(slot);
         // INTERIOR is tested against stored SUPERCELL bits, which the same pass tests against SOLVED.
-        let derived =
-            cell_bits(lattice, flags, ijk) | interior_bit(lattice, flags, ijk) | smooth_bit(lattice, flags, ijk);
+        let derived = cell_bits(lattice, flags, ijk)
+            | interior_bit(lattice, flags, ijk)
+            | smooth_bit(lattice, flags, ijk);
         let qualified_but_not_solved = bits & SOLVED == 0 && bits & (TERMINATING | INVERTED) != 0;
         bits & !GIVEN != derived || qualified_but_not_solved
     })

@@ -129,7 +129,8 @@ fn stiffness_and_energy_agree_with_differences_of_the_force() {
                 let column = [0, 1, 2].map(|i| here.stiffness_n_m[i][axis]);
                 let slope = vec3::scale(vec3::sub(high.force_n, low.force_n), 0.5 / h);
                 // Third derivatives of the interpolants times h^2 / 6, and rounding of forces over h.
-                let tolerance = 2e-3 * vec3::norm(column) + if method == Method::RbfLinear { 8.0 } else { 1.5 };
+                let tolerance =
+                    2e-3 * vec3::norm(column) + if method == Method::RbfLinear { 8.0 } else { 1.5 };
                 assert!(distance(column, slope) < tolerance, "{method:?} {d:?}: {column:?} {slope:?}");
                 if let (Some(low), Some(_), Some(high)) = (low.energy_j, here.energy_j, high.energy_j) {
                     with_energy += 1;
@@ -139,7 +140,9 @@ fn stiffness_and_energy_agree_with_differences_of_the_force() {
             }
             if method == Method::Energy && here.energy_j.is_some() {
                 let s = here.stiffness_n_m;
-                assert!((s[0][1] - s[1][0]).abs() + (s[0][2] - s[2][0]).abs() + (s[1][2] - s[2][1]).abs() < 1e-3);
+                assert!(
+                    (s[0][1] - s[1][0]).abs() + (s[0][2] - s[2][0]).abs() + (s[1][2] - s[2][1]).abs() < 1e-3
+                );
             }
         }
     }
@@ -343,7 +346,10 @@ fn the_energy_does_no_work_round_a_closed_path() {
     let [(energy, of), (tricubic, _), (hermite, _)] =
         [Method::Energy, Method::Tricubic, Method::Hermite].map(work);
     assert!(energy < 1e-5 * of, "{energy} J of {of} J");
-    assert!(tricubic > 5e-5 * of && hermite > 1e-4 * of, "the path meets the ghosts: {tricubic} {hermite} of {of} J");
+    assert!(
+        tricubic > 5e-5 * of && hermite > 1e-4 * of,
+        "the path meets the ghosts: {tricubic} {hermite} of {of} J"
+    );
 }
 
 /// Where it can, the hybrid is the tri-cubic; where it cannot, the tri-linear.

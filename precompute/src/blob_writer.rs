@@ -6,15 +6,16 @@ use bytemuck::Pod;
 use palpate_core::Method;
 use palpate_core::blob::DEFAULT_MAX_SPACES;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader,
-    SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, MAGIC, PREFIX_LEN, PlaneRef,
+    Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
 use palpate_core::rbf::LANES;
 
 use crate::configuration_space::fold::{Fold, folds};
 use crate::configuration_space::{GridIndex, SpaceGrid, Store, StoreError};
 use crate::fit::{
-    FitError, Kernel, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values, nearest_solved, samples,
+    Centre, FitError, Kernel, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
+    nearest_solved, samples,
 };
 use crate::mesh::{Surface, TetMesh};
 
@@ -105,8 +106,19 @@ impl Packed {
     }
 }
 
-/// Packs every solved space of `store` with the tables of `methods`.
-pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
+/// What is packed, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct PackOptions<'m> {
+    /// Methods whose tables are wanted.
+    pub methods: &'m [Method],
+    /// Whether states between grid points are centres of the radial basis functions too, where the store has any.
+    pub intermediate: bool,
+    /// Threads for the fits.
+    pub threads: usize,
+}
+
+/// Packs every solved space of `store`.
+pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let grid =
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
@@ -118,7 +130,7 @@ pub fn pack(store: &Store, methods: &[Method]) -> Result<Packed, PackError> {
     }
     let surface = Surface::of(&mesh);
     let visual = identity.visual;
-    let mut packer = Packer { store, grid, mesh, surface, methods, visual, planes: PlaneArea::default() };
+    let mut packer = Packer { store, grid, mesh, surface, options, visual, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
@@ -160,7 +172,7 @@ struct Packer<'s> {
     grid: SpaceGrid,
     mesh: TetMesh,
     surface: Surface,
-    methods: &'s [Method],
+    options: &'s PackOptions<'s>,
     visual: bool,
     planes: PlaneArea,
 }
@@ -196,20 +208,21 @@ impl Packer<'_> {
         flag_folds(&self.grid, folds, &mut values);
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
-        let has_lattice = self.methods.iter().any(|m| on_lattice.contains(m));
+        let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
         let force_n = has_lattice.then(|| self.planes.push3(&values.force_n)).transpose()?;
-        let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, samples)? {
+        let centres = self.centres(active, samples)?;
+        let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, &centres)? {
             Some(fit) => {
                 let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();
                 Some(self.rbf_planes::<f32>(&fit, narrow)?)
             }
             None => None,
         };
-        let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, samples)? {
+        let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, &centres)? {
             Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
             None => None,
         };
-        let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.methods.contains(m));
+        let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.options.methods.contains(m));
         let hermite = if has_hermite {
             let table = hermite_nodes(&self.grid, samples, folds);
             Some(HermiteHeader { row: self.planes.push(&table.row)?, nodes: self.planes.push(&table.nodes)? })
@@ -234,15 +247,34 @@ impl Packer<'_> {
         })
     }
 
+    /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
+    fn centres(&self, active: usize, samples: &[Sample]) -> Result<Vec<Centre>, PackError> {
+        let on_grid = samples.iter().map(|s| Centre { position: s.index.map(f64::from), force_n: s.force_n });
+        let mut centres: Vec<Centre> = on_grid.collect();
+        if self.options.intermediate {
+            let cells = |d: [f64; 3]| d.map(|x| x / self.grid.spacing_m);
+            for (index, attempt, state) in self.store.intermediate(active)? {
+                let counts = samples.binary_search_by_key(&index, |s| s.index);
+                if counts.is_ok_and(|at| samples[at].attempt == attempt) {
+                    centres.push(Centre { position: cells(state.displacement_m), force_n: state.force_n });
+                }
+            }
+            // Two transitions may have met half-way; the one that comes first counts.
+            let mut seen = std::collections::HashSet::new();
+            centres.retain(|c| seen.insert(c.position.map(|x| (x * 1e6).round() as i64)));
+        }
+        Ok(centres)
+    }
+
     fn fit(
         &self,
         method: Method,
         kernel: Kernel,
         name: &str,
-        samples: &[Sample],
+        centres: &[Centre],
     ) -> Result<Option<RbfFit>, PackError> {
-        let wanted = self.methods.contains(&method);
-        let fitted = wanted.then(|| fit_rbf(kernel, samples)).transpose();
+        let wanted = self.options.methods.contains(&method);
+        let fitted = wanted.then(|| fit_rbf(kernel, centres, self.options.threads)).transpose();
         fitted.map_err(|error| PackError::Fit { active: name.into(), error })
     }
 

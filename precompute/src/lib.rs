@@ -10,9 +10,9 @@
 
 pub mod assembly;
 pub mod blob_writer;
-pub mod certificate;
 pub mod body;
 pub mod boundary;
+pub mod certificate;
 pub mod configuration_space;
 pub mod element;
 pub mod error;

@@ -3,8 +3,11 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
-use palpate_precompute::blob_writer::pack;
-use palpate_precompute::configuration_space::{Domain, ExpansionError, Record, Store, still_to_solve};
+use palpate_host::BlobFile;
+use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::configuration_space::{
+    Domain, ExpansionError, Intermediate, Record, Store, still_to_solve,
+};
 use palpate_precompute::solve::Solver;
 use palpate_tests::space_bench::SpaceBench;
 
@@ -117,7 +120,8 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
     let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
-    let bytes = pack(&store, &Method::ALL).and_then(|packed| packed.bytes()).expect("the space packs");
+    let options = PackOptions { methods: &Method::ALL, intermediate: false, threads: 2 };
+    let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
     let words: Vec<u64> =
         bytes.chunks(8).map(|c| c.iter().rev().fold(0, |w, b| (w << 8) | u64::from(*b))).collect();
     let organ: Organ<'_> =
@@ -251,7 +255,7 @@ fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
     // Each is a third or two thirds of the way from one grid point to the next, and an equilibrium.
     let mut solver = Solver::new(bench.problem.clone());
     let rest = solver.rest().expect("the beam is held");
-    for state in states.iter().step_by(9) {
+    for (_, _, state) in states.iter().step_by(9) {
         let cells = state.displacement_m.map(|x| 3.0 * x / bench.grid.spacing_m);
         assert!(cells.iter().all(|x| (x - x.round()).abs() < 1e-9), "{cells:?}");
         let fresh = solver.advance(&rest.seed, state.displacement_m).expect("converges");
@@ -259,4 +263,19 @@ fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
         assert!(error < 1e-9, "{error} N at {:?}", state.displacement_m);
         assert!((fresh.energy_j - state.energy_j).abs() < 1e-10);
     }
+    // Radial basis functions pass through them if they are told to, and err there if not.
+    let worst = |intermediate: bool| -> f64 {
+        let options = PackOptions { methods: &[Method::RbfCubic], intermediate, threads: 2 };
+        let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
+        let file = BlobFile::of(&bytes);
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let error = |state: &Intermediate| {
+            let at = state.displacement_m.map(|x| x as f32);
+            let found = organ.spaces[0].force(Method::RbfCubic, at).expect("packed").force_n;
+            (0..3).map(|i| (f64::from(found[i]) - state.force_n[i]).abs()).fold(0.0, f64::max)
+        };
+        states.iter().map(|(_, _, state)| error(state)).fold(0.0, f64::max)
+    };
+    let (with, without) = (worst(true), worst(false));
+    assert!(with < 1e-5 && without > 1e-3, "{with} N with them as centres, {without} N without");
 }

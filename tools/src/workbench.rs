@@ -1,8 +1,8 @@
 //! A loaded scene with its body: what `path`, `precompute` and `demo` start from.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
@@ -191,9 +191,15 @@ pub(crate) fn threads(asked: Option<usize>) -> usize {
 /// signal twice in a row, and the hand must be let go first.
 const PATIENCE: Duration = Duration::from_secs(2);
 
+/// The flag is one for the whole process: a handler can be set but once.
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
 /// A flag that Ctrl-C and SIGTERM raise; work that goes on regardless is ended by a later second one.
 pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
-    let stop = Arc::new(AtomicBool::new(false));
+    if let Some(stop) = STOP.get() {
+        return Ok(stop.clone());
+    }
+    let stop = STOP.get_or_init(Arc::default).clone();
     let raised = stop.clone();
     let mut first: Option<Instant> = None;
     ctrlc::set_handler(move || {

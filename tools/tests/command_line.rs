@@ -222,9 +222,26 @@ fn scene_to_blob_to_query() {
         1 + 125,
         "the cube of two cells"
     );
-    // One lattice table serves three methods.
+    // The blob tells how far it is from finite elements, at positions that were solved for it and that no fit saw.
     let shown: serde_json::Value =
         serde_json::from_str(&ok(&["inspect", text(&blob), "--json"])).expect("JSON");
+    let certificate = &shown["certificate"]["spaces"][0];
+    assert_eq!(certificate["active"], "A");
+    let methods = certificate["methods"].as_array().expect("methods");
+    assert_eq!(methods.len(), 4);
+    for method in methods {
+        let uniform = &method["uniform"];
+        let number = |key: &str| uniform[key].as_f64().expect("a number");
+        assert_eq!(uniform["count"], 299, "{method}");
+        assert!(number("mean_n") > 1e-6 && number("mean_n") < number("p95_n"), "{method}");
+        assert!(number("p95_n") <= number("p99_n") && number("p99_n") <= number("max_n"), "{method}");
+        assert!(number("max_n") < 0.05, "a hundred newtons a metre over a cell of 5 mm: {method}");
+    }
+    assert!(methods[0]["method"] == "trilinear" && methods[3]["method"] == "rbf-cubic");
+    let mean = |n: usize| methods[n]["uniform"]["mean_n"].as_f64().expect("a number");
+    assert!(mean(3) < mean(0), "the order of the methods is right: {methods:?}");
+    assert!(ok(&["inspect", text(&blob)]).contains("certificate of A: 125 configurations"));
+    // One lattice table serves three methods.
     assert_eq!(
         shown["spaces"][0]["methods"],
         serde_json::json!(["trilinear", "tricubic", "hybrid", "rbf-cubic"])
@@ -243,6 +260,26 @@ fn scene_to_blob_to_query() {
     let exact: f64 = solved.split(',').nth(14).expect("fx_n").parse().expect("a number");
     let found: f64 = rows[2][3].parse().expect("a number");
     assert!((exact - found).abs() < 1e-6 * exact.abs(), "{exact} N solved, {found} N in the blob");
+    ok(&[
+        "query",
+        text(&blob),
+        "--method",
+        "trilinear",
+        "--points",
+        text(&points),
+        "--csv",
+        text(&forces),
+        "--stiffness",
+    ]);
+    let answers = std::fs::read_to_string(&forces).expect("the answers");
+    let head = answers.lines().next().expect("a header");
+    assert!(head.ends_with(",szx_n_m,szy_n_m,szz_n_m,energy_j"), "{head}");
+    assert!(answers.lines().all(|line| line.split(',').count() == 17), "{answers}");
+    ok(&["pack", text(&space), "--no-certificate", "--out", text(&blob)]);
+    refused(
+        &["run", text(&blob), "--headless", "--seconds", "1"],
+        &["a.blob", "no certificate", "--uncertified"],
+    );
     refused(
         &["query", text(&blob), "--method", "rbf-linear", "--points", text(&points), "--csv", text(&forces)],
         &["a.blob", "rbf-linear", "palpate pack"],
@@ -260,7 +297,7 @@ fn damaged_and_newer_blobs_are_refused_in_one_line() {
     let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
     let (space, blob) = (folder.path().join("a.space"), folder.path().join("a.blob"));
     assert!(palpate(&["precompute", text(&scene), "--out", text(&space)]).status.success());
-    assert!(palpate(&["pack", text(&space), "--out", text(&blob)]).status.success());
+    assert!(palpate(&["pack", text(&space), "--no-certificate", "--out", text(&blob)]).status.success());
     let good = std::fs::read(&blob).expect("the blob");
     let mut flipped = good.clone();
     flipped[good.len() / 2] ^= 0x10;
@@ -275,7 +312,7 @@ fn damaged_and_newer_blobs_are_refused_in_one_line() {
     let sum = palpate_core::blob::format::CHECKSUM.checksum(&newer[..end]);
     newer[end..].copy_from_slice(&sum.to_le_bytes());
     std::fs::write(&blob, &newer).expect("the folder can be written");
-    refused(&["run", text(&blob), "--headless", "--seconds", "1"], &["a.blob", "version 2"]);
+    refused(&["run", text(&blob), "--headless", "--seconds", "1"], &["a.blob", "version 3"]);
     std::fs::remove_file(&blob).expect("the blob is there");
     refused(&["inspect", text(&blob)], &["a.blob"]);
 }

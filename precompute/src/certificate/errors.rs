@@ -148,7 +148,8 @@ mod tests {
 
     #[test]
     fn errors_of_a_hand_made_set() {
-        let compared = |truth_n: [f64; 3], found_n: [f64; 3]| Compared { truth_n, found_n, covered: truth_n[0] > 0.0 };
+        let compared =
+            |truth_n: [f64; 3], found_n: [f64; 3]| Compared { truth_n, found_n, covered: truth_n[0] > 0.0 };
         let all = [
             compared([1.0, 0.0, 0.0], [1.1, 0.0, 0.0]),
             compared([2.0, -1.0, 0.25], [2.0, -1.0, 0.25]),

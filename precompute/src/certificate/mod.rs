@@ -151,6 +151,20 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     })
 }
 
+/// How many uniform positions away from folds the store holds for each space of `organ`: those that bounds come from.
+pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<usize>, StoreError> {
+    let identity = store.identity()?;
+    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
+        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+    let mut counts = Vec::new();
+    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
+        let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
+        let truths = truths(store, active, space, &grid, identity.increments)?;
+        counts.push(truths.iter().filter(|truth| truth.kind == Kind::Uniform && !truth.folded).count());
+    }
+    Ok(counts)
+}
+
 fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
     let attempts = store.attempts(active)?;
     let records = store.records(active)?;

@@ -44,8 +44,11 @@ const REPEATS: usize = 15;
 pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
     let (work, work_folded) = work(space, method);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
-    let queries: Vec<[f32; 3]> =
-        if visited.len() < 100 { points.clone() } else { visited.iter().copied().cycle().take(QUERIES).collect() };
+    let queries: Vec<[f32; 3]> = if visited.len() < 100 {
+        points.clone()
+    } else {
+        visited.iter().copied().cycle().take(QUERIES).collect()
+    };
     Probe {
         work,
         work_folded,
@@ -98,7 +101,8 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
         let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * share.cbrt() * x);
         let axis = direction(2.0 * az - 1.0, aturn);
         let least = (0..3).min_by(|&a, &b| axis[a].abs().total_cmp(&axis[b].abs())).unwrap_or(0);
-        let mut u: [f64; 3] = std::array::from_fn(|i| f64::from(u8::from(i == least)) - axis[least] * axis[i]);
+        let mut u: [f64; 3] =
+            std::array::from_fn(|i| f64::from(u8::from(i == least)) - axis[least] * axis[i]);
         let length = dot(u, u).sqrt();
         u = u.map(|x| x / length);
         let v = [
@@ -131,7 +135,8 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
 fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     let (spacing_m, radius_m) = (space.lattice.spacing_m(), space.lattice.radius_m());
     // Rows of thousands of centres have no faces to cross, and time is dear.
-    let crossings = if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
+    let crossings =
+        if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
     let mut worst = 0.0f64;
     for n in 0..crossings {
         let mut at = in_ball(space, n);
@@ -152,8 +157,9 @@ fn seam_n(space: &Space<'_>, method: Method) -> f64 {
         let Some([a, b]) = estimates(space, method, [low, high]) else { continue };
         let moved: [f64; 3] = std::array::from_fn(|i| f64::from(high[i]) - f64::from(low[i]));
         let jump: [f64; 3] = std::array::from_fn(|i| {
-            let slope: [f64; 3] =
-                std::array::from_fn(|j| 0.5 * (f64::from(a.stiffness_n_m[i][j]) + f64::from(b.stiffness_n_m[i][j])));
+            let slope: [f64; 3] = std::array::from_fn(|j| {
+                0.5 * (f64::from(a.stiffness_n_m[i][j]) + f64::from(b.stiffness_n_m[i][j]))
+            });
             f64::from(b.force_n[i]) - f64::from(a.force_n[i]) - dot(slope, moved)
         });
         worst = worst.max(dot(jump, jump).sqrt());

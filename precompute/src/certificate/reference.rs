@@ -49,12 +49,8 @@ const LINEAR: Stencil = Stencil { points: &[0, 1], weight: |n, t| if n == 0 { 1.
 const CUBIC: Stencil = Stencil {
     points: &[-1, 0, 1, 2],
     weight: |n, t| {
-        let [a, b, c, d] = [
-            [0.0, -0.5, 1.0, -0.5],
-            [1.0, 0.0, -2.5, 1.5],
-            [0.0, 0.5, 2.0, -1.5],
-            [0.0, 0.0, -0.5, 0.5],
-        ][n];
+        let [a, b, c, d] =
+            [[0.0, -0.5, 1.0, -0.5], [1.0, 0.0, -2.5, 1.5], [0.0, 0.5, 2.0, -1.5], [0.0, 0.0, -0.5, 0.5]][n];
         a + t * (b + t * (c + t * d))
     },
 };
@@ -110,7 +106,8 @@ impl<'s, 'a> Cell<'s, 'a> {
             for (b, &j) in points() {
                 for (c, &k) in points() {
                     let orders = [a, b, c];
-                    let weight: f64 = (0..3).map(|axis| (stencil.weight)(orders[axis], self.t[axis])).product();
+                    let weight: f64 =
+                        (0..3).map(|axis| (stencil.weight)(orders[axis], self.t[axis])).product();
                     let slot = self.slot([i, j, k]);
                     for (sum, plane) in sum.iter_mut().zip(planes) {
                         *sum += weight * f64::from(plane[slot]);

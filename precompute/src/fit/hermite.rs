@@ -155,7 +155,8 @@ impl Field<'_> {
         const PAIRS: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
         self.fill(|field, at, w| {
             for [i, j, k] in PAIRS {
-                *part(w, &[i, i, j, j]) = mean([field.first(at, &[i, i, j], j), field.first(at, &[i, j, j], i)]);
+                *part(w, &[i, i, j, j]) =
+                    mean([field.first(at, &[i, i, j], j), field.first(at, &[i, j, j], i)]);
                 // k twice, with i and j once each.
                 *part(w, &[i, j, k, k]) = mean([
                     field.first(at, &[j, k, k], i),
@@ -202,7 +203,12 @@ impl Field<'_> {
             let from = self.grid.lattice.ijk(slot);
             let step = std::array::from_fn(|axis| f64::from(index[axis] - from[axis]));
             let continued = taylor(node, step, nearest > NEAR);
-            for (sum, value) in sum.as_flattened_mut().as_flattened_mut().iter_mut().zip(continued.as_flattened().as_flattened()) {
+            for (sum, value) in sum
+                .as_flattened_mut()
+                .as_flattened_mut()
+                .iter_mut()
+                .zip(continued.as_flattened().as_flattened())
+            {
                 *sum += value;
             }
             count += 1.0;
@@ -306,10 +312,12 @@ mod tests {
         let table = HermiteTable::new(grid.lattice.slots(), &table.row, &table.nodes).expect("a table");
         let mut worst = [0.0f64; 2];
         for n in 0..4000u32 {
-            let x: [f64; 3] = std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
+            let x: [f64; 3] =
+                std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
             let place = grid.lattice.locate(x.map(|x| x as f32));
             let side = grid.lattice.side();
-            let found = [table.energy_gradient(side, place.slot, place.t), table.force(side, place.slot, place.t)];
+            let found =
+                [table.energy_gradient(side, place.slot, place.t), table.force(side, place.slot, place.t)];
             for (worst, found) in worst.iter_mut().zip(found) {
                 for i in 0..3 {
                     *worst = worst.max((f64::from(found[i]) - derivative(x, &[i])).abs());
@@ -325,7 +333,12 @@ mod tests {
         let fine = errors(0.005, |_| false);
         assert!(coarse[0] < 6e-5 && fine[0] < 6e-5, "energy: {} {} N", coarse[0], fine[0]);
         let order = (coarse[1] / fine[1]).log2();
-        assert!(coarse[1] > 1e-4 && (3.5..4.6).contains(&order), "hermite: {} {} N, order {order}", coarse[1], fine[1]);
+        assert!(
+            coarse[1] > 1e-4 && (3.5..4.6).contains(&order),
+            "hermite: {} {} N, order {order}",
+            coarse[1],
+            fine[1]
+        );
     }
 
     #[test]

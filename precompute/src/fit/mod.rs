@@ -2,11 +2,12 @@
 
 mod ghosts;
 mod hermite;
+mod rbf_iterative;
 mod rbf_weights;
 
 pub use ghosts::{LatticeValues, lattice_values, nearest_solved};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
-pub use rbf_weights::{FitError, Kernel, RbfFit, fit_rbf};
+pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, fit_rbf};
 
 use crate::configuration_space::{GridIndex, Record, SpaceGrid};
 use crate::material::SymmetricThird;

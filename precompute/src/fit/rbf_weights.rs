@@ -3,7 +3,7 @@
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 
-use super::Sample;
+use super::rbf_iterative::solve_iteratively;
 
 /// The kernel phi(r), r in cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,6 +21,14 @@ impl Kernel {
         match self {
             Self::Linear => r,
             Self::Cubic => r * r * r,
+        }
+    }
+
+    /// Polynomials that local fits need beside the kernel: constants for r, linear ones for r^3.
+    pub(super) fn polynomials(self) -> usize {
+        match self {
+            Self::Linear => 1,
+            Self::Cubic => 4,
         }
     }
 
@@ -65,6 +73,18 @@ impl std::fmt::Display for FitError {
 
 impl std::error::Error for FitError {}
 
+/// A position and the force there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Centre {
+    /// In cells.
+    pub position: [f64; 3],
+    /// h, N.
+    pub force_n: [f64; 3],
+}
+
+/// Centres up to which the dense factorisation is taken: 0.4 GB, and a minute for one thread.
+const DENSE: usize = 5000;
+
 /// A misfit beyond this share of the largest force means that the matrix was singular.
 const MISFIT: f64 = 1e-6;
 
@@ -72,16 +92,34 @@ const MISFIT: f64 = 1e-6;
 ///
 /// Distances are in cells, so the matrix does not depend on the unit of length. No polynomial tail, as in the paper
 /// (whose sum to N-1 is a misprint for N). The matrix is symmetric indefinite with zeros on the diagonal: LBL^T
-/// with pivoting, N^3/3 operations. Memory 8 N^2 bytes, twice.
-pub fn fit_rbf(kernel: Kernel, samples: &[Sample]) -> Result<RbfFit, FitError> {
-    let n = samples.len();
-    let position = |i: usize| samples[i].index.map(f64::from);
+/// with pivoting, N^3/3 operations. Memory 8 N^2 bytes, twice. Beyond some thousands of centres the weights are found iteratively
+/// instead, on `threads` threads, to the same misfit.
+pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
+    let n = centres.len();
+    let (weights, misfit_n) =
+        if n <= DENSE { solve_densely(kernel, centres) } else { solve_iteratively(kernel, centres, threads) };
+    let largest = centres.iter().flat_map(|c| c.force_n).fold(0.0, |m: f64, h| m.max(h.abs()));
+    // Written so that a NaN is a misfit too.
+    if !(misfit_n <= MISFIT * largest.max(f64::MIN_POSITIVE)) {
+        return Err(FitError { kernel, centres: n, misfit_n });
+    }
+    Ok(RbfFit {
+        centres: std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect()),
+        weights,
+        misfit_n,
+    })
+}
+
+/// Weights by factorisation, and the largest misfit.
+fn solve_densely(kernel: Kernel, centres: &[Centre]) -> ([Vec<f64>; 3], f64) {
+    let n = centres.len();
+    let position = |i: usize| centres[i].position;
     let matrix = Mat::from_fn(n, n, |i, j| {
         let (a, b) = (position(i), position(j));
         let squared: f64 = a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum();
         kernel.value(squared.sqrt())
     });
-    let forces = Mat::from_fn(n, 3, |i, axis| samples[i].force_n[axis]);
+    let forces = Mat::from_fn(n, 3, |i, axis| centres[i].force_n[axis]);
     let factor = matrix.lblt(Side::Lower);
     let mut weights = factor.solve(&forces);
     // One refinement: cond of the cubic matrix is 1e6 at 514 points, 1e8 at 4168.
@@ -92,15 +130,7 @@ pub fn fit_rbf(kernel: Kernel, samples: &[Sample]) -> Result<RbfFit, FitError> {
     let finite =
         (0..n).all(|i| (0..3).all(|axis| weights[(i, axis)].is_finite() && misfit[(i, axis)].is_finite()));
     let misfit_n = if finite { misfit.norm_max() } else { f64::INFINITY };
-    let largest = forces.norm_max();
-    if misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
-        return Err(FitError { kernel, centres: n, misfit_n });
-    }
-    Ok(RbfFit {
-        centres: std::array::from_fn(|axis| (0..n).map(|i| position(i)[axis]).collect()),
-        weights: std::array::from_fn(|axis| (0..n).map(|i| weights[(i, axis)]).collect()),
-        misfit_n,
-    })
+    (std::array::from_fn(|axis| (0..n).map(|i| weights[(i, axis)]).collect()), misfit_n)
 }
 
 #[cfg(test)]
@@ -108,56 +138,63 @@ mod tests {
     use super::*;
     use crate::configuration_space::SpaceGrid;
 
+    fn field(position: [f64; 3]) -> Centre {
+        let [x, y, z] = position.map(|n| n / 3.0);
+        Centre { position, force_n: [(2.0 * x).sinh() + y * z, y - x * z * z, (z + x).tanh()] }
+    }
+
+    /// Points of a ball of so many cells, and some between them.
+    fn centres(cells: i32) -> Vec<Centre> {
+        let grid = SpaceGrid::new(0.03 / f64::from(cells), 0.03).unwrap();
+        let on_grid = grid.lattice.points().chain([[0; 3]]).map(|p| p.map(f64::from));
+        let between = (0..40).map(|n| {
+            [0.37, 0.61, 0.83].map(|x| f64::from(cells) * (2.0 * (x * f64::from(n + 1)).fract() - 1.0) * 0.5)
+        });
+        let small = |p: [f64; 3]| p.map(|x| 3.0 * x / f64::from(cells));
+        on_grid.chain(between).map(|p| Centre { position: p, ..field(small(p)) }).collect()
+    }
+
     #[test]
     fn the_fit_passes_through_every_centre() {
-        let grid = SpaceGrid::new(0.01, 0.03).unwrap();
-        let samples: Vec<Sample> = grid
-            .lattice
-            .points()
-            .chain([[0; 3]])
-            .map(|index| {
-                let [x, y, z] = index.map(|n| f64::from(n) / 3.0);
-                Sample {
-                    attempt: 0,
-                    energy_j: 0.0,
-                    third_n_m2: [0.0; 10],
-                    index,
-                    force_n: [(2.0 * x).sinh() + y * z, y - x * z * z, (z + x).tanh()],
-                    stiffness_n_m: [[0.0; 3]; 3],
-                    terminating: false,
-                    inverted: false,
-                }
-            })
-            .collect();
+        let centres = centres(3);
         for kernel in [Kernel::Linear, Kernel::Cubic] {
-            let fit = fit_rbf(kernel, &samples).unwrap();
-            for (i, sample) in samples.iter().enumerate() {
+            let fit = fit_rbf(kernel, &centres, 1).unwrap();
+            for (i, centre) in centres.iter().enumerate() {
                 let at: [f64; 3] = std::array::from_fn(|axis| fit.centres[axis][i]);
                 for axis in 0..3 {
-                    let value: f64 = (0..samples.len())
+                    let value: f64 = (0..centres.len())
                         .map(|j| {
                             let r2: f64 = (0..3).map(|a| (fit.centres[a][j] - at[a]).powi(2)).sum();
                             fit.weights[axis][j] * kernel.value(r2.sqrt())
                         })
                         .sum();
-                    assert!((value - sample.force_n[axis]).abs() < 1e-9, "{kernel:?} {at:?}");
+                    assert!((value - centre.force_n[axis]).abs() < 1e-9, "{kernel:?} {at:?}");
                 }
             }
         }
     }
 
     #[test]
+    fn the_iterative_route_finds_the_same_weights_whatever_the_threads() {
+        let centres = centres(7);
+        for kernel in [Kernel::Linear, Kernel::Cubic] {
+            let (dense, _) = solve_densely(kernel, &centres);
+            let (iterative, misfit_n) = solve_iteratively(kernel, &centres, 2);
+            assert!(misfit_n < 1e-6, "{kernel:?}: {misfit_n} N");
+            let largest = dense.iter().flatten().fold(0.0, |m: f64, w| m.max(w.abs()));
+            let apart = dense.iter().flatten().zip(iterative.iter().flatten()).map(|(a, b)| (a - b).abs());
+            assert!(apart.fold(0.0, f64::max) < 1e-5 * largest, "{kernel:?}");
+            assert_eq!(
+                iterative,
+                solve_iteratively(kernel, &centres, 1).0,
+                "{kernel:?}: the bits depend on the threads"
+            );
+        }
+    }
+
+    #[test]
     fn two_values_at_one_place_are_refused() {
-        let sample = |force| Sample {
-            attempt: 0,
-            energy_j: 0.0,
-            third_n_m2: [0.0; 10],
-            index: [1, 2, 3],
-            force_n: [force; 3],
-            stiffness_n_m: [[0.0; 3]; 3],
-            terminating: false,
-            inverted: false,
-        };
-        assert!(fit_rbf(Kernel::Cubic, &[sample(1.0), sample(2.0)]).is_err());
+        let centre = |force| Centre { position: [1.0, 2.0, 3.0], force_n: [force; 3] };
+        assert!(fit_rbf(Kernel::Cubic, &[centre(1.0), centre(2.0)], 1).is_err());
     }
 }

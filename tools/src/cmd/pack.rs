@@ -7,8 +7,8 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{Packed, pack, write_atomically};
-use palpate_precompute::certificate::{Certificate, certify};
+use palpate_precompute::blob_writer::{PackOptions, Packed, pack, write_atomically};
+use palpate_precompute::certificate::{Certificate, certify, clear_positions};
 use palpate_precompute::configuration_space::{SpaceGrid, Store, still_to_solve, with_threads};
 use palpate_precompute::held_out::{Draw, Kind, Summary};
 
@@ -38,9 +38,13 @@ pub(crate) struct Args {
     /// Leave the certificate out; `palpate run` then wants to be told to trust the blob
     #[arg(long)]
     no_certificate: bool,
-    /// Uniform positions an active node that are solved for the certificate (299 can certify 99 % with 95 % confidence)
+    /// Uniform positions away from folds that are solved for the certificate, an active node (299 can certify 99 % with 95 %
+    /// confidence)
     #[arg(long, value_name = "N", default_value_t = Draw::PAPER.uniform)]
     uniform: u32,
+    /// Leave states between grid points, which a scene with `increments` keeps, out of the radial basis functions
+    #[arg(long)]
+    grid_only: bool,
     /// Worker threads for those; one a core if not given
     #[arg(long)]
     threads: Option<usize>,
@@ -61,16 +65,16 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
     let finished = check_finished(&store, args)?;
-    let packed = if args.no_certificate || !finished {
-        let packed = pack(&store, &args.methods)?;
-        drop(store);
-        (packed, None)
+    let options =
+        PackOptions { methods: &args.methods, intermediate: !args.grid_only, threads: threads(args.threads) };
+    let (packed, made) = if args.no_certificate || !finished {
+        (pack(&store, &options)?, None)
     } else {
         drop(store);
         solve_truth(args)?;
-        certified(&Store::open(&args.space)?, &args.methods).map(|(packed, made)| (packed, Some(made)))?
+        let (packed, made) = certified(&Store::open(&args.space)?, &options)?;
+        (packed, Some(made))
     };
-    let (packed, made) = packed;
     for name in &packed.left_out {
         eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
     }
@@ -87,9 +91,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Packs the tables of `methods` with their certificate.
-pub(crate) fn certified(store: &Store, methods: &[Method]) -> Result<(Packed, Certificate), Failure> {
-    let mut packed = pack(store, methods)?;
+/// Packs tables with their certificate.
+pub(crate) fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), Failure> {
+    let mut packed = pack(store, options)?;
     // The very bytes that the loop will read.
     let file = BlobFile::of(&packed.bytes()?);
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
@@ -98,29 +102,56 @@ pub(crate) fn certified(store: &Store, methods: &[Method]) -> Result<(Packed, Ce
     Ok((packed, certificate))
 }
 
-/// Solves the uniform positions that are missing.
+/// Uniform positions are solved in at most this many goes: how many of them fall at folds is known only afterwards.
+const GOES: u32 = 4;
+
+/// Solves uniform positions until as many as asked are away from folds, or nothing speaks for there being more.
 fn solve_truth(args: &Args) -> Result<(), Failure> {
+    let mut wanted = args.uniform;
+    for _ in 0..GOES {
+        if !solve_uniform(args, wanted)? {
+            return Ok(());
+        }
+        let store = Store::open(&args.space)?;
+        let file = BlobFile::of(
+            &pack(&store, &PackOptions { methods: &[], intermediate: false, threads: 1 })?.bytes()?,
+        );
+        let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
+        let least = clear_positions(&store, &organ)?.into_iter().min().unwrap_or(0) as u32;
+        if least >= args.uniform || least == 0 {
+            return Ok(());
+        }
+        wanted += ((args.uniform - least) * wanted).div_ceil(least);
+    }
+    Ok(())
+}
+
+/// Solves what is missing of so many uniform positions; returns whether all of them are there.
+fn solve_uniform(args: &Args, wanted: u32) -> Result<bool, Failure> {
+    let store = Store::open(&args.space)?;
     let missing = |store: &Store| -> Result<Vec<usize>, Failure> {
         let mut missing = Vec::new();
         for active in 0..store.active()?.len() {
             let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
             let reach = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
-            if there < args.uniform && reach > 1 {
+            if there < wanted && reach > 1 {
                 missing.push(active);
             }
         }
         Ok(missing)
     };
-    let store = Store::open(&args.space)?;
     let actives = missing(&store)?;
     if actives.is_empty() {
-        return Ok(());
+        return Ok(true);
     }
     let bench = Arc::new(Workbench::of_store(&store)?);
     drop(store);
     let (stop, threads, start) = (stop_flag()?, threads(args.threads), Instant::now());
     let store = bench.store(&args.space, false)?;
-    let draw = Draw { regular_m: None, random: 0, uniform: args.uniform, ..store.draw()?.unwrap_or(Draw::PAPER) };
+    let draw = Draw {
+        uniform: wanted,
+        ..store.draw()?.unwrap_or(Draw { regular_m: None, random: 0, ..Draw::PAPER })
+    };
     let held_out = bench.held_out(&actives, draw)?;
     let mut progress = WorkProgress::new("held-out truth", "positions");
     let mut solved_now = 0;
@@ -133,8 +164,10 @@ fn solve_truth(args: &Args) -> Result<(), Failure> {
     progress.finish();
     solved?;
     let seconds = start.elapsed().as_secs_f64();
-    eprintln!("palpate: {solved_now} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file");
-    Ok(())
+    eprintln!(
+        "palpate: {solved_now} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file"
+    );
+    Ok(missing(&store)?.is_empty())
 }
 
 /// A blob of half a space looks like any other in the hand: it is made only when asked for.

@@ -31,6 +31,9 @@ pub(crate) struct Args {
     /// CSV file to write
     #[arg(long)]
     csv: PathBuf,
+    /// Also write dh/dd (sxx_n_m .. szz_n_m, nine columns, sxy = dhx/dy) and, where the force is its gradient, the energy
+    #[arg(long)]
+    stiffness: bool,
     /// Also write the displacement of every visual node: columns uN_x_m, uN_y_m, uN_z_m, N the mesh node
     #[arg(long)]
     displacements: bool,
@@ -65,6 +68,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     let points = read_points(&args.points)?;
     let mut table = String::from("x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage");
+    if args.stiffness {
+        table.push_str(",sxx_n_m,sxy_n_m,sxz_n_m,syx_n_m,syy_n_m,syz_n_m,szx_n_m,szy_n_m,szz_n_m,energy_j");
+    }
     if args.displacements {
         for node in organ.surface.node {
             table.push_str(&format!(",u{node}_x_m,u{node}_y_m,u{node}_z_m"));
@@ -78,6 +84,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let found = space.force(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
         let [fx, fy, fz] = found.force_n;
         table.push_str(&format!("{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));
+        if args.stiffness {
+            let found =
+                space.estimate(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
+            for value in found.stiffness_n_m.as_flattened() {
+                table.push_str(&format!(",{value:?}"));
+            }
+            table.push_str(&found.energy_j.map_or(",".into(), |energy| format!(",{energy:?}")));
+        }
         if args.displacements {
             space.displacement_into(at, &mut moved);
             for [ux, uy, uz] in &moved {

@@ -26,7 +26,8 @@ pub(crate) struct Args {
     /// The device: sim (a simulated hand), or polhem:PORT (Polhem / WoodenHaptics on a serial port)
     #[arg(long, default_value = "sim")]
     device: String,
-    /// Interpolation method; if not given the first that the blob holds of tricubic, rbf-cubic, rbf-linear
+    /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
+    /// hybrid, trilinear
     #[arg(long, value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
@@ -35,6 +36,9 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
+    /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
+    #[arg(long)]
+    uncertified: bool,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -54,13 +58,27 @@ fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure
 }
 
 /// Without --method: the most accurate that costs the same whatever the grid, then the others.
-const PREFERENCE: [Method; 5] =
-    [Method::Tricubic, Method::RbfCubic, Method::RbfLinear, Method::Hybrid, Method::Trilinear];
+const PREFERENCE: [Method; 7] = [
+    Method::Energy,
+    Method::Hermite,
+    Method::Tricubic,
+    Method::RbfCubic,
+    Method::RbfLinear,
+    Method::Hybrid,
+    Method::Trilinear,
+];
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
+    if organ.certificate.is_none() && !args.uncertified {
+        return Err(Failure::input(format!(
+            "{}: has no certificate, so nothing says how far its forces are from the organ's; pack it without \
+             --no-certificate, or run it with --uncertified",
+            args.blob.display()
+        )));
+    }
     let packed = || PREFERENCE.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
     let method = args.method.or_else(packed).ok_or_else(|| {
         Failure::input(format!(

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use palpate_precompute::configuration_space::{Intermediate, Store};
+use palpate_precompute::configuration_space::{GridIndex, Intermediate, Store};
 
 use super::{Draws, dump, fails, palpate, precompute, scene, succeeds};
 
 const PAGE: usize = 4096;
 const WITH_PARTS: &str = "radius_m = 0.01\nspacing_m = 0.005\ncomplete_cells = false\nincrements = 3";
 
-fn intermediate(space: &Path) -> Vec<Intermediate> {
+fn intermediate(space: &Path) -> Vec<(GridIndex, u32, Intermediate)> {
     Store::open(space).and_then(|store| store.intermediate(0)).expect("intact")
 }
 
@@ -59,7 +59,7 @@ fn a_single_flipped_bit_is_noticed_and_mended() {
     let records = Store::open(&space).and_then(|store| store.records(0)).expect("intact");
     // SQLite keeps a REAL with the high byte first, a blob of ours with the low byte first.
     let energy = records[20].energy_j.to_be_bytes();
-    let force_on_the_way = on_the_way[40].force_n[2].to_le_bytes();
+    let force_on_the_way = on_the_way[40].2.force_n[2].to_le_bytes();
     for (number, lowest) in [(energy, 7), (force_on_the_way, 0)] {
         let mut bytes = std::fs::read(&space).expect("checkpointed");
         // A page that was split may have left a copy in the free space of another; nobody reads that.

@@ -283,10 +283,11 @@ impl Store {
 
     /// Mesh and fixed nodes of the body.
     pub fn body(&self) -> Result<(TetMesh, Vec<u32>), StoreError> {
-        let (nodes, tets, fixed, groups): (Vec<u8>, Vec<u8>, Vec<u8>, String) =
-            self.wrap(self.connection.query_row("SELECT nodes_m, tets, fixed, groups FROM mesh", [], |row| {
+        let (nodes, tets, fixed, groups): (Vec<u8>, Vec<u8>, Vec<u8>, String) = self.wrap(
+            self.connection.query_row("SELECT nodes_m, tets, fixed, groups FROM mesh", [], |row| {
                 Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?))
-            }))?;
+            }),
+        )?;
         let coordinates: Vec<f64> = nodes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
         let corners: Vec<u32> = tets.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
         let fixed: Vec<u32> = fixed.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
@@ -337,17 +338,28 @@ impl Store {
         Ok(kept)
     }
 
-    /// States between grid points, sorted by their transition, with the number of the part.
-    pub fn intermediate(&self, active: usize) -> Result<Vec<super::Intermediate>, StoreError> {
-        let sql = "SELECT numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
+    /// States between grid points, each with the point its transition went to and the number of the try, sorted by these and along the
+    /// way.
+    pub fn intermediate(
+        &self,
+        active: usize,
+    ) -> Result<Vec<(GridIndex, u32, super::Intermediate)>, StoreError> {
+        let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         let mut statement = self.wrap(self.connection.prepare(sql))?;
-        let found = self.wrap(statement.query_map([active as i64], |row| row.get::<_, Vec<u8>>(0)))?;
-        found
-            .map(|bytes| {
-                let numbers = rows::unpack_intermediate(&self.wrap(bytes)?);
-                numbers.ok_or_else(|| self.corrupt("an intermediate state is damaged"))
-            })
-            .collect()
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        let mut states = Vec::new();
+        while let Some(row) = self.wrap(found.next())? {
+            let read =
+                || Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get(3)?, row.get::<_, Vec<u8>>(4)?));
+            let (index, attempt, bytes) = self.wrap(read())?;
+            let state = rows::unpack_intermediate(&bytes);
+            states.push((
+                index,
+                attempt,
+                state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?,
+            ));
+        }
+        Ok(states)
     }
 
     /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.

@@ -1,0 +1,233 @@
+//! Weights of many radial basis functions without a dense matrix: GMRES with a preconditioner of local fits.
+//!
+//! For every centre the k nearest are interpolated alone, with polynomials: the function that is 1 there and 0 at the others. Its
+//! weights are nearly those of the whole system's, because with polynomials taken out such functions fall off fast (Beatson, Cherrie
+//! and Mouat, Adv. Comput. Math. 11, 1999). Local fits cannot change the polynomial part of a force, since their weights annihilate
+//! polynomials: a term of low rank in the preconditioner does. The matrix is applied row by row as it is needed: memory is that of
+//! the Krylov vectors, N^2 kernel values a step.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::rbf_weights::{Centre, Kernel};
+
+/// Centres of a local fit.
+const NEAREST: usize = 48;
+/// Steps before the method starts anew.
+const RESTART: usize = 60;
+/// Starts.
+const CYCLES: usize = 4;
+/// Residual, as a share of the right-hand side, at which it is done.
+const TOLERANCE: f64 = 1e-10;
+
+/// Weights of the three components, and the largest misfit, N.
+pub(super) fn solve_iteratively(kernel: Kernel, centres: &[Centre], threads: usize) -> ([Vec<f64>; 3], f64) {
+    let system = System::new(kernel, centres, threads.max(1));
+    let mut misfit_n = 0.0f64;
+    let weights = std::array::from_fn(|axis| {
+        let force: Vec<f64> = centres.iter().map(|c| c.force_n[axis]).collect();
+        let weights = system.solve(&force);
+        let reached = system.apply(&weights);
+        for (force, reached) in force.iter().zip(reached) {
+            let apart = (force - reached).abs();
+            misfit_n = if apart.is_finite() { misfit_n.max(apart) } else { f64::INFINITY };
+        }
+        weights
+    });
+    (weights, misfit_n)
+}
+
+struct System {
+    kernel: Kernel,
+    /// Planes x, y, z.
+    positions: [Vec<f64>; 3],
+    /// Of every centre: its neighbours, and the weights of the local fit that is 1 at it.
+    local: Vec<(Vec<u32>, Vec<f64>)>,
+    /// Orthonormal polynomials at the centres, and what the preconditioner multiplies them with.
+    polynomials: Vec<Vec<f64>>,
+    share: f64,
+    threads: usize,
+}
+
+impl System {
+    fn new(kernel: Kernel, centres: &[Centre], threads: usize) -> Self {
+        let n = centres.len();
+        let positions = std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect());
+        let local = in_parts(n, threads, |i| local_fit(kernel, centres, i));
+        let mut polynomials: Vec<Vec<f64>> = Vec::new();
+        for which in 0..kernel.polynomials() {
+            let mut values: Vec<f64> = centres.iter().map(|c| polynomial(which, c.position)).collect();
+            for other in &polynomials {
+                let along = dot(&values, other);
+                add_scaled(&mut values, other, -along);
+            }
+            let length = dot(&values, &values).sqrt();
+            values.iter_mut().for_each(|v| *v /= length);
+            polynomials.push(values);
+        }
+        let mut system = Self { kernel, positions, local, polynomials, share: 0.0, threads };
+        // So large that the term weighs about as much as the local fits.
+        let first = system.apply(&system.polynomials[0]);
+        system.share = 1.0 / dot(&first, &first).sqrt();
+        system
+    }
+
+    /// A w.
+    fn apply(&self, weights: &[f64]) -> Vec<f64> {
+        let [x, y, z] = &self.positions;
+        let cubic = self.kernel == Kernel::Cubic;
+        in_parts(weights.len(), self.threads, |i| {
+            const LANES: usize = 8;
+            let at = [x[i], y[i], z[i]];
+            let mut sums = [0.0; LANES];
+            let chunks = x.chunks(LANES).zip(y.chunks(LANES)).zip(z.chunks(LANES)).zip(weights.chunks(LANES));
+            for (((x, y), z), w) in chunks {
+                for ((((sum, x), y), z), w) in sums.iter_mut().zip(x).zip(y).zip(z).zip(w) {
+                    let d = [at[0] - x, at[1] - y, at[2] - z];
+                    let squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+                    let r = squared.sqrt();
+                    *sum += w * if cubic { r * squared } else { r };
+                }
+            }
+            sums.iter().sum()
+        })
+    }
+
+    /// The preconditioner: local fits, and the polynomials.
+    fn precondition(&self, values: &[f64]) -> Vec<f64> {
+        let mut weights = vec![0.0; values.len()];
+        for ((neighbours, local), value) in self.local.iter().zip(values) {
+            for (&j, l) in neighbours.iter().zip(local) {
+                weights[j as usize] += l * value;
+            }
+        }
+        for polynomial in &self.polynomials {
+            add_scaled(&mut weights, polynomial, self.share * dot(polynomial, values));
+        }
+        weights
+    }
+
+    /// Restarted GMRES, preconditioned from the right: A M y = f, w = M y.
+    fn solve(&self, force: &[f64]) -> Vec<f64> {
+        let n = force.len();
+        let goal = TOLERANCE * dot(force, force).sqrt();
+        let mut weights = vec![0.0; n];
+        for _ in 0..CYCLES {
+            let mut residual = force.to_vec();
+            add_scaled(&mut residual, &self.apply(&weights), -1.0);
+            let start = dot(&residual, &residual).sqrt();
+            if start <= goal {
+                break;
+            }
+            residual.iter_mut().for_each(|r| *r /= start);
+            let mut basis = vec![residual];
+            // Hessenberg matrix by columns, reduced by rotations as it grows.
+            let (mut columns, mut rotations) = (Vec::<Vec<f64>>::new(), Vec::<(f64, f64)>::new());
+            let mut right = vec![start];
+            for step in 0..RESTART {
+                let mut next = self.apply(&self.precondition(&basis[step]));
+                let mut column = Vec::with_capacity(step + 2);
+                // Twice: once leaves rounding behind.
+                for pass in 0..2 {
+                    for (k, vector) in basis.iter().enumerate() {
+                        let along = dot(&next, vector);
+                        add_scaled(&mut next, vector, -along);
+                        if pass == 0 { column.push(along) } else { column[k] += along }
+                    }
+                }
+                let length = dot(&next, &next).sqrt();
+                for (k, &(c, s)) in rotations.iter().enumerate() {
+                    (column[k], column[k + 1]) =
+                        (c * column[k] + s * column[k + 1], c * column[k + 1] - s * column[k]);
+                }
+                let size = column[step].hypot(length);
+                let (c, s) = (column[step] / size, length / size);
+                column[step] = size;
+                rotations.push((c, s));
+                columns.push(column);
+                right.push(-s * right[step]);
+                right[step] *= c;
+                if right[step + 1].abs() <= goal || length == 0.0 || !size.is_finite() {
+                    break;
+                }
+                next.iter_mut().for_each(|v| *v /= length);
+                basis.push(next);
+            }
+            // Back substitution, then the step.
+            let m = columns.len();
+            let mut y = right[..m].to_vec();
+            for i in (0..m).rev() {
+                y[i] /= columns[i][i];
+                for k in 0..i {
+                    y[k] -= columns[i][k] * y[i];
+                }
+            }
+            let mut combined = vec![0.0; n];
+            for (vector, y) in basis.iter().zip(&y) {
+                add_scaled(&mut combined, vector, *y);
+            }
+            add_scaled(&mut weights, &self.precondition(&combined), 1.0);
+        }
+        weights
+    }
+}
+
+/// 1, x, y, z.
+fn polynomial(which: usize, position: [f64; 3]) -> f64 {
+    if which == 0 { 1.0 } else { position[which - 1] }
+}
+
+/// The nearest centres of centre `i`, and the weights of the function that is 1 at it and 0 at the others.
+fn local_fit(kernel: Kernel, centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64>) {
+    let squared = |j: usize, k: usize| -> f64 {
+        centres[j].position.iter().zip(centres[k].position).map(|(a, b)| (a - b) * (a - b)).sum()
+    };
+    let mut order: Vec<(f64, u32)> = (0..centres.len()).map(|j| (squared(i, j), j as u32)).collect();
+    let count = NEAREST.min(order.len());
+    let by_distance = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    if count < order.len() {
+        order.select_nth_unstable_by(count - 1, by_distance);
+        order.truncate(count);
+    }
+    order.sort_unstable_by(by_distance);
+    let near: Vec<u32> = order.into_iter().map(|(_, j)| j).collect();
+    let size = count + kernel.polynomials();
+    let matrix = DMatrix::from_fn(size, size, |a, b| match (a < count, b < count) {
+        (true, true) => kernel.value(squared(near[a] as usize, near[b] as usize).sqrt()),
+        // Polynomials from the centre's own place, so that they are of the size of the kernel.
+        (true, false) => polynomial(b - count, offset(centres, near[a], i)),
+        (false, true) => polynomial(a - count, offset(centres, near[b], i)),
+        (false, false) => 0.0,
+    });
+    let at = near.iter().position(|&j| j as usize == i).unwrap_or(0);
+    let unit = DVector::from_fn(size, |a, _| f64::from(u8::from(a == at)));
+    let weights =
+        matrix.lu().solve(&unit).map_or_else(|| vec![0.0; count], |w| w.as_slice()[..count].to_vec());
+    (near, weights)
+}
+
+fn offset(centres: &[Centre], j: u32, i: usize) -> [f64; 3] {
+    std::array::from_fn(|axis| centres[j as usize].position[axis] - centres[i].position[axis])
+}
+
+/// `of(i)` for all i below n, by so many threads. Every value is made by one thread, so the bits do not depend on their number.
+fn in_parts<T: Send>(n: usize, threads: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let part = n.div_ceil(threads).max(1);
+    let of = &of;
+    std::thread::scope(|scope| {
+        let parts: Vec<_> = (0..n)
+            .step_by(part)
+            .map(|from| scope.spawn(move || (from..(from + part).min(n)).map(of).collect::<Vec<T>>()))
+            .collect();
+        parts.into_iter().flat_map(|part| part.join().expect("a part does not panic")).collect()
+    })
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn add_scaled(to: &mut [f64], from: &[f64], share: f64) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += share * from;
+    }
+}
