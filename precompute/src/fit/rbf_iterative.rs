@@ -1,14 +1,16 @@
-//! Weights of many radial basis functions without a dense matrix: GMRES with a preconditioner of local fits.
+//! Weights of many linear radial basis functions without a dense matrix: GMRES with a preconditioner of local fits.
 //!
-//! For every centre the k nearest are interpolated alone, with polynomials: the function that is 1 there and 0 at the others. Its
-//! weights are nearly those of the whole system's, because with polynomials taken out such functions fall off fast (Beatson, Cherrie
-//! and Mouat, Adv. Comput. Math. 11, 1999). Local fits cannot change the polynomial part of a force, since their weights annihilate
-//! polynomials: a term of low rank in the preconditioner does. The matrix is applied row by row as it is needed: memory is that of
-//! the Krylov vectors, N^2 kernel values a step.
+//! For every centre the k nearest are interpolated alone, with a constant: the function that is 1 there and 0 at the others. Its
+//! weights are nearly those of the whole system's, because with the constant taken out such functions fall off fast (Beatson, Cherrie
+//! and Mouat, Adv. Comput. Math. 11, 1999). Local fits cannot change the mean of a force, since their weights sum to zero: a term of
+//! rank one in the preconditioner does. The matrix is applied row by row as it is needed: memory is that of the Krylov vectors.
+//!
+//! Measured at 1,459 centres: 26 steps to 1e-11. For phi = r^3 the same with linear polynomials stays at 1e-1 after 60 steps, with 20
+//! to 60 far points in every local fit too, so the cubic weights are always found by factorisation.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rbf_weights::{Centre, Kernel};
+use super::rbf_weights::Centre;
 
 /// Centres of a local fit.
 const NEAREST: usize = 48;
@@ -20,8 +22,8 @@ const CYCLES: usize = 4;
 const TOLERANCE: f64 = 1e-10;
 
 /// Weights of the three components, and the largest misfit, N.
-pub(super) fn solve_iteratively(kernel: Kernel, centres: &[Centre], threads: usize) -> ([Vec<f64>; 3], f64) {
-    let system = System::new(kernel, centres, threads.max(1));
+pub(super) fn solve_iteratively(centres: &[Centre], threads: usize) -> ([Vec<f64>; 3], f64) {
+    let system = System::new(centres, threads.max(1));
     let mut misfit_n = 0.0f64;
     let weights = std::array::from_fn(|axis| {
         let force: Vec<f64> = centres.iter().map(|c| c.force_n[axis]).collect();
@@ -37,44 +39,30 @@ pub(super) fn solve_iteratively(kernel: Kernel, centres: &[Centre], threads: usi
 }
 
 struct System {
-    kernel: Kernel,
     /// Planes x, y, z.
     positions: [Vec<f64>; 3],
     /// Of every centre: its neighbours, and the weights of the local fit that is 1 at it.
     local: Vec<(Vec<u32>, Vec<f64>)>,
-    /// Orthonormal polynomials at the centres, and what the preconditioner multiplies them with.
-    polynomials: Vec<Vec<f64>>,
+    /// Factor of the mean in the preconditioner.
     share: f64,
     threads: usize,
 }
 
 impl System {
-    fn new(kernel: Kernel, centres: &[Centre], threads: usize) -> Self {
+    fn new(centres: &[Centre], threads: usize) -> Self {
         let n = centres.len();
         let positions = std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect());
-        let local = in_parts(n, threads, |i| local_fit(kernel, centres, i));
-        let mut polynomials: Vec<Vec<f64>> = Vec::new();
-        for which in 0..kernel.polynomials() {
-            let mut values: Vec<f64> = centres.iter().map(|c| polynomial(which, c.position)).collect();
-            for other in &polynomials {
-                let along = dot(&values, other);
-                add_scaled(&mut values, other, -along);
-            }
-            let length = dot(&values, &values).sqrt();
-            values.iter_mut().for_each(|v| *v /= length);
-            polynomials.push(values);
-        }
-        let mut system = Self { kernel, positions, local, polynomials, share: 0.0, threads };
+        let local = in_parts(n, threads, |i| local_fit(centres, i));
+        let mut system = Self { positions, local, share: 0.0, threads };
         // So large that the term weighs about as much as the local fits.
-        let first = system.apply(&system.polynomials[0]);
-        system.share = 1.0 / dot(&first, &first).sqrt();
+        let level = system.apply(&vec![1.0 / (n as f64).sqrt(); n]);
+        system.share = 1.0 / (n as f64 * dot(&level, &level).sqrt());
         system
     }
 
     /// A w.
     fn apply(&self, weights: &[f64]) -> Vec<f64> {
         let [x, y, z] = &self.positions;
-        let cubic = self.kernel == Kernel::Cubic;
         in_parts(weights.len(), self.threads, |i| {
             const LANES: usize = 8;
             let at = [x[i], y[i], z[i]];
@@ -83,16 +71,14 @@ impl System {
             for (((x, y), z), w) in chunks {
                 for ((((sum, x), y), z), w) in sums.iter_mut().zip(x).zip(y).zip(z).zip(w) {
                     let d = [at[0] - x, at[1] - y, at[2] - z];
-                    let squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-                    let r = squared.sqrt();
-                    *sum += w * if cubic { r * squared } else { r };
+                    *sum += w * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
                 }
             }
             sums.iter().sum()
         })
     }
 
-    /// The preconditioner: local fits, and the polynomials.
+    /// The preconditioner: local fits, and the mean.
     fn precondition(&self, values: &[f64]) -> Vec<f64> {
         let mut weights = vec![0.0; values.len()];
         for ((neighbours, local), value) in self.local.iter().zip(values) {
@@ -100,9 +86,8 @@ impl System {
                 weights[j as usize] += l * value;
             }
         }
-        for polynomial in &self.polynomials {
-            add_scaled(&mut weights, polynomial, self.share * dot(polynomial, values));
-        }
+        let level = self.share * values.iter().sum::<f64>();
+        weights.iter_mut().for_each(|w| *w += level);
         weights
     }
 
@@ -171,13 +156,8 @@ impl System {
     }
 }
 
-/// 1, x, y, z.
-fn polynomial(which: usize, position: [f64; 3]) -> f64 {
-    if which == 0 { 1.0 } else { position[which - 1] }
-}
-
 /// The nearest centres of centre `i`, and the weights of the function that is 1 at it and 0 at the others.
-fn local_fit(kernel: Kernel, centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64>) {
+fn local_fit(centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64>) {
     let squared = |j: usize, k: usize| -> f64 {
         centres[j].position.iter().zip(centres[k].position).map(|(a, b)| (a - b) * (a - b)).sum()
     };
@@ -190,23 +170,17 @@ fn local_fit(kernel: Kernel, centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64
     }
     order.sort_unstable_by(by_distance);
     let near: Vec<u32> = order.into_iter().map(|(_, j)| j).collect();
-    let size = count + kernel.polynomials();
+    let size = count + 1;
     let matrix = DMatrix::from_fn(size, size, |a, b| match (a < count, b < count) {
-        (true, true) => kernel.value(squared(near[a] as usize, near[b] as usize).sqrt()),
-        // Polynomials from the centre's own place, so that they are of the size of the kernel.
-        (true, false) => polynomial(b - count, offset(centres, near[a], i)),
-        (false, true) => polynomial(a - count, offset(centres, near[b], i)),
+        (true, true) => squared(near[a] as usize, near[b] as usize).sqrt(),
         (false, false) => 0.0,
+        _ => 1.0,
     });
     let at = near.iter().position(|&j| j as usize == i).unwrap_or(0);
     let unit = DVector::from_fn(size, |a, _| f64::from(u8::from(a == at)));
     let weights =
         matrix.lu().solve(&unit).map_or_else(|| vec![0.0; count], |w| w.as_slice()[..count].to_vec());
     (near, weights)
-}
-
-fn offset(centres: &[Centre], j: u32, i: usize) -> [f64; 3] {
-    std::array::from_fn(|axis| centres[j as usize].position[axis] - centres[i].position[axis])
 }
 
 /// `of(i)` for all i below n, by so many threads. Every value is made by one thread, so the bits do not depend on their number.

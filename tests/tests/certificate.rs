@@ -1,0 +1,83 @@
+//! The certificate measures the packed bytes, and says so when they are wrong.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use palpate_core::{Method, Organ};
+use palpate_host::BlobFile;
+use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::certificate::{Certificate, MethodCertificate, NOT_FELT_N, certify, clear_positions};
+use palpate_precompute::configuration_space::{Store, with_threads};
+use palpate_precompute::held_out::{Draw, HeldOut};
+use palpate_precompute::material::{Material, MooneyRivlin};
+use palpate_precompute::solve::Problem;
+use palpate_tests::soft_beam;
+use palpate_tests::space_bench::SpaceBench;
+
+const DRAW: Draw = Draw { regular_m: Some(0.01), random: 4, random_steps: 30, uniform: 40, ..Draw::PAPER };
+
+/// A beam whose material is that of the tests times `factor`.
+fn bench(factor: f64) -> SpaceBench {
+    let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0 * factor, c01_pa: 1280.0 * factor });
+    let (_, _, active, body) = soft_beam(law);
+    SpaceBench { problem: Arc::new(Problem::new(body, active)), ..SpaceBench::new(f64::INFINITY) }
+}
+
+fn blob(store: &Store) -> BlobFile {
+    let options = PackOptions { methods: &Method::ALL, intermediate: false, threads: 2 };
+    BlobFile::of(&pack(store, &options).and_then(|packed| packed.bytes()).expect("the space packs"))
+}
+
+fn method(certificate: &Certificate, method: Method) -> &MethodCertificate {
+    let all = &certificate.spaces[0].methods;
+    all.iter().find(|m| m.method == method.name()).expect("it is packed")
+}
+
+#[test]
+fn it_tells_good_tables_from_bad_ones() {
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let bench_of_truth = bench(1.0);
+    let (store, _) = bench_of_truth.solve(&folder.path().join("truth.space"), 2);
+    let actives = vec![(0, "A".to_string())];
+    let held_out = HeldOut { actives, grid: bench_of_truth.grid, draw: DRAW, keep_displacements: true };
+    with_threads(&bench_of_truth.workshop(), 2, |crew| {
+        held_out.run(&store, crew, &AtomicBool::new(false), |_| ())
+    })
+    .expect("the truth is solved");
+
+    let file = blob(&store);
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    assert_eq!(clear_positions(&store, &organ).expect("intact"), [40], "no fold in a beam");
+    let good = certify(&store, &organ).expect("intact");
+    let space = &good.spaces[0];
+    assert_eq!((space.active.as_str(), space.cost.configurations, space.fold_pairs), ("A", 125, 0));
+    assert_eq!(space.folded_volume, 0.0);
+    for m in &space.methods {
+        assert_eq!((m.uniform.count, m.random.count, m.folded.count), (40, 120, 0), "{}", m.method);
+        // 26 paths of ten steps of 1 mm. Along the six axes the fifth is a grid point, and so is the tenth; this one is on the rim, on
+        // which side of it rounding decides.
+        assert!((26 * 9 - 6..=26 * 10 - 12).contains(&m.regular.count), "{}: {}", m.method, m.regular.count);
+        let rings: usize = m.by_radius.iter().map(|ring| ring.count).sum();
+        assert_eq!(rings, 40, "{}", m.method);
+        assert!(m.probe.rounding_n < 1e-5 && m.probe.seam_n < 1e-4, "{}: {:?}", m.method, m.probe);
+        assert!(m.probe.work.circles == 200 && m.probe.nanoseconds > 1.0, "{}: {:?}", m.method, m.probe);
+    }
+    let [energy, hermite, cubic, linear] =
+        [Method::Energy, Method::Hermite, Method::RbfCubic, Method::Trilinear].map(|m| method(&good, m));
+    assert!(energy.uniform.mean_n < hermite.uniform.mean_n && hermite.uniform.mean_n < cubic.uniform.mean_n);
+    assert!(cubic.uniform.mean_n < linear.uniform.mean_n);
+    assert!(energy.probe.work.max < 1e-4 && linear.probe.work.max > 10.0 * energy.probe.work.max);
+    assert_eq!(energy.uniform.not_felt, 40);
+    assert!((energy.not_felt_certified - 0.05f64.powf(1.0 / 40.0)).abs() < 1e-9, "0 of 40");
+
+    // The same positions in a blob of a body that is a tenth stiffer: every method errs by a tenth of the force.
+    let (stiffer, _) = bench(1.1).solve(&folder.path().join("stiffer.space"), 2);
+    let file = blob(&stiffer);
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let bad = certify(&store, &organ).expect("intact");
+    for m in &bad.spaces[0].methods {
+        assert!((m.uniform.relative_mean - 0.1).abs() < 0.02, "{}: {:?}", m.method, m.uniform);
+        assert!(m.uniform.mean_n > NOT_FELT_N && m.uniform.not_felt < 10, "{}: {:?}", m.method, m.uniform);
+        assert!(m.not_felt_certified < 0.5, "{}", m.method);
+    }
+}
