@@ -275,7 +275,7 @@ fn scene_to_blob_to_query() {
     let head = answers.lines().next().expect("a header");
     assert!(head.ends_with(",szx_n_m,szy_n_m,szz_n_m,energy_j"), "{head}");
     assert!(answers.lines().all(|line| line.split(',').count() == 17), "{answers}");
-    ok(&["pack", text(&space), "--no-certificate", "--out", text(&blob)]);
+    ok(&["pack", text(&space), "--method", "trilinear", "--no-certificate", "--out", text(&blob)]);
     refused(
         &["run", text(&blob), "--headless", "--seconds", "1"],
         &["a.blob", "no certificate", "--uncertified"],

