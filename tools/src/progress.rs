@@ -50,7 +50,8 @@ impl WorkProgress {
 
     /// Shows progress of configuration spaces.
     pub(crate) fn spaces(&mut self, progress: &Progress) {
-        let Progress { counts, total, spaces: (done, spaces), round, solved_now, again, stopping } = *progress;
+        let Progress { counts, total, spaces: (done, spaces), round, solved_now, again, stopping } =
+            *progress;
         if let Some(out) = stopping {
             return self.stopping(out);
         }

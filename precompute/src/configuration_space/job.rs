@@ -157,8 +157,7 @@ impl Worker {
             self.solver = None;
         }
         let workshop = &self.workshop;
-        let (_, solver) =
-            self.solver.get_or_insert_with(|| (active, Solver::new(workshop.problem(active))));
+        let (_, solver) = self.solver.get_or_insert_with(|| (active, Solver::new(workshop.problem(active))));
         solver
     }
 

@@ -77,7 +77,8 @@ impl std::fmt::Display for HeldOutError {
             ),
             Self::NoReach(name) => write!(
                 f,
-                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or                  take a finer grid, or ask for none with --uniform 0"
+                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or \
+                 take a finer grid, or ask for none with --uniform 0"
             ),
         }
     }

@@ -91,7 +91,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             store.forget_held_out()?;
         }
         let all: Vec<usize> = (0..bench.scene.active.len()).collect();
-        let mut progress = WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
+        let mut progress =
+            WorkProgress::new(&format!("{} {fixed} ({number} of {sets})", scene.name), "paths");
         let held_out = bench.held_out(&all, draw.clone())?;
         let solved = with_threads(&bench.workshop()?, threads, |crew| {
             held_out.run(&store, crew, &stop, |p| progress.walks(p))

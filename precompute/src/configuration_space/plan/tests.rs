@@ -163,7 +163,7 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
         let tries = log.values().filter(|t| t.target == index).count();
         // A corner of the shell may have one parent only; a point whose second try brought it back is left alone.
         let parents = domain.parents(domain.position(index).unwrap()).len();
-        let most = parents.min(1 + FOLD_TRIES as usize);
+        let most = parents.min(1 + FOLD_TRIES);
         assert!((most.min(2)..=most).contains(&tries), "{index:?}: {tries} tries, {parents} parents");
     }
     let untouched = log.keys().filter(|(_, attempt)| *attempt == 0).count();
