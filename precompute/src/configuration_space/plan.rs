@@ -11,7 +11,8 @@
 //! other until one succeeds. What becomes expandable then opens a new level.
 //!
 //! **Folds.** When nothing is left to retry, points of flagged pairs ([`super::fold`]) are solved once more from another parent,
-//! and a second time where that parent's side has changed. Of all solutions of a point the one of lowest energy is kept; every try is recorded.
+//! and a second time where the other end of such a pair has found a better solution. Of all solutions of a point the one of lowest
+//! energy is kept; every try is recorded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -77,7 +77,8 @@ impl std::fmt::Display for HeldOutError {
             ),
             Self::NoReach(name) => write!(
                 f,
-                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or                  take a finer grid, or ask for none with --uniform 0"
+                "{name}: nothing but the rest point is reachable, so there is no uniform position; raise the force limit or \
+                 take a finer grid, or ask for none with --uniform 0"
             ),
         }
     }
@@ -259,7 +260,7 @@ impl Run<'_> {
                 return if done == all { Ok(()) } else { Err(HeldOutError::Interrupted) };
             }
             let outcome = shift.take::<HeldOutError>()?;
-            self.state.stopping = shift.is_stopping().then(|| shift.out());
+            self.state.stopping = shift.stopping();
             let Some(outcome) = outcome else {
                 (self.progress)(&self.state);
                 continue;
@@ -332,3 +333,6 @@ impl Uniform {
         drawn.filter(|(_, tag)| **tag == ConfigTag::Expandable).count() as u32
     }
 }
+
+#[cfg(test)]
+mod tests;

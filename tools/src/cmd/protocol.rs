@@ -12,6 +12,7 @@ use palpate_precompute::mesh::surface::Surface;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use serde_json::json;
 
+use super::held_out::after;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
@@ -98,7 +99,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             held_out.run(&store, crew, &stop, |p| progress.walks(p))
         });
         progress.finish();
-        solved?;
+        solved.map_err(|error| after(args.again, error.into()))?;
         let mut of_set = Summary::default();
         for active in all {
             for (kind, sum) in Summary::of(&store, active)? {
