@@ -294,7 +294,7 @@ fn states_on_the_way_to_terminating_points_are_kept_too() {
     let (free, _) = bench(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
     let limit_n = 0.5 * largest(&free.records(0).expect("records"));
     let (limited, counts) = bench(limit_n).solve(&folder.path().join("limited.space"), 2);
-    assert!(counts.terminating > 5 && counts.expandable > 5, "{counts:?}");
+    assert!(counts.terminating >= 5 && counts.expandable > 5, "{counts:?}");
     let solved = limited.attempts(0).expect("records").iter().filter(|r| r.tag.is_solved()).count();
     // All but the rest point come from somewhere.
     assert_eq!(limited.intermediate(0).expect("intact").len(), 2 * (solved - 1));
