@@ -23,7 +23,7 @@ const TERMS: [([f64; 3], f64); 4] = [
 fn derivative(x: [f64; 3], axes: &[usize]) -> f64 {
     let of = |(u, c): &([f64; 3], f64)| {
         let along: f64 = u.iter().zip(x).map(|(u, x)| u * x).sum();
-        let value = if axes.len() % 2 == 0 { along.cosh() } else { along.sinh() };
+        let value = if axes.len().is_multiple_of(2) { along.cosh() } else { along.sinh() };
         let value = if axes.is_empty() { value - 1.0 } else { value };
         c * value * axes.iter().map(|&i| u[i]).product::<f64>()
     };
