@@ -209,7 +209,7 @@ fn holes_cost_accuracy_but_nothing_jumps_or_runs_away() {
     }
     assert!(energy_means[0] < 2e-5, "{energy_means:?}");
     assert!(energy_means.is_sorted(), "holes cost: {energy_means:?}");
-    assert!(energy_means[2] < 0.02, "a tenth missing is still not felt on average: {energy_means:?}");
+    assert!(energy_means[3] < 5e-4, "half of it missing is not felt: {energy_means:?}");
 }
 
 #[test]

@@ -7,8 +7,10 @@
 //!   the mean of every route there is, central where both neighbours are there and one-sided at the rim;
 //! - no difference is taken across a fold: the two sides are not one function.
 //!
-//! A corner without a configuration is a ghost: the mean of the Taylor polynomials of its nearest solved neighbours.
+//! A corner without a configuration is a ghost: the polynomial of degree 5 that fits W, h, S and W_ijk of its neighbours best, or where
+//! there are too few of them the mean of the Taylor polynomials of the nearest.
 
+use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
 use palpate_core::hermite::{Node, at};
 
@@ -65,7 +67,8 @@ pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> He
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
     for index in Domain::new(grid, true).points() {
         let Some(slot) = grid.lattice.slot(index) else { continue };
-        let node = field.solved[slot].map_or_else(|| field.ghost(index), |known| known.w);
+        let ghost = || field.fitted(index).unwrap_or_else(|| field.ghost(index));
+        let node = field.solved[slot].map_or_else(ghost, |known| known.w);
         table.row[slot] = table.nodes.len() as u32;
         table.nodes.push(packed(&node));
     }
@@ -191,6 +194,69 @@ impl Field<'_> {
         self.solved = added;
     }
 
+    /// The polynomial of degree 5 that fits all exact derivatives of the nodes round `index` best; `None` if they are too few.
+    ///
+    /// Unknowns are the 56 derivatives at `index` itself; a row is one of the 20 derivatives of a node as a Taylor sum, weighed by its
+    /// order's factorial and the square of the distance.
+    fn fitted(&self, index: GridIndex) -> Option<Derivatives> {
+        let offset = |slot: usize| -> GridIndex {
+            let at = self.grid.lattice.ijk(slot);
+            std::array::from_fn(|axis| at[axis] - index[axis])
+        };
+        let squared = |slot: usize| -> i32 { offset(slot).iter().map(|n| n * n).sum() };
+        let mut order: Vec<(i32, usize)> = (0..self.solved.len())
+            .filter(|&slot| self.solved[slot].is_some() && squared(slot) <= REACH)
+            .map(|slot| (squared(slot), slot))
+            .collect();
+        order.sort_unstable();
+        let mut chosen: Vec<usize> = Vec::new();
+        for (_, slot) in order {
+            let here = self.grid.lattice.ijk(slot);
+            let joined =
+                |other: &usize| self.cuts.binary_search(&(here, self.grid.lattice.ijk(*other))).is_err();
+            if chosen.len() < MOST && chosen.iter().all(joined) {
+                chosen.push(slot);
+            }
+        }
+        if chosen.len() < FEWEST || chosen.first().is_none_or(|&slot| squared(slot) > NEAR) {
+            return None;
+        }
+        let unknowns: Vec<[usize; 3]> = orders_up_to(5).collect();
+        let n = unknowns.len();
+        let (mut matrix, mut right) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n));
+        let mut row = DVector::<f64>::zeros(n);
+        for slot in chosen {
+            let known = self.solved[slot].as_ref()?;
+            let (step, near) = (offset(slot).map(f64::from), f64::from(squared(slot)));
+            for wanted in orders_up_to(3) {
+                let degree: usize = wanted.iter().sum();
+                let weight = 1.0 / (near * factorial(degree));
+                for (value, unknown) in row.iter_mut().zip(&unknowns) {
+                    let along = |axis: usize| {
+                        let left = unknown[axis].checked_sub(wanted[axis]);
+                        left.map_or(0.0, |left| step[axis].powi(left as i32) / factorial(left))
+                    };
+                    *value = weight * along(0) * along(1) * along(2);
+                }
+                right.axpy(weight * known.derivative(wanted), &row, 1.0);
+                matrix.ger(1.0, &row, &row, 1.0);
+            }
+        }
+        // Directions that nothing is known of stay near zero.
+        let ridge = RIDGE * matrix.trace() / n as f64;
+        for i in 0..n {
+            matrix[(i, i)] += ridge;
+        }
+        let solved = matrix.cholesky()?.solve(&right);
+        let mut w = Derivatives::default();
+        for ([a, b, c], value) in unknowns.iter().copied().zip(&solved) {
+            if a <= 2 && b <= 2 && c <= 2 {
+                w[a][b][c] = *value;
+            }
+        }
+        solved.iter().all(|x| x.is_finite()).then_some(w)
+    }
+
     /// Mean of the Taylor polynomials of the nearest solved nodes.
     fn ghost(&self, index: GridIndex) -> Derivatives {
         let distance = |slot: usize| -> i32 {
@@ -219,6 +285,35 @@ impl Field<'_> {
 
 /// Squared distance, in cells, up to which a node is continued with all its derivatives; beyond, only W, h and S are.
 const NEAR: i32 = 3;
+
+/// Squared distance, in cells, up to which nodes take part in a fit, and how many do.
+const REACH: i32 = 6;
+const MOST: usize = 20;
+const FEWEST: usize = 6;
+/// As a share of the mean diagonal.
+const RIDGE: f64 = 1e-13;
+
+impl Known {
+    /// The exact derivative of these orders, three in all at most.
+    fn derivative(&self, [a, b, c]: [usize; 3]) -> f64 {
+        match [a, b, c].iter().position(|&order| order == 3) {
+            Some(axis) => self.pure[axis],
+            None => self.w[a][b][c],
+        }
+    }
+}
+
+/// All orders along x, y and z that sum to `most` at most.
+fn orders_up_to(most: usize) -> impl Iterator<Item = [usize; 3]> {
+    let side = most + 1;
+    (0..side * side * side)
+        .map(move |code| [code / (side * side), code / side % side, code % side])
+        .filter(move |orders| orders.iter().sum::<usize>() <= most)
+}
+
+fn factorial(n: usize) -> f64 {
+    (1..=n).product::<usize>() as f64
+}
 
 /// The derivatives of a node's Taylor polynomial, `step` cells away.
 fn taylor(node: &Known, step: [f64; 3], only_quadratic: bool) -> Derivatives {

@@ -272,11 +272,11 @@ fn clear_frames(folder: &Path) -> Result<(), Failure> {
 
 fn error_table(errors: &[MethodError], used: Method) -> String {
     let mut table =
-        String::from("  method       mean mN   max mN   mean % (Eq. 14)   max %   own data all round\n");
+        String::from("  method        mean mN   max mN  mean % (Eq. 14)     max %   own data all round\n");
     for e in errors {
         let name = if e.method == "loop" { format!("felt ({})", used.name()) } else { e.method.clone() };
         table.push_str(&format!(
-            "  {name:<14}{:>6.1}{:>9.1}{:>14.2}{:>12.1}{:>15}\n",
+            "  {name:<14}{:>7.3}{:>9.3}{:>15.4}{:>11.3}{:>15}\n",
             1e3 * e.mean_n,
             1e3 * e.max_n,
             1e2 * e.mean_relative,
