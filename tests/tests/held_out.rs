@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use palpate_core::ConfigTag;
-use palpate_precompute::configuration_space::{Store, StoreError, with_threads};
+use palpate_precompute::configuration_space::{Crew, Store, StoreError, Work, with_threads};
 use palpate_precompute::held_out::{
-    Draw, HeldOut, HeldOutError, HeldOutProgress, Kind, Summary, Truth, is_on_training_lattice,
+    Draw, HeldOut, HeldOutError, HeldOutProgress, Kind, Summary, Truth, Walk, WalkJob, is_on_training_lattice,
 };
 use palpate_precompute::solve::Solver;
 use palpate_tests::space_bench::SpaceBench;
@@ -110,6 +111,34 @@ fn every_kind_is_where_it_should_be_and_an_equilibrium() {
     let active = &truth.displacements[12 * bench.active as usize..][..12];
     let moved: Vec<f32> = active.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     assert_eq!(moved, truth.displacement_m.map(|x| x as f32), "uniform {number}");
+}
+
+/// Whatever a run ended with, a full disk say: nobody wants the rest of a long walk then.
+#[test]
+fn workers_that_are_let_go_give_their_walks_up() {
+    let bench = SpaceBench::new(f64::INFINITY);
+    let walk = |number| WalkJob {
+        walk: Walk { active: 0, kind: Kind::Random, number },
+        start: None,
+        // Round and round, for minutes.
+        positions_m: (0..100_000)
+            .map(|n| 0.3 * f64::from(n))
+            .map(|a| [2e-3 * a.cos(), 2e-3 * a.sin(), 1e-3])
+            .collect(),
+        keep_displacements: false,
+    };
+    let mut let_go = Instant::now();
+    with_threads(&bench.workshop(), 2, |crew| {
+        for piece in 0..4 {
+            crew.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
+        }
+        assert!(
+            crew.take(Duration::from_millis(300)).expect("nothing went wrong").is_none(),
+            "still walking"
+        );
+        let_go = Instant::now();
+    });
+    assert!(let_go.elapsed() < Duration::from_secs(2), "{:?}", let_go.elapsed());
 }
 
 #[test]

@@ -37,6 +37,14 @@ impl Failure {
         format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
+    /// The same failure with more to say.
+    pub(crate) fn with(self, more: &str) -> Self {
+        match self {
+            Self::Input(error) => Self::Input(anyhow::anyhow!("{error:#}{more}")),
+            Self::Work(error) => Self::Work(anyhow::anyhow!("{error:#}{more}")),
+        }
+    }
+
     /// 2 for bad input, 1 for failed work.
     pub(crate) fn exit_code(&self) -> ExitCode {
         match self {

@@ -53,7 +53,7 @@ impl WorkProgress {
         let Progress { counts, total, spaces: (done, spaces), round, solved_now, again, stopping } =
             *progress;
         if let Some(out) = stopping {
-            return self.stopping(out);
+            return self.stopping(out, "solves in hand are waited for");
         }
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
         // Points behind terminating ones are never solved; failed ones and folds are solved more than once.
@@ -71,15 +71,18 @@ impl WorkProgress {
     pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
         let HeldOutProgress { walks, total, positions_now, steps: (done, all), stopping, .. } = *progress;
         if let Some(out) = stopping {
-            return self.stopping(out);
+            return self.stopping(out, "paths in hand are given up");
         }
         let left = Left::Steps(all - done, done);
         self.show(walks, total, left, || format!("{positions_now} positions solved"));
     }
 
-    /// Says what is waited for; on a pipe once.
-    fn stopping(&mut self, out: usize) {
-        let line = format!("stopping: {out} solves in hand are waited for (again to end at once)");
+    /// Says what becomes of the work that is out, if any is; on a pipe once.
+    fn stopping(&mut self, out: usize, what: &str) {
+        if out == 0 {
+            return;
+        }
+        let line = format!("stopping: {out} {what} (again to end at once)");
         match &self.bar {
             Some(bar) => bar.set_message(line),
             None if !std::mem::replace(&mut self.told, true) => eprintln!("{}: {line}", self.label),

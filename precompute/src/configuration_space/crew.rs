@@ -90,6 +90,11 @@ impl<'a> Shift<'a> {
         self.desks.0.iter().map(|desk| desk.pieces).sum()
     }
 
+    /// Once it was asked to stop: workers that still have something in hand. What lies at their desks beside it is not begun.
+    pub(crate) fn stopping(&self) -> Option<usize> {
+        self.is_stopping().then(|| self.desks.0.iter().filter(|desk| desk.pieces > 0).count())
+    }
+
     /// What is done next; `None` if nothing was for a while, or was given up. Meanwhile what was done before is committed.
     pub(crate) fn take<E: From<StoreError> + From<CrewError>>(&mut self) -> Result<Option<Done>, E> {
         if self.is_stopping() && !std::mem::replace(&mut self.stopped, true) {
@@ -164,6 +169,13 @@ pub struct Threads {
     desks: Vec<mpsc::Sender<Work>>,
     done: mpsc::Receiver<(usize, Result<Done, CrewError>)>,
     stop: Arc<AtomicBool>,
+}
+
+impl Drop for Threads {
+    /// Nobody takes what comes now, whatever the reason: a walk is given up, and what lies at the desks is not begun.
+    fn drop(&mut self) {
+        self.stop();
+    }
 }
 
 struct Alarm<'s> {

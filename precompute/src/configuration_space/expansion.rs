@@ -105,9 +105,18 @@ impl Space {
                 let what = format!("point {:?} was not solved as this version would", task.target);
                 return Err(store.corrupt(what).into());
             }
+            expect_rest(&record)?;
             self.plan.decide(&record);
         }
         Ok(None)
+    }
+}
+
+/// Without a rest there is no space, whether that was found now or by an earlier run.
+fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
+    match &record.failure {
+        Some(failure) if record.parent.is_none() => Err(ExpansionError::Rest(failure.clone())),
+        _ => Ok(()),
     }
 }
 
@@ -187,7 +196,7 @@ impl Expansion {
                 break;
             }
             let done = shift.take::<ExpansionError>()?;
-            state.stopping = shift.is_stopping().then(|| shift.out());
+            state.stopping = shift.stopping();
             let Some(done) = done else {
                 progress(&state);
                 continue;
@@ -196,9 +205,7 @@ impl Expansion {
             store.add(&outcome)?;
             let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
             let record = &outcome.record;
-            if record.parent.is_none() && !record.tag.is_solved() {
-                return Err(ExpansionError::Rest(record.failure.clone().unwrap_or_default()));
-            }
+            expect_rest(record)?;
             if let Some(space) = spaces.get_mut(&at) {
                 space.plan.decide(record);
                 state.solved_now += 1;
@@ -285,3 +292,6 @@ pub fn still_to_solve(grid: &SpaceGrid, complete_cells: bool, attempts: &[Record
     }
     open
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,6 +9,8 @@ mod domain;
 pub mod expansion;
 pub mod fold;
 pub mod job;
+#[cfg(test)]
+pub(crate) mod made_up;
 pub mod plan;
 #[cfg(test)]
 mod planted_fold;

@@ -1,131 +1,13 @@
 //! A space with a fold in it, from a made-up energy: what the flags see of it, and that the expansion mends it.
 
-use std::collections::VecDeque;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 
+use super::made_up::MadeUp;
 use super::plan::Task;
-use super::{
-    Crew, CrewError, Done, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity,
-    StoredSeed, Work, fold,
-};
+use super::{GridIndex, Record, fold};
 use crate::boundary::Pose;
-use crate::mesh::TetMesh;
 use crate::solve::{Configuration, Potential, Seed};
-
-const SPACING_M: f64 = 0.01;
-/// The fold is the plane halfway between the grid points of i = 1 and those of i = 2.
-const FOLD_M: f64 = 1.5 * SPACING_M;
-
-/// W = scale (k r^2 / 2 + c r^4 / 4), and beyond the fold a second branch of higher energy whose force is `jump_n` more along x.
-///
-/// A transition straight across the fold lands on the upper branch, an oblique one on the lower; else a child is on its parent's
-/// branch. The branch travels in the stored state, as that of a body does.
-struct Fake {
-    grid: SpaceGrid,
-    scale: f64,
-    jump_n: f64,
-    done: VecDeque<Outcome>,
-}
-
-impl Fake {
-    fn new(scale: f64, jump_n: f64) -> Self {
-        let grid = SpaceGrid::new(SPACING_M, 3.2 * SPACING_M).expect("a valid grid");
-        Self { grid, scale, jump_n, done: VecDeque::new() }
-    }
-
-    fn record(&self, task: &Task, upper: bool) -> Record {
-        let (k, c) = (200.0 * self.scale, 4e4 * self.scale);
-        let d = Vector3::from(self.grid.displacement_m(task.target));
-        let squared = d.norm_squared();
-        let jump_n = if upper { self.jump_n } else { 0.0 };
-        let energy_j = 0.5 * k * squared + 0.25 * c * squared * squared + jump_n * (d.x - FOLD_M);
-        let force_n = d * (k + c * squared) + Vector3::x() * jump_n;
-        let stiffness_n_m = Matrix3::identity() * (k + c * squared) + d * d.transpose() * (2.0 * c);
-        Record {
-            tag: ConfigTag::Expandable,
-            energy_j,
-            force_n: force_n.into(),
-            stiffness_n_m,
-            third_n_m2: [0.0; 10],
-            residual_n: 0.0,
-            min_jacobian: 1.0,
-            volume_m3: 1.0,
-            ..Record::blank(task)
-        }
-    }
-
-    fn upper(&self, job: &Job) -> bool {
-        let (Some((parent, _)), Some(seed)) = (job.task.parent, &job.seed) else { return false };
-        let target = job.task.target;
-        let was_upper = seed.state[0] == 1;
-        match (parent[0] > 1, target[0] > 1) {
-            (false, true) => parent[1..] == target[1..],
-            (true, true) => was_upper,
-            (_, false) => false,
-        }
-    }
-
-    /// Runs the whole expansion.
-    fn expand(mut self) -> (tempfile::TempDir, Store) {
-        let folder = tempfile::tempdir().expect("a folder");
-        let mesh = TetMesh::cuboid([1, 1, 1], 0.01);
-        let identity = StoreIdentity {
-            scene_name: "made-up".into(),
-            scene: String::new(),
-            content_hash: "0".into(),
-            mesh_hash: mesh.content_hash(),
-            law: "made-up".into(),
-            max_force_n: f64::INFINITY,
-            spacing_m: self.grid.spacing_m,
-            radius_m: self.grid.radius_m,
-            visual: false,
-            complete_cells: false,
-            increments: None,
-        };
-        let path = folder.path().join("a.space");
-        let store =
-            Store::create_or_resume(&path, &identity, &mesh, &[0], &[("A".into(), 1)]).expect("a store");
-        let expansion = Expansion { actives: vec![0], grid: self.grid, complete_cells: false };
-        let counts =
-            expansion.run(&store, &mut self, &AtomicBool::new(false), |_| ()).expect("runs to its end");
-        assert_eq!((counts[0].failed, counts[0].unknown), (0, 0));
-        (folder, store)
-    }
-}
-
-impl Crew for Fake {
-    fn size(&self) -> usize {
-        1
-    }
-
-    fn give(&mut self, _: usize, work: Work) -> Result<(), CrewError> {
-        let Work::Point(job) = work else { return Err(CrewError::Confused) };
-        let upper = self.upper(&job);
-        let state = vec![u8::from(upper), 0, 0, 0];
-        let seed = StoredSeed { sensitivity: state.repeat(3), state, potential: [0.0; 10] };
-        let record = self.record(&job.task, upper);
-        self.done.push_back(Outcome {
-            active: job.active,
-            record,
-            seed: Some(seed),
-            intermediate: Vec::new(),
-        });
-        Ok(())
-    }
-
-    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
-        let outcome = self.done.pop_front().ok_or(CrewError::Panicked)?;
-        Ok(Some((0, Done::Point(Box::new(outcome)))))
-    }
-
-    fn stop(&mut self) {
-        self.done.clear();
-    }
-}
 
 fn first_tries(attempts: &[Record]) -> Vec<Record> {
     attempts.iter().filter(|r| r.attempt == 0).cloned().collect()
@@ -136,9 +18,9 @@ fn first_tries(attempts: &[Record]) -> Vec<Record> {
 fn a_jump_halfway_between_grid_points_is_flagged_by_the_force_where_the_energy_is_blind() {
     for scale in [1.0, 30.0, 1000.0] {
         let jump_n = 1.3 * scale;
-        let fake = Fake::new(scale, jump_n);
-        let grid = fake.grid;
-        let (_folder, store) = fake.expand();
+        let made_up = MadeUp::new(scale, jump_n);
+        let grid = made_up.grid;
+        let (_folder, store) = made_up.expanded();
         let folds = fold::folds(&grid, &first_tries(&store.attempts(0).expect("records")));
         let straight: Vec<_> =
             folds.iter().filter(|f| (f.from[1..] == f.to[1..]) && f.from[0] + f.to[0] == 3).collect();
@@ -155,9 +37,9 @@ fn a_jump_halfway_between_grid_points_is_flagged_by_the_force_where_the_energy_i
 #[test]
 fn a_space_without_a_jump_is_solved_once_and_without_a_flag() {
     for (scale, jump_n) in [(1.0, 0.0), (1000.0, 0.0), (1.0, 0.09), (1000.0, 90.0)] {
-        let fake = Fake::new(scale, jump_n);
-        let grid = fake.grid;
-        let (_folder, store) = fake.expand();
+        let made_up = MadeUp::new(scale, jump_n);
+        let grid = made_up.grid;
+        let (_folder, store) = made_up.expanded();
         let attempts = store.attempts(0).expect("records");
         assert_eq!(fold::folds(&grid, &attempts), [], "scale {scale}, {jump_n} N");
         assert!(attempts.iter().all(|r| r.attempt == 0), "scale {scale}, {jump_n} N");
@@ -167,15 +49,15 @@ fn a_space_without_a_jump_is_solved_once_and_without_a_flag() {
 #[test]
 fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_both_recorded() {
     for scale in [1.0, 1000.0] {
-        let smooth = Fake::new(scale, 0.0);
-        let fake = Fake::new(scale, 1.3 * scale);
-        let grid = fake.grid;
-        let (_folder, store) = fake.expand();
+        let smooth = MadeUp::new(scale, 0.0);
+        let made_up = MadeUp::new(scale, 1.3 * scale);
+        let grid = made_up.grid;
+        let (_folder, store) = made_up.expanded();
         let attempts = store.attempts(0).expect("records");
         let kept = store.records(0).expect("records");
         let lower = |r: &Record| {
             let task = Task { target: r.index, attempt: 0, round: 0, parent: None };
-            smooth.record(&task, false).energy_j
+            smooth.record(0, &task, false).energy_j
         };
         let first_upper: Vec<GridIndex> = first_tries(&attempts)
             .iter()
@@ -199,9 +81,9 @@ fn flagged_points_are_solved_from_another_parent_and_the_lower_energy_is_kept_bo
 
 #[test]
 fn an_energy_that_is_not_finite_or_does_not_fit_the_force_breaks_every_pair_of_its_point() {
-    let fake = Fake::new(1.0, 0.0);
-    let grid = fake.grid;
-    let (_folder, store) = fake.expand();
+    let made_up = MadeUp::new(1.0, 0.0);
+    let grid = made_up.grid;
+    let (_folder, store) = made_up.expanded();
     let whole = store.records(0).expect("records");
     let at = whole.iter().position(|r| r.index == [1, 0, 0]).expect("solved");
     let pairs =

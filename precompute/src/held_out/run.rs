@@ -260,7 +260,7 @@ impl Run<'_> {
                 return if done == all { Ok(()) } else { Err(HeldOutError::Interrupted) };
             }
             let outcome = shift.take::<HeldOutError>()?;
-            self.state.stopping = shift.is_stopping().then(|| shift.out());
+            self.state.stopping = shift.stopping();
             let Some(outcome) = outcome else {
                 (self.progress)(&self.state);
                 continue;
@@ -333,3 +333,6 @@ impl Uniform {
         drawn.filter(|(_, tag)| **tag == ConfigTag::Expandable).count() as u32
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -102,7 +102,7 @@ pub(crate) fn run_with(
         progress.walks(p);
     });
     progress.finish();
-    solved?;
+    solved.map_err(|failure| after(args.again, failure))?;
     let seconds = start.elapsed().as_secs_f64();
     let mut all = Vec::new();
     for &active in &chosen {
@@ -138,6 +138,11 @@ pub(crate) fn run_with(
         team.words,
         draw.identity()
     ))
+}
+
+/// A failure after the truth in the file was forgotten, if it was: the same command would forget what came since.
+pub(crate) fn after(again: bool, failure: Failure) -> Failure {
+    if again { failure.with("; leave --again out now, or it starts from nothing once more") } else { failure }
 }
 
 fn draw(args: &Args, radius_m: f64) -> Result<Draw, Failure> {

@@ -1,11 +1,12 @@
-//! Faults that a long precomputation must survive, planted round the real binary: kills, a full disk, folders that may not be
-//! written, damaged pages, an edited scene, a second writer. Whatever happens, the same command ends with the same bits.
+//! Faults that a long precomputation must survive, planted round the real binary: kills, signals, a full disk, folders that may
+//! not be written, damaged pages, an edited scene, a second writer. Whatever happens, the same command ends with the same bits.
 
 mod damage;
 mod disk;
 mod kills;
 mod read_only;
 mod refusals;
+mod signals;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

@@ -1,0 +1,214 @@
+//! What is kept when a run ends early, and what a resumed one makes of it.
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use palpate_core::ConfigTag;
+
+use super::super::made_up::{MadeUp, actives, mesh};
+use super::super::{Outcome, Store};
+use super::*;
+
+/// Runs until `tries` are solved now; how many the caller was told of.
+fn stopped(made_up: &mut MadeUp, store: &Store, nodes: u32, tries: usize) -> usize {
+    let (stop, mut told) = (AtomicBool::new(false), 0);
+    let ended = made_up.expansion(nodes).run(store, made_up, &stop, |p| {
+        told = p.solved_now;
+        stop.store(told >= tries, Ordering::Relaxed);
+    });
+    assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
+    told
+}
+
+/// Tries of so many nodes that a kill would leave.
+fn committed(path: &std::path::Path, nodes: usize) -> usize {
+    let reader = Store::open(path).expect("readers are welcome");
+    (0..nodes).map(|active| reader.attempts(active).expect("records").len()).sum()
+}
+
+#[test]
+fn all_that_was_done_before_a_stop_is_committed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.space");
+    let mut made_up = MadeUp::new(1.0, 1.3);
+    // The writer stays open: what it holds back the reader does not see.
+    let store = made_up.store(&path, 1);
+    let mut before = 0;
+    for tries in [1, 7, 30] {
+        before += stopped(&mut made_up, &store, 1, tries);
+        assert_eq!(committed(&path, 1), before);
+    }
+}
+
+/// A crew that ends after so many outcomes.
+struct Dies(MadeUp, usize);
+
+impl Crew for Dies {
+    fn size(&self) -> usize {
+        self.0.size()
+    }
+
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        self.0.give(worker, work)
+    }
+
+    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
+        self.1 = self.1.checked_sub(1).ok_or_else(|| CrewError::Lost("gone".into()))?;
+        self.0.take(patience)
+    }
+
+    fn stop(&mut self) {
+        self.0.stop();
+    }
+}
+
+#[test]
+fn all_that_was_done_before_a_worker_is_lost_is_committed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.space");
+    let made_up = MadeUp::new(1.0, 1.3);
+    let (store, expansion) = (made_up.store(&path, 1), made_up.expansion(1));
+    let ended = expansion.run(&store, &mut Dies(made_up, 23), &AtomicBool::new(false), |_| ());
+    assert!(matches!(ended, Err(ExpansionError::Crew(CrewError::Lost(_)))), "{ended:?}");
+    assert_eq!(committed(&path, 1), 23);
+}
+
+/// Every outcome after a silence of ten seconds, which nobody has to sit through.
+struct Slow {
+    made_up: MadeUp,
+    path: PathBuf,
+    silent: Duration,
+    given_back: usize,
+}
+
+impl Crew for Slow {
+    fn size(&self) -> usize {
+        self.made_up.size()
+    }
+
+    fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError> {
+        self.made_up.give(worker, work)
+    }
+
+    fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError> {
+        self.silent += patience;
+        if self.silent >= Duration::from_secs(1) {
+            assert_eq!(committed(&self.path, 1), self.given_back, "after a second of silence");
+        }
+        if self.silent < Duration::from_secs(10) {
+            return Ok(None);
+        }
+        self.silent = Duration::ZERO;
+        self.given_back += 1;
+        self.made_up.take(patience)
+    }
+
+    fn stop(&mut self) {
+        self.made_up.stop();
+    }
+}
+
+#[test]
+fn what_is_done_before_a_long_silence_is_committed_within_a_second() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.space");
+    let made_up = MadeUp::new(1.0, 0.0);
+    let (store, expansion, stop) = (made_up.store(&path, 1), made_up.expansion(1), AtomicBool::new(false));
+    let mut slow = Slow { made_up, path, silent: Duration::ZERO, given_back: 0 };
+    let ended = expansion.run(&store, &mut slow, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
+    assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
+    assert!(slow.given_back >= 4);
+}
+
+/// Everything a node's store holds, in order.
+fn outcomes(store: &Store, active: usize) -> Vec<Outcome> {
+    let attempts = store.attempts(active).expect("records");
+    let outcome = |record: Record| {
+        let seed = store.stored_seed(active, record.index, record.attempt).ok();
+        Outcome { active: active as u32, record, seed, intermediate: Vec::new() }
+    };
+    attempts.into_iter().map(outcome).collect()
+}
+
+#[test]
+fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut made_up = MadeUp::new(1.0, 1.3);
+    let whole = made_up.store(&folder.path().join("whole.space"), 1);
+    made_up.expand(&whole, 1);
+    let outcomes = outcomes(&whole, 0);
+    let some_try =
+        |wanted: u32| outcomes.iter().position(|o| o.record.attempt == wanted && o.record.round > 1);
+    let (first, again) = (some_try(0).expect("far out"), some_try(1).expect("the fold was looked at again"));
+    type Alter = fn(&mut Record);
+    let altered: [(usize, Alter); 5] = [
+        (first, |_| ()),
+        (first, |record| record.round += 1),
+        (again, |record| record.round -= 1),
+        // Another solution of the same point, and another point.
+        (again, |record| record.parent = record.parent.map(|(index, attempt)| (index, attempt + 1))),
+        (first, |record| record.parent = Some(([0; 3], 0))),
+    ];
+    for (n, (at, alter)) in altered.into_iter().enumerate() {
+        let store = made_up.store(&folder.path().join(format!("{n}.space")), 1);
+        let mut outcomes = outcomes.clone();
+        alter(&mut outcomes[at].record);
+        outcomes.iter().for_each(|outcome| store.add(outcome).expect("added"));
+        made_up.given.clear();
+        let expansion = made_up.expansion(1);
+        let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());
+        if n == 0 {
+            ended.expect("a copy is as good");
+            assert_eq!(made_up.given.len(), 0, "nothing is solved again");
+            continue;
+        }
+        let line = ended.expect_err("not the plan's").to_string();
+        let index = format!("{:?}", outcomes[at].record.index);
+        assert!(line.contains(&index) && line.contains("not solved as this version would"), "{n}: {line}");
+    }
+}
+
+/// Interrupted anywhere, and saved from a file that is not damaged: each node keeps its own.
+#[test]
+fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let mut made_up = MadeUp::new(1.0, 1.3);
+    let whole = made_up.store(&at("whole.space"), 2);
+    made_up.expand(&whole, 2);
+    let expected = [0, 1].map(|active| whole.attempts(active).expect("records"));
+    let [one, other] = &expected;
+    assert!(one.len() > 100 && other.len() > 100);
+    let energy = |records: &[Record]| records.iter().map(|r| r.energy_j).fold(0.0, f64::max);
+    assert!(energy(other) > 1.5 * energy(one), "the nodes are told apart");
+
+    let torn = made_up.store(&at("torn.space"), 2);
+    for tries in [1, one.len() / 2, one.len() / 2 + 10, other.len() / 2] {
+        stopped(&mut made_up, &torn, 2, tries);
+    }
+    made_up.expand(&torn, 2);
+    let found = [0, 1].map(|active| torn.attempts(active).expect("records"));
+    assert!(found == expected, "an interrupted store is another one");
+    drop(torn);
+
+    let (identity, nodes) = (made_up.identity(), actives(2));
+    let (saved, report) =
+        Store::salvage(&at("torn.space"), &identity, &mesh(), &[0], &nodes).expect("is salvaged");
+    assert_eq!((report.saved, report.damaged), (one.len() + other.len(), 0));
+    assert!([0, 1].map(|active| saved.attempts(active).expect("records")) == expected);
+}
+
+/// The failed rest point is kept like any other outcome: it must not pass for a space that is done.
+#[test]
+fn a_body_without_a_rest_is_refused_the_second_time_too() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut made_up = MadeUp::new(1.0, 0.0);
+    made_up.restless = true;
+    let (store, expansion) = (made_up.store(&folder.path().join("a.space"), 1), made_up.expansion(1));
+    for time in ["first", "second"] {
+        let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());
+        assert!(matches!(&ended, Err(ExpansionError::Rest(why)) if why == "singular"), "{time}: {ended:?}");
+    }
+    assert_eq!(store.records(0).expect("read")[0].tag, ConfigTag::Failed);
+}
