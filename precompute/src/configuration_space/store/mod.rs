@@ -336,15 +336,25 @@ impl Store {
 
     /// States between grid points, sorted by their transition, with the number of the part.
     pub fn intermediate(&self, active: usize) -> Result<Vec<super::Intermediate>, StoreError> {
+        let mut states = Vec::new();
+        self.each_intermediate(active, |state| states.push(state))?;
+        Ok(states)
+    }
+
+    fn each_intermediate(
+        &self,
+        active: usize,
+        mut see: impl FnMut(super::Intermediate),
+    ) -> Result<(), StoreError> {
         let sql = "SELECT numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         let mut statement = self.wrap(self.connection.prepare(sql))?;
-        let found = self.wrap(statement.query_map([active as i64], |row| row.get::<_, Vec<u8>>(0)))?;
-        found
-            .map(|bytes| {
-                let numbers = rows::unpack_intermediate(&self.wrap(bytes)?);
-                numbers.ok_or_else(|| self.corrupt("an intermediate state is damaged"))
-            })
-            .collect()
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            let numbers: Vec<u8> = self.wrap(row.get(0))?;
+            let state = rows::unpack_intermediate(&numbers);
+            see(state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?);
+        }
+        Ok(())
     }
 
     /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
@@ -381,7 +391,8 @@ impl Store {
         committed
     }
 
-    /// Reads every state of one active node: a damaged one may not be asked for again before the store is used.
+    /// Reads everything of one active node that solves start from or fits use beside its records: a damaged row may not be asked
+    /// for again before the store is used.
     pub fn check_states(&self, active: usize) -> Result<(), StoreError> {
         let sql = format!("SELECT {}, i, j, k FROM state WHERE active = ?1", rows::STATE);
         let mut statement = self.wrap(self.connection.prepare(&sql))?;
@@ -393,7 +404,14 @@ impl Store {
                 return Err(self.corrupt(rows::damaged(&index)));
             }
         }
-        Ok(())
+        let sql = "SELECT i, j, k FROM configuration AS c WHERE active = ?1 AND tag <> 'failed' AND NOT EXISTS (SELECT 1 \
+                   FROM state AS s WHERE (s.active, s.i, s.j, s.k, s.attempt) = (c.active, c.i, c.j, c.k, c.attempt))";
+        let index = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
+        let stateless = self.connection.query_row(sql, [active as i64], index).optional();
+        if let Some(index) = self.wrap(stateless)? {
+            return Err(self.corrupt(rows::damaged(&index)));
+        }
+        self.each_intermediate(active, |_| ())
     }
 
     /// The state that one try at a point ended in.

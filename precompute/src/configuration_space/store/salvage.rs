@@ -51,7 +51,9 @@ impl Store {
                 }
             }
         }
-        let moved_to = path.with_extension(format!("damaged-{}.space", std::process::id()));
+        // What an earlier salvage left is kept too.
+        let mut names = (1_u32..).map(|n| path.with_extension(format!("damaged-{n}.space")));
+        let moved_to = names.find(|name| !name.exists()).expect("some number is free");
         for suffix in ["", "-wal", "-shm"] {
             let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
             if with(path).exists() {
