@@ -24,6 +24,23 @@ fn a_scene_edited_between_runs_is_refused_and_the_line_names_what_differs() {
         let differs = format!("({old}, now {new})");
         fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh", &differs, "--out"]);
     }
+    // Lines put in and taken out: they move the others. A new name is no difference.
+    let limit = "[device]\nmax_force_n = 100.0\n";
+    let weight = "[body_force]\nforce_n_per_m3 = [0.0, 0.0, -1.0]\n";
+    let moves = [
+        ("[grid]\n", "[grid]\nincrements = 3\n", "(nothing, now increments = 3)"),
+        ("[grid]\n", "[grid]\ncomplete_cells = false\n", "(nothing, now complete_cells = false)"),
+        (limit, "", "(max_force_n = 100.0, now nothing)"),
+        (limit, &format!("{limit}{weight}"), "(nothing, now force_n_per_m3 = [0.0, 0.0, -1.0])"),
+    ];
+    for (old, new, differs) in moves {
+        for name in ["beam", "other"] {
+            let edited = text.replacen(old, new, 1).replacen("\"beam\"", &format!("{name:?}"), 1);
+            assert_ne!(edited, text, "{old} is there");
+            std::fs::write(&file, edited).expect("written");
+            fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh", differs, "--out"]);
+        }
+    }
     std::fs::write(&file, &text).expect("written");
     // The last corner of the box, a hair further out.
     std::fs::write(&mesh_file, mesh.replace(" 0.08 0.04 0.04\n", " 0.0801 0.04 0.04\n")).expect("written");

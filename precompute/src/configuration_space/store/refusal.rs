@@ -29,22 +29,18 @@ impl Store {
         }
         let stored = self.meta("scene")?;
         // Comments and the order of keys are not in the stored text, so every differing line means something.
-        let (old, new): (Vec<&str>, Vec<&str>) = (stored.lines().collect(), identity.scene.lines().collect());
-        let line =
-            |lines: &[&str], at: usize| lines.get(at).map_or("nothing", |line| line.trim()).to_string();
-        let free = |text: &str| text.starts_with("name") || text.starts_with("file");
-        let at = (0..old.len().max(new.len()))
-            .find(|&at| old.get(at) != new.get(at) && !free(old.get(at).unwrap_or(&"")));
-        if let Some(at) = at {
-            // A line that comes later in the other text was not changed: one was put in, or taken out, before it.
-            let later = |lines: &[&str], what: Option<&&str>| {
-                what.is_some_and(|what| lines.get(at..).is_some_and(|rest| rest.contains(what)))
+        let (old, new) = (entries(&stored), entries(&identity.scene));
+        if let Some(at) = (0..old.len().max(new.len())).find(|&at| old.get(at) != new.get(at)) {
+            // An entry that comes later in the other text was not changed: one was put in, or taken out, before it.
+            let later = |others: &[Entry<'_>], entry: Option<&Entry<'_>>| {
+                entry.is_some_and(|entry| others.get(at..).is_some_and(|rest| rest.contains(entry)))
             };
-            let nothing = || "nothing".to_string();
-            return Ok(Some(match (later(&new, old.get(at)), later(&old, new.get(at))) {
-                (true, false) => (nothing(), line(&new, at)),
-                (false, true) => (line(&old, at), nothing()),
-                _ => (line(&old, at), line(&new, at)),
+            let line = |entry: Option<&Entry<'_>>| entry.map_or("nothing", |(_, line)| line).to_string();
+            let (was, is) = (old.get(at), new.get(at));
+            return Ok(Some(match (later(&new, was), later(&old, is)) {
+                (true, false) => (line(None), line(is)),
+                (false, true) => (line(was), line(None)),
+                _ => (line(was), line(is)),
             }));
         }
         let stored = self.parsed::<f64>("max_force_n")?;
@@ -52,4 +48,21 @@ impl Store {
             (format!("max_force_n = {stored:?}"), format!("max_force_n = {:?}", identity.max_force_n))
         }))
     }
+}
+
+/// A line of a scene with the table it is in.
+type Entry<'t> = (&'t str, &'t str);
+
+/// What of a scene's canonical text may make another space: neither names nor what is kept for the eye.
+fn entries(text: &str) -> Vec<Entry<'_>> {
+    let (mut table, mut entries) = ("", Vec::new());
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        let key = line.split(" =").next().unwrap_or(line);
+        if line.starts_with('[') {
+            table = line;
+        } else if !["name", "file", "visual"].contains(&key) {
+            entries.push((table, line));
+        }
+    }
+    entries
 }
