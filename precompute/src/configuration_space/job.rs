@@ -75,8 +75,8 @@ pub struct Outcome {
 /// Everything a worker must know beside the job.
 pub struct Workshop {
     problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
-    /// Problems that a worker has in hand: with its numbering and analysis one serves them all.
-    problems: Mutex<HashMap<u32, Weak<Problem>>>,
+    /// The problem of an active node while a worker has it in hand: with its numbering and analysis one serves them all.
+    problems: Mutex<HashMap<u32, Arc<Mutex<Weak<Problem>>>>>,
     /// The grid.
     pub grid: SpaceGrid,
     /// Force beyond which a configuration is terminating, N.
@@ -97,15 +97,17 @@ impl Workshop {
     }
 
     fn problem(&self, active: u32) -> Arc<Problem> {
-        // Whoever comes second waits until it is built. A worker that panicked here left the table as it was.
+        // A worker that panicked while it built one left nothing half-done here.
         let mut problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(problem) = problems.get(&active).and_then(Weak::upgrade) {
-            return problem;
-        }
-        problems.retain(|_, problem| problem.strong_count() > 0);
-        let problem = (self.problem)(active as usize);
-        problems.insert(active, Arc::downgrade(&problem));
-        problem
+        let place = problems.entry(active).or_default().clone();
+        // Nobody waits for the problem of another node; whoever comes second to this one does.
+        drop(problems);
+        let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
+        place.upgrade().unwrap_or_else(|| {
+            let problem = (self.problem)(active as usize);
+            *place = Arc::downgrade(&problem);
+            problem
+        })
     }
 }
 
