@@ -260,3 +260,23 @@ fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
         assert!((fresh.energy_j - state.energy_j).abs() < 1e-10);
     }
 }
+
+/// Terminating configurations are solved like any other: what lies on the way to them is as good a centre.
+#[test]
+fn states_on_the_way_to_terminating_points_are_kept_too() {
+    let folder = tempfile::tempdir().expect("a folder for the stores");
+    let largest = |records: &[Record]| records.iter().map(Record::force_norm_n).fold(0.0, f64::max);
+    let bench = |max_force_n| {
+        let mut bench = SpaceBench::new(max_force_n);
+        bench.identity.increments = Some(3);
+        bench.identity.complete_cells = false;
+        bench
+    };
+    let (free, _) = bench(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
+    let limit_n = 0.5 * largest(&free.records(0).expect("records"));
+    let (limited, counts) = bench(limit_n).solve(&folder.path().join("limited.space"), 2);
+    assert!(counts.terminating >= 5 && counts.expandable > 5, "{counts:?}");
+    let solved = limited.attempts(0).expect("records").iter().filter(|r| r.tag.is_solved()).count();
+    // All but the rest point come from somewhere.
+    assert_eq!(limited.intermediate(0).expect("intact").len(), 2 * (solved - 1));
+}

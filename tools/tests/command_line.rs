@@ -524,6 +524,36 @@ fn the_protocol_counts_the_paths_of_every_fixed_set() {
     assert_eq!(nodes.len(), 2);
     assert!(out.join("liver-small-F1.space").exists() && out.join("liver-small-F2.space").exists());
     refused(&["protocol", text(&scene), "--out", text(&out), "--fixed", "F9"], &["F9", "F1", "F2"]);
+    let twice = ["protocol", text(&scene), "--out", text(&out), "--fixed", "F1,F2,F1"];
+    refused(&twice, &["--fixed", "F1", "twice"]);
+}
+
+/// The scene's force limit would end paths that the paper's go on.
+#[test]
+fn the_protocol_leaves_the_force_limit_out_and_begins_anew_if_asked() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
+    let whole = std::fs::read_to_string(assets.join("liver-small.toml")).expect("the scene");
+    let limited = whole.replace("max_force_n = 8.0", "max_force_n = 0.001");
+    let mesh = format!("file = {:?}", assets.join("liver-small.msh"));
+    let scene = folder.path().join("limited.toml");
+    std::fs::write(&scene, limited.replace("file = \"liver-small.msh\"", &mesh)).expect("written");
+    assert_ne!(limited, whole);
+    let out = folder.path().join("out");
+    let run = |more: &[&str]| -> serde_json::Value {
+        let fixed = ["protocol", text(&scene), "--out", text(&out), "--fixed", "F1", "--active-nodes", "1"];
+        let done = palpate(&[&fixed[..], &["--length-mm", "3", "--json"], more].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        serde_json::from_slice(&done.stdout).expect("JSON")
+    };
+    let figures = run(&[]);
+    let total = &figures["total"];
+    assert_eq!((total["whole"].as_u64(), total["at_force_limit"].as_u64()), (Some(26), Some(0)));
+    assert_eq!(total["positions"].as_u64(), Some(26 * 3));
+    assert!(total["largest_n"].as_f64().is_some_and(|n| n > 0.01), "the limit would have been felt: {total}");
+    let kept = run(&[])["total"]["seconds"].as_f64();
+    assert_eq!(kept, total["seconds"].as_f64(), "what is there is not solved again");
+    assert_ne!(run(&["--again"])["total"]["seconds"].as_f64(), kept, "unless it is asked for");
 }
 
 /// Columns of a CSV by name, without those named in `but`.

@@ -1,6 +1,6 @@
 //! The plan against rounds with a barrier, and against itself with outcomes in any order.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::super::domain::{neighbours, plus, squared};
 use super::*;
@@ -18,12 +18,23 @@ struct World {
     seed: u64,
     fails: f64,
     terminates: f64,
+    /// Share of solutions on another branch: their energy breaks the pairs round them.
+    jumps: f64,
+    /// A point is on the same branch wherever it is solved from: no fold can be mended.
+    stubborn: bool,
+}
+
+impl Default for World {
+    fn default() -> Self {
+        Self { seed: 0, fails: 0.0, terminates: 0.0, jumps: 0.02, stubborn: false }
+    }
 }
 
 impl World {
     fn draw(&self, task: &Task, what: u64) -> f64 {
         let mut z = hash(self.seed ^ what);
-        for n in task.target.into_iter().chain(task.parent.map_or([0; 3], |(index, _)| index)) {
+        let parent = task.parent.filter(|_| !self.stubborn).map_or([0; 3], |(index, _)| index);
+        for n in task.target.into_iter().chain(parent) {
             z = hash(z ^ n as u64);
         }
         (z >> 11) as f64 / (1u64 << 53) as f64
@@ -42,9 +53,7 @@ impl World {
             _ => ConfigTag::Expandable,
         };
         if record.tag.is_solved() {
-            // Now and then a solution of another branch: its energy breaks the pairs round it.
-            let jump = if self.draw(task, 2) < 0.02 { 1.0 } else { 0.0 };
-            record.energy_j = jump;
+            record.energy_j = if self.draw(task, 2) < self.jumps { 1.0 } else { 0.0 };
             record.force_n = [0.0; 3];
             record.stiffness_n_m = nalgebra::Matrix3::zeros();
         }
@@ -82,7 +91,7 @@ fn run(world: &World, hands: usize, order: u64) -> (Log, TagCounts) {
 #[test]
 fn nothing_depends_on_who_is_done_first() {
     for seed in 0..6 {
-        let world = World { seed, fails: 0.08, terminates: 0.15 };
+        let world = World { seed, fails: 0.08, terminates: 0.15, ..World::default() };
         let (expected, counts) = run(&world, 1, 0);
         assert!(expected.len() > 300, "seed {seed}: a space to speak of");
         for (hands, order) in [(2, 1), (7, 2), (64, 3), (1000, 4)] {
@@ -96,7 +105,7 @@ fn nothing_depends_on_who_is_done_first() {
 #[test]
 fn handing_out_ahead_is_the_same_as_rounds() {
     for seed in 10..16 {
-        let world = World { seed, fails: 0.2, terminates: 0.3 };
+        let world = World { seed, fails: 0.2, terminates: 0.3, ..World::default() };
         let lattice = grid().lattice;
         let mut tags: HashMap<GridIndex, ConfigTag> = HashMap::from([([0; 3], ConfigTag::Expandable)]);
         let mut expected = Vec::new();
@@ -127,7 +136,7 @@ fn handing_out_ahead_is_the_same_as_rounds() {
 
 #[test]
 fn a_failed_point_is_tried_from_every_solved_neighbour_before_it_is_given_up() {
-    let world = World { seed: 3, fails: 0.4, terminates: 0.1 };
+    let world = World { seed: 3, fails: 0.4, terminates: 0.1, ..World::default() };
     let domain = Domain::new(&grid(), true);
     let (log, counts) = run(&world, 4, 9);
     let solved =
@@ -152,7 +161,7 @@ fn a_failed_point_is_tried_from_every_solved_neighbour_before_it_is_given_up() {
 
 #[test]
 fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
-    let world = World { seed: 5, fails: 0.0, terminates: 0.0 };
+    let world = World { seed: 5, fails: 0.0, terminates: 0.0, ..World::default() };
     let (log, counts) = run(&world, 3, 1);
     assert_eq!((counts.failed, counts.terminating, counts.unknown), (0, 0, 0));
     let jumped: Vec<GridIndex> =
@@ -168,6 +177,59 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     }
     let untouched = log.keys().filter(|(_, attempt)| *attempt == 0).count();
     assert!(log.len() < 3 * untouched, "not everything is solved again");
+}
+
+/// Solving a point of a fold that stays once more from where it was already solved from would cost as much as it tells: nothing.
+#[test]
+fn a_fold_is_looked_at_a_second_time_only_where_the_other_side_found_something() {
+    let stubborn = World { seed: 5, stubborn: true, ..World::default() };
+    let (log, _) = run(&stubborn, 3, 1);
+    let tries = |log: &Log, attempt: u32| log.keys().filter(|(_, a)| *a == attempt).count();
+    assert!(tries(&log, 1) > 100, "{} second tries", tries(&log, 1));
+    assert_eq!(tries(&log, 2), 0, "nothing was found, and yet it was looked for again");
+    // Where something is found the other side is told, once.
+    let (log, _) = run(&World { seed: 5, jumps: 0.3, ..World::default() }, 3, 1);
+    assert!(tries(&log, 2) > 0, "none of the folds was looked at a second time");
+    assert_eq!(tries(&log, 3), 0);
+}
+
+/// A retry rests on what the store says of its parent: an attempt that failed has no state, one that was superseded is on a branch
+/// that the space has left.
+#[test]
+fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
+    let (mut of_failed, mut of_superseded) = (0, 0);
+    for seed in 0..12 {
+        let world = World { seed, fails: 0.3, terminates: 0.2, jumps: 0.3, ..World::default() };
+        let mut plan = Plan::new(Arc::new(Domain::new(&grid(), true)), grid());
+        let mut kept: HashMap<GridIndex, Record> = HashMap::new();
+        let mut failed_first = HashSet::new();
+        let (mut round, mut at_its_beginning) = (0, kept.clone());
+        while let Some(task) = plan.next_task() {
+            if task.attempt > 0 && task.round != round {
+                (round, at_its_beginning) = (task.round, kept.clone());
+            }
+            if let Some((parent, solution)) = task.parent {
+                // An expansion never supersedes; what it starts from may be of the same round.
+                let known = if task.attempt == 0 { &kept } else { &at_its_beginning };
+                let counts = known.get(&parent).filter(|r| r.tag.is_solved()).expect("a solved parent");
+                assert_eq!(solution, counts.attempt, "seed {seed}: {task:?}");
+                let was_failed = kept.get(&task.target).is_some_and(|r| !r.tag.is_solved());
+                if was_failed && solution > 0 {
+                    *(if failed_first.contains(&parent) { &mut of_failed } else { &mut of_superseded }) += 1;
+                }
+            }
+            let record = world.solve(&task);
+            plan.decide(&record);
+            if task.attempt == 0 && !record.tag.is_solved() {
+                failed_first.insert(task.target);
+            }
+            if supersedes(&record, kept.get(&task.target)) {
+                kept.insert(task.target, record);
+            }
+        }
+        assert!(plan.is_done());
+    }
+    assert!(of_failed > 0 && of_superseded > 0, "{of_failed} and {of_superseded}: some cases are missing");
 }
 
 #[test]
