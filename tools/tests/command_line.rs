@@ -3,8 +3,6 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
-use palpate_precompute::mesh::surface::Surface;
-use palpate_precompute::scene::Scene;
 use palpate_tests::{mooney_rivlin, nearest_node, soft_beam, write_beam_scene};
 
 fn palpate(arguments: &[&str]) -> Output {
@@ -593,43 +591,6 @@ fn the_protocol_leaves_the_force_limit_out_and_begins_anew_if_asked() {
     let kept = run(&[])["total"]["seconds"].as_f64();
     assert_eq!(kept, total["seconds"].as_f64(), "what is there is not solved again");
     assert_ne!(run(&["--again"])["total"]["seconds"].as_f64(), kept, "unless it is asked for");
-}
-
-/// Every free surface node is as near to a chosen one as the chosen ones are to one another, or nearer: they could not be
-/// further apart by much.
-#[test]
-fn the_nodes_of_the_protocol_are_far_apart() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
-    let out = folder.path().join("out");
-    let run = ["protocol", text(&path), "--out", text(&out), "--length-mm", "1", "--json"];
-    let done = palpate(&run);
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    let figures: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
-    assert_eq!(figures["total"]["walks"].as_u64(), Some(520));
-    let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("the bundled scene");
-    let (mesh, surface) = (&scene.mesh, Surface::of(&scene.mesh));
-    let rows = figures["rows"].as_array().expect("rows").iter();
-    let chosen: std::collections::BTreeSet<u32> =
-        rows.map(|row| row["node"].as_u64().expect("a node") as u32).collect();
-    assert_eq!(chosen.len(), 10);
-    assert!(chosen.contains(&scene.active[0].node), "the scene's own is one of them");
-    let apart = |a: u32, b: u32| -> f64 {
-        let [a, b] = [a, b].map(|n| mesh.nodes_m[n as usize]);
-        a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
-    };
-    let nearest = |node: u32| {
-        let others = chosen.iter().filter(|&&c| c != node);
-        others.map(|&c| apart(node, c)).fold(f64::INFINITY, f64::min)
-    };
-    let least = chosen.iter().map(|&c| nearest(c)).fold(f64::INFINITY, f64::min);
-    assert!(least > 0.03, "{least} m between two of them, on a body of 0.2 m");
-    let held = |node: &u32| ["F1", "F2"].iter().any(|group| mesh.node_groups[*group].contains(node));
-    assert!(!chosen.iter().any(held), "a held node does not move");
-    let all = (0..mesh.nodes_m.len() as u32).filter(|&n| surface.contains(n) && !held(&n));
-    for node in all.filter(|n| !chosen.contains(n)) {
-        assert!(nearest(node) <= least + 1e-12, "node {node} is {} m from all of them", nearest(node));
-    }
 }
 
 /// Columns of a CSV by name, without those named in `but`.

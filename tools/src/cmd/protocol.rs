@@ -200,3 +200,37 @@ fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> 
     let text = toml::to_string(&table).map_err(Failure::work)?;
     Workbench::of(&args.scene, Scene::parse(&args.scene, text)?.resolve()?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every free surface node is as near to a chosen one as the chosen ones are to one another, or nearer: they could not be further
+    /// apart by much.
+    #[test]
+    fn the_nodes_are_far_apart_free_and_one_of_them_is_the_scenes_own() {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+        let scene = Scene::load(&path).and_then(|scene| scene.resolve()).expect("the bundled scene");
+        let fixed = ["F1", "F2"].map(String::from);
+        let chosen = spread(&scene, &fixed, 10).expect("there are more");
+        assert_eq!((chosen.len(), chosen[0]), (10, scene.active[0].node));
+        let mesh = &scene.mesh;
+        let apart = |a: u32, b: u32| -> f64 {
+            let [a, b] = [a, b].map(|n| mesh.nodes_m[n as usize]);
+            a.iter().zip(b).map(|(x, y)| (x - y).powi(2)).sum::<f64>().sqrt()
+        };
+        let nearest = |node: u32| {
+            let others = chosen.iter().filter(|&&c| c != node);
+            others.map(|&c| apart(node, c)).fold(f64::INFINITY, f64::min)
+        };
+        let least = chosen.iter().map(|&c| nearest(c)).fold(f64::INFINITY, f64::min);
+        assert!(least > 0.03, "{least} m between two of them, on a body of 0.2 m");
+        let held = |node: &u32| fixed.iter().any(|group| mesh.node_groups[group].contains(node));
+        assert!(!chosen.iter().any(held), "a held node does not move");
+        let surface = Surface::of(mesh);
+        let free = (0..mesh.nodes_m.len() as u32).filter(|&n| surface.contains(n) && !held(&n));
+        for node in free.filter(|n| !chosen.contains(n)) {
+            assert!(nearest(node) <= least + 1e-12, "node {node} is {} m from all of them", nearest(node));
+        }
+    }
+}
