@@ -197,7 +197,7 @@ impl Packer<'_> {
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.methods.iter().any(|m| on_lattice.contains(m));
-        let force_n = has_lattice.then(|| self.planes.push3(&values.force_n)).transpose()?;
+        let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
         let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, samples)? {
             Some(fit) => {
                 let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();

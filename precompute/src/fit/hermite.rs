@@ -10,7 +10,7 @@
 //! A corner without a configuration is a ghost: the mean of the Taylor polynomials of its nearest solved neighbours.
 
 use palpate_core::flags;
-use palpate_core::hermite::{Node, at};
+use palpate_core::hermite::Node;
 
 use super::{LatticeValues, Sample};
 use crate::configuration_space::fold::Fold;
@@ -251,7 +251,7 @@ fn mean<const N: usize>(routes: [Option<f64>; N]) -> f64 {
 fn packed(w: &Derivatives) -> Node {
     let mut node = Node::default();
     for (a, b, c) in orders_up_to_two() {
-        node[a][at(b, c)] = w[a][b][c] as f32;
+        node[a][b][c] = w[a][b][c] as f32;
     }
     node
 }
@@ -259,6 +259,7 @@ fn packed(w: &Derivatives) -> Node {
 #[cfg(test)]
 mod tests {
     use palpate_core::hermite::HermiteTable;
+    use palpate_core::lanes::Baseline;
 
     use super::*;
 
@@ -308,8 +309,11 @@ mod tests {
         for n in 0..4000u32 {
             let x: [f64; 3] = std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
             let place = grid.lattice.locate(x.map(|x| x as f32));
-            let side = grid.lattice.side();
-            let found = [table.energy_gradient(side, place.slot, place.t), table.force(side, place.slot, place.t)];
+            let strides = grid.lattice.strides();
+            let found = [
+                table.energy_gradient(Baseline, strides, place.slot, place.t),
+                table.force(Baseline, strides, place.slot, place.t),
+            ];
             for (worst, found) in worst.iter_mut().zip(found) {
                 for i in 0..3 {
                     *worst = worst.max((f64::from(found[i]) - derivative(x, &[i])).abs());
