@@ -43,6 +43,11 @@ impl<'a> HermiteTable<'a> {
         }
     }
 
+    /// Size of both planes.
+    pub const fn bytes(&self) -> usize {
+        size_of_val(self.row) + size_of_val(self.nodes)
+    }
+
     /// The node of a slot.
     pub fn node(&self, slot: usize) -> Option<&'a Node> {
         self.nodes.get(*self.row.get(slot)? as usize)
