@@ -6,8 +6,10 @@
 //! w = 0 on the face from both sides, and h_a is continuous there. Elsewhere w itself is continuous, as any tri-linear function of
 //! node values is. Cost: one method alone where w is 0 or 1, both between.
 
-use crate::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
+use crate::flags::{INTERIOR, SMOOTH};
+use crate::grid::Strides;
 use crate::hermite::HermiteTable;
+use crate::lanes::{Baseline, Machine};
 use crate::tricubic;
 use crate::trilinear;
 use crate::vec3::{self, Vec3};
@@ -15,65 +17,71 @@ use crate::vec3::{self, Vec3};
 /// Hybrid estimate of the reaction force: tri-cubic where the super-cell is complete, tri-linear at the rim.
 ///
 /// Source: Peterlik 2010, section 7. Deviation: the paper switches at the face, where the force would jump.
-#[inline]
-pub fn hybrid(force: &[&[f32]; 3], flags: &[u8], side: usize, slot: usize, t: Vec3) -> Vec3 {
-    let complete = flags.get(slot).is_some_and(|bits| bits & SUPERCELL != 0);
-    let weight = if complete { share(flags, INTERIOR, side, slot, t) } else { 0.0 };
-    let linear = || trilinear::interpolate(force, side, slot, t);
-    let cubic = || tricubic::interpolate(force, side, slot, t);
-    blend(weight, linear, cubic)
+#[inline(always)]
+pub fn hybrid(force: &[Vec3], flags: &[u8], strides: Strides, slot: usize, t: Vec3) -> Vec3 {
+    let weight = share(flags, INTERIOR, strides, slot, t);
+    let linear = if weight < 1.0 { trilinear::interpolate(force, strides, slot, t) } else { vec3::ZERO };
+    if weight <= 0.0 {
+        return linear;
+    }
+    blend(weight, linear, tricubic::interpolate(force, strides, slot, t))
 }
 
 /// The gradient of the energy, and cubic Hermite interpolants of the force in cells that a fold runs through.
 ///
 /// Conservative wherever no corner of the cell touches such a cell.
-#[inline]
-pub fn energy(table: &HermiteTable<'_>, flags: &[u8], side: usize, slot: usize, t: Vec3) -> Vec3 {
-    let folded = flags.get(slot).is_some_and(|bits| bits & FOLD != 0);
-    let weight = if folded { 0.0 } else { share(flags, SMOOTH, side, slot, t) };
-    blend(weight, || table.force(side, slot, t), || table.energy_gradient(side, slot, t))
+#[inline(always)]
+pub fn energy<M: Machine>(
+    machine: M,
+    table: &HermiteTable<'_>,
+    flags: &[u8],
+    strides: Strides,
+    slot: usize,
+    t: Vec3,
+) -> Vec3 {
+    let weight = share(flags, SMOOTH, strides, slot, t);
+    let calm = if weight < 1.0 { table.force(machine, strides, slot, t) } else { vec3::ZERO };
+    if weight <= 0.0 {
+        return calm;
+    }
+    blend(weight, calm, table.energy_gradient(machine, strides, slot, t))
 }
 
 /// Slopes dh_i/dt_j of [`hybrid`] as rows i.
-pub fn hybrid_slopes(force: &[&[f32]; 3], flags: &[u8], side: usize, slot: usize, t: Vec3) -> [Vec3; 3] {
-    let complete = flags.get(slot).is_some_and(|bits| bits & SUPERCELL != 0);
-    let flag = if complete { INTERIOR } else { NEVER };
-    let linear = || (trilinear::interpolate(force, side, slot, t), trilinear::slopes(force, side, slot, t));
-    let cubic = || (tricubic::interpolate(force, side, slot, t), tricubic::slopes(force, side, slot, t));
-    blend_slopes(flags, flag, side, slot, t, linear, cubic)
+pub fn hybrid_slopes(force: &[Vec3], flags: &[u8], strides: Strides, slot: usize, t: Vec3) -> [Vec3; 3] {
+    let linear =
+        || (trilinear::interpolate(force, strides, slot, t), trilinear::slopes(force, strides, slot, t));
+    let cubic =
+        || (tricubic::interpolate(force, strides, slot, t), tricubic::slopes(force, strides, slot, t));
+    blend_slopes(flags, INTERIOR, strides, slot, t, linear, cubic)
 }
 
 /// Slopes of [`energy`], and W if it is the energy's gradient alone that answers.
 pub fn energy_slopes(
     table: &HermiteTable<'_>,
     flags: &[u8],
-    side: usize,
+    strides: Strides,
     slot: usize,
     t: Vec3,
 ) -> ([Vec3; 3], Option<f32>) {
-    let folded = flags.get(slot).is_some_and(|bits| bits & FOLD != 0);
-    let flag = if folded { NEVER } else { SMOOTH };
-    let jet = table.energy_jet(side, slot, t);
-    let cubic = || (table.force(side, slot, t), table.force_slope(side, slot, t));
-    let slopes = blend_slopes(flags, flag, side, slot, t, cubic, || (jet.gradient, jet.hessian));
-    let alone = share(flags, flag, side, slot, t) >= 1.0;
+    let jet = table.energy_jet(strides, slot, t);
+    let cubic = || (table.force(Baseline, strides, slot, t), table.force_slope(strides, slot, t));
+    let slopes = blend_slopes(flags, SMOOTH, strides, slot, t, cubic, || (jet.gradient, jet.hessian));
+    let alone = share(flags, SMOOTH, strides, slot, t) >= 1.0;
     (slopes, alone.then_some(jet.value))
 }
-
-/// A flag that no grid point carries.
-const NEVER: u8 = 0;
 
 /// dh_a/dt + w (dh_b/dt - dh_a/dt) + (h_b - h_a) (dw/dt)^T
 fn blend_slopes(
     flags: &[u8],
     flag: u8,
-    side: usize,
+    strides: Strides,
     slot: usize,
     t: Vec3,
     a: impl FnOnce() -> (Vec3, [Vec3; 3]),
     b: impl FnOnce() -> (Vec3, [Vec3; 3]),
 ) -> [Vec3; 3] {
-    let weight = share(flags, flag, side, slot, t);
+    let weight = share(flags, flag, strides, slot, t);
     if weight >= 1.0 {
         return b().1;
     }
@@ -81,7 +89,7 @@ fn blend_slopes(
         return a().1;
     }
     let ((value_a, slopes_a), (value_b, slopes_b)) = (a(), b());
-    let turn = share_slope(flags, flag, side, slot, t);
+    let turn = share_slope(flags, flag, strides, slot, t);
     let mut rows = slopes_a;
     let apart = vec3::sub(value_b, value_a);
     for ((row, other), apart) in rows.iter_mut().zip(slopes_b).zip(apart) {
@@ -92,9 +100,9 @@ fn blend_slopes(
 }
 
 /// dw/dt of [`share`].
-fn share_slope(flags: &[u8], flag: u8, side: usize, slot: usize, [tx, ty, tz]: Vec3) -> Vec3 {
+fn share_slope(flags: &[u8], flag: u8, strides: Strides, slot: usize, [tx, ty, tz]: Vec3) -> Vec3 {
     let raw = |t: Vec3| -> f32 {
-        let corners = trilinear::corners(side, slot, t);
+        let corners = trilinear::corners(strides, slot, t);
         corners.iter().filter(|corner| carries(flags, flag, corner.0)).map(|(_, weight)| weight).sum()
     };
     let w = raw([tx, ty, tz]).min(1.0);
@@ -110,39 +118,48 @@ fn carries(flags: &[u8], flag: u8, slot: usize) -> bool {
     flags.get(slot).is_some_and(|bits| bits & flag != 0)
 }
 
-#[inline]
-fn blend(weight: f32, a: impl FnOnce() -> Vec3, b: impl FnOnce() -> Vec3) -> Vec3 {
-    if weight >= 1.0 {
-        b()
-    } else if weight <= 0.0 {
-        a()
-    } else {
-        let ([ax, ay, az], [bx, by, bz]) = (a(), b());
-        [ax + weight * (bx - ax), ay + weight * (by - ay), az + weight * (bz - az)]
-    }
+/// a + weight (b - a): b itself, bit for bit, if weight is 1 and a is zero.
+#[inline(always)]
+fn blend(weight: f32, a: Vec3, b: Vec3) -> Vec3 {
+    vec3::add(a, vec3::scale(vec3::sub(b, a), weight))
 }
 
-/// Share of the better method, 0 to 1: all of it where all corners carry the flag.
-#[inline]
-pub fn share(flags: &[u8], flag: u8, side: usize, slot: usize, t: Vec3) -> f32 {
+/// Share of the better method, 0 to 1: all of it where all corners carry the flag, nothing where none does, as in the cells
+/// that it must not answer in.
+#[inline(always)]
+pub fn share(flags: &[u8], flag: u8, strides: Strides, slot: usize, t: Vec3) -> f32 {
+    let Some(pairs) = corner_flags(flags, strides, slot) else { return 0.0 };
+    let [a, b, c, d] = pairs.map(u16::from_le_bytes);
+    let both = u16::from_le_bytes([flag; 2]);
     // Exactly 1 inside: the rounded sum of eight weights would evaluate both methods for nothing.
-    if corner_flags(flags, side, slot) & flag != 0 {
+    if a & b & c & d & both == both {
         return 1.0;
     }
-    let corners = trilinear::corners(side, slot, t);
-    let share: f32 =
-        corners.iter().filter(|corner| carries(flags, flag, corner.0)).map(|(_, weight)| weight).sum();
+    if (a | b | c | d) & both == 0 {
+        return 0.0;
+    }
+    partial_share(pairs, flag, t)
+}
+
+#[inline(never)]
+fn partial_share(pairs: [[u8; 2]; 4], flag: u8, t: Vec3) -> f32 {
+    let weights = trilinear::corner_weights(t);
+    let carried = pairs.as_flattened().iter().zip(weights).filter(|(bits, _)| *bits & flag != 0);
+    let share: f32 = carried.map(|(_, weight)| weight).sum();
     let share = share.min(1.0);
     share * share * (3.0 - 2.0 * share)
 }
 
-/// The flags that all eight corners of a cell have.
-#[inline]
-fn corner_flags(flags: &[u8], side: usize, slot: usize) -> u8 {
-    let pair = |slot: usize| -> u8 {
-        let pair = flags.get(slot..).and_then(|rest| rest.first_chunk::<2>());
-        pair.map_or(0, |[low, high]| low & high)
-    };
-    let next = slot.wrapping_add(side.wrapping_mul(side));
-    pair(slot) & pair(slot.wrapping_add(side)) & pair(next) & pair(next.wrapping_add(side))
+/// The flags of the eight corners of a cell, in pairs along z.
+#[inline(always)]
+fn corner_flags(flags: &[u8], strides: Strides, slot: usize) -> Option<[[u8; 2]; 4]> {
+    let (side, sheet) = (strides.side as usize, strides.sheet as usize);
+    // One check for all four: the compiler sees that the others follow.
+    let flags = flags.get(slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
+    Some([
+        *flags.first_chunk()?,
+        *flags.get(side..)?.first_chunk()?,
+        *flags.get(sheet..)?.first_chunk()?,
+        *flags.get(sheet.wrapping_add(side)..)?.first_chunk()?,
+    ])
 }

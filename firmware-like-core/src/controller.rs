@@ -7,8 +7,9 @@
 use crate::blob::Organ;
 use crate::contact::{Contact, ContactConfig};
 use crate::limit::{self, Freshness, LimitConfig, StaleWatch};
-use crate::method::{Coverage, Method};
+use crate::method::{Coverage, ForceSample, Method};
 use crate::speed::SpeedWindow;
+use crate::table::Space;
 use crate::vec3::{self, Vec3};
 
 /// Longest time one tick counts for in the slew limit: a late tick must not buy a large step.
@@ -262,8 +263,22 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 
     /// One tick: what to send to the hand now. `sample` is the newest reading, or `None` if none came since the last tick.
     pub fn tick(&self, state: &mut State, now_us: u64, sample: Option<&Sample>) -> Command {
+        self.tick_with(state, now_us, sample, |space, displacement_m| {
+            space.force(self.config.method, *displacement_m)
+        })
+    }
+
+    /// [`Controller::tick`] with the caller's own way to the force of a space: that of [`Space::force`] for the method of the
+    /// configuration, but on the instructions of the machine at hand.
+    pub fn tick_with(
+        &self,
+        state: &mut State,
+        now_us: u64,
+        sample: Option<&Sample>,
+        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Command {
         let command = match state.phase {
-            Phase::Active => match self.render(state, now_us, sample) {
+            Phase::Active => match self.render(state, now_us, sample, force) {
                 Ok(command) => command,
                 Err(fault) => {
                     state.leave(Phase::SafeZero(fault));
@@ -280,7 +295,13 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         command
     }
 
-    fn render(&self, state: &mut State, now_us: u64, sample: Option<&Sample>) -> Result<Command, Fault> {
+    fn render(
+        &self,
+        state: &mut State,
+        now_us: u64,
+        sample: Option<&Sample>,
+        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Result<Command, Fault> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
         let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
@@ -299,7 +320,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         };
         self.check_motion(&mut state.speed, fresh)?;
 
-        let model = self.reaction(&mut state.contact, fresh)?;
+        let model = self.reaction(&mut state.contact, fresh, force)?;
         let share = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
         let (wanted_n, clamped) = limit::clamp_force(vec3::neg(model.reaction_n), limits.max_force_n);
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
@@ -325,7 +346,12 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
     }
 
     /// Contact and model force for one sample, before any limit.
-    fn reaction(&self, contact: &mut Contact, sample: &Sample) -> Result<Command, Fault> {
+    fn reaction(
+        &self,
+        contact: &mut Contact,
+        sample: &Sample,
+        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Result<Command, Fault> {
         let hip_m = sample.position_m;
         let free = Command::zero(Phase::Active, hip_m);
         let spaces = &self.organ.spaces;
@@ -333,7 +359,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             return Ok(free);
         };
         let space = spaces.get(usize::from(touch.space)).ok_or(Fault::Internal)?;
-        let answer = space.force(self.config.method, touch.displacement_m).ok_or(Fault::Internal)?;
+        let answer = force(space, &touch.displacement_m).ok_or(Fault::Internal)?;
         if contact.release_if_tensile(&self.config.contact, space.outward_normal, answer.force_n, hip_m) {
             return Ok(free);
         }

@@ -6,6 +6,7 @@
 
 use core::num::NonZeroUsize;
 
+use crate::lanes::F32x4;
 use crate::math;
 use crate::vec3::{self, Vec3};
 
@@ -59,19 +60,36 @@ impl core::error::Error for LatticeError {}
 pub struct BallLattice {
     spacing_m: f32,
     radius_m: f32,
-    cells_per_m: f32,
+    /// What the tick asks of vectors, in every lane: loads cost less than shuffles.
+    tick: TickLanes,
     /// Largest |displacement|^2 inside the ball.
     radius_squared: f32,
     /// R, the radius in cells rounded up.
     reach: i32,
-    /// The same, for the tick.
-    reach_f32: f32,
-    /// Slots along one axis.
-    side: u32,
+    strides: Strides,
+    /// Slot of the rest point, less what the shift adds to indices, modulo 2^32.
+    shifted_rest_slot: u32,
     /// Slot of the rest point.
     rest_slot: u32,
     /// Largest |n|^2 inside the ball.
     reach_squared: i32,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct TickLanes {
+    cells_per_m: [f32; 4],
+    low: [f32; 4],
+    /// The number before the reach: no cell begins there.
+    high: [f32; 4],
+}
+
+/// Slots from a lattice point to its neighbours along x and y; along z it is the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Strides {
+    /// Along x.
+    pub sheet: u32,
+    /// Along y.
+    pub side: u32,
 }
 
 /// Where a query falls, after the out-of-table policy.
@@ -107,15 +125,22 @@ impl BallLattice {
         let reach = low as i32 + i32::from(low > f64::from(low as i32));
         let high = cells * (1.0 + SLACK);
         let (extent, side) = (reach as u32 + 1, 2 * reach as u32 + 3);
+        let sheet = side * side;
+        let rest_slot = (extent * side + extent) * side + extent;
+        let shift = (sheet + side + 1).wrapping_mul(math::ROUNDING_SHIFT.to_bits());
         Ok(Self {
             spacing_m,
             radius_m,
-            cells_per_m,
+            tick: TickLanes {
+                cells_per_m: [cells_per_m; 4],
+                low: [-reach as f32; 4],
+                high: [(reach as f32).next_down(); 4],
+            },
             radius_squared: radius_m * radius_m,
             reach,
-            reach_f32: reach as f32,
-            side,
-            rest_slot: (extent * side + extent) * side + extent,
+            strides: Strides { sheet, side },
+            shifted_rest_slot: rest_slot.wrapping_sub(shift),
+            rest_slot,
             reach_squared: (high * high) as i32,
         })
     }
@@ -127,7 +152,8 @@ impl BallLattice {
 
     /// Cells a metre.
     pub const fn cells_per_m(&self) -> f32 {
-        self.cells_per_m
+        let [cells_per_m, ..] = self.tick.cells_per_m;
+        cells_per_m
     }
 
     /// Radius of the ball, metres.
@@ -147,7 +173,13 @@ impl BallLattice {
 
     /// Slots along one axis, 2 E + 1.
     pub const fn side(&self) -> usize {
-        self.side as usize
+        self.strides.side as usize
+    }
+
+    /// Steps from slot to slot.
+    #[inline(always)]
+    pub const fn strides(&self) -> Strides {
+        self.strides
     }
 
     /// Slots of the box, side^3.
@@ -161,7 +193,7 @@ impl BallLattice {
     }
 
     /// Slot of a lattice point, or `None` outside the box.
-    #[inline]
+    #[inline(always)]
     pub fn slot(&self, ijk: [i32; 3]) -> Option<usize> {
         let extent = self.extent();
         let inside = ijk.iter().all(|n| (-extent..=extent).contains(n));
@@ -174,9 +206,9 @@ impl BallLattice {
     }
 
     /// Slot of a point known to be in the box.
-    #[inline]
+    #[inline(always)]
     fn slot_in_box(&self, [i, j, k]: [i32; 3]) -> usize {
-        let side = self.side as i32;
+        let side = self.strides.side as i32;
         let from_rest = i.wrapping_mul(side).wrapping_add(j).wrapping_mul(side).wrapping_add(k);
         self.rest_slot.wrapping_add_signed(from_rest) as usize
     }
@@ -211,27 +243,22 @@ impl BallLattice {
 
     /// Low corner of the cell that holds a displacement, and the position inside it.
     ///
-    /// On the outermost face t = 1, so every cell returned has its super-cell in the box. Beyond the ball's bounding cube
+    /// On the outermost face t is the number before 1, so every cell returned has its super-cell in the box. Beyond the ball's bounding cube
     /// the nearest cell, t clamped; a NaN component gives the lowest cell, t = 0.
-    #[inline]
     pub fn cell(&self, displacement_m: Vec3) -> ([i32; 3], Vec3) {
-        self.cell_of(vec3::scale(displacement_m, self.cells_per_m))
+        let position = F32x4::point(vec3::scale(displacement_m, self.cells_per_m()));
+        let (low, t) = self.cell_of(position);
+        let unshifted = |index: u32| index.wrapping_sub(math::ROUNDING_SHIFT.to_bits()) as i32;
+        (low.map(unshifted), t)
     }
 
-    #[inline]
-    fn cell_of(&self, [x, y, z]: Vec3) -> ([i32; 3], Vec3) {
-        let [(i, tx), (j, ty), (k, tz)] = [self.cell_on_axis(x), self.cell_on_axis(y), self.cell_on_axis(z)];
-        ([i, j, k], [tx, ty, tz])
-    }
-
-    #[inline]
-    fn cell_on_axis(&self, x: f32) -> (i32, f32) {
-        let reach = self.reach_f32;
-        // Written so that each is one instruction and NaN becomes a number; f32::max and clamp do neither.
-        let x = if x > -reach { x } else { -reach };
-        let x = if x < reach { x } else { reach };
-        let low = math::floor_small(x).min(self.reach - 1);
-        (low, x - low as f32)
+    /// The cell, its indices as [`F32x4::floor`] gives them.
+    #[inline(always)]
+    fn cell_of(&self, position: F32x4) -> ([u32; 3], Vec3) {
+        let position = position.at_least(F32x4::load(&self.tick.low)).at_most(F32x4::load(&self.tick.high));
+        let (low, indices) = position.floor();
+        let t = position - low;
+        (indices, [t.get::<0>(), t.get::<1>(), t.get::<2>()])
     }
 
     /// Finds the cell for any query at all, by the out-of-table policy.
@@ -239,29 +266,44 @@ impl BallLattice {
     /// Beyond the ball the query is pulled back along the radius, and what continues it from there is told. A query that is not
     /// finite is answered at the rest point: the controller has faulted before, and a force of
     /// zero is the safe answer to a question without sense.
-    #[inline]
+    #[inline(always)]
     pub fn locate(&self, displacement_m: Vec3) -> Location {
+        self.locate_inside(displacement_m).unwrap_or_else(|[x, y, z]| self.locate_outside([x, y, z]))
+    }
+
+    /// [`BallLattice::locate`] where nothing needs to be pulled back; otherwise the displacement, to ask again with.
+    ///
+    /// Not the caller's displacement: with two uses it would be loaded into integers first, and the vector made of those.
+    #[inline(always)]
+    pub(crate) fn locate_inside(&self, displacement_m: Vec3) -> Result<Location, [f32; 3]> {
+        let along = F32x4::point(displacement_m);
+        let squared = along * along;
+        let norm_squared = squared.get::<0>() + squared.get::<1>() + squared.get::<2>();
         // The comparison is false for NaN too.
-        if vec3::norm_squared(displacement_m) <= self.radius_squared {
-            self.place(displacement_m)
+        if norm_squared <= self.radius_squared {
+            Ok(self.place(along))
         } else {
-            self.locate_outside(displacement_m)
+            Err([along.get::<0>(), along.get::<1>(), along.get::<2>()])
         }
     }
 
     #[cold]
-    fn locate_outside(&self, displacement_m: Vec3) -> Location {
+    #[inline(never)]
+    pub(crate) fn locate_outside(&self, displacement_m: Vec3) -> Location {
         let outward = vec3::normalize_or_zero(displacement_m);
         let length = vec3::norm(displacement_m);
         let pulled_m = if length > self.radius_m { length - self.radius_m } else { 0.0 };
-        Location { inside: false, outward, pulled_m, ..self.place(vec3::scale(outward, self.radius_m)) }
+        let at_rim_m = F32x4::point(vec3::scale(outward, self.radius_m));
+        Location { inside: false, outward, pulled_m, ..self.place(at_rim_m) }
     }
 
-    #[inline]
-    fn place(&self, displacement_m: Vec3) -> Location {
-        let position = vec3::scale(displacement_m, self.cells_per_m);
-        let (low, t) = self.cell_of(position);
-        let slot = self.slot_in_box(low);
+    #[inline(always)]
+    fn place(&self, displacement_m: F32x4) -> Location {
+        let position = displacement_m * F32x4::load(&self.tick.cells_per_m);
+        let ([i, j, k], t) = self.cell_of(position);
+        let along_x = i.wrapping_mul(self.strides.sheet).wrapping_add(self.shifted_rest_slot);
+        let slot = along_x.wrapping_add(j.wrapping_mul(self.strides.side).wrapping_add(k)) as usize;
+        let position = [position.get::<0>(), position.get::<1>(), position.get::<2>()];
         Location { slot, t, position, inside: true, outward: vec3::ZERO, pulled_m: 0.0 }
     }
 }

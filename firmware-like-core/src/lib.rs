@@ -25,6 +25,7 @@ pub mod controller;
 pub mod flags;
 pub mod grid;
 pub mod hermite;
+pub mod lanes;
 pub mod limit;
 pub mod math;
 pub mod method;

@@ -1,7 +1,7 @@
-//! Square root and floor, the only two functions the core needs beyond arithmetic.
+//! Square root, the only function the core needs beyond arithmetic; that of several lanes is in [`crate::lanes`].
 //!
-//! `core` has no float functions. With the feature `std` the hardware square root is used, which also vectorises in
-//! the RBF lane loops; without it `libm`'s. Both are correctly rounded, so the bits are the same: a test asserts it.
+//! `core` has no float functions. With the feature `std` the hardware square root is used, without it `libm`'s. Both are correctly
+//! rounded, so the bits are the same: a test asserts it.
 
 /// Square root, correctly rounded.
 #[inline]
@@ -21,48 +21,13 @@ pub fn sqrt_f64(x: f64) -> f64 {
     libm::sqrt(x)
 }
 
-/// Largest integer not above `x`, for |x| < 2^22. Beyond that, and for NaN, some integer.
+/// 1.5 * 2^23: adding it to x, |x| < 2^22, rounds to the nearest integer and leaves that in the low bits of the sum.
 ///
-/// Adding 1.5 * 2^23 rounds to the nearest integer and leaves it in the low bits of the sum. A cast saturates and looks for
-/// NaN, which the caller has excluded already, and `f32::floor` is a call at the x86-64 baseline.
-#[inline]
-pub fn floor_small(x: f32) -> i32 {
-    const SHIFT: f32 = 12_582_912.0;
-    let shifted = x + SHIFT;
-    let nearest = (shifted.to_bits() as i32).wrapping_sub(SHIFT.to_bits() as i32);
-    nearest.wrapping_sub(i32::from(shifted - SHIFT > x))
-}
+/// `core` has no floor, and `f32::floor` is a call at the x86-64 baseline.
+pub(crate) const ROUNDING_SHIFT: f32 = 12_582_912.0;
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-
-    #[test]
-    fn floor_agrees_with_std() {
-        for x in [
-            -3.0,
-            -2.5,
-            -0.5,
-            -0.0,
-            0.0,
-            0.49,
-            0.5,
-            1.5,
-            0.999_999_94,
-            1.0,
-            7.5,
-            -1e-40,
-            1e-40,
-            4e6,
-            -4e6_f32,
-        ] {
-            assert_eq!(floor_small(x), x.floor() as i32, "{x}");
-        }
-        for step in -100_000..100_000 {
-            let x = step as f32 * 1.27e-3;
-            assert_eq!(floor_small(x), x.floor() as i32, "{x}");
-        }
-    }
 
     /// The no_std and the std build must give the same force, bit for bit.
     #[test]

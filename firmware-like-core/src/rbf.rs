@@ -1,15 +1,11 @@
 //! Radial basis functions over the solved configurations, weights fitted offline.
 
-use core::ops::{Add, Mul, Sub};
-
+use crate::lanes::{F32x4, Machine, sums};
 use crate::math;
 use crate::vec3::Vec3;
 
-/// Centres per block: tables are padded to a multiple of it, so the lane loops have no tail.
+/// Tables are padded to a multiple of it, so the lane loops have no tail.
 pub const LANES: usize = 16;
-
-/// Blocks whose phi is computed before the weights are applied: 512 bytes in f32, on the stack.
-const BLOCKS: usize = 8;
 
 /// Why a set of planes is no RBF table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,8 +80,25 @@ impl RbfTable<'_, f32> {
     /// vanishes; r is a square root, never r^2 / r, so nothing is divided by zero.
     /// Cost: one root per centre, shared by the three components; the order of the sum is fixed.
     /// Source: Peterlik 2010, Eq. 12 (sum to N). Deviation: none, there is no polynomial tail in it.
-    pub fn interpolate(&self, position: Vec3) -> Vec3 {
-        sum_over_centres(self, position, math::sqrt)
+    #[inline(always)]
+    pub fn interpolate<M: Machine>(&self, machine: M, position: Vec3) -> Vec3 {
+        let [x, y, z] = position;
+        let (x, y, z) = (machine.splat(x), machine.splat(y), machine.splat(z));
+        let [mut sum_x, mut sum_y, mut sum_z] = [machine.splat(0.0); 3];
+        let [cx, cy, cz] = self.centres.map(|plane| plane.as_chunks().0);
+        let [wx, wy, wz] = self.weights.map(|plane| plane.as_chunks().0);
+        for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
+            let [dx, dy, dz] = [x - eight(machine, cx), y - eight(machine, cy), z - eight(machine, cz)];
+            let r = machine.sqrt(dx * dx + dy * dy + dz * dz);
+            sum_x = sum_x + eight(machine, wx) * r;
+            sum_y = sum_y + eight(machine, wy) * r;
+            sum_z = sum_z + eight(machine, wz) * r;
+        }
+        let sum = |lanes: M::F32x8| {
+            let [low, high] = machine.halves(lanes).map(F32x4::new);
+            low + high
+        };
+        sums(sum(sum_x), sum(sum_y), sum(sum_z))
     }
 }
 
@@ -97,9 +110,26 @@ impl RbfTable<'_, f64> {
     /// f64 is needed: the terms grow with r^3 and cancel; in f32 the added error reached 43 mN on a dense grid.
     /// Cost and order as in the linear case.
     /// Source: Peterlik 2010, Eq. 12 (sum to N). Deviation: none, there is no polynomial tail in it.
-    pub fn interpolate(&self, position: Vec3) -> Vec3 {
-        let cubic = |squared: f64| squared * math::sqrt_f64(squared);
-        sum_over_centres(self, position.map(f64::from), cubic).map(|force_n| force_n as f32)
+    #[inline(always)]
+    pub fn interpolate<M: Machine>(&self, machine: M, position: Vec3) -> Vec3 {
+        let [x, y, z] = position.map(f64::from);
+        let (x, y, z) = (machine.splat_f64(x), machine.splat_f64(y), machine.splat_f64(z));
+        let [mut sum_x, mut sum_y, mut sum_z] = [machine.splat_f64(0.0); 3];
+        let [cx, cy, cz] = self.centres.map(|plane| plane.as_chunks().0);
+        let [wx, wy, wz] = self.weights.map(|plane| plane.as_chunks().0);
+        for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
+            let [dx, dy, dz] = [x - machine.load_f64(cx), y - machine.load_f64(cy), z - machine.load_f64(cz)];
+            let squared = dx * dx + dy * dy + dz * dz;
+            let cube = squared * machine.sqrt_f64(squared);
+            sum_x = sum_x + machine.load_f64(wx) * cube;
+            sum_y = sum_y + machine.load_f64(wy) * cube;
+            sum_z = sum_z + machine.load_f64(wz) * cube;
+        }
+        let sum = |lanes: M::F64x4| {
+            let [a, b, c, d] = machine.to_array_f64(lanes);
+            ((a + c) + (b + d)) as f32
+        };
+        [sum(sum_x), sum(sum_y), sum(sum_z)]
     }
 }
 
@@ -145,57 +175,8 @@ impl RbfTable<'_, f64> {
     }
 }
 
-/// sum_i w_i phi(|x - x_i|^2) for the three components.
-///
-/// Why in two passes over small blocks: with phi and three weighted sums in one loop the compiler packs lanes of different
-/// components into one vector and spends more on shuffles than on arithmetic (measured: 2.7 times slower).
-#[inline]
-fn sum_over_centres<T>(table: &RbfTable<'_, T>, position: [T; 3], phi: impl Fn(T) -> T) -> [T; 3]
-where
-    T: Copy + Default + Add<Output = T> + Sub<Output = T> + Mul<Output = T>,
-{
-    let [x, y, z] = position;
-    let [cx, cy, cz] = table.centres.map(|plane| plane.as_chunks::<LANES>().0.chunks(BLOCKS));
-    let [wx, wy, wz] = table.weights.map(|plane| plane.as_chunks::<LANES>().0.chunks(BLOCKS));
-    let mut sums = [[T::default(); LANES]; 3];
-    let mut values = [[T::default(); LANES]; BLOCKS];
-    for (((cx, cy), cz), ((wx, wy), wz)) in cx.zip(cy).zip(cz).zip(wx.zip(wy).zip(wz)) {
-        let centres = cx.as_flattened().iter().zip(cy.as_flattened()).zip(cz.as_flattened());
-        for (value, ((&cx, &cy), &cz)) in values.as_flattened_mut().iter_mut().zip(centres) {
-            let (dx, dy, dz) = (x - cx, y - cy, z - cz);
-            *value = phi(dx * dx + dy * dy + dz * dz);
-        }
-        for (lanes, weights) in sums.iter_mut().zip([wx, wy, wz]) {
-            accumulate(lanes, weights, &values);
-        }
-    }
-    sums.map(sum_lanes)
-}
-
-/// lanes += weights * values, lane by lane. As a loop of its own it becomes plain vector code.
-#[inline]
-fn accumulate<T: Copy + Add<Output = T> + Mul<Output = T>>(
-    lanes: &mut [T; LANES],
-    weights: &[[T; LANES]],
-    values: &[[T; LANES]; BLOCKS],
-) {
-    let mut sums = *lanes;
-    for (weights, values) in weights.iter().zip(values) {
-        for ((sum, &weight), &value) in sums.iter_mut().zip(weights).zip(values) {
-            *sum = *sum + weight * value;
-        }
-    }
-    *lanes = sums;
-}
-
-/// Fixed order, so that the sum does not depend on how the compiler vectorised the loop.
-fn sum_lanes<T: Copy + Default + Add<Output = T>>(lanes: [T; LANES]) -> T {
-    let mut quads = [T::default(); 4];
-    for chunk in lanes.as_chunks::<4>().0 {
-        for (quad, &lane) in quads.iter_mut().zip(chunk) {
-            *quad = *quad + lane;
-        }
-    }
-    let [a, b, c, d] = quads;
-    (a + b) + (c + d)
+/// Eight neighbours of a plane.
+#[inline(always)]
+fn eight<M: Machine>(machine: M, [a, b, c, d, e, f, g, h]: &[f32; 8]) -> M::F32x8 {
+    machine.join([*a, *b, *c, *d], [*e, *f, *g, *h])
 }

@@ -10,6 +10,7 @@ use crate::continuation;
 use crate::flags::{CELL, SUPERCELL};
 use crate::grid::{BallLattice, Location};
 use crate::hermite::HermiteTable;
+use crate::lanes::{Baseline, Machine};
 use crate::method::{Coverage, Estimate, ForceSample, Method};
 use crate::rbf::RbfTable;
 use crate::tricubic;
@@ -70,22 +71,20 @@ pub(crate) fn check_finite(plane: &[f32]) -> Result<(), TableError> {
 /// Reaction force on every slot of the box: solved configurations, and ghosts where there is none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LatticeTable<'a> {
-    force: [&'a [f32]; 3],
+    force: &'a [Vec3],
 }
 
 impl<'a> LatticeTable<'a> {
     /// Checks that the planes (x, y, z in newtons) cover the box and are finite.
-    pub fn new(lattice: &BallLattice, force: [&'a [f32]; 3]) -> Result<Self, TableError> {
-        for plane in force {
-            check_len(plane, lattice.slots())?;
-            check_finite(plane)?;
-        }
+    pub fn new(lattice: &BallLattice, force: &'a [Vec3]) -> Result<Self, TableError> {
+        check_len(force, lattice.slots())?;
+        check_finite(force.as_flattened())?;
         Ok(Self { force })
     }
 
     /// The planes x, y, z, one value per slot, newtons.
-    pub const fn force_n(&self) -> &[&'a [f32]; 3] {
-        &self.force
+    pub const fn force_n(&self) -> &'a [Vec3] {
+        self.force
     }
 }
 
@@ -132,7 +131,7 @@ impl<'a> DisplacementTable<'a> {
         let at = lattice.locate(displacement_m);
         let stride = self.vertices.saturating_mul(3);
         out.fill(vec3::ZERO);
-        for (slot, weight) in trilinear::corners(lattice.side(), at.slot, at.t) {
+        for (slot, weight) in trilinear::corners(lattice.strides(), at.slot, at.t) {
             let start = self.row.get(slot).map_or(0, |&row| (row as usize).saturating_mul(stride));
             let Some(row) = self.rows.get(start..start.saturating_add(stride)) else { continue };
             for (vertex, moved) in out.iter_mut().zip(row.as_chunks::<3>().0) {
@@ -184,30 +183,55 @@ impl Space<'_> {
     ///
     /// `None` only if the method is not in the blob. Any displacement is answered, with a finite force: beyond the ball with
     /// a [`continuation`] of that at the rim, NaN and infinities with the force at rest, both as `Extrapolated`.
-    #[inline]
     pub fn force(&self, method: Method, displacement_m: Vec3) -> Option<ForceSample> {
-        let at = self.lattice.locate(displacement_m);
-        let side = self.lattice.side();
-        let table = || self.lattice_table.as_ref().map(LatticeTable::force_n);
-        let force_n = match method {
-            Method::Trilinear => trilinear::interpolate(table()?, side, at.slot, at.t),
-            Method::Tricubic => tricubic::interpolate(table()?, side, at.slot, at.t),
-            Method::Hybrid => blend::hybrid(table()?, self.flags, side, at.slot, at.t),
-            Method::Hermite => self.hermite.as_ref()?.force(side, at.slot, at.t),
-            Method::Energy => blend::energy(self.hermite.as_ref()?, self.flags, side, at.slot, at.t),
-            Method::RbfLinear => finite_or_zero(self.rbf_linear.as_ref()?.interpolate(at.position)),
-            Method::RbfCubic => finite_or_zero(self.rbf_cubic.as_ref()?.interpolate(at.position)),
+        self.force_on(Baseline, method, displacement_m)
+    }
+
+    /// [`Space::force`] with the instructions of a machine, to be inlined where they may be used. The same bits.
+    #[inline(always)]
+    pub fn force_on<M: Machine>(
+        &self,
+        machine: M,
+        method: Method,
+        displacement_m: Vec3,
+    ) -> Option<ForceSample> {
+        let at = match self.lattice.locate_inside(displacement_m) {
+            Ok(at) => at,
+            // Not as an array: it would have to be in memory.
+            Err([x, y, z]) => return self.force_beyond(method, x, y, z),
         };
-        if at.inside {
-            let flags = self.flags.get(at.slot).copied().unwrap_or(0);
-            return Some(ForceSample { force_n, coverage: coverage(method, flags) });
-        }
-        let force_n = self.continued(method, &at, force_n);
+        let force_n = self.force_at(machine, method, &at)?;
+        let flags = self.flags.get(at.slot).copied().unwrap_or(0);
+        Some(ForceSample { force_n, coverage: coverage(method, flags) })
+    }
+
+    #[inline(always)]
+    fn force_at<M: Machine>(&self, machine: M, method: Method, at: &Location) -> Option<Vec3> {
+        let strides = self.lattice.strides();
+        let table = || self.lattice_table.as_ref().map(LatticeTable::force_n);
+        Some(match method {
+            Method::Trilinear => trilinear::interpolate(table()?, strides, at.slot, at.t),
+            Method::Tricubic => tricubic::interpolate(table()?, strides, at.slot, at.t),
+            Method::Hybrid => blend::hybrid(table()?, self.flags, strides, at.slot, at.t),
+            Method::Hermite => self.hermite.as_ref()?.force(machine, strides, at.slot, at.t),
+            Method::Energy => {
+                blend::energy(machine, self.hermite.as_ref()?, self.flags, strides, at.slot, at.t)
+            }
+            Method::RbfLinear => finite_or_zero(self.rbf_linear.as_ref()?.interpolate(machine, at.position)),
+            Method::RbfCubic => finite_or_zero(self.rbf_cubic.as_ref()?.interpolate(machine, at.position)),
+        })
+    }
+
+    /// Apart from the rest, so that the tick's usual way is short.
+    #[cold]
+    #[inline(never)]
+    fn force_beyond(&self, method: Method, x: f32, y: f32, z: f32) -> Option<ForceSample> {
+        let at = self.lattice.locate_outside([x, y, z]);
+        let force_n = self.continued(method, &at, self.force_at(Baseline, method, &at)?);
         Some(ForceSample { force_n, coverage: Coverage::Extrapolated })
     }
 
     /// The force beyond the rim, from that at the rim.
-    #[cold]
     fn continued(&self, method: Method, at: &Location, at_rim_n: Vec3) -> Vec3 {
         let Some((stiffness_n_m, _)) = self.slopes(method, at) else { return at_rim_n };
         let spacing_m = self.lattice.spacing_m();
@@ -236,18 +260,19 @@ impl Space<'_> {
 
     /// dh_i/dd_j of a method inside the ball, N/m, and W, J, where the force is its gradient.
     fn slopes(&self, method: Method, at: &Location) -> Option<([Vec3; 3], Option<f32>)> {
-        let (side, slot, t) = (self.lattice.side(), at.slot, at.t);
+        let (strides, slot, t) = (self.lattice.strides(), at.slot, at.t);
         let table = || self.lattice_table.as_ref().map(LatticeTable::force_n);
         let mut energy = None;
         let slopes = match method {
-            Method::Trilinear => trilinear::slopes(table()?, side, slot, t),
-            Method::Tricubic => tricubic::slopes(table()?, side, slot, t),
-            Method::Hybrid => blend::hybrid_slopes(table()?, self.flags, side, slot, t),
+            Method::Trilinear => trilinear::slopes(table()?, strides, slot, t),
+            Method::Tricubic => tricubic::slopes(table()?, strides, slot, t),
+            Method::Hybrid => blend::hybrid_slopes(table()?, self.flags, strides, slot, t),
             Method::RbfLinear => self.rbf_linear.as_ref()?.linear_slopes(at.position),
             Method::RbfCubic => self.rbf_cubic.as_ref()?.cubic_slopes(at.position),
-            Method::Hermite => self.hermite.as_ref()?.force_slope(side, slot, t),
+            Method::Hermite => self.hermite.as_ref()?.force_slope(strides, slot, t),
             Method::Energy => {
-                let (slopes, value) = blend::energy_slopes(self.hermite.as_ref()?, self.flags, side, slot, t);
+                let (slopes, value) =
+                    blend::energy_slopes(self.hermite.as_ref()?, self.flags, strides, slot, t);
                 energy = value.map(|value| value * self.lattice.spacing_m());
                 slopes
             }
@@ -277,7 +302,7 @@ fn coverage(method: Method, flags: u8) -> Coverage {
 }
 
 /// Finite weights of absurd size can overflow in the sum; such a force is no force. Lattice tables are bounded instead.
-#[inline]
+#[inline(always)]
 fn finite_or_zero(force_n: Vec3) -> Vec3 {
     if vec3::is_finite(force_n) { force_n } else { vec3::ZERO }
 }

@@ -5,93 +5,104 @@
 //! reference) with central-difference derivatives is the same polynomial; the paper does not say which derivatives it used.
 //! Tensor Lagrange is a little more accurate but only C0: its slope jumps at every face.
 
-use crate::trilinear::Planes;
+use crate::grid::Strides;
+use crate::lanes::F32x4;
+use crate::trilinear::run;
 use crate::vec3::{self, Vec3};
 
-/// Catmull-Rom weights of the points -1, 0, 1, 2 at t in [0, 1]. Sum 1; reproduces quadratics.
-#[inline]
-pub fn weights(t: f32) -> [f32; 4] {
-    let s = 1.0 - t;
-    [-0.5 * t * s * s, 1.0 + t * t * (1.5 * t - 2.5), 1.0 + s * s * (1.5 * s - 2.5), -0.5 * s * t * t]
+/// Catmull-Rom weights of the points -1, 0, 1, 2 at t in [0, 1], one lane an axis. Sum 1; reproduces quadratics.
+#[inline(always)]
+fn weights([tx, ty, tz]: Vec3) -> [F32x4; 4] {
+    let t = F32x4::new([tx, ty, tz, tz]);
+    let s = F32x4::splat(1.0) - t;
+    let outer = F32x4::splat(-0.5) * t * s;
+    let middle = |t: F32x4| F32x4::splat(1.0) + t * t * (F32x4::splat(1.5) * t - F32x4::splat(2.5));
+    [outer * s, middle(t), middle(s), outer * t]
 }
 
 /// Tri-cubic estimate of the reaction force inside one grid cell, C1 across cells.
 ///
 /// h(p) = sum_abc w_a(tx) w_b(ty) w_c(tz) h_abc,   a, b, c in -1..=2 round the cell's low corner
 ///
-/// Shapes: `force[axis]` has one f32 per slot, z fastest; `slot` is the cell's low corner.   Units: newtons.
-/// Cost: 16 rows of 4 per component, summed along z last so that the rows stay whole vectors.
+/// Shapes: one force per slot, z fastest; `slot` is the cell's low corner.   Units: newtons.
+/// Cost: 16 rows of 12 values, contracted along z last so that rows stay whole vectors. One check of the table's end for all.
 /// Source: Peterlik 2010, section 4.4, Fig. 1(b). Deviation: missing points hold ghosts, so the force never jumps.
-#[inline]
-pub fn interpolate(force: &[&[f32]; 3], side: usize, slot: usize, t: Vec3) -> Vec3 {
-    contract(force, side, slot, &t.map(weights))
+#[inline(always)]
+pub fn interpolate(force: &[Vec3], strides: Strides, slot: usize, t: Vec3) -> Vec3 {
+    contract(force, strides, slot, &weights(t))
 }
 
 /// Derivatives of [`weights`].
-fn weight_slopes(t: f32) -> [f32; 4] {
-    let s = 1.0 - t;
-    [-0.5 * s * (1.0 - 3.0 * t), t * (4.5 * t - 5.0), -s * (4.5 * s - 5.0), 0.5 * t * (1.0 - 3.0 * s)]
+fn weight_slopes([tx, ty, tz]: Vec3) -> [F32x4; 4] {
+    let t = F32x4::new([tx, ty, tz, tz]);
+    let [one, half, three] = [1.0, 0.5, 3.0].map(F32x4::splat);
+    let s = one - t;
+    let middle = |t: F32x4| t * (F32x4::splat(4.5) * t - F32x4::splat(5.0));
+    let outer = |t: F32x4, s: F32x4| half * s * (three * t - one);
+    [outer(t, s), middle(t), F32x4::splat(0.0) - middle(s), F32x4::splat(0.0) - outer(s, t)]
 }
 
 /// dh_i/dt_j as rows i.
-pub fn slopes(force: &[&[f32]; 3], side: usize, slot: usize, [tx, ty, tz]: Vec3) -> [Vec3; 3] {
-    let [wx, wy, wz] = [weights(tx), weights(ty), weights(tz)];
-    vec3::transposed([
-        contract(force, side, slot, &[weight_slopes(tx), wy, wz]),
-        contract(force, side, slot, &[wx, weight_slopes(ty), wz]),
-        contract(force, side, slot, &[wx, wy, weight_slopes(tz)]),
-    ])
-}
-
-#[inline]
-fn contract(force: &[&[f32]; 3], side: usize, slot: usize, [wx, wy, wz]: &[[f32; 4]; 3]) -> Vec3 {
-    let mut rows = [[0.0; 4]; 3];
-    // Past the end of the planes, which a checked table never reaches, the rows stay zero.
-    let _ = contract_xy(force, side as u32, slot as u32, wx, wy, &mut rows);
-    let [x, y, z] = rows;
-    [dot(x, *wz), dot(y, *wz), dot(z, *wz)]
-}
-
-/// Contracts x and y; leaves four values along z per component.
-///
-/// Not inlined, so that the compiler sees whole rows stored and keeps each in one vector. Inlined into the last contraction it
-/// packs values of different rows and components together, and shuffles more than it computes (measured: 1.6 times slower).
-#[inline(never)]
-fn contract_xy(
-    force: &[&[f32]; 3],
-    side: u32,
-    slot: u32,
-    wx: &[f32; 4],
-    wy: &[f32; 4],
-    rows: &mut [[f32; 4]; 3],
-) -> Option<()> {
-    let planes = Planes::new(force)?;
-    let sheet = side.wrapping_mul(side);
-    let mut start = slot.wrapping_sub(sheet.wrapping_add(side).wrapping_add(1));
-    let [mut x, mut y, mut z] = *rows;
-    for a in wx {
-        let mut at = start;
-        for b in wy {
-            let [row_x, row_y, row_z] = planes.run(at)?;
-            add_scaled(&mut x, row_x, a * b);
-            add_scaled(&mut y, row_y, a * b);
-            add_scaled(&mut z, row_z, a * b);
-            at = at.wrapping_add(side);
+pub fn slopes(force: &[Vec3], strides: Strides, slot: usize, t: Vec3) -> [Vec3; 3] {
+    let (values, slopes) = (weights(t), weight_slopes(t));
+    let along = |axis: usize| {
+        let mut lanes = values;
+        for (value, slope) in lanes.iter_mut().zip(slopes) {
+            let pick = |lane: usize, value: f32, slope: f32| if lane == axis { slope } else { value };
+            *value = F32x4::new([
+                pick(0, value.get::<0>(), slope.get::<0>()),
+                pick(1, value.get::<1>(), slope.get::<1>()),
+                pick(2, value.get::<2>(), slope.get::<2>()),
+                0.0,
+            ]);
         }
-        start = start.wrapping_add(sheet);
-    }
-    *rows = [x, y, z];
-    Some(())
+        contract(force, strides, slot, &lanes)
+    };
+    vec3::transposed([along(0), along(1), along(2)])
 }
 
-#[inline]
-fn add_scaled(sums: &mut [f32; 4], row: &[f32; 4], weight: f32) {
-    for (sum, value) in sums.iter_mut().zip(row) {
-        *sum += weight * value;
-    }
+/// Contracts x and y in rows of twelve values (four points along z), then z.
+#[inline(always)]
+fn contract(force: &[Vec3], strides: Strides, slot: usize, weights: &[F32x4; 4]) -> Vec3 {
+    checked(force, strides, slot as u32, weights).unwrap_or(vec3::ZERO)
 }
 
-#[inline]
-fn dot([s0, s1, s2, s3]: [f32; 4], [w0, w1, w2, w3]: [f32; 4]) -> f32 {
-    (s0 * w0 + s1 * w1) + (s2 * w2 + s3 * w3)
+/// `None` past the end of the table, which a checked table never reaches.
+#[inline(always)]
+fn checked(force: &[Vec3], strides: Strides, slot: u32, weights: &[F32x4; 4]) -> Option<Vec3> {
+    let (side, sheet) = (strides.side as usize, strides.sheet as usize);
+    let first = slot.wrapping_sub(strides.sheet.wrapping_add(strides.side).wrapping_add(1)) as usize;
+    let [x0, x1, x2, x3] = weights.map(F32x4::spread::<0>);
+    let wy = weights.map(F32x4::spread::<1>);
+    let [z0, z1, z2, z3] = weights.map(F32x4::spread::<2>);
+    // One check for all: the compiler sees that the others follow from the last.
+    let force = force.get(first..)?.get(..3 * sheet + 3 * side + 4)?;
+    let [a0, a1, a2] = contract_y(force, side, 0, &wy)?;
+    let [b0, b1, b2] = contract_y(force, side, sheet, &wy)?;
+    let [c0, c1, c2] = contract_y(force, side, 2 * sheet, &wy)?;
+    let [d0, d1, d2] = contract_y(force, side, 3 * sheet, &wy)?;
+    let wx = [x0, x1, x2, x3];
+    let twelve = [sum(wx, [a0, b0, c0, d0]), sum(wx, [a1, b1, c1, d1]), sum(wx, [a2, b2, c2, d2])];
+    let h = sum([z0, z1, z2, z3], F32x4::points(twelve));
+    Some([h.get::<0>(), h.get::<1>(), h.get::<2>()])
+}
+
+/// Twelve values along z of one sheet, contracted in y.
+#[inline(always)]
+fn contract_y(force: &[Vec3], side: usize, at: usize, wy: &[F32x4; 4]) -> Option<[F32x4; 3]> {
+    let ([a0, a1, a2], [b0, b1, b2]) = (twelve(force, at)?, twelve(force, at + side)?);
+    let ([c0, c1, c2], [d0, d1, d2]) = (twelve(force, at + 2 * side)?, twelve(force, at + 3 * side)?);
+    Some([sum(*wy, [a0, b0, c0, d0]), sum(*wy, [a1, b1, c1, d1]), sum(*wy, [a2, b2, c2, d2])])
+}
+
+/// x, y and z at four points along z.
+#[inline(always)]
+fn twelve(force: &[Vec3], at: usize) -> Option<[F32x4; 3]> {
+    let [a, b, c] = run::<4>(force, at)?.as_flattened().as_chunks::<4>().0.first_chunk()?;
+    Some([F32x4::load(a), F32x4::load(b), F32x4::load(c)])
+}
+
+#[inline(always)]
+fn sum([w0, w1, w2, w3]: [F32x4; 4], [a, b, c, d]: [F32x4; 4]) -> F32x4 {
+    (w0 * a + w1 * b) + (w2 * c + w3 * d)
 }

@@ -18,6 +18,7 @@
 pub mod blob_file;
 pub mod deformation;
 pub mod device;
+pub mod instructions;
 pub mod rt;
 pub mod session;
 pub mod sys;
@@ -29,5 +30,6 @@ mod synthetic;
 
 pub use blob_file::BlobFile;
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
+pub use instructions::{Instructions, Interpolator};
 pub use rt::TickRecord;
 pub use session::{SessionError, SessionOptions, SessionSummary, run_session};

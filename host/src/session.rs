@@ -1,6 +1,7 @@
 //! One session from start to report: haptic thread, viewer and record stream together.
 
 use crate::device::{Device, DeviceInfo};
+use crate::instructions::Instructions;
 use crate::rt::thread::spawn;
 use crate::rt::{
     Controls, HapticLoop, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock, Outputs,
@@ -157,6 +158,8 @@ impl TouchFigures {
 pub struct SessionSummary {
     /// The device.
     pub device: DeviceInfo,
+    /// The instructions the force was interpolated with.
+    pub instructions: Instructions,
     /// What the operating system granted.
     pub real_time: RtReport,
     /// Why it ended.
@@ -196,6 +199,7 @@ impl SessionSummary {
 impl fmt::Display for SessionSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "device       {}", self.device.name)?;
+        writeln!(f, "instructions {}", self.instructions)?;
         writeln!(f, "{}", self.real_time)?;
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
@@ -263,6 +267,7 @@ pub fn run_session<D: Device, const N: usize>(
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
         let haptic = HapticLoop::new(controller, device, MonotonicClock, options.haptic, &controls, outputs);
+        let instructions = haptic.instructions();
         let handle =
             spawn(scope, haptic, options.real_time, &ended_here, periods).map_err(SessionError::Thread)?;
         let mut drain = |live: &mut Live| {
@@ -285,10 +290,10 @@ pub fn run_session<D: Device, const N: usize>(
         }
         let joined = handle.join().map_err(|_| SessionError::LoopPanicked)?;
         drain(&mut live);
-        Ok(joined)
+        Ok((instructions, joined))
     });
-    let (real_time, outcome) = joined?;
-    Ok(summary(info, real_time, outcome, touch, &screen))
+    let (instructions, (real_time, outcome)) = joined?;
+    Ok(summary(info, instructions, real_time, outcome, touch, &screen))
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -303,6 +308,7 @@ fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
 
 fn summary(
     device: DeviceInfo,
+    instructions: Instructions,
     real_time: RtReport,
     outcome: LoopOutcome,
     touch: TouchFigures,
@@ -310,6 +316,7 @@ fn summary(
 ) -> SessionSummary {
     SessionSummary {
         device,
+        instructions,
         real_time,
         end: outcome.end,
         phase: outcome.phase,

@@ -209,7 +209,7 @@ impl Packer<'_> {
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
-        let force_n = has_lattice.then(|| self.planes.push3(&values.force_n)).transpose()?;
+        let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
         let centres = self.centres(active, samples)?;
         let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, &centres)? {
             Some(fit) => {
@@ -249,8 +249,7 @@ impl Packer<'_> {
 
     /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
     fn centres(&self, active: usize, samples: &[Sample]) -> Result<Vec<Centre>, PackError> {
-        let on_grid = samples.iter().map(|s| Centre { position: s.index.map(f64::from), force_n: s.force_n });
-        let mut centres: Vec<Centre> = on_grid.collect();
+        let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         if self.options.intermediate {
             let cells = |d: [f64; 3]| d.map(|x| x / self.grid.spacing_m);
             for (index, attempt, state) in self.store.intermediate(active)? {

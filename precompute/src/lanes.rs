@@ -10,7 +10,21 @@
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
+
+/// Runs `work` with the vectors of this machine.
+///
+/// Not AVX-512, which the real-time host enables in pulp for the whole program: the loops were measured and compared with AVX2.
+#[inline(always)]
+pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
+    #[cfg(target_arch = "x86_64")]
+    return match pulp::x86::V3::try_new() {
+        Some(simd) => Simd::vectorize(simd, work),
+        None => pulp::Arch::Scalar.dispatch(work),
+    };
+    #[cfg(not(target_arch = "x86_64"))]
+    pulp::Arch::new().dispatch(work)
+}
 
 /// A real number, or several side by side.
 pub trait Real:

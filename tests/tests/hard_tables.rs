@@ -59,8 +59,8 @@ impl Tables {
         let mut values = lattice_values(&grid, samples);
         flag_folds(&grid, folds, &mut values);
         let table = hermite_nodes(&grid, samples, folds);
-        let centre = |s: &Sample| Centre { position: s.index.map(f64::from), force_n: s.force_n };
-        let mut cubic = fit_rbf(Kernel::Cubic, &samples.iter().map(centre).collect::<Vec<_>>(), 2).ok();
+        let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
+        let mut cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
         for plane in cubic.iter_mut().flat_map(|fit| fit.centres.iter_mut().chain(&mut fit.weights)) {
             plane.resize(plane.len().next_multiple_of(LANES), 0.0);
         }
@@ -69,7 +69,6 @@ impl Tables {
 
     fn space(&self) -> Space<'_> {
         let lattice = self.grid.lattice;
-        let force = self.values.force_n.each_ref().map(|plane| &plane[..]);
         let cubic = self.cubic.as_ref().map(|fit| {
             let [centres, weights] =
                 [&fit.centres, &fit.weights].map(|of| of.each_ref().map(|plane| &plane[..]));
@@ -82,7 +81,7 @@ impl Tables {
             outward_normal: [0.0, 0.0, 1.0],
             lattice,
             flags: &self.values.flags,
-            lattice_table: Some(LatticeTable::new(&lattice, force).expect("finite planes")),
+            lattice_table: Some(LatticeTable::new(&lattice, &self.values.force_n).expect("finite planes")),
             rbf_linear: None,
             rbf_cubic: cubic,
             hermite: Some(HermiteTable::new(lattice.slots(), &self.row, &self.nodes).expect("finite nodes")),

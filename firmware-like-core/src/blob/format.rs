@@ -120,8 +120,8 @@ pub struct SpaceHeader {
     pub radius_m: f32,
     /// u8 per slot of the box, see [`crate::flags`]; derived bits by [`crate::flags::derive()`].
     pub flags: PlaneRef,
-    /// f32 per slot: x, y, z of h in newtons, every slot finite (ghosts filled in), 0 at the rest point.
-    pub force_n: Option<[PlaneRef; 3]>,
+    /// `[f32; 3]` per slot: h in newtons, every slot finite (ghosts filled in), 0 at the rest point.
+    pub force_n: Option<PlaneRef>,
     /// phi = r, planes of f32.
     pub rbf_linear: Option<RbfHeader>,
     /// phi = r^3, planes of f64.

@@ -14,7 +14,7 @@ use super::format::{
 };
 use crate::flags;
 use crate::grid::BallLattice;
-use crate::hermite::{HermiteTable, Node, at};
+use crate::hermite::{HermiteTable, Node};
 use crate::rbf::RbfTable;
 use crate::table::{DisplacementTable, LatticeTable, Space, TableError, check_finite, check_len};
 use crate::vec3::{self, Vec3};
@@ -220,9 +220,9 @@ fn read_space<'a>(
     let lattice_table = match header.force_n {
         None => None,
         Some(force) => {
-            let force = planes.get_three(force).map_err(of("force"))?;
+            let force: &[Vec3] = planes.get(force).map_err(of("force"))?;
             let table = LatticeTable::new(&lattice, force).map_err(|error| of("force")(error.into()))?;
-            if force.iter().any(|plane| plane.get(rest).is_none_or(|&force| force != 0.0)) {
+            if force.get(rest).is_none_or(|&force| force != vec3::ZERO) {
                 return Err(BlobError::RestPoint { space });
             }
             Some(table)
@@ -275,10 +275,8 @@ fn read_space<'a>(
 }
 
 /// Whether a node has neither energy nor force.
-fn is_at_rest([first, second, _]: &Node) -> bool {
-    let zero = |row: &[f32; 12], place: usize| row.get(place).is_some_and(|&value| value == 0.0);
-    let of_first = [at(0, 0), at(0, 1), at(1, 0)].into_iter().all(|place| zero(first, place));
-    of_first && zero(second, at(0, 0))
+fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &Node) -> bool {
+    [w, wx, wy, wz].iter().all(|value| **value == 0.0)
 }
 
 fn check_vector(vector: Vec3) -> Option<()> {

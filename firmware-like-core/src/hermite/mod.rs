@@ -7,16 +7,12 @@
 pub mod energy;
 pub mod force;
 
+use crate::grid::Strides;
 use crate::table::{TableError, check_len};
 
-/// W_abc at one grid point as `[a][4 b + c]`, in cell units and newtons: W_abc spacing^(a + b + c - 1). The fourth of every four
+/// W_abc at one grid point as `[a][b][c]`, in cell units and newtons: W_abc spacing^(a + b + c - 1). The fourth of every four
 /// is padding, so that rows stay whole vectors.
-pub type Node = [[f32; 12]; 3];
-
-/// Where W_abc is in a row of a [`Node`].
-pub const fn at(b: usize, c: usize) -> usize {
-    4 * b + c
-}
+pub type Node = [[[f32; 4]; 3]; 3];
 
 /// Largest value in a table: as [`crate::table::LARGEST_VALUE`], and its sum over a cell cannot overflow.
 const LARGEST: f32 = 1e9;
@@ -37,7 +33,7 @@ impl<'a> HermiteTable<'a> {
     /// `row` has one index into `nodes` per slot. Slots that no query comes to may share a node.
     pub fn new(slots: usize, row: &'a [u32], nodes: &'a [Node]) -> Result<Self, TableError> {
         check_len(row, slots)?;
-        let values = nodes.as_flattened().as_flattened();
+        let values = nodes.as_flattened().as_flattened().as_flattened();
         if let Some(index) = values.iter().position(|value| value.is_nan() || value.abs() > LARGEST) {
             return Err(TableError::NotFinite { index });
         }
@@ -47,23 +43,26 @@ impl<'a> HermiteTable<'a> {
         }
     }
 
+    /// Size of both planes.
+    pub const fn bytes(&self) -> usize {
+        size_of_val(self.row) + size_of_val(self.nodes)
+    }
+
     /// The node of a slot.
     pub fn node(&self, slot: usize) -> Option<&'a Node> {
         self.nodes.get(*self.row.get(slot)? as usize)
     }
 
     /// The corners of the cell whose low corner is `slot`. `None` past the end of the box, where no query comes.
-    #[inline]
-    pub(crate) fn corners(&self, side: usize, slot: usize) -> Option<Corners<'a>> {
-        let column = |slot: usize| -> Option<[&'a Node; 2]> {
-            let [low, high] = self.row.get(slot..)?.first_chunk::<2>()?;
+    #[inline(always)]
+    pub(crate) fn corners(&self, strides: Strides, slot: usize) -> Option<Corners<'a>> {
+        let (side, sheet) = (strides.side as usize, strides.sheet as usize);
+        // One check for all four: the compiler sees that the others follow.
+        let rows = self.row.get(slot..)?.get(..sheet.wrapping_add(side).wrapping_add(2))?;
+        let column = |at: usize| -> Option<[&'a Node; 2]> {
+            let [low, high] = rows.get(at..at.wrapping_add(2))?.first_chunk::<2>()?;
             Some([self.nodes.get(*low as usize)?, self.nodes.get(*high as usize)?])
         };
-        let sheet = side.wrapping_mul(side);
-        let next = slot.wrapping_add(sheet);
-        Some([
-            [column(slot)?, column(slot.wrapping_add(side))?],
-            [column(next)?, column(next.wrapping_add(side))?],
-        ])
+        Some([[column(0)?, column(side)?], [column(sheet)?, column(sheet.wrapping_add(side))?]])
     }
 }

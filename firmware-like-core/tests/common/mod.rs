@@ -6,7 +6,7 @@ use palpate_core::blob::format::{
 };
 use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
-use palpate_core::hermite::{Node, at};
+use palpate_core::hermite::Node;
 use palpate_core::rbf::LANES;
 use palpate_core::vec3::Vec3;
 
@@ -149,25 +149,21 @@ impl Recipe {
             let mut node = Node::default();
             for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
                 let scale = f64::from(self.spacing_m).powi((a + b + c) as i32 - 1);
-                node[a][at(b, c)] = (wrong * scale * potential(d, [a, b, c])) as f32;
+                node[a][b][c] = (wrong * scale * potential(d, [a, b, c])) as f32;
             }
             node
         };
         ((0..lattice.slots() as u32).collect(), (0..lattice.slots()).map(node).collect())
     }
 
-    fn force_planes(&self) -> [Vec<f32>; 3] {
+    fn forces(&self) -> Vec<Vec3> {
         let lattice = self.lattice();
-        let bits = self.flags();
-        let mut planes = [const { Vec::new() }; 3];
-        for (slot, bits) in bits.iter().enumerate() {
+        let force = |(slot, bits): (usize, u8)| {
             let d = lattice.displacement_m(lattice.ijk(slot));
             let h = if bits & SOLVED != 0 { (self.force)(d) } else { (self.ghost)(d) };
-            for (plane, h) in planes.iter_mut().zip(h) {
-                plane.push(h as f32);
-            }
-        }
-        planes
+            h.map(|h| h as f32)
+        };
+        self.flags().into_iter().enumerate().map(force).collect()
     }
 
     /// Centres (cell units) and weights that interpolate the solved forces, padded.
@@ -252,7 +248,7 @@ impl Recipe {
     fn space(&self, area: &mut Area, index: u32, rest_position_m: Vec3) -> SpaceHeader {
         let three = |area: &mut Area, planes: &[Vec<f32>; 3]| planes.each_ref().map(|plane| area.push(plane));
         let flags = area.push(&self.flags());
-        let force_n = self.lattice_table.then(|| three(area, &self.force_planes()));
+        let force_n = self.lattice_table.then(|| area.push(&self.forces()));
         let rbf_linear = self.rbf.then(|| {
             let (centres, weights) = self.rbf_planes(|r| r);
             let narrow =

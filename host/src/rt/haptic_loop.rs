@@ -7,6 +7,7 @@ use super::TickRecord;
 use super::clock::Clock;
 use super::latency::LatencyRecorder;
 use crate::device::{Device, DeviceError};
+use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{Controller, Phase, State, Vec3, vec3};
 
@@ -118,6 +119,8 @@ impl<D: Device> Drop for StopOnDrop<D> {
 #[derive(Debug)]
 pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
     controller: Controller<'o, 'a, N>,
+    /// Chosen once; a tick only calls it.
+    interpolator: Interpolator,
     state: State,
     device: StopOnDrop<D>,
     clock: C,
@@ -148,8 +151,10 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if device.info().self_arming {
             state.arm();
         }
+        let interpolator = Interpolator::new(controller.config().method);
         Self {
             controller,
+            interpolator,
             state,
             device: StopOnDrop(device),
             clock,
@@ -166,6 +171,11 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             device_errors: 0,
             last_device_error: None,
         }
+    }
+
+    /// The instructions the force is interpolated with.
+    pub const fn instructions(&self) -> Instructions {
+        self.interpolator.instructions()
     }
 
     /// Runs for a number of periods or until the flag is set, then takes the force away.
@@ -233,7 +243,10 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
                 self.state.arm();
             }
         }
-        let command = self.controller.tick(&mut self.state, now_us, sample.as_ref());
+        let command =
+            self.controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
+                self.interpolator.force(space, displacement_m)
+            });
         self.hand_force_n = command.hand_force_n;
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let compute_ns = self.clock.now_ns() - start_ns;

@@ -94,9 +94,7 @@ fn space(
         let secant = shape.stiffness_n_m * (1.0 + vec3::norm_squared(d) / shape.hardening_m.powi(2));
         vec3::scale(d, secant)
     };
-    let force_n = [0, 1, 2].map(|axis: usize| {
-        planes.put(&(0..lattice.slots()).map(|slot| force(slot)[axis]).collect::<Vec<f32>>())
-    });
+    let force_n = planes.put(&(0..lattice.slots()).map(force).collect::<Vec<_>>());
 
     // One row a solved configuration; a ghost uses the row of the nearest.
     let solved: Vec<[i32; 3]> = core::iter::once([0; 3]).chain(lattice.points()).collect();

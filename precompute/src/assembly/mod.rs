@@ -11,7 +11,7 @@ use nalgebra::Matrix3;
 use crate::body::Body;
 use crate::boundary::ABSENT;
 use crate::element::{LINEAR, Order, Point, QUADRATIC};
-use crate::lanes::{Lanes, Real};
+use crate::lanes::{self, Lanes, Real};
 use crate::material::SymmetricThird;
 use batch::Batch;
 use element::ElementSystem;
@@ -62,7 +62,7 @@ impl Assembled {
     /// Forces, constraints, energy and tangent at `state`.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
-        pulp::Arch::new().dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
+        lanes::dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
         let tie = -body.stiffness_scale_n_m();
         for &place in &pattern.ties {
             self.tangent[place] = tie;
@@ -71,7 +71,7 @@ impl Assembled {
 
     /// Forces, constraints and energy at `state`, without the tangent.
     pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
-        pulp::Arch::new().dispatch(Pass::<false> { to: self, body, pattern: None, state });
+        lanes::dispatch(Pass::<false> { to: self, body, pattern: None, state });
     }
 
     #[inline(always)]
@@ -297,7 +297,7 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
         }
     }
 
-    pulp::Arch::new().dispatch(Work { body, state, directions })
+    lanes::dispatch(Work { body, state, directions })
 }
 
 /// Deformed over undeformed volume of every element, file order.

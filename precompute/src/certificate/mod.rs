@@ -210,7 +210,7 @@ fn truths(
 /// Whether a cell with a fold in it is that of the position or touches it.
 fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
     let at = space.lattice.locate(displacement_m);
-    let corners = trilinear::corners(space.lattice.side(), at.slot, at.t);
+    let corners = trilinear::corners(space.lattice.strides(), at.slot, at.t);
     corners.iter().any(|(slot, _)| space.flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
 }
 

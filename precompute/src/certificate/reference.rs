@@ -3,7 +3,6 @@
 //! Takes the tables as they were packed, so it sees no error of the fit, only that of the evaluation.
 
 use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
-use palpate_core::hermite::at;
 use palpate_core::{Method, Space};
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
@@ -99,7 +98,7 @@ impl<'s, 'a> Cell<'s, 'a> {
     }
 
     fn lattice(&self, stencil: &Stencil) -> Option<[f64; 3]> {
-        let planes = self.space.lattice_table.as_ref()?.force_n();
+        let force_n = self.space.lattice_table.as_ref()?.force_n();
         let mut sum = [0.0; 3];
         let points = || stencil.points.iter().enumerate();
         for (a, &i) in points() {
@@ -109,8 +108,8 @@ impl<'s, 'a> Cell<'s, 'a> {
                     let weight: f64 =
                         (0..3).map(|axis| (stencil.weight)(orders[axis], self.t[axis])).product();
                     let slot = self.slot([i, j, k]);
-                    for (sum, plane) in sum.iter_mut().zip(planes) {
-                        *sum += weight * f64::from(plane[slot]);
+                    for (sum, component) in sum.iter_mut().zip(force_n[slot]) {
+                        *sum += weight * f64::from(component);
                     }
                 }
             }
@@ -135,7 +134,7 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     /// W_abc at a corner.
     fn derivative(&self, corner: [i32; 3], [a, b, c]: [usize; 3]) -> Option<f64> {
-        Some(f64::from(self.space.hermite.as_ref()?.node(self.slot(corner))?[a][at(b, c)]))
+        Some(f64::from(self.space.hermite.as_ref()?.node(self.slot(corner))?[a][b][c]))
     }
 
     fn energy(&self) -> Option<[f64; 3]> {

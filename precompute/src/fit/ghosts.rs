@@ -12,8 +12,8 @@ use crate::configuration_space::{GridIndex, SpaceGrid};
 /// Force and flags of every slot of the box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatticeValues {
-    /// Planes x, y, z of h, N.
-    pub force_n: [Vec<f32>; 3],
+    /// h of every slot, N.
+    pub force_n: Vec<[f32; 3]>,
     /// Flags of `palpate_core::flags`.
     pub flags: Vec<u8>,
 }
@@ -25,14 +25,9 @@ const GHOST_FORCE_LIMIT: f64 = 2.0;
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     let slots = grid.lattice.slots();
     let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
-    let mut values = LatticeValues {
-        force_n: [vec![0.0; slots], vec![0.0; slots], vec![0.0; slots]],
-        flags: vec![0; slots],
-    };
+    let mut values = LatticeValues { force_n: vec![[0.0; 3]; slots], flags: vec![0; slots] };
     let mut store = |slot: usize, force: [f64; 3], bits: u8| {
-        for (plane, component) in values.force_n.iter_mut().zip(force) {
-            plane[slot] = component as f32;
-        }
+        values.force_n[slot] = force.map(|component| component as f32);
         values.flags[slot] = bits;
     };
     let mut solved = vec![false; slots];
@@ -127,13 +122,13 @@ mod tests {
             let slot = grid.lattice.slot(hole).unwrap();
             assert_eq!(values.flags[slot] & flags::SOLVED, 0);
             let want = linear(hole, grid.spacing_m).force_n;
-            for (plane, want) in values.force_n.iter().zip(want) {
-                assert!((f64::from(plane[slot]) - want).abs() < 1e-5, "{hole:?}");
+            for (found, want) in values.force_n[slot].into_iter().zip(want) {
+                assert!((f64::from(found) - want).abs() < 1e-5, "{hole:?}");
             }
         }
         // A corner of the box is far from any data: held to the limit, direction kept.
         let slot = grid.lattice.slot([4, 4, 4]).unwrap();
-        let force: f64 = values.force_n.iter().map(|p| f64::from(p[slot]).powi(2)).sum::<f64>().sqrt();
+        let force: f64 = norm(values.force_n[slot].map(f64::from));
         let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
         assert!(force <= GHOST_FORCE_LIMIT * largest * (1.0 + 1e-6));
     }

@@ -12,7 +12,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
-use palpate_core::hermite::{Node, at};
+use palpate_core::hermite::Node;
 
 use super::{LatticeValues, Sample};
 use crate::configuration_space::fold::Fold;
@@ -352,7 +352,7 @@ fn mean<const N: usize>(routes: [Option<f64>; N]) -> f64 {
 fn packed(w: &Derivatives) -> Node {
     let mut node = Node::default();
     for (a, b, c) in orders_up_to_two() {
-        node[a][at(b, c)] = w[a][b][c] as f32;
+        node[a][b][c] = w[a][b][c] as f32;
     }
     node
 }
@@ -360,6 +360,7 @@ fn packed(w: &Derivatives) -> Node {
 #[cfg(test)]
 mod tests {
     use palpate_core::hermite::HermiteTable;
+    use palpate_core::lanes::Baseline;
 
     use super::*;
 
@@ -410,9 +411,11 @@ mod tests {
             let x: [f64; 3] =
                 std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
             let place = grid.lattice.locate(x.map(|x| x as f32));
-            let side = grid.lattice.side();
-            let found =
-                [table.energy_gradient(side, place.slot, place.t), table.force(side, place.slot, place.t)];
+            let strides = grid.lattice.strides();
+            let found = [
+                table.energy_gradient(Baseline, strides, place.slot, place.t),
+                table.force(Baseline, strides, place.slot, place.t),
+            ];
             for (worst, found) in worst.iter_mut().zip(found) {
                 for i in 0..3 {
                     *worst = worst.max((f64::from(found[i]) - derivative(x, &[i])).abs());

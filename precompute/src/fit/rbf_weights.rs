@@ -3,6 +3,7 @@
 use faer::prelude::Solve;
 use faer::{Mat, Side};
 
+use super::Sample;
 use super::rbf_iterative::solve_iteratively;
 
 /// The kernel phi(r), r in cells.
@@ -79,6 +80,12 @@ pub struct Centre {
     pub position: [f64; 3],
     /// h, N.
     pub force_n: [f64; 3],
+}
+
+impl From<&Sample> for Centre {
+    fn from(sample: &Sample) -> Self {
+        Self { position: sample.index.map(f64::from), force_n: sample.force_n }
+    }
 }
 
 /// Centres up to which linear weights are found by factorisation too: beyond, iterations are quicker.

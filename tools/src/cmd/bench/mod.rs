@@ -1,5 +1,6 @@
 //! `palpate bench`: what the parts cost on this machine, beside a peer where one is installed.
 
+mod core;
 mod fem;
 mod memory;
 mod replay;
@@ -21,6 +22,7 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 enum What {
+    Core(core::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Space(space::Args),
@@ -30,6 +32,7 @@ enum What {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     match &args.what {
+        What::Core(args) => core::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Space(args) => space::run(args),

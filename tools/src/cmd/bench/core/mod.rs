@@ -1,0 +1,241 @@
+//! `palpate bench core`: nanoseconds of one force, every method on every set of instructions, beside two crates that do the same.
+
+#[cfg(feature = "peers")]
+mod peers;
+mod tables;
+mod timing;
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Method, Space, Vec3, flags, vec3};
+use palpate_host::sys::{RtRequest, enter_real_time};
+use palpate_host::{Instructions, Interpolator};
+use palpate_precompute::certificate::reference_force_n;
+use serde::Serialize;
+
+use crate::blob;
+use crate::failure::Failure;
+use crate::output;
+use tables::Tables;
+use timing::{Run, Timing};
+
+/// Nanoseconds of one force query: every method, on every set of vector instructions this processor has, on the paper's four grids
+/// of a made-up smooth field or on a blob.
+///
+/// Positions are uniform in the ball and come in no order that could be learnt. All take turns in small batches, so that a busy
+/// machine is busy for all of them; medians and minima are shown, `waits` being the median where each query needs the answer to the
+/// one before. `off` is the largest difference from the same interpolant in f64. Built with `--features peers` it runs the crates
+/// interpn and rbf-interp along.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Points of the made-up grids: 514, 1418, 4168, 14146.
+    #[arg(long, value_name = "N,M", value_delimiter = ',', default_value = "514,1418,4168,14146")]
+    grids: Vec<usize>,
+    /// A blob to ask instead of made-up tables.
+    #[arg(long, value_name = "FILE")]
+    blob: Option<PathBuf>,
+    /// Active node of the blob; the first if not given.
+    #[arg(long, value_name = "NAME", requires = "blob")]
+    active: Option<String>,
+    /// Batches of each, taking turns.
+    #[arg(long, value_name = "N", default_value_t = 400)]
+    rounds: usize,
+    /// CPU to run on; the last one if not given.
+    #[arg(long, value_name = "N")]
+    cpu: Option<usize>,
+    /// Write the figures as CSV.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print the figures as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// All of it.
+#[derive(Debug, Serialize)]
+struct Figures {
+    processor: String,
+    built_for: &'static str,
+    best: &'static str,
+    pinned: String,
+    rounds: usize,
+    rows: Vec<Row>,
+}
+
+/// One method on one set of instructions, or a peer.
+#[derive(Debug, Serialize)]
+struct Row {
+    grid: usize,
+    method: String,
+    instructions: &'static str,
+    median_ns: f64,
+    min_ns: f64,
+    /// Median where every query waits for the answer before it.
+    waits_ns: Option<f64>,
+    /// Largest |h - h in f64|, N; none where the weights are made up.
+    off_n: Option<f64>,
+    /// Bytes of the tables it reads.
+    bytes: usize,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let cpu = args.cpu.unwrap_or_else(|| std::thread::available_parallelism().map_or(0, |n| n.get() - 1));
+    let request = RtRequest { cpu: Some(cpu), ..RtRequest::nothing() };
+    let (granted, _) = enter_real_time(&request);
+    let mut figures = Figures {
+        processor: processor(),
+        built_for: Instructions::built_for(),
+        best: Instructions::best().name(),
+        pinned: format!("to CPU {cpu}: {}", granted.affinity),
+        rounds: args.rounds.max(1),
+        rows: Vec::new(),
+    };
+    if let Some(path) = &args.blob {
+        let file = blob::load(path)?;
+        let organ = blob::organ(path, &file)?;
+        let named = |space: &&Space<'_>| args.active.as_ref().is_none_or(|name| space.name == name.as_str());
+        let space = organ.spaces.iter().find(named).ok_or_else(|| {
+            let names: Vec<&str> = organ.spaces.iter().map(|space| space.name.as_str()).collect();
+            Failure::input(format!("no such active node in the blob; it has {}", names.join(", ")))
+        })?;
+        figures.rows = measure(space, true, figures.rounds);
+    } else {
+        for &grid in &args.grids {
+            eprintln!("palpate: {grid} points");
+            let tables = Tables::made_up(grid)?;
+            figures.rows.extend(measure(&tables.space(), tables.fitted, figures.rounds));
+        }
+    }
+    if let Some(path) = &args.csv {
+        std::fs::write(path, csv(&figures.rows)?).map_err(|error| Failure::file(path, &error))?;
+    }
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+    }
+    output::line(table(&figures))
+}
+
+/// Everything on one space. `fitted` says whether the RBF weights are such that they cancel as real ones do.
+fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
+    let grid = space.flags.iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
+    let queries = timing::queries(space.lattice.radius_m());
+    let methods = || Method::ALL.into_iter().filter(|method| space.has(*method));
+    #[cfg(feature = "peers")]
+    let peers = peers::Peers::of(space, grid);
+    let mut runs: Vec<Run<'_>> = Vec::new();
+    for method in methods() {
+        for interpolator in Instructions::ALL.into_iter().filter_map(|i| Interpolator::on(i, method)) {
+            runs.push(Run::ours(space, interpolator));
+        }
+    }
+    #[cfg(feature = "peers")]
+    peers.add_to(&mut runs);
+    let timings = timing::take_turns(&mut runs, &queries, rounds);
+    let row = |(run, timing): (&mut Run<'_>, Timing)| {
+        let radial = matches!(run.compared, Method::RbfLinear | Method::RbfCubic);
+        let off_n = (fitted || !radial).then(|| largest_difference(space, run, &queries));
+        Row {
+            grid,
+            method: run.name.clone(),
+            instructions: run.instructions,
+            median_ns: timing.median_ns,
+            min_ns: timing.min_ns,
+            waits_ns: timing.waits_ns,
+            off_n,
+            bytes: run.bytes,
+        }
+    };
+    runs.iter_mut().zip(timings).map(row).collect()
+}
+
+/// Largest |h - h in f64|, N.
+fn largest_difference(space: &Space<'_>, run: &mut Run<'_>, queries: &[Vec3]) -> f64 {
+    const COMPARED: usize = 4_000;
+    let difference = |query: &Vec3| -> f64 {
+        let (found, want) = (run.ask(query), reference_force_n(space, run.compared, *query));
+        let squared = |want: [f64; 3]| -> f64 {
+            found.iter().zip(want).map(|(found, want)| (f64::from(*found) - want).powi(2)).sum()
+        };
+        want.map_or(f64::NAN, |want| squared(want).sqrt())
+    };
+    queries.iter().take(COMPARED).map(difference).fold(0.0, f64::max)
+}
+
+/// Bytes of the tables that a method reads.
+fn bytes(space: &Space<'_>, method: Method) -> usize {
+    let slots = space.lattice.slots();
+    let force = slots * size_of::<Vec3>();
+    match method {
+        Method::Trilinear | Method::Tricubic => force,
+        Method::Hybrid => force + slots,
+        Method::RbfLinear => space.rbf_linear.as_ref().map_or(0, |table| 6 * 4 * table.padded_len()),
+        Method::RbfCubic => space.rbf_cubic.as_ref().map_or(0, |table| 6 * 8 * table.padded_len()),
+        Method::Hermite => space.hermite.as_ref().map_or(0, |table| table.bytes()),
+        Method::Energy => space.hermite.as_ref().map_or(0, |table| table.bytes() + slots),
+    }
+}
+
+/// The name the processor gives itself.
+fn processor() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    model.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().into())
+}
+
+fn table(figures: &Figures) -> String {
+    let Figures { processor, built_for, best, pinned, rounds, rows } = figures;
+    let mut text = format!(
+        "processor  {processor}\nbuilt for  {built_for}; the best here is {best}\npinned     {pinned}\nbatches    {rounds} each\n\n\
+         grid   method               on             median      min    waits ns    off mN      bytes"
+    );
+    for row in rows {
+        text += &format!(
+            "\n{:<6} {:<20} {:<12} {:>8.1} {:>8.1} {:>11} {:>9} {:>10}",
+            row.grid,
+            row.method,
+            row.instructions,
+            row.median_ns,
+            row.min_ns,
+            row.waits_ns.map_or_else(|| "-".into(), |ns| format!("{ns:.1}")),
+            row.off_n.map_or_else(|| "-".into(), |off_n| format!("{:.4}", off_n * 1e3)),
+            row.bytes
+        );
+    }
+    text + &ratios(rows)
+}
+
+/// How many times as long a peer takes as the method that answers the same question, on the baseline and on the best.
+fn ratios(rows: &[Row]) -> String {
+    let mut text = String::new();
+    for peer in rows.iter().filter(|row| row.instructions == PEER) {
+        let ours = || rows.iter().filter(|row| row.grid == peer.grid && row.instructions != PEER);
+        let same = || ours().filter(|row| Some(row.method.as_str()) == peer.method.split(' ').next_back());
+        let times: Vec<String> = same()
+            .map(|row| format!("{:.1} ({})", peer.median_ns / row.median_ns, row.instructions))
+            .collect();
+        text += &format!("\n{}: {} takes {} times as long as ours", peer.grid, peer.method, times.join(", "));
+    }
+    if text.is_empty() { text } else { format!("\n{text}") }
+}
+
+/// In the column of the instructions.
+const PEER: &str = "peer";
+
+fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(Failure::work)?;
+    }
+    writer.into_inner().map_err(Failure::work)
+}
+
+impl<'r> Run<'r> {
+    fn ours(space: &'r Space<'_>, interpolator: Interpolator) -> Self {
+        let method = interpolator.method();
+        let ask =
+            move |query: &Vec3| interpolator.force(space, query).map_or(vec3::ZERO, |answer| answer.force_n);
+        Self::new(method.name().into(), interpolator.instructions().name(), method, bytes(space, method), ask)
+    }
+}

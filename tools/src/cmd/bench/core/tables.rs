@@ -1,0 +1,147 @@
+//! Tables of a made-up smooth energy, by the fits that make those of a real one.
+
+use palpate_core::flags;
+use palpate_core::hermite::HermiteTable;
+use palpate_core::rbf::{LANES, RbfTable};
+use palpate_core::table::{LatticeTable, Space};
+use palpate_precompute::configuration_space::{GridIndex, SpaceGrid};
+use palpate_precompute::fit::{
+    Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
+};
+use palpate_precompute::material::THIRD_INDICES;
+
+use crate::failure::Failure;
+
+/// r_G, m.
+const RADIUS_M: f64 = 0.05;
+/// Beyond so many centres a dense fit takes minutes and gigabytes.
+const MOST_FITTED: usize = 5_000;
+
+/// Everything a space points at.
+pub(super) struct Tables {
+    grid: SpaceGrid,
+    values: LatticeValues,
+    linear: [Vec<Vec<f32>>; 2],
+    cubic: [Vec<Vec<f64>>; 2],
+    hermite: HermiteNodes,
+    /// Whether the RBF weights interpolate the field, and cancel as such weights do.
+    pub(super) fitted: bool,
+}
+
+impl Tables {
+    /// Tables of one of the paper's grids.
+    pub(super) fn made_up(points: usize) -> Result<Self, Failure> {
+        let cells = match points {
+            514 => 5.0,
+            1418 => 7.0,
+            4168 => 10.0,
+            14146 => 15.0,
+            _ => {
+                return Err(Failure::input(format!(
+                    "no grid of {points} points; there are 514, 1418, 4168 and 14146"
+                )));
+            }
+        };
+        let grid = SpaceGrid::new(RADIUS_M / cells, RADIUS_M).map_err(Failure::work)?;
+        let mut samples: Vec<Sample> =
+            grid.lattice.points().chain([[0; 3]]).map(|index| sample(&grid, index)).collect();
+        samples.sort_unstable_by_key(|sample| sample.index);
+        let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
+        let fitted = samples.len() <= MOST_FITTED;
+        let fit = |kernel| {
+            if fitted { fit_rbf(kernel, &centres, 1).map_err(Failure::work) } else { Ok(unfitted(&samples)) }
+        };
+        let (linear, cubic) = (fit(Kernel::Linear)?, fit(Kernel::Cubic)?);
+        Ok(Self {
+            values: lattice_values(&grid, &samples),
+            linear: [linear.centres, linear.weights].map(|planes| padded(&planes, |x| x as f32)),
+            cubic: [cubic.centres, cubic.weights].map(|planes| padded(&planes, |x| x)),
+            hermite: hermite_nodes(&grid, &samples, &[]),
+            grid,
+            fitted,
+        })
+    }
+
+    /// As the tick sees them.
+    pub(super) fn space(&self) -> Space<'_> {
+        let lattice = self.grid.lattice;
+        let HermiteNodes { row, nodes } = &self.hermite;
+        debug_assert!(flags::first_inconsistent(&lattice, &self.values.flags).is_none());
+        Space {
+            name: heapless::String::new(),
+            node: 0,
+            rest_position_m: [0.0; 3],
+            outward_normal: [0.0, 0.0, 1.0],
+            lattice,
+            flags: &self.values.flags,
+            lattice_table: LatticeTable::new(&lattice, &self.values.force_n).ok(),
+            rbf_linear: RbfTable::new(three(&self.linear[0]), three(&self.linear[1])).ok(),
+            rbf_cubic: RbfTable::new(three(&self.cubic[0]), three(&self.cubic[1])).ok(),
+            hermite: HermiteTable::new(lattice.slots(), row, nodes).ok(),
+            displacement: None,
+        }
+    }
+}
+
+/// W = a |d|^2 / 2 + sum of c_n (1 - cos k_n . d): a few newtons at the rim, no force at rest, every derivative known.
+const STIFFNESS_N_M: f64 = 150.0;
+const WAVES: [([f64; 3], f64); 3] =
+    [([40.0, 10.0, -15.0], 0.03), ([-5.0, 35.0, 20.0], 0.04), ([15.0, -20.0, 45.0], 0.025)];
+
+fn derivative(d: [f64; 3], axes: &[usize]) -> f64 {
+    let wave = |(k, c): &([f64; 3], f64)| {
+        let phase: f64 = k.iter().zip(d).map(|(k, d)| k * d).sum();
+        let minus_cosine = match axes.len() % 4 {
+            0 => -phase.cos(),
+            1 => phase.sin(),
+            2 => phase.cos(),
+            _ => -phase.sin(),
+        };
+        let constant = if axes.is_empty() { 1.0 } else { 0.0 };
+        c * (constant + axes.iter().map(|&axis| k[axis]).product::<f64>() * minus_cosine)
+    };
+    let spring = match axes {
+        [] => 0.5 * STIFFNESS_N_M * d.iter().map(|d| d * d).sum::<f64>(),
+        [i] => STIFFNESS_N_M * d[*i],
+        [i, j] if i == j => STIFFNESS_N_M,
+        _ => 0.0,
+    };
+    spring + WAVES.iter().map(wave).sum::<f64>()
+}
+
+fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
+    let d = grid.displacement_m(index);
+    Sample {
+        index,
+        attempt: 0,
+        energy_j: derivative(d, &[]),
+        force_n: std::array::from_fn(|i| derivative(d, &[i])),
+        stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| derivative(d, &[i, j]))),
+        third_n_m2: THIRD_INDICES.map(|triple| derivative(d, &triple)),
+        terminating: false,
+        inverted: false,
+    }
+}
+
+/// Centres as they are, weights of no meaning.
+fn unfitted(samples: &[Sample]) -> RbfFit {
+    let plane = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).collect::<Vec<f64>>();
+    RbfFit {
+        centres: [0, 1, 2].map(|axis| plane(&|sample| f64::from(sample.index[axis]))),
+        weights: [0, 1, 2].map(|axis| plane(&|sample| 1e-3 * sample.force_n[axis])),
+        misfit_n: f64::NAN,
+    }
+}
+
+fn padded<T: Copy + Default>(planes: &[Vec<f64>; 3], convert: impl Fn(f64) -> T) -> Vec<Vec<T>> {
+    let pad = |plane: &Vec<f64>| {
+        let mut padded: Vec<T> = plane.iter().map(|&x| convert(x)).collect();
+        padded.resize(plane.len().next_multiple_of(LANES), T::default());
+        padded
+    };
+    planes.iter().map(pad).collect()
+}
+
+fn three<T>(planes: &[Vec<T>]) -> [&[T]; 3] {
+    [&planes[0], &planes[1], &planes[2]]
+}
