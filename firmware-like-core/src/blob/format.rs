@@ -22,6 +22,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
+use crate::displacement::Interpolation;
 use crate::table::SPACE_NAME_LEN;
 
 #[cfg(target_endian = "big")]
@@ -150,11 +151,23 @@ pub struct RbfHeader {
     pub weights: [PlaneRef; 3],
 }
 
-/// Planes of the surface displacements.
+/// Planes of the surface displacements, see [`crate::displacement`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DisplacementHeader {
-    /// u32 per slot of the box: the row that holds its displacement.
+    /// How they are interpolated.
+    pub interpolation: Interpolation,
+    /// u32 per slot of the box: its row. May be the plane that `hermite` has.
     pub row: PlaneRef,
-    /// f32, row-major `[row][surface vertex][xyz]`, metres.
-    pub rows: PlaneRef,
+    /// i16, `[mode][surface vertex][xyz]`.
+    pub modes: PlaneRef,
+    /// f32 per mode: metres per unit of the mode times unit of its coefficient.
+    pub scale: PlaneRef,
+    /// i16, `[row][number][mode]`: the value, then with [`Interpolation::Hermite`] its slopes along x, y, z per cell.
+    pub coefficients: PlaneRef,
+    /// u32: the rows that are outliers, ascending.
+    pub outlier_row: PlaneRef,
+    /// f32 per outlier: metres per unit.
+    pub outlier_scale: PlaneRef,
+    /// i16, `[outlier][surface vertex][xyz]`: what the modes miss.
+    pub outliers: PlaneRef,
 }
