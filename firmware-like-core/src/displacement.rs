@@ -5,14 +5,14 @@
 //! The modes phi_k, the coefficients a_k and their slopes along the grid's axes are int16; s_k is the product of both units. e is
 //! what the modes miss of an outlier, a configuration unlike the others; w are the tri-linear weights.
 //!
-//! - tri-linear: v = w, and there are no slopes. Error h^2.
-//! - hermite: v = H L L + L H L + L L H - 2 w,  g_x = G L L, and so on: cubic Hermite along each axis (H of values, G of slopes), linear
-//!   across it (L). Every cubic is met, so the error is h^4 as that of the tensor cubic, and no mixed derivative is needed. On a face
-//!   all depends on its four corners: continuous, though not C1. The slopes fade out towards a fold, as in [`crate::blend`].
+//! - Without slopes v = w: tri-linear, error h^2.
+//! - With slopes v = H L L + L H L + L L H - 2 w,  g_x = G L L, and so on: cubic Hermite along each axis (H of values, G of slopes),
+//!   linear across it (L). Every cubic is met, so the error is h^4 as that of the tensor cubic, and no mixed derivative is needed. On
+//!   a face all depends on its four corners: continuous, though not C1. The slopes fade out towards a fold, as in [`crate::blend`].
+//!
+//! Modes come in the order of their size, and only as many of the first have slopes as the packer finds worth it.
 //!
 //! Drawn at 30 Hz, never asked for by the tick.
-
-use serde::{Deserialize, Serialize};
 
 use crate::blend;
 use crate::flags::{FOLD, SMOOTH};
@@ -21,46 +21,18 @@ use crate::table::{LARGEST_VALUE, TableError, check_len};
 use crate::trilinear;
 use crate::vec3::{self, Vec3};
 
-/// How the coefficients are interpolated between configurations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum Interpolation {
-    /// From the values at the corners of the cell.
-    #[default]
-    Trilinear,
-    /// From the values and slopes there.
-    Hermite,
-}
-
-impl Interpolation {
-    /// Numbers a mode has in a row: the value, and the slopes if there are any.
-    pub const fn numbers(self) -> usize {
-        match self {
-            Self::Trilinear => 1,
-            Self::Hermite => 4,
-        }
-    }
-
-    /// Name, as in certificates.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Trilinear => "trilinear",
-            Self::Hermite => "hermite",
-        }
-    }
-}
-
 /// The planes of a table, not yet checked.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DisplacementPlanes<'a> {
-    /// How the coefficients are interpolated.
-    pub interpolation: Interpolation,
+    /// Modes that have slopes, the first ones.
+    pub slopes: usize,
     /// Row of `coefficients` of each slot of the box.
     pub row: &'a [u32],
     /// `[mode][surface vertex][xyz]`.
     pub modes: &'a [i16],
     /// Metres per unit of a mode times unit of its coefficient, one a mode.
     pub scale: &'a [f32],
-    /// `[row][value, then slopes along x, y, z per cell][mode]`.
+    /// Rows of the values of all modes, then of the slopes along x, along y and along z, per cell.
     pub coefficients: &'a [i16],
     /// Rows that are outliers, ascending.
     pub outlier_row: &'a [u32],
@@ -92,8 +64,10 @@ impl core::error::Error for DisplacementError {}
 pub struct DisplacementTable<'a> {
     planes: DisplacementPlanes<'a>,
     vertices: usize,
-    /// Coefficients in a row, slopes among them.
+    /// Numbers in a row of coefficients.
     per_row: usize,
+    /// Modes whose slopes are used.
+    used: usize,
 }
 
 /// Largest |number| of an int16.
@@ -105,10 +79,11 @@ const BLOCK: usize = 4;
 /// A configuration's part in a displacement.
 struct Part<'a> {
     index: u32,
-    row: &'a [i16],
-    /// Of the values, then of the slopes along x, y, z.
+    values: &'a [i16],
+    slopes: [&'a [i16]; 3],
+    /// Of the values and the slopes along x, y, z of modes that have slopes.
     weights: [f32; 4],
-    /// Of what an outlier adds.
+    /// Of the other modes, and of what an outlier adds.
     share: f32,
 }
 
@@ -125,7 +100,9 @@ impl<'a> DisplacementTable<'a> {
 
         check_scale(scale, UNITS * UNITS).map_err(of("displacement scale"))?;
         check_len(planes.modes, scale.len().saturating_mul(stride)).map_err(of("displacement modes"))?;
-        let per_row = scale.len().saturating_mul(planes.interpolation.numbers());
+        let enough = TableError::Length { have: scale.len(), need: planes.slopes };
+        let _ = scale.get(..planes.slopes).ok_or(enough).map_err(of("displacement scale"))?;
+        let per_row = planes.slopes.saturating_mul(3).saturating_add(scale.len());
         let rows = coefficients.len().checked_div(per_row).unwrap_or(0);
         let whole = check_len(coefficients, rows.saturating_mul(per_row));
         whole.map_err(of("displacement coefficients"))?;
@@ -141,7 +118,7 @@ impl<'a> DisplacementTable<'a> {
         checked.map_err(of("displacement outlier scale"))?;
         let whole = check_len(planes.outliers, outlier_row.len().saturating_mul(stride));
         whole.map_err(of("displacement outliers"))?;
-        Ok(Self { planes, vertices, per_row })
+        Ok(Self { planes, vertices, per_row, used: planes.slopes })
     }
 
     /// Number of surface vertices in a mode.
@@ -159,9 +136,9 @@ impl<'a> DisplacementTable<'a> {
         self.planes.outlier_row.len()
     }
 
-    /// How the coefficients are interpolated.
-    pub const fn interpolation(&self) -> Interpolation {
-        self.planes.interpolation
+    /// Number of modes that are interpolated from their slopes too; without any it is all tri-linear.
+    pub const fn slopes(&self) -> usize {
+        self.used
     }
 
     /// Bytes of all planes.
@@ -175,7 +152,7 @@ impl<'a> DisplacementTable<'a> {
     /// The same table without the use of its slopes: what they are worth is measured against it.
     #[must_use]
     pub const fn without_slopes(mut self) -> Self {
-        self.planes.interpolation = Interpolation::Trilinear;
+        self.used = 0;
         self
     }
 
@@ -192,10 +169,11 @@ impl<'a> DisplacementTable<'a> {
     ) {
         let at = lattice.locate(displacement_m);
         let corners = trilinear::corners(lattice.side(), at.slot, at.t);
-        let hermite = match self.planes.interpolation {
-            Interpolation::Trilinear => 0.0,
-            Interpolation::Hermite if flags.get(at.slot).is_none_or(|bits| bits & FOLD != 0) => 0.0,
-            Interpolation::Hermite => blend::share(flags, SMOOTH, lattice.side(), at.slot, at.t),
+        let folded = flags.get(at.slot).is_none_or(|bits| bits & FOLD != 0);
+        let hermite = if self.used == 0 || folded {
+            0.0
+        } else {
+            blend::share(flags, SMOOTH, lattice.side(), at.slot, at.t)
         };
         let mut parts = corners.iter().zip(hermite_weights(at.t)).map(|(&(slot, share), weights)| {
             let [value, x, y, z] = weights;
@@ -215,16 +193,25 @@ impl<'a> DisplacementTable<'a> {
         let index = *self.planes.row.get(slot)?;
         let start = (index as usize).saturating_mul(self.per_row);
         let row = self.planes.coefficients.get(start..start.saturating_add(self.per_row))?;
-        Some(Part { index, row, weights, share })
+        let (values, slopes) = row.split_at_checked(self.modes())?;
+        let (x, slopes) = slopes.split_at_checked(self.planes.slopes)?;
+        let (y, z) = slopes.split_at_checked(self.planes.slopes)?;
+        Some(Part { index, values, slopes: [x, y, z], weights, share })
     }
 
     /// Coefficient of mode `k`, in its units.
     fn coefficient(&self, parts: &[Option<Part<'_>>], k: usize) -> f32 {
         let mut sum = 0.0;
         for part in parts.iter().flatten() {
-            let numbers = part.row.get(k..).unwrap_or_default().iter().step_by(self.modes().max(1));
-            for (&number, weight) in numbers.zip(part.weights) {
-                sum += weight * f32::from(number);
+            let value = part.values.get(k).map_or(0.0, |&value| f32::from(value));
+            if k >= self.used {
+                sum += part.share * value;
+                continue;
+            }
+            let [weight, along @ ..] = part.weights;
+            sum += weight * value;
+            for (slopes, weight) in part.slopes.iter().zip(along) {
+                sum += weight * slopes.get(k).map_or(0.0, |&slope| f32::from(slope));
             }
         }
         sum

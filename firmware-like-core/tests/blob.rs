@@ -5,7 +5,6 @@ mod common;
 use common::{Aligned, Draft, Recipe, sign};
 use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef};
 use palpate_core::blob::{BlobError, PlaneProblem};
-use palpate_core::displacement::Interpolation;
 use palpate_core::grid::LatticeError;
 use palpate_core::rbf::RbfError;
 use palpate_core::table::TableError;
@@ -16,7 +15,7 @@ type Small<'a> = Organ<'a, 2>;
 fn small() -> Recipe {
     Recipe {
         radius_m: 0.01,
-        interpolation: Interpolation::Hermite,
+        slopes: 2,
         outlier: Some([0, -1, 0]),
         ..Recipe::default()
     }
@@ -256,12 +255,11 @@ fn displacement_planes_that_do_not_fit_together() {
             assert!(expected, "{what} {by}: {error}");
         }
     }
-    // Seven rows of three numbers are no rows of twelve.
-    let linear = Recipe { interpolation: Interpolation::Trilinear, ..small() };
-    let error = refusal(&linear.blob_with(|draft| {
-        draft.spaces[0].displacement.as_mut().expect("packed").interpolation = Interpolation::Hermite;
-    }));
-    assert_eq!(error, plane("displacement coefficients", TableError::Length { have: 21, need: 12 }));
+    // Seven rows of nine numbers are no rows of twelve; nor are there slopes of four modes.
+    let slopes = |slopes| spoiled(|draft| draft.spaces[0].displacement.as_mut().expect("packed").slopes = slopes);
+    assert_eq!(slopes(3), plane("displacement coefficients", TableError::Length { have: 63, need: 60 }));
+    assert_eq!(slopes(4), plane("displacement scale", TableError::Length { have: 3, need: 4 }));
+    assert!(matches!(slopes(u32::MAX), BlobError::Plane { what: "displacement scale", .. }));
     // Scales that are finite, but whose sum is not sane.
     let error = spoiled(|draft| {
         let scale = draft.spaces[0].displacement.expect("packed").scale;

@@ -6,7 +6,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use common::{Aligned, ODD, Random, Recipe, SHARES, bent, distance};
-use palpate_core::displacement::{DisplacementPlanes, DisplacementTable, Interpolation};
+use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::flags::{CELL, FOLD, SMOOTH};
 use palpate_core::{BallLattice, Organ, Space, Vec3, vec3};
 
@@ -14,11 +14,12 @@ fn read(blob: &Aligned) -> Organ<'_, 1> {
     Organ::read(blob.bytes()).expect("the blob is good")
 }
 
-fn recipe(interpolation: Interpolation) -> Recipe {
-    Recipe { radius_m: 0.04, lattice_table: false, rbf: false, hermite: false, interpolation, ..Recipe::default() }
+fn recipe(slopes: usize) -> Recipe {
+    Recipe { radius_m: 0.04, lattice_table: false, rbf: false, hermite: false, slopes, ..Recipe::default() }
 }
 
-const BOTH: [Interpolation; 2] = [Interpolation::Trilinear, Interpolation::Hermite];
+/// Modes with slopes, of three.
+const SLOPES: [usize; 3] = [0, 2, 3];
 
 fn moved(space: &Space<'_>, d: Vec3) -> [Vec3; 4] {
     let mut out = [[9.0; 3]; 4];
@@ -36,8 +37,8 @@ const QUANTUM_M: f32 = 1e-5;
 /// The surface follows the node in proportion; a table of a linear field is exact.
 #[test]
 fn a_linear_field_is_exact_and_every_query_finite() {
-    for interpolation in BOTH {
-        let blob = recipe(interpolation).blob();
+    for slopes in SLOPES {
+        let blob = recipe(slopes).blob();
         let space = &read(&blob).spaces[0];
         let mut random = Random(13);
         for _ in 0..500 {
@@ -67,8 +68,8 @@ fn a_linear_field_is_exact_and_every_query_finite() {
 
 #[test]
 fn configurations_are_given_back() {
-    for interpolation in BOTH {
-        let blob = Recipe { bent: true, ..recipe(interpolation) }.blob();
+    for slopes in SLOPES {
+        let blob = Recipe { bent: true, ..recipe(slopes) }.blob();
         let space = &read(&blob).spaces[0];
         let table = space.displacement.expect("packed");
         for ijk in space.lattice.points() {
@@ -86,8 +87,8 @@ fn configurations_are_given_back() {
 /// The field is a cubic: the slopes meet it, the values alone do not.
 #[test]
 fn slopes_meet_a_cubic() {
-    let errors = BOTH.map(|interpolation| {
-        let blob = Recipe { bent: true, radius_m: 0.05, ..recipe(interpolation) }.blob();
+    let errors = SLOPES.map(|slopes| {
+        let blob = Recipe { bent: true, radius_m: 0.05, ..recipe(slopes) }.blob();
         let space = &read(&blob).spaces[0];
         let mut random = Random(14);
         let mut worst = 0.0_f32;
@@ -98,21 +99,22 @@ fn slopes_meet_a_cubic() {
         }
         worst
     });
-    let [linear, hermite] = errors;
-    // Values and slopes are rounded, each by half a unit.
-    assert!(hermite < 1.5 * QUANTUM_M && linear > 20.0 * hermite, "{errors:?}");
+    let [linear, some, all] = errors;
+    // Values and slopes are rounded, each by half a unit. What bends along z has no slopes yet with two of three modes.
+    assert!(all < 1.5 * QUANTUM_M && linear > 20.0 * all, "{errors:?}");
+    assert!(linear >= some && some > 10.0 * all, "{errors:?}");
 }
 
 /// On both sides of faces, edges and the rim, with ghosts, an outlier and a fold.
 #[test]
 fn nothing_jumps() {
-    for interpolation in BOTH {
+    for slopes in SLOPES {
         let blob = Recipe {
             bent: true,
             outlier: Some([1, 0, -1]),
             solved: |ijk| ijk != [1, 1, 0],
             fold: |ijk| ijk == [-2, 0, 0],
-            ..recipe(interpolation)
+            ..recipe(slopes)
         }
         .blob();
         let space = &read(&blob).spaces[0];
@@ -135,16 +137,16 @@ fn nothing_jumps() {
             worst = worst.max(apart(&sides[0], &sides[1]));
         }
         // The steepest change is that towards the outlier, some 15 mm in a cell, over twice 1e-7 m.
-        assert!(worst < 2e-6, "{interpolation:?}: {worst} m");
+        assert!(worst < 2e-6, "{slopes} slopes: {worst} m");
     }
 }
 
 #[test]
 fn an_outlier_is_kept_beside_the_modes_and_fades_towards_its_neighbours() {
-    for interpolation in BOTH {
+    for slopes in SLOPES {
         let point = [1, 0, -1];
         let [plain, odd] = [None, Some(point)]
-            .map(|outlier| Recipe { bent: true, outlier, ..recipe(interpolation) }.blob());
+            .map(|outlier| Recipe { bent: true, outlier, ..recipe(slopes) }.blob());
         let (plain, odd) = (read(&plain), read(&odd));
         let (plain, odd) = (&plain.spaces[0], &odd.spaces[0]);
         assert_eq!(odd.displacement.expect("packed").outliers(), 1);
@@ -164,10 +166,8 @@ fn an_outlier_is_kept_beside_the_modes_and_fades_towards_its_neighbours() {
 /// In a cell with a fold a slope says nothing of the other end.
 #[test]
 fn slopes_are_not_used_in_a_cell_with_a_fold() {
-    let of = |interpolation| {
-        Recipe { bent: true, fold: |ijk| ijk == [0, 0, 0], ..recipe(interpolation) }.blob()
-    };
-    let (linear, hermite) = (of(Interpolation::Trilinear), of(Interpolation::Hermite));
+    let of = |slopes| Recipe { bent: true, fold: |ijk| ijk == [0, 0, 0], ..recipe(slopes) }.blob();
+    let (linear, hermite) = (of(0), of(3));
     let (linear, hermite) = (read(&linear), read(&hermite));
     let (linear, hermite) = (&linear.spaces[0], &hermite.spaces[0]);
     let mut random = Random(16);
@@ -201,7 +201,7 @@ fn two_thousand_nodes_take_less_than_a_millisecond() {
     let mut numbers = |count: usize| -> Vec<i16> { (0..count).map(|_| (random.next() * 32767.0) as i16).collect() };
     let (modes, coefficients) = (numbers(MODES * VERTICES * 3), numbers(MODES * 4 * lattice.slots()));
     let planes = DisplacementPlanes {
-        interpolation: Interpolation::Hermite,
+        slopes: MODES,
         row: &(0..lattice.slots() as u32).collect::<Vec<_>>(),
         modes: &modes,
         scale: &[1e-12; MODES],

@@ -22,7 +22,6 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-use crate::displacement::Interpolation;
 use crate::table::SPACE_NAME_LEN;
 
 #[cfg(target_endian = "big")]
@@ -154,15 +153,15 @@ pub struct RbfHeader {
 /// Planes of the surface displacements, see [`crate::displacement`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DisplacementHeader {
-    /// How they are interpolated.
-    pub interpolation: Interpolation,
+    /// How many of the modes, from the first, have slopes; 0: all are interpolated tri-linearly.
+    pub slopes: u32,
     /// u32 per slot of the box: its row. May be the plane that `hermite` has.
     pub row: PlaneRef,
     /// i16, `[mode][surface vertex][xyz]`.
     pub modes: PlaneRef,
     /// f32 per mode: metres per unit of the mode times unit of its coefficient.
     pub scale: PlaneRef,
-    /// i16, `[row][number][mode]`: the value, then with [`Interpolation::Hermite`] its slopes along x, y, z per cell.
+    /// i16, rows of the values of all modes, then of the slopes along x, along y and along z, per cell.
     pub coefficients: PlaneRef,
     /// u32: the rows that are outliers, ascending.
     pub outlier_row: PlaneRef,

@@ -254,7 +254,7 @@ fn read_space<'a>(
         None => None,
         Some(refs) => {
             let refs = DisplacementPlanes {
-                interpolation: refs.interpolation,
+                slopes: refs.slopes as usize,
                 row: planes.get(refs.row).map_err(of("displacement row"))?,
                 modes: planes.get(refs.modes).map_err(of("displacement modes"))?,
                 scale: planes.get(refs.scale).map_err(of("displacement scale"))?,

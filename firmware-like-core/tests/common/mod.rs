@@ -4,7 +4,6 @@
 use palpate_core::blob::format::{
     self, DisplacementHeader, HermiteHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
 };
-use palpate_core::displacement::Interpolation;
 use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
 use palpate_core::hermite::{Node, at};
@@ -94,8 +93,8 @@ pub struct Recipe {
     /// Cells with a fold in them, by their low corner.
     pub fold: fn([i32; 3]) -> bool,
     pub displacement: bool,
-    /// How the displacement is interpolated.
-    pub interpolation: Interpolation,
+    /// How many of the three modes of the displacement have slopes.
+    pub slopes: usize,
     /// Displacement of the surface, of which every vertex takes its share: as the node's, or the reaction's cubic.
     pub bent: bool,
     /// A solved point where the surface moves by [`ODD`] besides.
@@ -117,7 +116,7 @@ impl Default for Recipe {
             hermite: true,
             fold: |_| false,
             displacement: true,
-            interpolation: Interpolation::Trilinear,
+            slopes: 0,
             bent: false,
             outlier: None,
         }
@@ -255,16 +254,17 @@ impl Recipe {
             .flat_map(|mode| SHARES.map(|share| [0, 1, 2].map(|i| if i == mode { (4.0 * share) as i16 } else { 0 })))
             .flatten()
             .collect();
-        let coefficients: Vec<i16> = points
-            .iter()
-            .flat_map(|&ijk| self.coefficients(ijk).into_iter().take(self.interpolation.numbers()))
-            .flatten()
-            .collect();
+        let mut coefficients = Vec::new();
+        for &ijk in &points {
+            let [values, slopes @ ..] = self.coefficients(ijk);
+            coefficients.extend(values);
+            slopes.iter().for_each(|along| coefficients.extend(&along[..self.slopes]));
+        }
         let outlier_row: Vec<u32> =
             (0..).zip(&points).filter(|(_, p)| Some(**p) == self.outlier).map(|(row, _)| row).collect();
         let odd: Vec<i16> = ODD.as_flattened().iter().map(|x| (x / ODD_UNIT_M).round() as i16).collect();
         DisplacementHeader {
-            interpolation: self.interpolation,
+            slopes: self.slopes as u32,
             row: area.push(&row),
             modes: area.push(&modes),
             scale: area.push(&[self.displacement_unit_m() / 4.0; 3]),
