@@ -13,6 +13,7 @@ use super::{
     StoredSeed, Work, fold,
 };
 use crate::boundary::Pose;
+use crate::fit::DisplacementBound;
 use crate::mesh::TetMesh;
 use crate::solve::{Configuration, Potential, Seed};
 
@@ -83,6 +84,7 @@ impl Fake {
             spacing_m: self.grid.spacing_m,
             radius_m: self.grid.radius_m,
             visual: false,
+            displacement_bound: DisplacementBound::default(),
             complete_cells: false,
             increments: None,
         };

@@ -32,7 +32,7 @@ impl Store {
         let (old, new): (Vec<&str>, Vec<&str>) = (stored.lines().collect(), identity.scene.lines().collect());
         let line =
             |lines: &[&str], at: usize| lines.get(at).map_or("nothing", |line| line.trim()).to_string();
-        let free = |text: &str| text.starts_with("name") || text.starts_with("file");
+        let free = |text: &str| ["name", "file", "visual", "displacement_"].iter().any(|key| text.starts_with(key));
         let at = (0..old.len().max(new.len()))
             .find(|&at| old.get(at) != new.get(at) && !free(old.get(at).unwrap_or(&"")));
         if let Some(at) = at {
