@@ -22,6 +22,7 @@ pub mod blob;
 pub mod contact;
 pub mod continuation;
 pub mod controller;
+pub mod displacement;
 pub mod flags;
 pub mod grid;
 pub mod hermite;

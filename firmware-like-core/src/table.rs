@@ -7,6 +7,7 @@ use heapless::String;
 
 use crate::blend;
 use crate::continuation;
+use crate::displacement::DisplacementTable;
 use crate::flags::{CELL, SUPERCELL};
 use crate::grid::{BallLattice, Location};
 use crate::hermite::HermiteTable;
@@ -40,6 +41,11 @@ pub enum TableError {
         /// Element in its plane.
         index: usize,
     },
+    /// An index is not larger than the one before it.
+    Order {
+        /// Element in its plane.
+        index: usize,
+    },
 }
 
 impl core::fmt::Display for TableError {
@@ -48,6 +54,7 @@ impl core::fmt::Display for TableError {
             Self::Length { have, need } => write!(f, "a plane holds {have} elements where {need} are needed"),
             Self::NotFinite { index } => write!(f, "element {index} is NaN, infinite or absurdly large"),
             Self::OutOfRange { index } => write!(f, "element {index} points out of range"),
+            Self::Order { index } => write!(f, "element {index} is not larger than the one before it"),
         }
     }
 }
@@ -85,59 +92,6 @@ impl<'a> LatticeTable<'a> {
     /// The planes x, y, z, one value per slot, newtons.
     pub const fn force_n(&self) -> &'a [Vec3] {
         self.force
-    }
-}
-
-/// Surface displacement of each configuration, for the eye at 30 Hz.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DisplacementTable<'a> {
-    row: &'a [u32],
-    rows: &'a [f32],
-    vertices: usize,
-}
-
-impl<'a> DisplacementTable<'a> {
-    /// Checks that there is a row for every slot of the box and that every row is whole and finite.
-    ///
-    /// Shapes: `row` one index per slot; `rows` row-major `[row][surface vertex][xyz]`, metres. A ghost slot points at the row
-    /// of the nearest solved configuration, which keeps the displacement continuous.
-    pub fn new(
-        lattice: &BallLattice,
-        row: &'a [u32],
-        rows: &'a [f32],
-        vertices: usize,
-    ) -> Result<Self, TableError> {
-        check_len(row, lattice.slots())?;
-        check_finite(rows)?;
-        let stride = vertices.saturating_mul(3);
-        let count = rows.len().checked_div(stride).unwrap_or(0);
-        check_len(rows, count.saturating_mul(stride))?;
-        match row.iter().position(|&row| row as usize >= count) {
-            None => Ok(Self { row, rows, vertices }),
-            Some(index) => Err(TableError::OutOfRange { index }),
-        }
-    }
-
-    /// Number of surface vertices in a row.
-    pub const fn vertices(&self) -> usize {
-        self.vertices
-    }
-
-    /// Tri-linear displacement of the surface at `displacement_m` of the active node, metres.
-    ///
-    /// `out` has one entry per surface vertex; what is longer stays zero, what is missing is not computed. Beyond
-    /// the ball, as for the force, the displacement at the rim.
-    pub fn displacement_into(&self, lattice: &BallLattice, displacement_m: Vec3, out: &mut [Vec3]) {
-        let at = lattice.locate(displacement_m);
-        let stride = self.vertices.saturating_mul(3);
-        out.fill(vec3::ZERO);
-        for (slot, weight) in trilinear::corners(lattice.strides(), at.slot, at.t) {
-            let start = self.row.get(slot).map_or(0, |&row| (row as usize).saturating_mul(stride));
-            let Some(row) = self.rows.get(start..start.saturating_add(stride)) else { continue };
-            for (vertex, moved) in out.iter_mut().zip(row.as_chunks::<3>().0) {
-                *vertex = vec3::add(*vertex, vec3::scale(*moved, weight));
-            }
-        }
     }
 }
 
@@ -283,7 +237,7 @@ impl Space<'_> {
     /// Surface displacement at a displacement of the active node. `false` where the blob holds none; `out` is then zero.
     pub fn displacement_into(&self, displacement_m: Vec3, out: &mut [Vec3]) -> bool {
         match &self.displacement {
-            Some(table) => table.displacement_into(&self.lattice, displacement_m, out),
+            Some(table) => table.displacement_into(&self.lattice, self.flags, displacement_m, out),
             None => out.fill(vec3::ZERO),
         }
         self.displacement.is_some()

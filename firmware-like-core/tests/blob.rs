@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Aligned, Draft, Recipe, sign};
-use palpate_core::blob::format::{self, PlaneRef};
+use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef};
 use palpate_core::blob::{BlobError, PlaneProblem};
 use palpate_core::grid::LatticeError;
 use palpate_core::rbf::RbfError;
@@ -13,7 +13,12 @@ use palpate_core::{Method, Organ};
 type Small<'a> = Organ<'a, 2>;
 
 fn small() -> Recipe {
-    Recipe { radius_m: 0.01, ..Recipe::default() }
+    Recipe {
+        radius_m: 0.01,
+        slopes: 2,
+        outlier: Some([0, -1, 0]),
+        ..Recipe::default()
+    }
 }
 
 fn refusal(blob: &Aligned) -> BlobError {
@@ -91,6 +96,11 @@ fn a_signed_but_wrong_header_never_panics() {
                 // A name or a position may be another one; then every query still has a finite answer.
                 Ok(organ) => {
                     for space in &organ.spaces {
+                        for d in [[0.0; 3], [0.004, -0.003, 0.006], [1e30, 0.0, f32::NAN]] {
+                            let mut moved = [[0.0; 3]; 4];
+                            space.displacement_into(d, &mut moved);
+                            assert!(moved.as_flattened().iter().all(|x| x.is_finite()));
+                        }
                         for method in Method::ALL {
                             for d in [[0.0; 3], [0.004, -0.003, 0.006], [1e30, 0.0, f32::NAN]] {
                                 let answer = space.force(method, d);
@@ -215,8 +225,47 @@ fn planes_out_of_place() {
     assert_eq!(spoiled(shorter), plane("force", TableError::Length { have: need - 1, need }));
     let shorter = |draft: &mut Draft| draft.spaces[0].rbf_cubic.as_mut().expect("packed").weights[0].len -= 1;
     assert_eq!(spoiled(shorter), plane("rbf-cubic", RbfError::Length { len: 16 }));
-    let shorter = |draft: &mut Draft| draft.spaces[0].displacement.as_mut().expect("packed").rows.len -= 1;
-    assert!(matches!(spoiled(shorter), BlobError::Plane { what: "displacement rows", .. }));
+}
+
+/// Every plane of the displacements an element shorter and longer, and a layout that it is not.
+#[test]
+fn displacement_planes_that_do_not_fit_together() {
+    type Of = fn(&mut DisplacementHeader) -> &mut PlaneRef;
+    let planes: [(&str, Of); 7] = [
+        ("displacement row", |d| &mut d.row),
+        ("displacement modes", |d| &mut d.modes),
+        // Fewer or more modes than the plane of the modes has.
+        ("displacement modes", |d| &mut d.scale),
+        ("displacement coefficients", |d| &mut d.coefficients),
+        ("displacement outlier scale", |d| &mut d.outlier_row),
+        ("displacement outlier scale", |d| &mut d.outlier_scale),
+        ("displacement outliers", |d| &mut d.outliers),
+    ];
+    for (what, of) in planes {
+        for by in [-1, 1] {
+            let error = spoiled(|draft| {
+                // The last plane may not reach out of the file by being longer, and what follows a plane must not be NaN.
+                draft.area.extend([0; 64]);
+                let plane = of(draft.spaces[0].displacement.as_mut().expect("packed"));
+                plane.len = plane.len.strict_add_signed(by);
+            });
+            // An outlier more has a row that is another's or beyond the end: zero, which the padding holds, is not beyond.
+            let expected = matches!(error, BlobError::Plane { what: found, problem: PlaneProblem::Table(_), .. }
+                if found == what || (what == "displacement outlier scale" && found == "displacement outlier row"));
+            assert!(expected, "{what} {by}: {error}");
+        }
+    }
+    // Seven rows of nine numbers are no rows of twelve; nor are there slopes of four modes.
+    let slopes = |slopes| spoiled(|draft| draft.spaces[0].displacement.as_mut().expect("packed").slopes = slopes);
+    assert_eq!(slopes(3), plane("displacement coefficients", TableError::Length { have: 63, need: 60 }));
+    assert_eq!(slopes(4), plane("displacement scale", TableError::Length { have: 3, need: 4 }));
+    assert!(matches!(slopes(u32::MAX), BlobError::Plane { what: "displacement scale", .. }));
+    // Scales that are finite, but whose sum is not sane.
+    let error = spoiled(|draft| {
+        let scale = draft.spaces[0].displacement.expect("packed").scale;
+        draft.plane(scale, 4)[4..8].copy_from_slice(&1.0_f32.to_le_bytes());
+    });
+    assert_eq!(error, plane("displacement scale", TableError::NotFinite { index: 1 }));
 }
 
 /// Floats of every float plane, set to NaN and to infinity, one at a time.
@@ -232,7 +281,8 @@ fn every_float_that_is_not_finite_is_found() {
         let (linear, cubic) = (space.rbf_linear.expect("packed"), space.rbf_cubic.expect("packed"));
         planes.extend([linear.centres, linear.weights].as_flattened().iter().map(|&plane| (plane, 4)));
         planes.extend([cubic.centres, cubic.weights].as_flattened().iter().map(|&plane| (plane, 8)));
-        planes.push((space.displacement.expect("packed").rows, 4));
+        planes.push((space.displacement.expect("packed").scale, 4));
+        planes.push((space.displacement.expect("packed").outlier_scale, 4));
     });
     let mut found = 0;
     for (reference, size) in planes {
@@ -284,7 +334,12 @@ fn indices_out_of_range() {
         let row = draft.spaces[0].displacement.expect("packed").row;
         draft.plane(row, 4)[8..12].copy_from_slice(&rows.to_le_bytes());
     });
-    assert_eq!(error, plane("displacement rows", TableError::OutOfRange { index: 2 }));
+    assert_eq!(error, plane("displacement row", TableError::OutOfRange { index: 2 }));
+    let error = spoiled(|draft| {
+        let row = draft.spaces[0].displacement.expect("packed").outlier_row;
+        draft.plane(row, 4).copy_from_slice(&rows.to_le_bytes());
+    });
+    assert_eq!(error, plane("displacement outlier row", TableError::OutOfRange { index: 0 }));
     let slots = small().lattice().slots() as u32;
     let error = spoiled(|draft| {
         let row = draft.spaces[0].hermite.expect("packed").row;
@@ -349,12 +404,12 @@ fn messages_say_the_mend() {
 
 /// The layout as `blob::format` documents it, read by hand: what a reader in another language relies on.
 #[test]
-fn layout_version_2_byte_by_byte() {
+fn layout_version_3_byte_by_byte() {
     let blob = Recipe { rbf: false, hermite: false, displacement: false, ..small() }.blob();
     let bytes = blob.bytes();
     let u32_at = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
     assert_eq!(&bytes[..8], b"PALPATE\0");
-    assert_eq!(u32_at(8), 2);
+    assert_eq!(u32_at(8), 3);
     let header_len = u32_at(12) as usize;
     assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
     // Strings are a length and their bytes; floats four bytes.

@@ -458,25 +458,3 @@ fn a_method_that_was_not_packed_is_not_answered() {
     assert_eq!(space.force(Method::Trilinear, [0.0; 3]), None);
     assert!(!space.displacement_into([0.01, 0.0, 0.0], &mut [[1.0; 3]; 4]));
 }
-
-/// The surface follows the node in proportion; a tri-linear table of a linear field is exact.
-#[test]
-fn displacement_of_the_surface() {
-    let blob = Recipe { radius_m: 0.04, ..Recipe::default() }.blob();
-    let space = &read(&blob).spaces[0];
-    let mut random = Random(13);
-    for _ in 0..500 {
-        let d = random.point(0.015);
-        let mut out = [[9.0; 3]; 5];
-        assert!(space.displacement_into(d, &mut out));
-        for (moved, share) in out.iter().zip(SHARES) {
-            assert!(distance(*moved, vec3::scale(d, share)) < 1e-7, "{d:?} {moved:?}");
-        }
-        assert_eq!(out[4], [0.0; 3], "beyond the last vertex nothing moves");
-    }
-    for d in odd_queries(0.01, 0.04) {
-        let mut out = [[9.0; 3]; 2];
-        space.displacement_into(d, &mut out);
-        assert!(out.iter().all(|moved| vec3::is_finite(*moved) && vec3::norm(*moved) < 0.07), "{d:?}");
-    }
-}

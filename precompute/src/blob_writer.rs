@@ -14,8 +14,8 @@ use palpate_core::rbf::LANES;
 use crate::configuration_space::fold::{Fold, folds};
 use crate::configuration_space::{GridIndex, SpaceGrid, Store, StoreError};
 use crate::fit::{
-    Centre, FitError, Kernel, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
-    nearest_solved, samples,
+    Centre, DisplacementBound, DisplacementFault, FitError, HermiteNodes, Kernel, Misfit, RbfFit, Sample,
+    SurfaceMotion, fit_displacement, fit_rbf, flag_folds, hermite_nodes, lattice_values, samples,
 };
 use crate::mesh::{Surface, TetMesh};
 
@@ -31,6 +31,13 @@ pub enum PackError {
         /// Why.
         error: FitError,
     },
+    /// The displacements could not be packed.
+    Displacement {
+        /// Name of the active node.
+        active: String,
+        /// The configuration beyond the bound, and by how much; none if there are no modes.
+        beyond: Option<(GridIndex, Misfit)>,
+    },
     /// No space holds a configuration yet.
     Empty,
     /// A part does not fit in the layout.
@@ -42,6 +49,17 @@ impl std::fmt::Display for PackError {
         match self {
             Self::Store(error) => write!(f, "{error}"),
             Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
+            Self::Displacement { active, beyond: Some((index, misfit)) } => write!(
+                f,
+                "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
+                 {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
+                1e3 * misfit.rms_m,
+                1e3 * misfit.max_m
+            ),
+            Self::Displacement { active, beyond: None } => write!(
+                f,
+                "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
+            ),
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {
                 write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
@@ -129,7 +147,7 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
     }
     let surface = Surface::of(&mesh);
-    let visual = identity.visual;
+    let visual = identity.visual.then_some(identity.displacement_bound);
     let mut packer = Packer { store, grid, mesh, surface, options, visual, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
@@ -173,7 +191,8 @@ struct Packer<'s> {
     mesh: TetMesh,
     surface: Surface,
     options: &'s PackOptions<'s>,
-    visual: bool,
+    /// The bound of the displacements, if the scene wants any.
+    visual: Option<DisplacementBound>,
     planes: PlaneArea,
 }
 
@@ -223,13 +242,15 @@ impl Packer<'_> {
             None => None,
         };
         let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.options.methods.contains(m));
-        let hermite = if has_hermite {
-            let table = hermite_nodes(&self.grid, samples, folds);
-            Some(HermiteHeader { row: self.planes.push(&table.row)?, nodes: self.planes.push(&table.nodes)? })
-        } else {
-            None
-        };
-        let displacement = if self.visual { Some(self.displacement(active, samples)?) } else { None };
+        let (mut hermite, mut displacement, mut row) = (None, None, None);
+        if has_hermite {
+            let HermiteNodes { row: rows, nodes } = hermite_nodes(&self.grid, samples, folds);
+            let header = HermiteHeader { row: self.planes.push(&rows)?, nodes: self.planes.push(&nodes)? };
+            (hermite, row) = (Some(header), Some((rows, header.row)));
+        }
+        if let Some(bound) = self.visual {
+            displacement = Some(self.displacement(active, name, samples, folds, bound, row)?);
+        }
         let normal = self.surface.normal(node).expect("an active node is on the surface");
         Ok(SpaceHeader {
             name: short_text(name, "an active node's name")?,
@@ -288,18 +309,38 @@ impl Packer<'_> {
         })
     }
 
-    fn displacement(&mut self, active: usize, samples: &[Sample]) -> Result<DisplacementHeader, PackError> {
-        let mut rows: Vec<[f32; 3]> = Vec::with_capacity(samples.len() * self.surface.nodes.len());
-        let rest = self.store.displacements(active, REST, 0)?;
-        for sample in samples {
-            let all = self.store.displacements(active, sample.index, sample.attempt)?;
-            let from_rest = |&n: &u32| -> [f32; 3] {
-                std::array::from_fn(|axis| all[n as usize][axis] - rest[n as usize][axis])
-            };
-            rows.extend(self.surface.nodes.iter().map(from_rest));
-        }
-        let row = self.planes.push(&nearest_solved(&self.grid, samples))?;
-        Ok(DisplacementHeader { row, rows: self.planes.push(rows.as_flattened())? })
+    /// `row` is the plane of rows that the hermite table has, and what is in it.
+    fn displacement(
+        &mut self,
+        active: usize,
+        name: &str,
+        samples: &[Sample],
+        folds: &[Fold],
+        bound: DisplacementBound,
+        row: Option<(Vec<u32>, PlaneRef)>,
+    ) -> Result<DisplacementHeader, PackError> {
+        let motion = SurfaceMotion::new(self.store, active, &self.surface.nodes)?;
+        let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
+        let read = |at: usize| motion.at(samples[at].index, samples[at].attempt);
+        let fit = fit_displacement(&self.grid, &solved, folds, bound, read).map_err(|fault| match fault {
+            DisplacementFault::Read(error) => PackError::Store(error),
+            DisplacementFault::Modes => PackError::Displacement { active: name.into(), beyond: None },
+            DisplacementFault::Bound { index, misfit } => {
+                PackError::Displacement { active: name.into(), beyond: Some((index, misfit)) }
+            }
+        })?;
+        let planes = &mut self.planes;
+        let row = row.filter(|(rows, _)| *rows == fit.row).map(|(_, plane)| plane);
+        Ok(DisplacementHeader {
+            slopes: fit.slopes as u32,
+            row: row.map_or_else(|| planes.push(&fit.row), Ok)?,
+            modes: planes.push(&fit.modes)?,
+            scale: planes.push(&fit.scale)?,
+            coefficients: planes.push(&fit.coefficients)?,
+            outlier_row: planes.push(&fit.outlier_row)?,
+            outlier_scale: planes.push(&fit.outlier_scale)?,
+            outliers: planes.push(&fit.outliers)?,
+        })
     }
 }
 

@@ -20,6 +20,7 @@ use crate::body::{Body, DegenerateElement, Model, Region};
 use crate::boundary::Handle;
 use crate::element::Order;
 use crate::error::InputError;
+use crate::fit::DisplacementBound;
 use crate::material::Material;
 use crate::mesh::TetMesh;
 use crate::pressure::PressureFault;
@@ -65,6 +66,8 @@ pub struct ResolvedScene {
     pub reject_inverted: bool,
     /// Whether the blob is to hold displacements for the eye.
     pub visual: bool,
+    /// How far those may be from the solver's.
+    pub displacement_bound: DisplacementBound,
     /// The scene as TOML with sorted keys and without comments, for the store and for people.
     pub text: String,
     /// What is odd about the scene, one line each.
@@ -257,7 +260,7 @@ impl ResolvedScene {
     /// BLAKE3 of everything that changes a solved number: the model, the active nodes, the grid and the force limit.
     ///
     /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
-    /// name, `visual` and the warnings are not.
+    /// name, `visual`, the bound of the packed displacements and the warnings are not.
     pub fn content_hash(&self) -> [u8; 32] {
         let mut digest = Digest::new("palpate scene v3");
         digest.bytes(&self.model_hash());

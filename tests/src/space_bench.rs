@@ -8,6 +8,7 @@ use palpate_precompute::configuration_space::{
     Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreError, StoreIdentity, TagCounts, Workshop,
     still_to_solve, with_threads,
 };
+use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::solve::Problem;
 
 use crate::{mooney_rivlin, soft_beam};
@@ -43,6 +44,7 @@ impl SpaceBench {
             spacing_m: grid.spacing_m,
             radius_m: grid.radius_m,
             visual: true,
+            displacement_bound: DisplacementBound::default(),
             complete_cells: true,
             increments: None,
         };

@@ -122,6 +122,7 @@ impl Workbench {
             spacing_m: grid.spacing_m,
             radius_m: grid.radius_m,
             visual: self.scene.visual,
+            displacement_bound: self.scene.displacement_bound,
             complete_cells: grid.complete_cells,
             increments: grid.increments,
         };

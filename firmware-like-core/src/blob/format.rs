@@ -1,4 +1,4 @@
-//! Layout of a blob, version 2. Little-endian throughout.
+//! Layout of a blob, version 3. Little-endian throughout.
 //!
 //! ```text
 //! offset          size         what
@@ -32,7 +32,7 @@ compile_error!(
 /// First eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"PALPATE\0";
 /// Layout written and read by this version.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Magic, version, header length and total length.
 pub const PREFIX_LEN: usize = 24;
 /// Length of the checksum at the end.
@@ -150,11 +150,23 @@ pub struct RbfHeader {
     pub weights: [PlaneRef; 3],
 }
 
-/// Planes of the surface displacements.
+/// Planes of the surface displacements, see [`crate::displacement`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DisplacementHeader {
-    /// u32 per slot of the box: the row that holds its displacement.
+    /// How many of the modes, from the first, have slopes; 0: all are interpolated tri-linearly.
+    pub slopes: u32,
+    /// u32 per slot of the box: its row. May be the plane that `hermite` has.
     pub row: PlaneRef,
-    /// f32, row-major `[row][surface vertex][xyz]`, metres.
-    pub rows: PlaneRef,
+    /// i16, `[mode][surface vertex][xyz]`.
+    pub modes: PlaneRef,
+    /// f32 per mode: metres per unit of the mode times unit of its coefficient.
+    pub scale: PlaneRef,
+    /// i16, rows of the values of all modes, then of the slopes along x, along y and along z, per cell.
+    pub coefficients: PlaneRef,
+    /// u32: the rows that are outliers, ascending.
+    pub outlier_row: PlaneRef,
+    /// f32 per outlier: metres per unit.
+    pub outlier_scale: PlaneRef,
+    /// i16, `[outlier][surface vertex][xyz]`: what the modes miss.
+    pub outliers: PlaneRef,
 }

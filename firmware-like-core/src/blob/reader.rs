@@ -12,11 +12,12 @@ use super::format::{
     ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble,
     RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
+use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::flags;
 use crate::grid::BallLattice;
 use crate::hermite::{HermiteTable, Node};
 use crate::rbf::RbfTable;
-use crate::table::{DisplacementTable, LatticeTable, Space, TableError, check_finite, check_len};
+use crate::table::{LatticeTable, Space, TableError, check_finite, check_len};
 use crate::vec3::{self, Vec3};
 
 /// Spaces an [`Organ`] holds if its type says nothing else.
@@ -252,10 +253,18 @@ fn read_space<'a>(
     let displacement = match header.displacement {
         None => None,
         Some(refs) => {
-            let row = planes.get(refs.row).map_err(of("displacement row"))?;
-            let rows = planes.get(refs.rows).map_err(of("displacement rows"))?;
-            let table = DisplacementTable::new(&lattice, row, rows, vertices);
-            Some(table.map_err(|error| of("displacement rows")(error.into()))?)
+            let refs = DisplacementPlanes {
+                slopes: refs.slopes as usize,
+                row: planes.get(refs.row).map_err(of("displacement row"))?,
+                modes: planes.get(refs.modes).map_err(of("displacement modes"))?,
+                scale: planes.get(refs.scale).map_err(of("displacement scale"))?,
+                coefficients: planes.get(refs.coefficients).map_err(of("displacement coefficients"))?,
+                outlier_row: planes.get(refs.outlier_row).map_err(of("displacement outlier row"))?,
+                outlier_scale: planes.get(refs.outlier_scale).map_err(of("displacement outlier scale"))?,
+                outliers: planes.get(refs.outliers).map_err(of("displacement outliers"))?,
+            };
+            let table = DisplacementTable::new(&lattice, refs, vertices);
+            Some(table.map_err(|found| of(found.plane)(found.error.into()))?)
         }
     };
     let SpaceHeader { name, node, rest_position_m, outward_normal, .. } = header;

@@ -2,7 +2,7 @@
 #![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
 
 use palpate_core::blob::format::{
-    self, HermiteHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
+    self, DisplacementHeader, HermiteHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
 };
 use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
@@ -93,6 +93,12 @@ pub struct Recipe {
     /// Cells with a fold in them, by their low corner.
     pub fold: fn([i32; 3]) -> bool,
     pub displacement: bool,
+    /// How many of the three modes of the displacement have slopes.
+    pub slopes: usize,
+    /// Displacement of the surface, of which every vertex takes its share: as the node's, or the reaction's cubic.
+    pub bent: bool,
+    /// A solved point where the surface moves by [`ODD`] besides.
+    pub outlier: Option<[i32; 3]>,
 }
 
 impl Default for Recipe {
@@ -110,9 +116,23 @@ impl Default for Recipe {
             hermite: true,
             fold: |_| false,
             displacement: true,
+            slopes: 0,
+            bent: false,
+            outlier: None,
         }
     }
 }
+
+/// The surface's displacement as the recipes have it: shares of this along each axis.
+pub fn bent(d: Vec3) -> Vec3 {
+    force(d).map(|h| (h / A) as f32)
+}
+
+/// What an outlier moves besides, m.
+pub const ODD: [Vec3; 4] =
+    [[0.0, 0.002, -0.003], [0.004, -0.005, 0.006], [-0.007, 0.008, 0.009], [0.01, 0.0, -0.011]];
+/// Its unit, m.
+const ODD_UNIT_M: f32 = 1e-6;
 
 impl Recipe {
     pub fn lattice(&self) -> BallLattice {
@@ -190,24 +210,65 @@ impl Recipe {
         (centres, weights)
     }
 
-    /// One row per solved point: every surface vertex moves by d times its share (vertex 0 is fixed).
-    fn displacement_planes(&self) -> (Vec<u32>, Vec<f32>) {
+    /// The unit of a coefficient, m: a thousandth of a cell, so that the linear field is exact.
+    fn displacement_unit_m(&self) -> f32 {
+        self.spacing_m / 1000.0
+    }
+
+    /// Coefficient of a mode (an axis) at a point and its slopes per cell, units.
+    fn coefficients(&self, ijk: [i32; 3]) -> [[i16; 3]; 4] {
+        let d = self.lattice().displacement_m(ijk);
+        let along = |axis: usize| core::array::from_fn(|i| usize::from(i == axis));
+        let units = |metres: f64| (metres / f64::from(self.displacement_unit_m())).round() as i16;
+        let linear = |i: usize, j: usize| if i == j { f64::from(self.spacing_m) } else { 0.0 };
+        let slope = |mode: usize, axis: usize| {
+            let (of, by): ([usize; 3], [usize; 3]) = (along(mode), along(axis));
+            let bent = potential(d, core::array::from_fn(|i| of[i] + by[i])) / A * f64::from(self.spacing_m);
+            units(if self.bent { bent } else { linear(mode, axis) })
+        };
+        let value = if self.bent { bent(d) } else { d };
+        [
+            value.map(|x| units(f64::from(x))),
+            core::array::from_fn(|mode| slope(mode, 0)),
+            core::array::from_fn(|mode| slope(mode, 1)),
+            core::array::from_fn(|mode| slope(mode, 2)),
+        ]
+    }
+
+    /// One row per solved point and a mode for each axis: every vertex moves by its share (vertex 0 is fixed).
+    fn displacement_planes(&self, area: &mut Area) -> DisplacementHeader {
         let lattice = self.lattice();
         let points = self.solved_points();
-        let rows = points
-            .iter()
-            .flat_map(|&ijk| {
-                let d = lattice.displacement_m(ijk);
-                SHARES.into_iter().flat_map(move |share| d.map(|x| x * share))
-            })
-            .collect();
         let nearest = |slot| {
             let ijk = lattice.ijk(slot);
             let squared =
                 |row: &usize| points[*row].iter().zip(ijk).map(|(a, b)| (a - b).pow(2)).sum::<i32>();
             (0..points.len()).min_by_key(squared).expect("the rest point is solved") as u32
         };
-        ((0..lattice.slots()).map(nearest).collect(), rows)
+        let row: Vec<u32> = (0..lattice.slots()).map(nearest).collect();
+        let modes: Vec<i16> = (0..3)
+            .flat_map(|mode| SHARES.map(|share| [0, 1, 2].map(|i| if i == mode { (4.0 * share) as i16 } else { 0 })))
+            .flatten()
+            .collect();
+        let mut coefficients = Vec::new();
+        for &ijk in &points {
+            let [values, slopes @ ..] = self.coefficients(ijk);
+            coefficients.extend(values);
+            slopes.iter().for_each(|along| coefficients.extend(&along[..self.slopes]));
+        }
+        let outlier_row: Vec<u32> =
+            (0..).zip(&points).filter(|(_, p)| Some(**p) == self.outlier).map(|(row, _)| row).collect();
+        let odd: Vec<i16> = ODD.as_flattened().iter().map(|x| (x / ODD_UNIT_M).round() as i16).collect();
+        DisplacementHeader {
+            slopes: self.slopes as u32,
+            row: area.push(&row),
+            modes: area.push(&modes),
+            scale: area.push(&[self.displacement_unit_m() / 4.0; 3]),
+            coefficients: area.push(&coefficients),
+            outlier_scale: area.push(&vec![ODD_UNIT_M; outlier_row.len()]),
+            outliers: area.push(&odd[..odd.len() * outlier_row.len()]),
+            outlier_row: area.push(&outlier_row),
+        }
     }
 
     pub fn blob(&self) -> Aligned {
@@ -264,10 +325,7 @@ impl Recipe {
             let (row, nodes) = self.hermite_planes();
             HermiteHeader { row: area.push(&row), nodes: area.push(&nodes) }
         });
-        let displacement = self.displacement.then(|| {
-            let (row, rows) = self.displacement_planes();
-            format::DisplacementHeader { row: area.push(&row), rows: area.push(&rows) }
-        });
+        let displacement = self.displacement.then(|| self.displacement_planes(area));
         SpaceHeader {
             name: format!("A{}", index + 1).as_str().try_into().expect("short"),
             node: 10 + index,

@@ -105,16 +105,19 @@ fn space(
         found.0 as u32
     };
     let row: Vec<u32> = (0..lattice.slots()).map(|slot| nearest(lattice.ijk(slot))).collect();
+    // A mode for each axis: every vertex follows the node by its share. A coefficient counts thousandths of a cell.
     let low = -0.55 * shape.half_axes_m[2];
-    let mut rows = Vec::with_capacity(solved.len() * vertices.len() * 3);
-    for &ijk in &solved {
-        let d = lattice.displacement_m(ijk);
-        for vertex in vertices {
-            let away = vec3::distance(*vertex, *rest) / shape.reach_m;
-            let held = ((vertex[2] - low) / shape.half_axes_m[2]).clamp(0.0, 1.0);
-            rows.extend(vec3::scale(d, held.sqrt() / (1.0 + away * away)));
-        }
-    }
+    let share = |vertex: &Vec3| {
+        let away = vec3::distance(*vertex, *rest) / shape.reach_m;
+        let held = ((vertex[2] - low) / shape.half_axes_m[2]).clamp(0.0, 1.0);
+        held.sqrt() / (1.0 + away * away)
+    };
+    let shares: Vec<i16> = vertices.iter().map(|vertex| (f32::from(i16::MAX) * share(vertex)) as i16).collect();
+    let along = |axis: usize, share: i16| [0, 1, 2].map(|i| if i == axis { share } else { 0 });
+    let modes: Vec<[i16; 3]> =
+        (0..3).flat_map(|axis| shares.iter().map(move |&share| along(axis, share))).collect();
+    let coefficients: Vec<[i16; 3]> = solved.iter().map(|ijk| ijk.map(|n| 1000 * n as i16)).collect();
+    let scale = [lattice.spacing_m() / 1000.0 / f32::from(i16::MAX); 3];
     SpaceHeader {
         name: name.try_into().expect("short"),
         node: node as u32,
@@ -127,7 +130,16 @@ fn space(
         rbf_linear: None,
         rbf_cubic: None,
         hermite: None,
-        displacement: Some(DisplacementHeader { row: planes.put(&row), rows: planes.put(&rows) }),
+        displacement: Some(DisplacementHeader {
+            slopes: 0,
+            row: planes.put(&row),
+            modes: planes.put(modes.as_flattened()),
+            scale: planes.put(&scale),
+            coefficients: planes.put(coefficients.as_flattened()),
+            outlier_row: planes.put::<u32>(&[]),
+            outlier_scale: planes.put::<f32>(&[]),
+            outliers: planes.put::<i16>(&[]),
+        }),
     }
 }
 

@@ -3,10 +3,12 @@
 //! Bounds come from the independent uniform positions alone; paths are reported as the paper does. Positions at folds, where the
 //! body has several branches, are reported apart: no interpolant is right there, and a mean would hide them.
 
+mod displacement;
 mod errors;
 mod probes;
 mod reference;
 
+pub use displacement::{Apart, DisplacementCertificate};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
 pub use probes::{Probe, Work};
 pub use reference::force_n as reference_force_n;
@@ -17,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::configuration_space::fold::folds;
 use crate::configuration_space::{SpaceGrid, Store, StoreError};
+use crate::fit::samples;
 use crate::held_out::{Kind, Summary, is_on_training_lattice};
 
 /// Everything that was measured of a blob.
@@ -64,6 +67,9 @@ pub struct SpaceCertificate {
     pub folded_volume: f64,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
+    /// The surface for the eye, if it was packed.
+    #[serde(default)]
+    pub displacement: Option<DisplacementCertificate>,
 }
 
 /// What a space and its truth took.
@@ -127,11 +133,16 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let records = store.records(active)?;
         let truths = truths(store, active, space, &grid, identity.increments)?;
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
+        let displacement = space.displacement.as_ref().map(|table| {
+            let (nodes, samples) = (organ.surface.node, samples(&grid, &records));
+            displacement::measure(store, active, space, table, nodes, &samples, identity.displacement_bound)
+        });
         spaces.push(SpaceCertificate {
             cost: cost(store, active)?,
             fold_pairs: folds(&grid, &records).len(),
             folded_volume: probes::share_of_ball(space, |at| is_folded(space, at)),
             methods: methods.map(|method| measure(space, method, &truths)).collect(),
+            displacement: displacement.transpose()?,
             active: name,
             node,
         });

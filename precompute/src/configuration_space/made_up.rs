@@ -13,6 +13,7 @@ use super::{
     Crew, CrewError, Done, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity,
     StoredSeed, TagCounts, Work,
 };
+use crate::fit::DisplacementBound;
 use crate::held_out::{Truth, WalkJob, WalkOutcome};
 use crate::mesh::TetMesh;
 
@@ -134,6 +135,7 @@ impl MadeUp {
             spacing_m: self.grid.spacing_m,
             radius_m: self.grid.radius_m,
             visual: false,
+            displacement_bound: DisplacementBound::default(),
             complete_cells: false,
             increments: None,
         }

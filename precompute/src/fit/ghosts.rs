@@ -67,17 +67,6 @@ fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> 
     if size > limit { mean.map(|f| f * limit / size) } else { mean }
 }
 
-/// Position in `samples` of the solved point nearest to each slot (the first of equals): what the eye is shown there.
-pub fn nearest_solved(grid: &SpaceGrid, samples: &[Sample]) -> Vec<u32> {
-    (0..grid.lattice.slots())
-        .map(|slot| {
-            let index = grid.lattice.ijk(slot);
-            let nearest = samples.iter().enumerate().min_by_key(|(_, s)| squared_distance(s.index, index));
-            nearest.map_or(0, |(row, _)| row as u32)
-        })
-        .collect()
-}
-
 fn squared_distance(a: GridIndex, b: GridIndex) -> i32 {
     a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum()
 }

@@ -1,12 +1,18 @@
 //! From solved configurations to the tables that the core interpolates.
 
+mod displacement;
 mod ghosts;
 mod hermite;
+mod motion;
 mod rbf_iterative;
 mod rbf_weights;
 
-pub use ghosts::{LatticeValues, lattice_values, nearest_solved};
+pub use displacement::{
+    DisplacementBound, DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement,
+};
+pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
+pub use motion::SurfaceMotion;
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, fit_rbf};
 
 use crate::configuration_space::{GridIndex, Record, SpaceGrid};

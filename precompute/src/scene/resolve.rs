@@ -7,12 +7,13 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{ActiveTable, BodyForceTable, FixedTable, GridTable, Located, Place, SolverTable, Tables};
+use super::file::{ActiveTable, BodyForceTable, FixedTable, GridTable, Located, NeedsTable, Place, SolverTable, Tables};
 use super::{
     ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
     material,
 };
 use crate::error::{InputError, count, nearest_word};
+use crate::fit::DisplacementBound;
 use crate::mesh::tetrahedral::{cross, distance, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
 
@@ -52,6 +53,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         }
     }
     let visual = file.needs.visual;
+    let displacement_bound = displacement_bound(place, &file.needs)?;
     let text = place.canonical();
     Ok(ResolvedScene {
         name,
@@ -67,8 +69,27 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         constraints,
         reject_inverted: file.solver.reject_inverted,
         visual,
+        displacement_bound,
         text,
         warnings,
+    })
+}
+
+/// The bound of the packed displacements.
+fn displacement_bound(place: &Place, table: &NeedsTable) -> Result<DisplacementBound, InputError> {
+    let metres = |key, given: &Option<Spanned<f64>>, default| {
+        let Some(mm) = given else { return Ok(default) };
+        let metres = 1e-3 * positive(place, key, mm)?;
+        if metres < DisplacementBound::LEAST_M {
+            let what = format!("{key} = {} is finer than displacements are packed", mm.get_ref());
+            return Err(place.error(mm.span(), what, "give 0.01 or more"));
+        }
+        Ok(metres)
+    };
+    let default = DisplacementBound::default();
+    Ok(DisplacementBound {
+        rms_m: metres("displacement_rms_mm", &table.displacement_rms_mm, default.rms_m)?,
+        max_m: metres("displacement_max_mm", &table.displacement_max_mm, default.max_m)?,
     })
 }
 

@@ -133,6 +133,7 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!(scene.max_force_n, 8.0);
     assert_eq!(scene.body_force, None);
     assert!(!scene.visual);
+    assert_eq!(scene.displacement_bound, DisplacementBound { rms_m: 1e-4, max_m: 1e-3 });
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
     let again =
         Scene::parse(&bench.path("block.toml"), scene.text.clone()).expect("canonical text is a scene");
@@ -151,6 +152,25 @@ fn what_is_left_out_has_defaults() {
     assert_eq!(scene.order, 1);
     assert_eq!(scene.mesh.nodes_m[63], [30.0; 3], "metres");
     assert_eq!((scene.grid, scene.max_force_n, scene.visual), (None, f64::INFINITY, true));
+}
+
+#[test]
+fn the_bound_of_the_displacements_is_the_scene_s() {
+    let bench = Bench::new();
+    let with = |keys: &str| bench.with("visual = false", &format!("visual = true\n{keys}"));
+    let of = |keys: &str| {
+        let DisplacementBound { rms_m, max_m } = with(keys).expect("sound").displacement_bound;
+        (rms_m, max_m)
+    };
+    assert_eq!(of("displacement_rms_mm = 0.25"), (2.5e-4, 1e-3));
+    assert_eq!(of("displacement_max_mm = 2\ndisplacement_rms_mm = 0.01"), (1e-5, 2e-3));
+    let refuses = |keys: &str, place: &str, what: &str, mend: &str| {
+        bench.refuses("visual = false", &format!("visual = true\n{keys}"), place, what, mend);
+    };
+    refuses("displacement_rms_mm = 0.001", "block.toml:26", "displacement_rms_mm = 0.001 is finer", "give 0.01 or more");
+    refuses("displacement_max_mm = -1.0", "block.toml:26", "displacement_max_mm", "correct the value");
+    refuses("displacement_max_mm = nan", "block.toml:26", "displacement_max_mm", "correct the value");
+    refuses("displacement_mm = 1.0", "block.toml:26", "unknown key `displacement_mm`", "displacement_");
 }
 
 #[test]
@@ -604,6 +624,7 @@ fn the_hash_sees_what_changes_numbers_and_nothing_else() {
     let same = [
         ("name = \"block\"", "name = \"other\""),
         ("visual = false", "visual = true"),
+        ("visual = false", "displacement_rms_mm = 0.5\ndisplacement_max_mm = 5"),
         ("c10_pa = 1300.0", "c10_pa = 1.3e3 # a remark"),
         ("group = \"left\"", "nodes = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]"),
         ("spacing_m = 0.01", "points = 514"),

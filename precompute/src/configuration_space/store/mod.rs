@@ -25,6 +25,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 use super::job::Outcome;
 use super::plan::supersedes;
 use super::{GridIndex, Record, StoredSeed};
+use crate::fit::DisplacementBound;
 use crate::mesh::TetMesh;
 use crate::solve::Seed;
 
@@ -57,6 +58,8 @@ pub struct StoreIdentity {
     pub radius_m: f64,
     /// Whether the scene needs displacements for the eye.
     pub visual: bool,
+    /// How far those may be from the solver's.
+    pub displacement_bound: DisplacementBound,
     /// Whether the corners outside the ball of the cells that reach into it are solved.
     pub complete_cells: bool,
     /// Equal parts in which every transition is made and kept, if the scene asks for it.
@@ -167,6 +170,8 @@ impl Store {
             ("spacing_m", format!("{:?}", identity.spacing_m)),
             ("radius_m", format!("{:?}", identity.radius_m)),
             ("visual", identity.visual.to_string()),
+            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
+            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
             ("complete_cells", identity.complete_cells.to_string()),
             ("increments", identity.increments.map_or(String::new(), |n| n.to_string())),
         ];
@@ -198,9 +203,11 @@ impl Store {
             ("scene_name", identity.scene_name.clone()),
             ("scene", identity.scene.clone()),
             ("visual", identity.visual.to_string()),
+            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
+            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
         ];
         for (key, value) in current {
-            let sql = "UPDATE meta SET value = ?2 WHERE key = ?1 AND value <> ?2";
+            let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2";
             self.wrap(self.connection.execute(sql, params![key, value]))?;
         }
         Ok(())
@@ -247,6 +254,13 @@ impl Store {
         found.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
     }
 
+    /// A key that stores of an earlier revision do not have.
+    fn parsed_or<T: std::str::FromStr>(&self, key: &str, default: T) -> Result<T, StoreError> {
+        let sql = "SELECT count(*) FROM meta WHERE key = ?1";
+        let there: i64 = self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)))?;
+        if there == 0 { Ok(default) } else { self.parsed(key) }
+    }
+
     fn parsed<T: std::str::FromStr>(&self, key: &str) -> Result<T, StoreError> {
         let text = self.meta(key)?;
         text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
@@ -265,6 +279,10 @@ impl Store {
             spacing_m: self.parsed("spacing_m")?,
             radius_m: self.parsed("radius_m")?,
             visual: self.parsed("visual")?,
+            displacement_bound: DisplacementBound {
+                rms_m: self.parsed_or("displacement_rms_m", DisplacementBound::default().rms_m)?,
+                max_m: self.parsed_or("displacement_max_m", DisplacementBound::default().max_m)?,
+            },
             complete_cells: self.parsed("complete_cells")?,
             increments: match self.meta("increments")?.as_str() {
                 "" => None,
@@ -456,13 +474,36 @@ impl Store {
         index: GridIndex,
         attempt: u32,
     ) -> Result<Vec<[f32; 3]>, StoreError> {
-        let nodes = self.wrap(self.connection.query_row(
-            "SELECT length(nodes_m) / 24 FROM mesh",
-            [],
-            |row| row.get::<_, i64>(0),
-        ))? as usize;
         let seed = self.stored_seed(active, index, attempt)?;
-        let values: Vec<f32> = seed.state.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        self.of_nodes(&seed.state, self.nodes()?, index)
+    }
+
+    /// The same, and then its derivatives along x, y and z of the active node's displacement.
+    pub fn displacements_and_slopes(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<[Vec<[f32; 3]>; 4], StoreError> {
+        let (seed, nodes) = (self.stored_seed(active, index, attempt)?, self.nodes()?);
+        let slope = |n: usize| {
+            let length = seed.state.len();
+            let column = seed.sensitivity.get(n * length..(n + 1) * length).unwrap_or_default();
+            self.of_nodes(column, nodes, index)
+        };
+        Ok([self.of_nodes(&seed.state, nodes, index)?, slope(0)?, slope(1)?, slope(2)?])
+    }
+
+    /// Nodes of the mesh.
+    fn nodes(&self) -> Result<usize, StoreError> {
+        let sql = "SELECT length(nodes_m) / 24 FROM mesh";
+        let nodes = self.wrap(self.connection.query_row(sql, [], |row| row.get::<_, i64>(0)))?;
+        Ok(nodes as usize)
+    }
+
+    /// The displacements that a column of a state begins with.
+    fn of_nodes(&self, column: &[u8], nodes: usize, index: GridIndex) -> Result<Vec<[f32; 3]>, StoreError> {
+        let values: Vec<f32> = column.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let displacements = values.as_chunks().0.get(..nodes).map(<[[f32; 3]]>::to_vec);
         displacements.ok_or_else(|| self.corrupt(format!("the state at grid point {index:?} is too short")))
     }

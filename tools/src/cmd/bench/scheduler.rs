@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::configuration_space::{Crew, Domain, Expansion, SpaceGrid, Store, StoreIdentity};
+use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::mesh::TetMesh;
 use serde::Serialize;
 
@@ -187,6 +188,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         spacing_m: grid.spacing_m,
         radius_m: grid.radius_m,
         visual: false,
+            displacement_bound: DisplacementBound::default(),
         complete_cells,
         increments: None,
     };

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use palpate_core::Organ;
-use palpate_precompute::certificate::{Certificate, Errors, MethodCertificate};
+use palpate_precompute::certificate::{Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate};
 
 use crate::failure::Failure;
 
@@ -56,6 +56,9 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
         );
         for method in &space.methods {
             text.push_str(&second_line(method));
+        }
+        if let Some(displacement) = &space.displacement {
+            text.push_str(&of_surface(displacement));
         }
     }
     text
@@ -110,4 +113,33 @@ fn second_line(method: &MethodCertificate) -> String {
         mn(probe.rounding_n),
         probe.nanoseconds
     )
+}
+
+fn of_surface(surface: &DisplacementCertificate) -> String {
+    let DisplacementCertificate { nodes, modes, slopes, outliers, bytes, raw_bytes, .. } = surface;
+    let mut text = format!(
+        "  displacement of {nodes} surface nodes: {modes} modes, {slopes} with slopes, {outliers} outliers; {bytes} bytes ({:.1} % of \
+         f32), {:.0} us a surface\n    distance, mm         surfaces   rms mean      max   largest mean      max   (allowed at the \
+         configurations: {} rms, {} max)\n",
+        100.0 * *bytes as f64 / (*raw_bytes).max(1) as f64,
+        surface.microseconds,
+        surface.bound_rms_mm,
+        surface.bound_max_mm
+    );
+    let rows = [
+        ("configurations", &surface.configurations),
+        ("held-out", &surface.uniform),
+        ("  without slopes", &surface.uniform_trilinear),
+        ("held-out at folds", &surface.folded),
+    ];
+    for (name, apart) in rows {
+        let Apart { count, rms_mean_mm, rms_max_mm, max_mean_mm, max_mm } = apart;
+        if *count > 0 && (*slopes > 0 || name != "  without slopes") {
+            let _ = writeln!(
+                text,
+                "    {name:<20} {count:>8}   {rms_mean_mm:8.4} {rms_max_mm:8.4}   {max_mean_mm:12.4} {max_mm:8.4}"
+            );
+        }
+    }
+    text
 }

@@ -1,0 +1,227 @@
+//! Surface displacements: what the modes and outliers say at the configurations, and what is between them.
+
+mod common;
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use common::{Aligned, ODD, Random, Recipe, SHARES, bent, distance};
+use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
+use palpate_core::flags::{CELL, FOLD, SMOOTH};
+use palpate_core::{BallLattice, Organ, Space, Vec3, vec3};
+
+fn read(blob: &Aligned) -> Organ<'_, 1> {
+    Organ::read(blob.bytes()).expect("the blob is good")
+}
+
+fn recipe(slopes: usize) -> Recipe {
+    Recipe { radius_m: 0.04, lattice_table: false, rbf: false, hermite: false, slopes, ..Recipe::default() }
+}
+
+/// Modes with slopes, of three.
+const SLOPES: [usize; 3] = [0, 2, 3];
+
+fn moved(space: &Space<'_>, d: Vec3) -> [Vec3; 4] {
+    let mut out = [[9.0; 3]; 4];
+    assert!(space.displacement_into(d, &mut out));
+    out
+}
+
+fn apart(a: &[Vec3], b: &[Vec3]) -> f32 {
+    a.iter().zip(b).map(|(a, b)| distance(*a, *b)).fold(0.0, f32::max)
+}
+
+/// A coefficient's unit is a hundredth of a millimetre here; half of it is lost to rounding.
+const QUANTUM_M: f32 = 1e-5;
+
+/// The surface follows the node in proportion; a table of a linear field is exact.
+#[test]
+fn a_linear_field_is_exact_and_every_query_finite() {
+    for slopes in SLOPES {
+        let blob = recipe(slopes).blob();
+        let space = &read(&blob).spaces[0];
+        let mut random = Random(13);
+        for _ in 0..500 {
+            let d = random.point(0.015);
+            let mut out = [[9.0; 3]; 5];
+            assert!(space.displacement_into(d, &mut out));
+            for (moved, share) in out.iter().zip(SHARES) {
+                assert!(distance(*moved, vec3::scale(d, share)) < 1e-7, "{d:?} {moved:?}");
+            }
+            assert_eq!(out[4], [0.0; 3], "beyond the last vertex nothing moves");
+        }
+        let mut short = [[9.0; 3]; 2];
+        for d in [0.0, 0.04, -0.04, 0.5, 1e-40, 1e30, f32::INFINITY, f32::NAN, f32::MIN] {
+            for d in [[d, 0.0, 0.0], [0.01, d, 0.0], [d, d, d]] {
+                assert!(space.displacement_into(d, &mut short));
+                let sane = |moved: &Vec3| vec3::is_finite(*moved) && vec3::norm(*moved) < 0.07;
+                assert!(short.iter().all(sane), "{d:?} {short:?}");
+            }
+        }
+        assert_eq!(moved(space, [f32::NAN; 3]), [[0.0; 3]; 4], "what is not finite is rest");
+        // Beyond the rim, the rim.
+        let outward = vec3::normalize_or_zero([0.3, -0.5, 0.8]);
+        let [rim, beyond] = [0.04, 0.3].map(|r| moved(space, vec3::scale(outward, r)));
+        assert!(apart(&rim, &beyond) < 1e-7);
+    }
+}
+
+#[test]
+fn configurations_are_given_back() {
+    for slopes in SLOPES {
+        let blob = Recipe { bent: true, ..recipe(slopes) }.blob();
+        let space = &read(&blob).spaces[0];
+        let table = space.displacement.expect("packed");
+        for ijk in space.lattice.points() {
+            let d = space.lattice.displacement_m(ijk);
+            let expected = SHARES.map(|share| vec3::scale(bent(d), share));
+            let mut of_slot = [[9.0; 3]; 4];
+            table.configuration_into(space.lattice.slot(ijk).expect("in the box"), &mut of_slot);
+            assert!(apart(&of_slot, &expected) < QUANTUM_M, "{ijk:?} {of_slot:?}");
+            assert!(apart(&moved(space, d), &of_slot) < 1e-6, "{ijk:?}");
+        }
+        assert_eq!(moved(space, [0.0; 3]), [[0.0; 3]; 4], "rest is rest");
+    }
+}
+
+/// The field is a cubic: the slopes meet it, the values alone do not.
+#[test]
+fn slopes_meet_a_cubic() {
+    let errors = SLOPES.map(|slopes| {
+        let blob = Recipe { bent: true, radius_m: 0.05, ..recipe(slopes) }.blob();
+        let space = &read(&blob).spaces[0];
+        let mut random = Random(14);
+        let mut worst = 0.0_f32;
+        for _ in 0..2000 {
+            let d = random.point(0.022);
+            let expected = SHARES.map(|share| vec3::scale(bent(d), share));
+            worst = worst.max(apart(&moved(space, d), &expected));
+        }
+        worst
+    });
+    let [linear, some, all] = errors;
+    // Values and slopes are rounded, each by half a unit. What bends along z has no slopes yet with two of three modes.
+    assert!(all < 1.5 * QUANTUM_M && linear > 20.0 * all, "{errors:?}");
+    assert!(linear >= some && some > 10.0 * all, "{errors:?}");
+}
+
+/// On both sides of faces, edges and the rim, with ghosts, an outlier and a fold.
+#[test]
+fn nothing_jumps() {
+    for slopes in SLOPES {
+        let blob = Recipe {
+            bent: true,
+            outlier: Some([1, 0, -1]),
+            solved: |ijk| ijk != [1, 1, 0],
+            fold: |ijk| ijk == [-2, 0, 0],
+            ..recipe(slopes)
+        }
+        .blob();
+        let space = &read(&blob).spaces[0];
+        let mut random = Random(15);
+        let mut worst = 0.0_f32;
+        for n in 0..20_000 {
+            let mut d = random.point(0.03);
+            let axis = n % 3;
+            d[axis] = (d[axis] * 100.0).round() * 0.01;
+            if n % 7 == 0 {
+                d[(axis + 1) % 3] = (d[(axis + 1) % 3] * 100.0).round() * 0.01;
+            }
+            let step = random.point(1e-7);
+            let sides = [1.0, -1.0].map(|sign| moved(space, vec3::add(d, vec3::scale(step, sign))));
+            worst = worst.max(apart(&sides[0], &sides[1]));
+        }
+        for _ in 0..2000 {
+            let outward = vec3::normalize_or_zero(random.point(1.0));
+            let sides = [0.039_999_9, 0.040_000_1].map(|r| moved(space, vec3::scale(outward, r)));
+            worst = worst.max(apart(&sides[0], &sides[1]));
+        }
+        // The steepest change is that towards the outlier, some 15 mm in a cell, over twice 1e-7 m.
+        assert!(worst < 2e-6, "{slopes} slopes: {worst} m");
+    }
+}
+
+#[test]
+fn an_outlier_is_kept_beside_the_modes_and_fades_towards_its_neighbours() {
+    for slopes in SLOPES {
+        let point = [1, 0, -1];
+        let [plain, odd] = [None, Some(point)]
+            .map(|outlier| Recipe { bent: true, outlier, ..recipe(slopes) }.blob());
+        let (plain, odd) = (read(&plain), read(&odd));
+        let (plain, odd) = (&plain.spaces[0], &odd.spaces[0]);
+        assert_eq!(odd.displacement.expect("packed").outliers(), 1);
+        let more = |d: Vec3| {
+            let (with, without) = (moved(odd, d), moved(plain, d));
+            [0, 1, 2, 3].map(|v| vec3::sub(with[v], without[v]))
+        };
+        let at = odd.lattice.displacement_m(point);
+        assert!(apart(&more(at), &ODD) < 1e-6);
+        let beside = vec3::add(at, [0.0025, -0.005, 0.0]);
+        let share = 0.75 * 0.5;
+        assert!(apart(&more(beside), &ODD.map(|u| vec3::scale(u, share))) < 1e-6);
+        assert_eq!(more(vec3::add(at, [0.01, 0.002, 0.0])), [[0.0; 3]; 4]);
+    }
+}
+
+/// In a cell with a fold a slope says nothing of the other end.
+#[test]
+fn slopes_are_not_used_in_a_cell_with_a_fold() {
+    let of = |slopes| Recipe { bent: true, fold: |ijk| ijk == [0, 0, 0], ..recipe(slopes) }.blob();
+    let (linear, hermite) = (of(0), of(3));
+    let (linear, hermite) = (read(&linear), read(&hermite));
+    let (linear, hermite) = (&linear.spaces[0], &hermite.spaces[0]);
+    let mut random = Random(16);
+    let (mut folded, mut smooth) = (0, 0);
+    for _ in 0..4000 {
+        let d = random.point(0.025);
+        let at = linear.lattice.locate(d);
+        let difference = apart(&moved(linear, d), &moved(hermite, d));
+        let flags = linear.flags[at.slot];
+        let without = hermite.displacement.expect("packed").without_slopes();
+        let mut same = [[0.0; 3]; 4];
+        without.displacement_into(&hermite.lattice, hermite.flags, d, &mut same);
+        assert!(apart(&moved(linear, d), &same) < 1e-7);
+        if flags & FOLD != 0 {
+            folded += 1;
+            assert!(difference < 1e-7, "{d:?} {difference}");
+        } else if flags & (CELL | SMOOTH) == CELL | SMOOTH && difference > 1e-5 {
+            smooth += 1;
+        }
+    }
+    assert!(folded > 20 && smooth > 1000, "{folded} {smooth}");
+}
+
+/// 2,000 nodes with 64 modes, an upper end of what a scene asks for. The viewer has 33 ms for a frame.
+#[test]
+fn two_thousand_nodes_take_less_than_a_millisecond() {
+    const MODES: usize = 64;
+    const VERTICES: usize = 2000;
+    let lattice = BallLattice::new(0.01, 0.05).expect("valid");
+    let mut random = Random(17);
+    let mut numbers = |count: usize| -> Vec<i16> { (0..count).map(|_| (random.next() * 32767.0) as i16).collect() };
+    let (modes, coefficients) = (numbers(MODES * VERTICES * 3), numbers(MODES * 4 * lattice.slots()));
+    let planes = DisplacementPlanes {
+        slopes: MODES,
+        row: &(0..lattice.slots() as u32).collect::<Vec<_>>(),
+        modes: &modes,
+        scale: &[1e-12; MODES],
+        coefficients: &coefficients,
+        outlier_row: &[],
+        outlier_scale: &[],
+        outliers: &[],
+    };
+    let table = DisplacementTable::new(&lattice, planes, VERTICES).expect("whole");
+    let flags = vec![SMOOTH; lattice.slots()];
+    let mut out = vec![[0.0; 3]; VERTICES];
+    let mut best = Duration::MAX;
+    for n in 0..200 {
+        let d = [0.01 * (n as f32).sin(), 0.02 * (n as f32).cos(), 0.005];
+        let start = Instant::now();
+        table.displacement_into(&lattice, &flags, black_box(d), &mut out);
+        best = best.min(start.elapsed());
+        black_box(&out);
+    }
+    println!("{} vertices, {} modes: {best:?}", table.vertices(), table.modes());
+    // An unoptimised build proves nothing.
+    assert!(cfg!(debug_assertions) || best < Duration::from_millis(1), "{best:?}");
+}

@@ -1,0 +1,157 @@
+//! What a space's packed displacements are worth: at the configurations that they were made of, and at positions no fit has seen.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use palpate_core::displacement::DisplacementTable;
+use palpate_core::{ConfigTag, Space};
+use serde::{Deserialize, Serialize};
+
+use super::is_folded;
+use crate::configuration_space::{Store, StoreError};
+use crate::fit::{DisplacementBound, Misfit, Sample, SurfaceMotion};
+use crate::held_out::Kind;
+
+/// What was measured of the displacements of one space.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DisplacementCertificate {
+    /// Surface nodes.
+    pub nodes: usize,
+    /// Modes.
+    pub modes: usize,
+    /// Modes with slopes: none of them is tri-linear, as in the paper.
+    pub slopes: usize,
+    /// Configurations stored beside the modes.
+    pub outliers: usize,
+    /// Bytes of all of it.
+    pub bytes: usize,
+    /// Bytes as f32.
+    pub raw_bytes: usize,
+    /// What the scene allows of a configuration, mm over the surface.
+    pub bound_rms_mm: f64,
+    /// And at any node of it.
+    pub bound_max_mm: f64,
+    /// Every configuration, packed.
+    pub configurations: Apart,
+    /// Independent uniform positions within f_max, away from folds.
+    pub uniform: Apart,
+    /// The same positions without the slopes.
+    pub uniform_trilinear: Apart,
+    /// Uniform positions at folds.
+    pub folded: Apart,
+    /// Median time of one surface, us, on the machine that packed the blob.
+    pub microseconds: f64,
+}
+
+/// Distances of packed surfaces from the solver's, mm.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Apart {
+    /// Surfaces.
+    pub count: usize,
+    /// Root mean square over the nodes of a surface, mean over the surfaces.
+    pub rms_mean_mm: f64,
+    /// The largest of these.
+    pub rms_max_mm: f64,
+    /// The largest distance of a surface's node, mean over the surfaces.
+    pub max_mean_mm: f64,
+    /// The largest of these.
+    pub max_mm: f64,
+}
+
+impl Apart {
+    fn add(&mut self, misfit: Misfit) {
+        let (rms_mm, max_mm) = (1e3 * misfit.rms_m, 1e3 * misfit.max_m);
+        self.count += 1;
+        // Running means.
+        self.rms_mean_mm += (rms_mm - self.rms_mean_mm) / self.count as f64;
+        self.max_mean_mm += (max_mm - self.max_mean_mm) / self.count as f64;
+        self.rms_max_mm = self.rms_max_mm.max(rms_mm);
+        self.max_mm = self.max_mm.max(max_mm);
+    }
+}
+
+const REPEATS: usize = 15;
+
+/// Measures the table of `space`; `nodes` are the mesh nodes of the surface.
+pub(super) fn measure(
+    store: &Store,
+    active: usize,
+    space: &Space<'_>,
+    table: &DisplacementTable<'_>,
+    nodes: &[u32],
+    samples: &[Sample],
+    bound: DisplacementBound,
+) -> Result<DisplacementCertificate, StoreError> {
+    let motion = SurfaceMotion::new(store, active, nodes)?;
+    let mut found = vec![[0.0f32; 3]; nodes.len()];
+    let mut configurations = Apart::default();
+    for sample in samples {
+        let exact = motion.at(sample.index, sample.attempt)?.displacement_m;
+        let Some(slot) = space.lattice.slot(sample.index) else { continue };
+        table.configuration_into(slot, &mut found);
+        configurations.add(misfit(&exact, &found));
+    }
+
+    let (mut uniform, mut uniform_trilinear, mut folded) = <(Apart, Apart, Apart)>::default();
+    let trilinear = table.without_slopes();
+    let mut visited = Vec::new();
+    store.each_truth(active, |walk, _, truth| {
+        let at = truth.displacement_m.map(|x| x as f32);
+        let usable = walk.kind == Kind::Uniform
+            && truth.tag == ConfigTag::Expandable
+            && space.lattice.locate(at).inside;
+        let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) else { return };
+        visited.push(at);
+        table.displacement_into(&space.lattice, space.flags, at, &mut found);
+        if truth.switched || is_folded(space, at) {
+            folded.add(misfit(&exact, &found));
+            return;
+        }
+        uniform.add(misfit(&exact, &found));
+        trilinear.displacement_into(&space.lattice, space.flags, at, &mut found);
+        uniform_trilinear.add(misfit(&exact, &found));
+    })?;
+    if visited.is_empty() {
+        visited.push([0.25 * space.lattice.radius_m(); 3]);
+    }
+    Ok(DisplacementCertificate {
+        nodes: nodes.len(),
+        modes: table.modes(),
+        slopes: table.slopes(),
+        outliers: table.outliers(),
+        bytes: table.bytes(),
+        raw_bytes: samples.len() * nodes.len() * 3 * size_of::<f32>(),
+        bound_rms_mm: 1e3 * bound.rms_m,
+        bound_max_mm: 1e3 * bound.max_m,
+        configurations,
+        uniform,
+        uniform_trilinear,
+        folded,
+        microseconds: microseconds(space, table, &visited, &mut found),
+    })
+}
+
+fn misfit(exact: &[f32], found: &[[f32; 3]]) -> Misfit {
+    let apart: Vec<f64> =
+        exact.iter().zip(found.as_flattened()).map(|(a, b)| f64::from(*a) - f64::from(*b)).collect();
+    Misfit::of(&apart)
+}
+
+fn microseconds(
+    space: &Space<'_>,
+    table: &DisplacementTable<'_>,
+    visited: &[[f32; 3]],
+    found: &mut [[f32; 3]],
+) -> f64 {
+    let mut times: Vec<f64> = (0..REPEATS)
+        .map(|n| {
+            let at = visited[n * visited.len() / REPEATS];
+            let start = Instant::now();
+            table.displacement_into(&space.lattice, space.flags, black_box(at), found);
+            black_box(&mut *found);
+            start.elapsed().as_secs_f64() * 1e6
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[REPEATS / 2]
+}

@@ -1,0 +1,620 @@
+//! Surface displacements as the core takes them: a few modes, packed to int16, within the scene's bound at every configuration.
+//!
+//! 1. **Modes** by the method of snapshots: eigenvectors of the Gram matrix of evenly chosen configurations, in f64, largest first
+//!    (proper orthogonal decomposition; no mean is taken off, so that rest stays exactly zero).
+//! 2. **Their number** is the one that takes the fewest bytes, where a configuration beyond the bound takes a surface of its own.
+//! 3. **Packing**: the modes first; then each configuration's coefficients, one after the other against the modes as packed, so that
+//!    what rounding loses in one is mended by the next. What is still beyond the bound becomes an outlier: what the modes miss of it
+//!    is stored too, with a scale of its own.
+//! 4. **Slopes**: half-way between neighbours a and b tri-linear interpolation errs by (u'_a - u'_b) / 8, derivatives per cell, to third
+//!    order. As many of the leading modes get slopes as are needed to keep that within the bound on 95 % of the grid's edges.
+//!
+//! A corner without a configuration continues its nearest solved neighbours in a straight line: the touched node stays with the tool.
+
+use std::collections::HashSet;
+
+use faer::{Mat, Side};
+use palpate_core::displacement::DisplacementPlanes;
+use serde::{Deserialize, Serialize};
+
+use crate::configuration_space::fold::Fold;
+use crate::configuration_space::{Domain, GridIndex, SpaceGrid};
+
+/// How far the packed displacements of a configuration may be from the solver's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DisplacementBound {
+    /// Root mean square over the surface nodes, m.
+    pub rms_m: f64,
+    /// At any of them, m.
+    pub max_m: f64,
+}
+
+impl Default for DisplacementBound {
+    fn default() -> Self {
+        Self { rms_m: 1e-4, max_m: 1e-3 }
+    }
+}
+
+impl DisplacementBound {
+    /// The smallest bound there is, m: the step of an outlier's int16 is 3 um where it moves by 0.1 m.
+    pub const LEAST_M: f64 = 1e-5;
+
+    fn holds(&self, misfit: Misfit) -> bool {
+        misfit.rms_m <= self.rms_m && misfit.max_m <= self.max_m
+    }
+}
+
+/// Distance of two displacements of the surface.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Misfit {
+    /// Root mean square over the nodes, m.
+    pub rms_m: f64,
+    /// Largest, m.
+    pub max_m: f64,
+}
+
+impl Misfit {
+    /// Of the differences x, y, z at each node, m.
+    pub fn of<T: Copy + Into<f64>>(differences: &[T]) -> Self {
+        let (mut sum, mut largest) = (0.0, 0.0f64);
+        let nodes = differences.as_chunks::<3>().0;
+        for node in nodes {
+            let squared: f64 = node.iter().map(|&x| x.into() * x.into()).sum();
+            sum += squared;
+            largest = largest.max(squared);
+        }
+        Self { rms_m: (sum / nodes.len().max(1) as f64).sqrt(), max_m: largest.sqrt() }
+    }
+
+    /// The larger of each.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self { rms_m: self.rms_m.max(other.rms_m), max_m: self.max_m.max(other.max_m) }
+    }
+}
+
+/// A solved configuration: x, y, z of every surface node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moved {
+    /// Displacement from rest, m.
+    pub displacement_m: Vec<f32>,
+    /// Its derivatives along x, y and z of the node's displacement.
+    pub slopes: [Vec<f32>; 3],
+}
+
+/// The planes of the core's table.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DisplacementFit {
+    /// Row of every slot of the box; the same as that of [`super::HermiteNodes`].
+    pub row: Vec<u32>,
+    /// Modes.
+    pub modes: Vec<i16>,
+    /// Their scales.
+    pub scale: Vec<f32>,
+    /// How many of them have slopes.
+    pub slopes: usize,
+    /// Rows of coefficients.
+    pub coefficients: Vec<i16>,
+    /// Rows that are outliers.
+    pub outlier_row: Vec<u32>,
+    /// Their scales.
+    pub outlier_scale: Vec<f32>,
+    /// What the modes miss of them.
+    pub outliers: Vec<i16>,
+    /// Largest misfits at the configurations.
+    pub misfit: Misfit,
+}
+
+impl DisplacementFit {
+    /// The planes as the core's table borrows them.
+    pub fn planes(&self) -> DisplacementPlanes<'_> {
+        DisplacementPlanes {
+            slopes: self.slopes,
+            row: &self.row,
+            modes: &self.modes,
+            scale: &self.scale,
+            coefficients: &self.coefficients,
+            outlier_row: &self.outlier_row,
+            outlier_scale: &self.outlier_scale,
+            outliers: &self.outliers,
+        }
+    }
+}
+
+/// Why there is no such table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DisplacementFault<E> {
+    /// A configuration could not be read.
+    Read(E),
+    /// The modes could not be found.
+    Modes,
+    /// A configuration cannot be packed within the bound.
+    Bound {
+        /// The configuration.
+        index: GridIndex,
+        /// What is left.
+        misfit: Misfit,
+    },
+}
+
+/// Configurations that modes are made of, at most.
+const SNAPSHOTS: usize = 1024;
+/// Edges of the grid that are asked whether slopes are worth it, at most.
+const EDGES: usize = 2000;
+/// Share of them that must be within the bound without slopes.
+const EDGES_WITHIN: f64 = 0.95;
+/// Modes are counted for a bound a little closer than asked: rounding comes on top.
+const MARGIN: f64 = 0.98;
+/// Largest number packed.
+const UNITS: f64 = 32767.0;
+
+/// The table of the configurations at `solved` (sorted, rest among them), each as `read` gives it. All are read twice: those of a
+/// large organ do not fit into memory with their slopes.
+pub fn fit_displacement<E>(
+    grid: &SpaceGrid,
+    solved: &[GridIndex],
+    folds: &[Fold],
+    bound: DisplacementBound,
+    mut read: impl FnMut(usize) -> Result<Moved, E>,
+) -> Result<DisplacementFit, DisplacementFault<E>> {
+    let mut fetch = |at: usize| read(at).map_err(DisplacementFault::Read);
+    let mut all: Vec<Vec<f32>> = Vec::with_capacity(solved.len());
+    for at in 0..solved.len() {
+        all.push(fetch(at)?.displacement_m);
+    }
+    let domain = Domain::new(grid, true);
+    let modes = Modes::pack(&choose(all, domain.len(), bound).ok_or(DisplacementFault::Modes)?);
+
+    let mut fit = DisplacementFit { scale: modes.scale.clone(), ..DisplacementFit::default() };
+    let mut rows = Vec::with_capacity(solved.len());
+    let mut outliers = Vec::new();
+    for (at, &index) in solved.iter().enumerate() {
+        let Moved { displacement_m, slopes } = fetch(at)?;
+        let (values, left) = modes.coefficients(&displacement_m);
+        let mut misfit = Misfit::of(&left);
+        if !bound.holds(misfit) {
+            let outlier = Outlier::pack(&left);
+            misfit = Misfit::of(&outlier.left(&left));
+            outliers.push((at, outlier));
+        }
+        if !bound.holds(misfit) {
+            return Err(DisplacementFault::Bound { index, misfit });
+        }
+        fit.misfit = fit.misfit.max(misfit);
+        let slopes = slopes.map(|slope| modes.project(&slope, grid.spacing_m));
+        rows.push(Row { values: values.iter().map(|&n| f64::from(n)).collect(), slopes });
+    }
+    fit.slopes = slopes_worth(grid, solved, folds, &modes, &rows, bound);
+    fit.modes = modes.numbers;
+
+    fit.row = vec![0; grid.lattice.slots()];
+    let mut row_of_sample = vec![0; solved.len()];
+    for (row, index) in (0..).zip(domain.points()) {
+        let known = solved.binary_search(&index);
+        if let Ok(at) = known {
+            row_of_sample[at] = row;
+        }
+        let Some(slot) = grid.lattice.slot(index) else { continue };
+        fit.row[slot] = row;
+        let ghost;
+        let values = match known {
+            Ok(at) => &rows[at],
+            Err(_) => {
+                ghost = Row::ghost(solved, &rows, index);
+                &ghost
+            }
+        };
+        values.pack_into(fit.slopes, &mut fit.coefficients);
+    }
+    let mut outliers: Vec<(u32, Outlier)> =
+        outliers.into_iter().map(|(at, outlier)| (row_of_sample[at], outlier)).collect();
+    outliers.sort_unstable_by_key(|(row, _)| *row);
+    for (row, outlier) in outliers {
+        fit.outlier_row.push(row);
+        fit.outlier_scale.push(outlier.scale);
+        fit.outliers.extend(outlier.numbers);
+    }
+    Ok(fit)
+}
+
+/// The decomposition of evenly chosen displacements.
+struct Snapshots {
+    /// A column each.
+    displacements: Mat<f64>,
+    /// Eigenvalues and eigenvectors of their Gram matrix, the smallest first.
+    values: Vec<f64>,
+    vectors: Mat<f64>,
+}
+
+impl Snapshots {
+    /// Of these; `None` if the decomposition fails.
+    fn of(all: &[Vec<f32>]) -> Option<Self> {
+        let count = all.len().min(SNAPSHOTS);
+        let length = all.first().map_or(0, Vec::len);
+        let displacements = Mat::from_fn(length, count, |i, n| f64::from(all[n * all.len() / count][i]));
+        let eigen = (displacements.transpose() * &displacements).self_adjoint_eigen(Side::Lower).ok()?;
+        let values: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
+        values.iter().all(|x| x.is_finite()).then(|| Self { displacements, values, vectors: eigen.U().to_owned() })
+    }
+
+    /// The next mode after these: orthonormal, with its largest component positive; `None` where rounding begins.
+    fn next(&self, before: &[Mode]) -> Option<Vec<f64>> {
+        let n = self.values.len().checked_sub(before.len() + 1)?;
+        if self.values[n] <= 1e-14 * self.values.last()? {
+            return None;
+        }
+        let mode = &self.displacements * self.vectors.col(n);
+        let mut mode: Vec<f64> = mode.iter().copied().collect();
+        // The small ones have lost their orthogonality to the square root of the machine's rounding.
+        for _ in 0..2 {
+            for other in before {
+                let along = dot(&other.shape, &mode);
+                mode.iter_mut().zip(&other.shape).for_each(|(x, o)| *x -= along * o);
+            }
+        }
+        let top = mode.iter().copied().fold(0.0, |top: f64, x| if x.abs() > top.abs() { x } else { top });
+        let size = dot(&mode, &mode).sqrt();
+        mode.iter_mut().for_each(|x| *x *= top.signum() / size);
+        (size > 0.0).then_some(mode)
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// A mode before it is packed.
+struct Mode {
+    /// Orthonormal.
+    shape: Vec<f64>,
+    /// The largest coefficient.
+    range: f64,
+}
+
+/// As many modes as take the fewest bytes. `left` is what they have to make up.
+fn choose(mut left: Vec<Vec<f32>>, rows: usize, bound: DisplacementBound) -> Option<Vec<Mode>> {
+    let snapshots = Snapshots::of(&left)?;
+    let bound = DisplacementBound { rms_m: MARGIN * bound.rms_m, max_m: MARGIN * bound.max_m };
+    let length = left.first().map_or(0, Vec::len);
+    let (a_mode, an_outlier) = (2 * length + 2 * rows + 4, 2 * length + 8);
+    let mut modes = Vec::new();
+    let (mut best, mut fewest) = (0, usize::MAX);
+    while let Some(shape) = snapshots.next(&modes) {
+        let (mut range, mut outliers) = (0.0f64, 0);
+        for left in &mut left {
+            let along: f64 = left.iter().zip(&shape).map(|(u, m)| f64::from(*u) * m).sum();
+            left.iter_mut().zip(&shape).for_each(|(u, m)| *u = (f64::from(*u) - along * m) as f32);
+            range = range.max(along.abs());
+            outliers += usize::from(!bound.holds(Misfit::of(left)));
+        }
+        modes.push(Mode { shape, range });
+        let bytes = modes.len() * a_mode + outliers * an_outlier;
+        if bytes < fewest {
+            (best, fewest) = (modes.len(), bytes);
+        }
+        if outliers == 0 || (modes.len() + 1) * a_mode >= fewest {
+            break;
+        }
+    }
+    modes.truncate(best);
+    if modes.is_empty() {
+        // Nothing moves; a table has a mode nevertheless.
+        modes.push(Mode { shape: vec![1.0; length], range: 0.0 });
+    }
+    Some(modes)
+}
+
+/// Modes as the core has them.
+struct Modes {
+    numbers: Vec<i16>,
+    scale: Vec<f32>,
+    /// What the core makes of them, with a coefficient of 1: metres.
+    unpacked: Vec<Vec<f64>>,
+    /// |unpacked|^2.
+    squared: Vec<f64>,
+}
+
+impl Modes {
+    fn pack(modes: &[Mode]) -> Self {
+        let mut packed = Self { numbers: vec![], scale: vec![], unpacked: vec![], squared: vec![] };
+        for Mode { shape, range } in modes {
+            let top = shape.iter().fold(0.0, |top: f64, x| top.max(x.abs())).max(f64::MIN_POSITIVE);
+            let numbers: Vec<i16> = shape.iter().map(|x| (UNITS * x / top).round() as i16).collect();
+            // Packed modes are not quite orthogonal: a coefficient may come out a little larger than the mode's own.
+            let scale = (top / UNITS * 1.01 * range / UNITS).max(f64::from(f32::MIN_POSITIVE)) as f32;
+            let unpacked: Vec<f64> = numbers.iter().map(|&n| f64::from(n) * f64::from(scale)).collect();
+            packed.squared.push(dot(&unpacked, &unpacked).max(f64::MIN_POSITIVE));
+            packed.numbers.extend(numbers);
+            packed.scale.push(scale);
+            packed.unpacked.push(unpacked);
+        }
+        packed
+    }
+
+    /// Coefficients of a displacement, and what they leave of it.
+    fn coefficients(&self, displacement_m: &[f32]) -> (Vec<i16>, Vec<f64>) {
+        let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
+        let mut packed = Vec::with_capacity(self.scale.len());
+        for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
+            let number = (dot(mode, &left) / squared).round().clamp(-UNITS, UNITS);
+            left.iter_mut().zip(mode).for_each(|(x, m)| *x -= number * m);
+            packed.push(number as i16);
+        }
+        (packed, left)
+    }
+
+    /// Coefficients of a slope, times `step`; not rounded.
+    fn project(&self, slope: &[f32], step: f64) -> Vec<f64> {
+        let along = |mode: &[f64]| slope.iter().zip(mode).map(|(s, m)| f64::from(*s) * m).sum::<f64>();
+        self.unpacked.iter().zip(&self.squared).map(|(mode, squared)| step * along(mode) / squared).collect()
+    }
+}
+
+/// What the modes miss of a configuration.
+struct Outlier {
+    scale: f32,
+    numbers: Vec<i16>,
+}
+
+impl Outlier {
+    fn pack(left: &[f64]) -> Self {
+        let top = left.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
+        let scale = (top / UNITS).max(f64::from(f32::MIN_POSITIVE)) as f32;
+        let number = |x: &f64| (x / f64::from(scale)).round().clamp(-UNITS, UNITS) as i16;
+        Self { scale, numbers: left.iter().map(number).collect() }
+    }
+
+    fn left(&self, left: &[f64]) -> Vec<f64> {
+        left.iter().zip(&self.numbers).map(|(x, &n)| x - f64::from(n) * f64::from(self.scale)).collect()
+    }
+}
+
+/// Coefficients of a configuration and their slopes per cell.
+#[derive(Debug, Clone)]
+struct Row {
+    values: Vec<f64>,
+    slopes: [Vec<f64>; 3],
+}
+
+impl Row {
+    /// Mean of the straight continuations of the nearest solved configurations.
+    fn ghost(solved: &[GridIndex], rows: &[Self], index: GridIndex) -> Self {
+        let distance = |from: &GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
+        let nearest = solved.iter().map(distance).min().unwrap_or(0);
+        let modes = rows.first().map_or(0, |row| row.values.len());
+        let mut mean = Self { values: vec![0.0; modes], slopes: std::array::from_fn(|_| vec![0.0; modes]) };
+        let count = solved.iter().filter(|from| distance(from) == nearest).count().max(1) as f64;
+        for (from, row) in solved.iter().zip(rows).filter(|(from, _)| distance(from) == nearest) {
+            mean.values.iter_mut().zip(&row.values).for_each(|(sum, value)| *sum += value / count);
+            for axis in 0..3 {
+                let step = f64::from(index[axis] - from[axis]);
+                let slopes = &row.slopes[axis];
+                mean.values.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += step * slope / count);
+                mean.slopes[axis].iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope / count);
+            }
+        }
+        mean
+    }
+
+    fn pack_into(&self, slopes: usize, coefficients: &mut Vec<i16>) {
+        pack_whole(&self.values, coefficients);
+        for slope in &self.slopes {
+            pack_whole(&slope[..slopes], coefficients);
+        }
+    }
+}
+
+/// Rounds to int16. Where one number would not fit all are made smaller by the same factor: a slope that rises by more than its mode's
+/// whole range in a cell stands at a fold, and a ghost that far away is never the only corner of a query.
+fn pack_whole(numbers: &[f64], packed: &mut Vec<i16>) {
+    let top = numbers.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
+    let factor = if top > UNITS { UNITS / top } else { 1.0 };
+    packed.extend(numbers.iter().map(|x| (factor * x).round() as i16));
+}
+
+/// How many leading modes are to have slopes.
+fn slopes_worth(
+    grid: &SpaceGrid,
+    solved: &[GridIndex],
+    folds: &[Fold],
+    modes: &Modes,
+    rows: &[Row],
+    bound: DisplacementBound,
+) -> usize {
+    let cuts: HashSet<(GridIndex, GridIndex)> =
+        folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
+    let mut edges: Vec<(usize, usize, usize)> = Vec::new();
+    for (at, index) in solved.iter().enumerate().filter(|(_, index)| grid.lattice.slot(**index).is_some()) {
+        for axis in 0..3 {
+            let mut other = *index;
+            other[axis] += 1;
+            if let Ok(next) = solved.binary_search(&other)
+                && !cuts.contains(&(*index, other))
+            {
+                edges.push((at, next, axis));
+            }
+        }
+    }
+    let length = modes.unpacked.first().map_or(0, Vec::len);
+    let count = edges.len().min(EDGES);
+    let mut needed: Vec<usize> = (0..count)
+        .map(|n| {
+            let (a, b, axis) = edges[n * edges.len() / count];
+            let mut error = vec![0.0; length];
+            // From the last mode to the first, until their errors together are too large.
+            let too_many = (0..modes.scale.len()).rev().find(|&k| {
+                let factor = (rows[a].slopes[axis][k] - rows[b].slopes[axis][k]) / 8.0;
+                error.iter_mut().zip(&modes.unpacked[k]).for_each(|(sum, m)| *sum += factor * m);
+                !bound.holds(Misfit::of(&error))
+            });
+            too_many.map_or(0, |k| k + 1)
+        })
+        .collect();
+    needed.sort_unstable();
+    let place = (EDGES_WITHIN * count as f64).ceil() as usize;
+    needed.get(place.max(1) - 1).copied().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::displacement::DisplacementTable;
+    use palpate_core::flags;
+
+    use super::*;
+
+    const NODES: usize = 40;
+
+    /// A surface that follows the node at (1, 0, 0), the less the further away, and bends the more the coarser it is looked at.
+    fn moved(d: [f64; 3], bend: f64) -> Moved {
+        let node = |n: usize| [0.4, 1.3, 2.6].map(|turn| (turn * (n + 1) as f64).sin());
+        let displacement = |d: [f64; 3]| -> Vec<f64> {
+            (0..NODES)
+                .flat_map(|n| {
+                    let [x, y, z] = node(n);
+                    let share = 1.0 / (1.0 + (x - 1.0).powi(2) + y * y + z * z);
+                    let wave = bend * (40.0 * (d[0] * x + d[1] * y + d[2] * z) + n as f64).sin() - bend * (n as f64).sin();
+                    d.map(|d| share * (d + 0.01 * wave))
+                })
+                .collect()
+        };
+        let slope = |axis: usize| {
+            let [low, high] = [-1e-5, 1e-5].map(|step| {
+                let mut at = d;
+                at[axis] += step;
+                displacement(at)
+            });
+            low.iter().zip(high).map(|(low, high)| ((high - low) / 2e-5) as f32).collect()
+        };
+        Moved {
+            displacement_m: displacement(d).into_iter().map(|x| x as f32).collect(),
+            slopes: [slope(0), slope(1), slope(2)],
+        }
+    }
+
+    struct Case {
+        grid: SpaceGrid,
+        solved: Vec<GridIndex>,
+        bend: f64,
+        odd: Option<GridIndex>,
+    }
+
+    impl Case {
+        fn new(spacing_m: f64, bend: f64) -> Self {
+            let grid = SpaceGrid::new(spacing_m, 0.03).expect("a grid");
+            let mut solved: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
+            solved.sort_unstable();
+            Self { grid, solved, bend, odd: None }
+        }
+
+        fn read(&self, index: GridIndex) -> Moved {
+            let mut moved = moved(self.grid.displacement_m(index), self.bend);
+            if Some(index) == self.odd {
+                for (n, x) in moved.displacement_m.iter_mut().enumerate() {
+                    *x += 0.02 * (n as f32 * 1.7).sin();
+                }
+            }
+            moved
+        }
+
+        fn fit(&self, bound: DisplacementBound) -> DisplacementFit {
+            let read = |at: usize| Ok::<_, ()>(self.read(self.solved[at]));
+            fit_displacement(&self.grid, &self.solved, &[], bound, read).expect("a fit")
+        }
+
+        /// Largest misfits of the core's own sums over all configurations.
+        fn misfit(&self, fit: &DisplacementFit) -> Misfit {
+            let table = DisplacementTable::new(&self.grid.lattice, fit.planes(), NODES).expect("whole");
+            let mut found = vec![[0.0; 3]; NODES];
+            let of = |&index: &GridIndex| {
+                table.configuration_into(self.grid.lattice.slot(index).expect("in the box"), &mut found);
+                let exact = self.read(index).displacement_m;
+                let apart: Vec<f32> = exact.iter().zip(found.as_flattened()).map(|(a, b)| a - b).collect();
+                Misfit::of(&apart)
+            };
+            self.solved.iter().map(of).fold(Misfit::default(), Misfit::max)
+        }
+    }
+
+    #[test]
+    fn the_bound_holds_for_what_the_core_makes_of_the_packed_numbers() {
+        let case = Case::new(0.01, 0.3);
+        let mut before = usize::MAX;
+        for (rms_m, max_m) in [(1e-5, 1e-4), (1e-5, 1e-5), (1e-4, 1e-3), (1e-3, 3e-4), (3e-4, 1.0)] {
+            let bound = DisplacementBound { rms_m, max_m };
+            let fit = case.fit(bound);
+            let misfit = case.misfit(&fit);
+            assert!(bound.holds(misfit), "{bound:?} {misfit:?}");
+            assert!((misfit.rms_m - fit.misfit.rms_m).abs() < 1e-7 && (misfit.max_m - fit.misfit.max_m).abs() < 1e-7);
+            // Not for nothing: it takes what it may, and the fewer modes the more it may.
+            assert!(misfit.rms_m > 0.1 * rms_m.min(max_m), "{bound:?} {misfit:?}");
+            if max_m > 3.0 * rms_m {
+                assert!(fit.scale.len() <= before, "{bound:?} {}", fit.scale.len());
+                before = fit.scale.len();
+            }
+        }
+        assert!(before >= 3);
+    }
+
+    #[test]
+    fn a_configuration_unlike_the_others_is_an_outlier_and_exact() {
+        let odd = Some([1, -2, 0]);
+        let case = Case { odd, ..Case::new(0.01, 0.0) };
+        let bound = DisplacementBound::default();
+        let fit = case.fit(bound);
+        // Three modes make the rest of it. That it costs less than a fourth mode is why it is no mode.
+        assert_eq!((fit.scale.len(), fit.outlier_row.len()), (3, 1));
+        assert_eq!(fit.row[case.grid.lattice.slot([1, -2, 0]).expect("in the box")], fit.outlier_row[0]);
+        assert!(bound.holds(case.misfit(&fit)));
+        assert!(fit.outlier_scale[0] > 1e-8 && fit.outlier_scale[0] < 1e-6, "{:?}", fit.outlier_scale);
+    }
+
+    #[test]
+    fn slopes_are_packed_where_the_grid_is_too_coarse_without() {
+        let bound = DisplacementBound::default();
+        let straight = Case::new(0.01, 0.0).fit(bound);
+        assert_eq!((straight.slopes, straight.scale.len()), (0, 3));
+        let (coarse, fine) = (Case::new(0.01, 0.3), Case::new(0.003, 0.3));
+        let (fit, fitted_fine) = (coarse.fit(bound), fine.fit(bound));
+        assert!(fit.slopes > 0 && fitted_fine.slopes == 0, "{} {}", fit.slopes, fitted_fine.slopes);
+        // And they are worth it: between the configurations, against the function itself.
+        let table = DisplacementTable::new(&coarse.grid.lattice, fit.planes(), NODES).expect("whole");
+        let flags = vec![flags::SMOOTH; coarse.grid.lattice.slots()];
+        let mut worst = [0.0f64; 2];
+        for n in 0..300 {
+            let d = [1.3, 2.9, 4.7].map(|turn| 0.016 * f64::sin(f64::from(n + 1) * turn));
+            let exact = moved(d, 0.3).displacement_m;
+            for (worst, table) in worst.iter_mut().zip([table, table.without_slopes()]) {
+                let mut found = vec![[0.0; 3]; NODES];
+                table.displacement_into(&coarse.grid.lattice, &flags, d.map(|x| x as f32), &mut found);
+                let apart: Vec<f32> = exact.iter().zip(found.as_flattened()).map(|(a, b)| a - b).collect();
+                *worst = worst.max(Misfit::of(&apart).rms_m);
+            }
+        }
+        assert!(worst[0] < 2.0 * bound.rms_m && worst[1] > 1.5 * worst[0], "{worst:?}");
+    }
+
+    #[test]
+    fn a_ghost_goes_on_in_a_straight_line() {
+        let mut case = Case::new(0.01, 0.0);
+        let holes = [[1, 1, 0], [3, 0, 0]];
+        case.solved.retain(|index| !holes.contains(index));
+        let fit = case.fit(DisplacementBound::default());
+        case.solved.extend(holes);
+        let misfit = case.misfit(&fit);
+        assert!(misfit.rms_m < 1e-5, "{misfit:?}");
+    }
+
+    #[test]
+    fn the_same_numbers_every_time() {
+        let case = Case { odd: Some([0, 2, 1]), ..Case::new(0.01, 0.3) };
+        assert_eq!(case.fit(DisplacementBound::default()), case.fit(DisplacementBound::default()));
+    }
+
+    #[test]
+    fn a_body_that_does_not_move_has_a_table_too() {
+        let mut case = Case::new(0.015, 0.0);
+        case.solved = vec![[0; 3]];
+        let fit = case.fit(DisplacementBound::default());
+        assert_eq!(case.misfit(&fit), Misfit::default());
+    }
+}

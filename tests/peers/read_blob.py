@@ -1,0 +1,349 @@
+#!/usr/bin/env python3
+"""Reads a .blob with numpy alone, as docs/blob.md describes it: an example for readers in other languages.
+
+    read_blob.py FILE.blob                                    what is in it
+    read_blob.py FILE.blob --points IN.csv --csv OUT.csv [--active A1] [--method energy] [--displacements]
+        forces at displacements of the active node; the columns are those of `palpate query`
+
+Methods: trilinear, hermite, energy. Arithmetic is f64 here and f32 in the core: they differ by some 1e-5 N where forces are
+newtons. Exit code 0, or 2 with one line on standard error.
+"""
+
+import argparse
+import json
+import struct
+import sys
+import zlib
+
+import numpy as np
+
+MAGIC = b"PALPATE\0"
+VERSION = 3
+ALIGNMENT = 64
+SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, FOLD, SMOOTH = (1 << n for n in range(8))
+
+
+class Refused(Exception):
+    pass
+
+
+class Header:
+    """Postcard: varints of seven bits a byte, low ones first; f32 of four bytes; options are 0, or 1 and the value."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def take(self, count):
+        if self.at + count > len(self.data):
+            raise Refused("the header ends too early")
+        self.at += count
+        return self.data[self.at - count : self.at]
+
+    def varint(self):
+        value, shift = 0, 0
+        while True:
+            byte = self.take(1)[0]
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+            if shift > 63:
+                raise Refused("a number in the header does not end")
+
+    def text(self):
+        return self.take(self.varint()).decode()
+
+    def f32(self):
+        return struct.unpack("<f", self.take(4))[0]
+
+    def f32s(self, count):
+        return [self.f32() for _ in range(count)]
+
+    def optional(self, read):
+        flag = self.take(1)[0]
+        if flag > 1:
+            raise Refused("an option in the header is neither 0 nor 1")
+        return read() if flag else None
+
+    def plane(self):
+        """Offset in bytes from the start of the plane area, and length in elements."""
+        return self.varint(), self.varint()
+
+    def planes(self, count):
+        return [self.plane() for _ in range(count)]
+
+
+class Blob:
+    def __init__(self, data):
+        if len(data) < 28 or data[:8] != MAGIC:
+            raise Refused("this is no blob")
+        version, header_len, total_len = struct.unpack_from("<IIQ", data, 8)
+        if total_len != len(data):
+            raise Refused(f"the file has {len(data)} bytes, it was written with {total_len}")
+        if struct.unpack("<I", data[-4:])[0] != zlib.crc32(data[:-4]):
+            raise Refused("checksum mismatch: the file is damaged")
+        if version != VERSION:
+            raise Refused(f"layout version {version}, this reads {VERSION}")
+        start = -(-(24 + header_len) // ALIGNMENT) * ALIGNMENT
+        self.area = data[start:-4]
+        self.bytes = len(data)
+        header = Header(data[24 : 24 + header_len])
+
+        self.scene, self.law = header.text(), header.text()
+        self.max_force_n = header.f32()
+        self.mesh_hash = header.take(32).hex()
+        node, x, y, z, triangles, fixed = header.planes(6)
+        self.node = self.plane(node, "<u4")
+        self.position_m = np.stack([self.plane(p, "<f4") for p in (x, y, z)], axis=1)
+        self.triangles = self.plane(triangles, "<u4", 3)
+        self.fixed = self.plane(fixed, "u1")
+        certificate = header.optional(header.plane)
+        self.certificate = certificate and json.loads(self.plane(certificate, "u1").tobytes())
+        self.spaces = [Space(self, header) for _ in range(header.varint())]
+        if header.at != len(header.data):
+            raise Refused("the header goes on after its last space")
+
+    def plane(self, reference, kind, width=1):
+        """A plane as an array; `width` numbers make an element."""
+        offset, length = reference
+        kind = np.dtype(kind)
+        end = offset + length * width * kind.itemsize
+        if offset % ALIGNMENT or end > len(self.area):
+            raise Refused("a plane reaches out of the file")
+        plane = np.frombuffer(self.area[offset:end], kind)
+        return plane.reshape(-1, width) if width > 1 else plane
+
+
+class Space:
+    def __init__(self, blob, header):
+        self.name, self.node = header.text(), header.varint()
+        self.rest_position_m, self.outward_normal = header.f32s(3), header.f32s(3)
+        self.spacing_m, self.radius_m = header.f32s(2)
+        self.flags = blob.plane(header.plane(), "u1")
+        force = header.optional(header.plane)
+        self.force = force and blob.plane(force, "<f4", 3).astype(float)
+        linear = header.optional(lambda: header.planes(6))
+        self.rbf_linear = linear and [blob.plane(p, "<f4") for p in linear]
+        cubic = header.optional(lambda: header.planes(6))
+        self.rbf_cubic = cubic and [blob.plane(p, "<f8") for p in cubic]
+        hermite = header.optional(lambda: header.planes(2))
+        self.hermite = None
+        if hermite:
+            row, nodes = blob.plane(hermite[0], "<u4"), blob.plane(hermite[1], "<f4", 36)
+            # [slot][a][b][c]; the fourth of every four numbers is padding.
+            self.hermite = nodes.reshape(-1, 3, 3, 4)[row, :, :, :3].astype(float)
+        self.displacement = header.optional(lambda: Displacement(blob, header))
+
+        # Slots: the integer points of the box -E..E, z fastest. R is the radius in cells rounded up, with a little slack.
+        cells = self.radius_m / self.spacing_m
+        self.reach = int(np.ceil(cells * (1.0 - 1e-6)))
+        self.side = 2 * self.reach + 3
+        if len(self.flags) != self.side**3:
+            raise Refused(f"space {self.name}: {len(self.flags)} flags for {self.side} slots a side")
+
+    def methods(self):
+        found = []
+        if self.force is not None:
+            found += ["trilinear", "tricubic", "hybrid"]
+        found += ["rbf-linear"] * (self.rbf_linear is not None) + ["rbf-cubic"] * (self.rbf_cubic is not None)
+        return found + ["hermite", "energy"] * (self.hermite is not None)
+
+    def slot(self, ijk):
+        i, j, k = (n + self.reach + 1 for n in ijk)
+        return (i * self.side + j) * self.side + k
+
+    def corners(self, low):
+        """Slots of a cell's corners as [x][y][z]."""
+        ends = ((a, b, c) for a in (0, 1) for b in (0, 1) for c in (0, 1))
+        return np.array([self.slot([n + e for n, e in zip(low, end)]) for end in ends]).reshape(2, 2, 2)
+
+    def locate(self, at_m):
+        """Low corner of the cell, position in it, and how far outwards the point is beyond the ball; rest for no number."""
+        at = np.asarray(at_m, np.float32).astype(float)
+        if not np.isfinite(at).all():
+            at = np.zeros(3)
+        length, outward, beyond = np.linalg.norm(at), np.zeros(3), 0.0
+        if length > self.radius_m:
+            outward, beyond = at / length, length - self.radius_m
+            at = self.radius_m * outward
+        cells = at / self.spacing_m
+        low = np.clip(np.floor(cells), -self.reach, self.reach - 1).astype(int)
+        return low, cells - low, outward, beyond
+
+    def smooth_share(self, low, t):
+        """1 away from folds, 0 in a cell with a fold, and a smooth step between."""
+        slots = self.corners(low)
+        if self.flags[slots[0, 0, 0]] & FOLD:
+            return 0.0
+        w = np.einsum("i,j,k,ijk", *linear(t), (self.flags[slots] & SMOOTH) != 0)
+        return w * w * (3.0 - 2.0 * w)
+
+    def cell_force(self, method, low, t):
+        """h in a cell, N; t may be a little outside of it."""
+        slots = self.corners(low)
+        if method == "trilinear":
+            return np.einsum("i,j,k,ijkn->n", *linear(t), self.force[slots])
+        derivatives = self.hermite[slots]
+        if method == "hermite":
+            return cubic_force(derivatives, t)
+        share = self.smooth_share(low, t)
+        return (1.0 - share) * cubic_force(derivatives, t) + share * energy_gradient(derivatives, t)
+
+    def force_n(self, method, at_m):
+        """h at any displacement, N; and whether the method has its own data all round."""
+        if method not in self.methods() or method not in ("trilinear", "hermite", "energy"):
+            raise Refused(f"{method} is not in space {self.name} or not in this example")
+        low, t, outward, beyond = self.locate(at_m)
+        force = self.cell_force(method, low, t)
+        if beyond > 0.0:
+            # In a straight line at first, then constant: C1, bounded.
+            step = 1e-4
+            ends = (self.cell_force(method, low, t + sign * step * outward) for sign in (1, -1))
+            slope = np.subtract(*ends) / (2.0 * step * self.spacing_m)
+            rise = beyond - 0.5 * beyond**2 / self.spacing_m if beyond < self.spacing_m else 0.5 * self.spacing_m
+            force = force + rise * slope
+        inside = beyond == 0.0 and np.isfinite(at_m).all()
+        return force, bool(inside and self.flags[self.slot(low)] & CELL)
+
+    def displacement_m(self, at_m):
+        """Displacement of every surface vertex, m."""
+        low, t, _, _ = self.locate(at_m)
+        slopes = self.smooth_share(low, t) if self.displacement.slopes else 0.0
+        return self.displacement.at(self.corners(low), t, slopes)
+
+
+class Displacement:
+    def __init__(self, blob, header):
+        self.slopes = header.varint()
+        row, modes, scale, coefficients, outlier_row, outlier_scale, outliers = header.planes(7)
+        vertices = len(blob.node)
+        self.row = blob.plane(row, "<u4")
+        scale = blob.plane(scale, "<f4").astype(float)
+        self.modes = blob.plane(modes, "<i2").reshape(len(scale), vertices, 3) * scale[:, None, None]
+        self.coefficients = blob.plane(coefficients, "<i2", len(scale) + 3 * self.slopes).astype(float)
+        self.coefficients = self.coefficients.reshape(-1, len(scale) + 3 * self.slopes)
+        scale = blob.plane(outlier_scale, "<f4").astype(float)
+        outliers = blob.plane(outliers, "<i2").reshape(len(scale), vertices, 3) * scale[:, None, None]
+        self.outliers = dict(zip(blob.plane(outlier_row, "<u4").tolist(), outliers))
+
+    def at(self, slots, t, share):
+        """`share` of the slopes, 0 to 1."""
+        rows = self.row[slots]
+        (lx, ly, lz), (hx, hy, hz), (gx, gy, gz) = linear(t), *zip(*map(cubic, t))
+        weight = lambda a, b, c: np.einsum("i,j,k->ijk", a, b, c)
+        tri = weight(lx, ly, lz)
+        value = weight(hx, ly, lz) + weight(lx, hy, lz) + weight(lx, ly, hz) - 2.0 * tri
+        value = tri + share * (value - tri)
+        along = [share * weight(*w) for w in ((gx, ly, lz), (lx, gy, lz), (lx, ly, gz))]
+        numbers, count, n = self.coefficients[rows], len(self.modes), self.slopes
+        factors = np.einsum("ijk,ijkm->m", tri, numbers[..., :count])
+        if n:
+            factors[:n] = np.einsum("ijk,ijkm->m", value, numbers[..., :n])
+            for axis, weights in enumerate(along):
+                first = count + axis * n
+                factors[:n] += np.einsum("ijk,ijkm->m", weights, numbers[..., first : first + n])
+        moved = np.einsum("m,mvx->vx", factors, self.modes)
+        for row, w in zip(rows.flat, tri.flat):
+            if int(row) in self.outliers:
+                moved = moved + w * self.outliers[int(row)]
+        return moved
+
+
+def linear(t):
+    """Weights of the two ends of each axis."""
+    return [np.array([1.0 - x, x]) for x in t]
+
+
+def cubic(t):
+    """Cubic Hermite: weights of the values and of the slopes at both ends."""
+    s = 1.0 - t
+    return np.array([(1.0 + 2.0 * t) * s * s, (3.0 - 2.0 * t) * t * t]), np.array([t * s * s, -s * t * t])
+
+
+def cubic_force(w, t):
+    """Each component of h from its own value and mixed first derivatives at the corners: W_(a + [i = 0], ...)."""
+    axes = [np.stack(cubic(x), axis=1) for x in t]  # [end][order]
+    pick = lambda i: w[(...,) + tuple(slice(1, 3) if axis == i else slice(0, 2) for axis in range(3))]
+    return np.array([np.einsum("ia,jb,kc,ijkabc", *axes, pick(i)) for i in range(3)])
+
+
+# Quintic Hermite in powers of t: value, slope and curvature at 0, then at 1.
+QUINTIC = np.array(
+    [
+        [1.0, 0.0, 0.0, -10.0, 15.0, -6.0],
+        [0.0, 1.0, 0.0, -6.0, 8.0, -3.0],
+        [0.0, 0.0, 0.5, -1.5, 1.5, -0.5],
+        [0.0, 0.0, 0.0, 10.0, -15.0, 6.0],
+        [0.0, 0.0, 0.0, -4.0, 7.0, -3.0],
+        [0.0, 0.0, 0.0, 0.5, -1.0, 0.5],
+    ]
+)
+
+
+def energy_gradient(w, t):
+    """h = dW/dt of the quintic Hermite interpolant of W, which has all 27 derivatives at each corner."""
+    powers = np.arange(6)
+    values = [(QUINTIC @ x**powers).reshape(2, 3) for x in t]
+    slopes = [(QUINTIC[:, 1:] @ (powers[1:] * x ** powers[:5])).reshape(2, 3) for x in t]
+    along = lambda i: [slopes[axis] if axis == i else values[axis] for axis in range(3)]
+    return np.array([np.einsum("ia,jb,kc,ijkabc", *along(i), w) for i in range(3)])
+
+
+def show(blob):
+    print(f"scene {blob.scene}, law {blob.law}, f_max {blob.max_force_n:g} N, {blob.bytes} bytes")
+    print(f"mesh {blob.mesh_hash[:16]}, surface of {len(blob.node)} vertices and {len(blob.triangles)} triangles")
+    for space in blob.spaces:
+        solved = np.count_nonzero(space.flags & SOLVED)
+        print(f"space {space.name} (node {space.node}): r_G {space.radius_m:g} m, spacing {space.spacing_m:g} m, ", end="")
+        print(f"{solved} solved, {np.count_nonzero(space.flags & FOLD)} cells with a fold; {', '.join(space.methods())}")
+        if space.displacement:
+            d = space.displacement
+            print(f"  displacements: {len(d.modes)} modes, {d.slopes} with slopes, {len(d.outliers)} outliers")
+    print("no certificate" if blob.certificate is None else f"certificate of {len(blob.certificate['spaces'])} spaces")
+
+
+def query(blob, options):
+    spaces = [s for s in blob.spaces if options.active in (None, s.name)]
+    if not spaces:
+        raise Refused(f"no active node {options.active}; it has {', '.join(s.name for s in blob.spaces)}")
+    space = spaces[0]
+    points = np.genfromtxt(options.points, delimiter=",", names=True, ndmin=1)
+    columns = ["x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n", "coverage"]
+    if options.displacements:
+        if space.displacement is None:
+            raise Refused(f"space {space.name} has no displacements")
+        columns += [f"u{node}_{axis}_m" for node in blob.node for axis in "xyz"]
+    with open(options.csv, "w") as out:
+        print(",".join(columns), file=out)
+        for point in points:
+            at = np.array([point["x_m"], point["y_m"], point["z_m"]])
+            force, covered = space.force_n(options.method, at)
+            cells = [*map(repr, map(float, (*at, *force))), "cell" if covered else "extrapolated"]
+            if options.displacements:
+                cells += [repr(float(x)) for x in space.displacement_m(at).flat]
+            print(",".join(cells), file=out)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("blob")
+    parser.add_argument("--points")
+    parser.add_argument("--csv")
+    parser.add_argument("--active")
+    parser.add_argument("--method", default="energy")
+    parser.add_argument("--displacements", action="store_true")
+    options = parser.parse_args()
+    if (options.points is None) != (options.csv is None):
+        parser.error("--points and --csv go together")
+    try:
+        with open(options.blob, "rb") as file:
+            blob = Blob(file.read())
+        query(blob, options) if options.points else show(blob)
+    except (OSError, Refused, ValueError) as error:
+        print(f"read_blob: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

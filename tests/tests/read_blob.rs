@@ -1,0 +1,148 @@
+//! The reader in Python (tests/peers/read_blob.py) against the core, on a blob as `palpate pack` writes it.
+//!
+//! Needs numpy for /usr/bin/python3. Where it is missing this says so and passes, unless PALPATE_NEED_NUMPY is set: `tests/peers/numpy`
+//! installs it and sets that.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use palpate_core::{Coverage, Method, Organ, Space};
+use palpate_host::BlobFile;
+use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::certificate::certify;
+use palpate_precompute::fit::DisplacementBound;
+use palpate_tests::space_bench::SpaceBench;
+
+const PYTHON: &str = "/usr/bin/python3";
+
+/// Whether the reader can run at all.
+fn numpy() -> bool {
+    let found = Command::new(PYTHON).args(["-c", "import numpy"]).output();
+    let there = found.is_ok_and(|output| output.status.success());
+    assert!(there || std::env::var_os("PALPATE_NEED_NUMPY").is_none(), "{PYTHON} has no numpy");
+    if !there {
+        println!("skipped: {PYTHON} has no numpy; run tests/peers/numpy");
+    }
+    there
+}
+
+fn reader(arguments: &[&Path]) -> Output {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/read_blob.py");
+    Command::new(PYTHON).arg("-B").arg(script).args(arguments).output().expect("Python starts")
+}
+
+/// A blob of the soft beam with everything in it, and its folder. A fine bound makes slopes worth their bytes.
+fn blob(folder: &Path) -> (PathBuf, BlobFile) {
+    let mut bench = SpaceBench::new(f64::INFINITY);
+    bench.identity.displacement_bound = DisplacementBound { rms_m: 2e-5, max_m: 2e-4 };
+    let (store, _) = bench.solve(&folder.join("a.space"), 2);
+    let options = PackOptions { methods: &Method::ALL, intermediate: false, threads: 1 };
+    let mut packed = pack(&store, &options).expect("the space packs");
+    let plain = BlobFile::of(&packed.bytes().expect("bytes"));
+    let organ: Organ<'_> = Organ::read(plain.bytes()).expect("readable");
+    let certificate = certify(&store, &organ).expect("certified");
+    packed.certify(&serde_json::to_string(&certificate).expect("JSON")).expect("room");
+    let path = folder.join("a.blob");
+    let bytes = packed.bytes().expect("bytes");
+    std::fs::write(&path, &bytes).expect("written");
+    (path, BlobFile::of(&bytes))
+}
+
+/// Everywhere: inside, on points, faces, the rim and beyond; no number at all.
+fn points(space: &Space<'_>) -> Vec<[f32; 3]> {
+    let r = space.lattice.radius_m();
+    let mut points = vec![[0.0; 3], [f32::NAN, 0.0, 0.0], [1e30, 0.0, -1e30]];
+    for n in 0..400_u32 {
+        let turn = f64::from(n + 1);
+        let d = [1.3, 2.9, 4.7].map(|by| 1.3 * r * f64::sin(turn * by) as f32);
+        let on_grid = |x: f32| (x / space.lattice.spacing_m()).round() * space.lattice.spacing_m();
+        points.push(match n % 5 {
+            0 => d.map(on_grid),
+            1 => [d[0], on_grid(d[1]), d[2]],
+            _ => d,
+        });
+    }
+    points.extend(space.lattice.points().map(|ijk| space.lattice.displacement_m(ijk)));
+    points
+}
+
+#[test]
+fn a_reader_of_sixty_lines_of_documentation_gives_the_core_s_forces() {
+    if !numpy() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, file) = blob(folder.path());
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");
+    let space = &organ.spaces[0];
+    let table = space.displacement.expect("the bench is visual");
+    assert!(table.slopes() > 0, "slopes are to be read too");
+
+    let shown = reader(&[&path]);
+    let text = String::from_utf8(shown.stdout).expect("text");
+    assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
+    let expected = [
+        format!("scene beam, law mooney-rivlin, f_max {:.5e} N, {} bytes", f32::MAX, file.bytes().len()),
+        "trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy".into(),
+        format!(
+            "displacements: {} modes, {} with slopes, {} outliers",
+            table.modes(),
+            table.slopes(),
+            table.outliers()
+        ),
+        "certificate of 1 spaces".into(),
+    ];
+    for line in expected.map(|line: String| line.replace("e38", "e+38")) {
+        assert!(text.contains(&line), "{line} is not in\n{text}");
+    }
+
+    let points = points(space);
+    let (input, output) = (folder.path().join("in.csv"), folder.path().join("out.csv"));
+    let rows: String = points.iter().map(|[x, y, z]| format!("{x:?},{y:?},{z:?}\n")).collect();
+    std::fs::write(&input, format!("x_m,y_m,z_m\n{rows}")).expect("written");
+    let (mut largest, mut moved) = (0.0f64, vec![[0.0f32; 3]; organ.surface.node.len()]);
+    for method in [Method::Trilinear, Method::Hermite, Method::Energy] {
+        let arguments = ["--points".as_ref(), input.as_path(), "--csv".as_ref(), output.as_path()];
+        let last = ["--method".as_ref(), Path::new(method.name()), "--displacements".as_ref()];
+        let done = reader(&[&[path.as_path()][..], &arguments, &last].concat());
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let table = std::fs::read_to_string(&output).expect("written");
+        assert_eq!(table.lines().count(), points.len() + 1);
+        for (line, &at) in table.lines().skip(1).zip(&points) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let number = |column: usize| cells[column].parse::<f64>().expect("a number");
+            let exact = space.force(method, at).expect("packed");
+            for axis in 0..3 {
+                let (found, core) = (number(3 + axis), f64::from(exact.force_n[axis]));
+                assert!((found - core).abs() < 1e-5, "{} at {at:?}: {found} N, core {core} N", method.name());
+                largest = largest.max(core.abs());
+            }
+            assert_eq!(cells[6] == "cell", exact.coverage == Coverage::Cell, "{at:?}");
+            assert!(space.displacement_into(at, &mut moved));
+            for (column, core) in (7..).zip(moved.as_flattened()) {
+                let found = number(column);
+                assert!((found - f64::from(*core)).abs() < 1e-7, "{at:?}, column {column}: {found} m, core {core} m");
+            }
+        }
+    }
+    assert!(largest > 0.1, "forces worth comparing: {largest} N");
+}
+
+#[test]
+fn the_reader_refuses_a_damaged_file() {
+    if !numpy() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, file) = blob(folder.path());
+    let mut bytes = file.bytes().to_vec();
+    bytes[5000] ^= 1;
+    std::fs::write(&path, &bytes).expect("written");
+    for (len, says) in [(bytes.len(), "checksum mismatch"), (bytes.len() - 1, "bytes"), (3, "no blob")] {
+        std::fs::write(&path, &bytes[..len]).expect("written");
+        let refused = reader(&[&path]);
+        let line = String::from_utf8(refused.stderr).expect("text");
+        assert_eq!(refused.status.code(), Some(2), "{line}");
+        assert!(line.starts_with("read_blob: ") && line.contains(says) && line.lines().count() == 1, "{line}");
+    }
+}
