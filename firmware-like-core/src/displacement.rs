@@ -143,8 +143,9 @@ impl<'a> DisplacementTable<'a> {
 
     /// Bytes of all planes.
     pub const fn bytes(&self) -> usize {
-        let DisplacementPlanes { row, modes, scale, coefficients, outlier_row, outlier_scale, outliers, .. } =
-            self.planes;
+        let DisplacementPlanes {
+            row, modes, scale, coefficients, outlier_row, outlier_scale, outliers, ..
+        } = self.planes;
         let of_modes = size_of_val(modes) + size_of_val(scale) + size_of_val(row) + size_of_val(coefficients);
         of_modes + size_of_val(outlier_row) + size_of_val(outlier_scale) + size_of_val(outliers)
     }
@@ -168,12 +169,12 @@ impl<'a> DisplacementTable<'a> {
         out: &mut [Vec3],
     ) {
         let at = lattice.locate(displacement_m);
-        let corners = trilinear::corners(lattice.side(), at.slot, at.t);
+        let corners = trilinear::corners(lattice.strides(), at.slot, at.t);
         let folded = flags.get(at.slot).is_none_or(|bits| bits & FOLD != 0);
         let hermite = if self.used == 0 || folded {
             0.0
         } else {
-            blend::share(flags, SMOOTH, lattice.side(), at.slot, at.t)
+            blend::share(flags, SMOOTH, lattice.strides(), at.slot, at.t)
         };
         let mut parts = corners.iter().zip(hermite_weights(at.t)).map(|(&(slot, share), weights)| {
             let [value, x, y, z] = weights;
@@ -230,7 +231,8 @@ impl<'a> DisplacementTable<'a> {
             // A block that is not full repeats its first mode with a factor of zero.
             let mut factors = [0.0; BLOCK];
             let mut modes = [plane(self.planes.modes, first); BLOCK];
-            for (k, ((factor, mode), scale)) in (first..).zip(factors.iter_mut().zip(&mut modes).zip(scales)) {
+            for (k, ((factor, mode), scale)) in (first..).zip(factors.iter_mut().zip(&mut modes).zip(scales))
+            {
                 *factor = scale * self.coefficient(parts, k);
                 *mode = plane(self.planes.modes, k);
             }

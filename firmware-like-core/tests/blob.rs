@@ -13,12 +13,7 @@ use palpate_core::{Method, Organ};
 type Small<'a> = Organ<'a, 2>;
 
 fn small() -> Recipe {
-    Recipe {
-        radius_m: 0.01,
-        slopes: 2,
-        outlier: Some([0, -1, 0]),
-        ..Recipe::default()
-    }
+    Recipe { radius_m: 0.01, slopes: 2, outlier: Some([0, -1, 0]), ..Recipe::default() }
 }
 
 fn refusal(blob: &Aligned) -> BlobError {
@@ -256,7 +251,8 @@ fn displacement_planes_that_do_not_fit_together() {
         }
     }
     // Seven rows of nine numbers are no rows of twelve; nor are there slopes of four modes.
-    let slopes = |slopes| spoiled(|draft| draft.spaces[0].displacement.as_mut().expect("packed").slopes = slopes);
+    let slopes =
+        |slopes| spoiled(|draft| draft.spaces[0].displacement.as_mut().expect("packed").slopes = slopes);
     assert_eq!(slopes(3), plane("displacement coefficients", TableError::Length { have: 63, need: 60 }));
     assert_eq!(slopes(4), plane("displacement scale", TableError::Length { have: 3, need: 4 }));
     assert!(matches!(slopes(u32::MAX), BlobError::Plane { what: "displacement scale", .. }));

@@ -145,8 +145,8 @@ fn nothing_jumps() {
 fn an_outlier_is_kept_beside_the_modes_and_fades_towards_its_neighbours() {
     for slopes in SLOPES {
         let point = [1, 0, -1];
-        let [plain, odd] = [None, Some(point)]
-            .map(|outlier| Recipe { bent: true, outlier, ..recipe(slopes) }.blob());
+        let [plain, odd] =
+            [None, Some(point)].map(|outlier| Recipe { bent: true, outlier, ..recipe(slopes) }.blob());
         let (plain, odd) = (read(&plain), read(&odd));
         let (plain, odd) = (&plain.spaces[0], &odd.spaces[0]);
         assert_eq!(odd.displacement.expect("packed").outliers(), 1);
@@ -198,7 +198,8 @@ fn two_thousand_nodes_take_less_than_a_millisecond() {
     const VERTICES: usize = 2000;
     let lattice = BallLattice::new(0.01, 0.05).expect("valid");
     let mut random = Random(17);
-    let mut numbers = |count: usize| -> Vec<i16> { (0..count).map(|_| (random.next() * 32767.0) as i16).collect() };
+    let mut numbers =
+        |count: usize| -> Vec<i16> { (0..count).map(|_| (random.next() * 32767.0) as i16).collect() };
     let (modes, coefficients) = (numbers(MODES * VERTICES * 3), numbers(MODES * 4 * lattice.slots()));
     let planes = DisplacementPlanes {
         slopes: MODES,

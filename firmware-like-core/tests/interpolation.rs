@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Aligned, Random, Recipe, SHARES, distance, force};
+use common::{Aligned, Random, Recipe, distance, force};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Coverage, Estimate, Method, Organ, flags};
 

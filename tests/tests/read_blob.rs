@@ -121,7 +121,10 @@ fn a_reader_of_sixty_lines_of_documentation_gives_the_core_s_forces() {
             assert!(space.displacement_into(at, &mut moved));
             for (column, core) in (7..).zip(moved.as_flattened()) {
                 let found = number(column);
-                assert!((found - f64::from(*core)).abs() < 1e-7, "{at:?}, column {column}: {found} m, core {core} m");
+                assert!(
+                    (found - f64::from(*core)).abs() < 1e-7,
+                    "{at:?}, column {column}: {found} m, core {core} m"
+                );
             }
         }
     }
@@ -143,6 +146,9 @@ fn the_reader_refuses_a_damaged_file() {
         let refused = reader(&[&path]);
         let line = String::from_utf8(refused.stderr).expect("text");
         assert_eq!(refused.status.code(), Some(2), "{line}");
-        assert!(line.starts_with("read_blob: ") && line.contains(says) && line.lines().count() == 1, "{line}");
+        assert!(
+            line.starts_with("read_blob: ") && line.contains(says) && line.lines().count() == 1,
+            "{line}"
+        );
     }
 }

@@ -247,7 +247,9 @@ impl Recipe {
         };
         let row: Vec<u32> = (0..lattice.slots()).map(nearest).collect();
         let modes: Vec<i16> = (0..3)
-            .flat_map(|mode| SHARES.map(|share| [0, 1, 2].map(|i| if i == mode { (4.0 * share) as i16 } else { 0 })))
+            .flat_map(|mode| {
+                SHARES.map(|share| [0, 1, 2].map(|i| if i == mode { (4.0 * share) as i16 } else { 0 }))
+            })
             .flatten()
             .collect();
         let mut coefficients = Vec::new();

@@ -112,7 +112,8 @@ fn space(
         let held = ((vertex[2] - low) / shape.half_axes_m[2]).clamp(0.0, 1.0);
         held.sqrt() / (1.0 + away * away)
     };
-    let shares: Vec<i16> = vertices.iter().map(|vertex| (f32::from(i16::MAX) * share(vertex)) as i16).collect();
+    let shares: Vec<i16> =
+        vertices.iter().map(|vertex| (f32::from(i16::MAX) * share(vertex)) as i16).collect();
     let along = |axis: usize, share: i16| [0, 1, 2].map(|i| if i == axis { share } else { 0 });
     let modes: Vec<[i16; 3]> =
         (0..3).flat_map(|axis| shares.iter().map(move |&share| along(axis, share))).collect();

@@ -234,7 +234,11 @@ impl Snapshots {
         let displacements = Mat::from_fn(length, count, |i, n| f64::from(all[n * all.len() / count][i]));
         let eigen = (displacements.transpose() * &displacements).self_adjoint_eigen(Side::Lower).ok()?;
         let values: Vec<f64> = eigen.S().column_vector().iter().copied().collect();
-        values.iter().all(|x| x.is_finite()).then(|| Self { displacements, values, vectors: eigen.U().to_owned() })
+        values.iter().all(|x| x.is_finite()).then(|| Self {
+            displacements,
+            values,
+            vectors: eigen.U().to_owned(),
+        })
     }
 
     /// The next mode after these: orthonormal, with its largest component positive; `None` where rounding begins.
@@ -379,7 +383,8 @@ struct Row {
 impl Row {
     /// Mean of the straight continuations of the nearest solved configurations.
     fn ghost(solved: &[GridIndex], rows: &[Self], index: GridIndex) -> Self {
-        let distance = |from: &GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
+        let distance =
+            |from: &GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
         let nearest = solved.iter().map(distance).min().unwrap_or(0);
         let modes = rows.first().map_or(0, |row| row.values.len());
         let mut mean = Self { values: vec![0.0; modes], slopes: std::array::from_fn(|_| vec![0.0; modes]) };
@@ -472,7 +477,8 @@ mod tests {
                 .flat_map(|n| {
                     let [x, y, z] = node(n);
                     let share = 1.0 / (1.0 + (x - 1.0).powi(2) + y * y + z * z);
-                    let wave = bend * (40.0 * (d[0] * x + d[1] * y + d[2] * z) + n as f64).sin() - bend * (n as f64).sin();
+                    let wave = bend * (40.0 * (d[0] * x + d[1] * y + d[2] * z) + n as f64).sin()
+                        - bend * (n as f64).sin();
                     d.map(|d| share * (d + 0.01 * wave))
                 })
                 .collect()
@@ -544,7 +550,10 @@ mod tests {
             let fit = case.fit(bound);
             let misfit = case.misfit(&fit);
             assert!(bound.holds(misfit), "{bound:?} {misfit:?}");
-            assert!((misfit.rms_m - fit.misfit.rms_m).abs() < 1e-7 && (misfit.max_m - fit.misfit.max_m).abs() < 1e-7);
+            assert!(
+                (misfit.rms_m - fit.misfit.rms_m).abs() < 1e-7
+                    && (misfit.max_m - fit.misfit.max_m).abs() < 1e-7
+            );
             // Not for nothing: it takes what it may, and the fewer modes the more it may.
             assert!(misfit.rms_m > 0.1 * rms_m.min(max_m), "{bound:?} {misfit:?}");
             if max_m > 3.0 * rms_m {

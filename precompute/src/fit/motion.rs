@@ -27,17 +27,20 @@ impl<'s> SurfaceMotion<'s> {
     pub fn at(&self, index: GridIndex, attempt: u32) -> Result<Moved, StoreError> {
         let [displacement, slopes @ ..] = self.store.displacements_and_slopes(self.active, index, attempt)?;
         let of_surface = |all: &Vec<[f32; 3]>| self.nodes.iter().flat_map(|&n| all[n as usize]).collect();
-        Ok(Moved { displacement_m: self.from_rest(&displacement), slopes: slopes.each_ref().map(of_surface) })
+        Ok(Moved {
+            displacement_m: self.since_rest(&displacement),
+            slopes: slopes.each_ref().map(of_surface),
+        })
     }
 
     /// Displacement from rest of held-out truth, from its bytes; `None` if they were not kept.
     pub fn of_truth(&self, bytes: &[u8]) -> Option<Vec<f32>> {
         let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let all = numbers.as_chunks::<3>().0;
-        (all.len() >= self.rest.len()).then(|| self.from_rest(all))
+        (all.len() >= self.rest.len()).then(|| self.since_rest(all))
     }
 
-    fn from_rest(&self, all: &[[f32; 3]]) -> Vec<f32> {
+    fn since_rest(&self, all: &[[f32; 3]]) -> Vec<f32> {
         let of_node = |&n: &u32| -> [f32; 3] {
             std::array::from_fn(|axis| all[n as usize][axis] - self.rest[n as usize][axis])
         };

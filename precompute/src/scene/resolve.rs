@@ -7,7 +7,9 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{ActiveTable, BodyForceTable, FixedTable, GridTable, Located, NeedsTable, Place, SolverTable, Tables};
+use super::file::{
+    ActiveTable, BodyForceTable, FixedTable, GridTable, Located, NeedsTable, Place, SolverTable, Tables,
+};
 use super::{
     ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
     material,

@@ -167,7 +167,12 @@ fn the_bound_of_the_displacements_is_the_scene_s() {
     let refuses = |keys: &str, place: &str, what: &str, mend: &str| {
         bench.refuses("visual = false", &format!("visual = true\n{keys}"), place, what, mend);
     };
-    refuses("displacement_rms_mm = 0.001", "block.toml:26", "displacement_rms_mm = 0.001 is finer", "give 0.01 or more");
+    refuses(
+        "displacement_rms_mm = 0.001",
+        "block.toml:26",
+        "displacement_rms_mm = 0.001 is finer",
+        "give 0.01 or more",
+    );
     refuses("displacement_max_mm = -1.0", "block.toml:26", "displacement_max_mm", "correct the value");
     refuses("displacement_max_mm = nan", "block.toml:26", "displacement_max_mm", "correct the value");
     refuses("displacement_mm = 1.0", "block.toml:26", "unknown key `displacement_mm`", "displacement_");

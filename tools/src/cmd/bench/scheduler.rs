@@ -188,7 +188,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         spacing_m: grid.spacing_m,
         radius_m: grid.radius_m,
         visual: false,
-            displacement_bound: DisplacementBound::default(),
+        displacement_bound: DisplacementBound::default(),
         complete_cells,
         increments: None,
     };

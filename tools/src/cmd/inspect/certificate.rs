@@ -4,7 +4,9 @@ use std::fmt::Write;
 use std::path::Path;
 
 use palpate_core::Organ;
-use palpate_precompute::certificate::{Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate};
+use palpate_precompute::certificate::{
+    Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate,
+};
 
 use crate::failure::Failure;
 
