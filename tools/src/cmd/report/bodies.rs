@@ -15,9 +15,10 @@ use super::steps::{Steps, kept};
 use crate::failure::Failure;
 use crate::workbench::Workbench;
 
-/// Radius of the patch that the tool holds, m: under a single node the force of a finer mesh falls without end, so that only a tool
-/// of some size has a force to converge to. 25 mm is 8 nodes of the bundled small mesh.
+/// Radius of the patch that the tool holds, m, and as a share of the body's diagonal at most: under a single node the force of a
+/// finer mesh falls without end, so that only a tool of some size has a force to converge to. 25 mm is 8 nodes of the bundled small mesh.
 const PATCH_M: f64 = 0.025;
+const PATCH_SHARE: f64 = 0.15;
 /// Displacements along each axis, as shares of r_G, each from the one before.
 const SHARES: [f64; 2] = [0.1, 0.3];
 
@@ -102,8 +103,13 @@ pub(super) fn measured(plan: &Plan, steps: &mut Steps) -> Result<Vec<BodyRow>, F
     let mut rows = Vec::new();
     for (family, ways) in ways(plan)? {
         steps.next(&format!("{}: elements, pressure fields and meshes", family.name))?;
-        for patch_m in [None, Some(PATCH_M.min(0.5 * family.radius_m()))] {
+        let patch_m = PATCH_M.min(PATCH_SHARE * family.bench.scene.mesh.diagonal_m());
+        for patch_m in [None, Some(patch_m)] {
             let mut solved = Vec::new();
+            // A patch of one node is the node.
+            if patch_m.is_some() && family.discretised(1, false, patch_m)?.scene.active[0].patch.len() < 3 {
+                continue;
+            }
             for way in &ways {
                 let bench = way.family.discretised(way.order, way.stabilised, patch_m)?;
                 solved.push((

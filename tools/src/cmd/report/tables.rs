@@ -129,7 +129,10 @@ fn fit(
     let bare = BlobFile::of(&packed.bytes()?);
     let organ: Organ<'_> = Organ::read(bare.bytes()).map_err(Failure::work)?;
     let certificate = certify(store, &organ)?;
-    packed.certify(&serde_json::to_string(&certificate).map_err(Failure::work)?)?;
+    let json = serde_json::to_string(&certificate).map_err(Failure::work)?;
+    packed.certify(&json)?;
+    // As a second run reads it: numbers in JSON may lose their last bit.
+    let certificate: Certificate = serde_json::from_str(&json).map_err(Failure::work)?;
     let bytes = packed.bytes()?;
     write_atomically(path, &bytes).map_err(|error| Failure::file(path, &error))?;
     Ok(Fitted::of(method, BlobFile::of(&bytes), certificate))

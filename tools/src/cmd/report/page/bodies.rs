@@ -3,9 +3,8 @@
 use super::super::Report;
 use super::super::bodies::BodyRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
-use super::super::words::{count, figure, list, milli, percent, seconds};
+use super::super::words::{count, figure, milli, percent, seconds};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
-use super::title;
 
 /// The section.
 pub(super) fn section(report: &Report) -> String {
@@ -22,10 +21,13 @@ pub(super) fn section(report: &Report) -> String {
         if meshes.first() == Some(&row.mesh.as_str()) { Style::number(n).hollow() } else { Style::number(n) }
     };
     let (mut charts, mut words) = (Vec::new(), Vec::new());
-    for (n, family) in report.plan.families.iter().enumerate() {
+    for family in &report.plan.families {
         for tool in ["node", "patch"] {
             let of: Vec<&BodyRow> =
                 rows.iter().filter(|r| r.scene == family.name && r.tool == tool).collect();
+            if of.is_empty() {
+                continue;
+            }
             let mut meshes: Vec<&str> = Vec::new();
             for row in &of {
                 if !meshes.contains(&row.mesh.as_str()) {
@@ -47,7 +49,7 @@ pub(super) fn section(report: &Report) -> String {
             });
             charts.push(
                 Chart {
-                    title: format!("{}, tool on {}", title(report, n), tool_words(of.first().copied())),
+                    title: format!("{}, tool on {}", family.name, tool_words(of.first().copied())),
                     x: Axis::log("time of a configuration, ms", compared.iter().map(|row| 1e3 * row.seconds)),
                     y: Axis::log(
                         "mean difference from the finest, %",
@@ -98,13 +100,13 @@ fn sentence(scene: &str, tool: &str, rows: &[&BodyRow]) -> Option<String> {
         })
         .collect();
     Some(format!(
-        "{scene}, {}: apart from {} on {} ({} equations, {}) by: {}.",
+        "{scene}, {}: mean difference from {} on {} ({} equations, {}): {}.",
         if tool == "node" { "one node".into() } else { tool_words(Some(finest)) },
         finest.element,
         finest.mesh,
         count(finest.equations),
         seconds(finest.seconds),
-        list(&each)
+        each.join("; ")
     ))
 }
 

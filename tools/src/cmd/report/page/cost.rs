@@ -1,11 +1,13 @@
 //! Sections (a), (b) and (c): error against nanoseconds, configurations and seconds, bytes.
 
+use std::collections::BTreeMap;
+
 use palpate_precompute::certificate::NOT_FELT_N;
 
 use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
 use super::super::plot::{Axis, Chart, Point, Series, Style};
-use super::super::words::{bytes, count, figure, milli, plain, seconds, times};
+use super::super::words::{bytes, count, figure, list, milli, plain, seconds, times};
 use super::html::{figure as plots, files, paragraph, says, section};
 use super::{is_of_the_paper, least, method_keys, row, title};
 
@@ -167,7 +169,7 @@ fn query_words(cases: &[Measured]) -> Vec<String> {
         let of_the_paper = least(case.methods.iter().filter(|row| is_of_the_paper(row)), |row| row.mean_n);
         if let Some(paper) = of_the_paper.filter(|paper| paper.method != best.method) {
             line += &format!(
-                "; of the paper\u{2019}s four {} errs least, {} mN in {} ns: {} the error in {} the time",
+                "; of the paper\u{2019}s four {} errs least, {} mN in {} ns: {} the error, {} as long",
                 paper.method,
                 milli(paper.mean_n),
                 figure(paper.nanoseconds),
@@ -218,6 +220,9 @@ fn solving_words(cases: &[Measured]) -> Vec<String> {
         }
         let line: Vec<&MethodRow> = rows().filter(|row| row.method == best.method).collect();
         let Some((needed, at_most)) = needed(&line, paper.mean_n) else { continue };
+        if (paper.configurations as f64) < 1.05 * needed {
+            continue;
+        }
         lines.push(format!(
             "{}, the best of the paper\u{2019}s four on {} points, has {} mN from {} configurations; {} has as little from {} {}: {}{} fewer.",
             paper.method,
@@ -250,11 +255,14 @@ fn needed(line: &[&MethodRow], mean_n: f64) -> Option<(f64, bool)> {
 fn byte_words(cases: &[Measured]) -> Vec<String> {
     let mut lines = vec![first_below(cases, &BYTES, "smallest")];
     if let Some(case) = cases.last() {
-        let mut sizes: Vec<(usize, &str)> =
-            case.methods.iter().map(|row| (row.table_bytes, row.method)).collect();
-        sizes.sort_unstable();
-        let sizes: Vec<String> = sizes.iter().map(|(n, method)| format!("{method} {}", bytes(*n))).collect();
-        lines.push(format!("on {} points: {}.", count(case.space.grid as usize), sizes.join(", ")));
+        // Methods that share their tables stand together.
+        let mut sizes: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+        for row in &case.methods {
+            sizes.entry(row.table_bytes).or_default().push(row.method.into());
+        }
+        let sizes: Vec<String> =
+            sizes.iter().map(|(n, methods)| format!("{} {}", list(methods), bytes(*n))).collect();
+        lines.push(format!("on {} points: {}.", count(case.space.grid as usize), sizes.join("; ")));
     }
     lines
 }

@@ -2,8 +2,10 @@
 
 use super::super::Report;
 use super::super::hard::HardRow;
+use super::super::plot::{Axis, Chart, Point, Series, Style};
 use super::super::words::{count, figure, milli, percent};
-use super::html::{Cell, files, paragraph, says, section as whole, table};
+use super::html::{Cell, figure as plots, files, paragraph, says, section as whole, table};
+use super::method_keys;
 
 /// The section.
 pub(super) fn section(report: &Report) -> String {
@@ -37,37 +39,6 @@ pub(super) fn section(report: &Report) -> String {
         ]
     });
     let facts: Vec<Vec<Cell>> = facts.collect();
-    let errors_head = [
-        "case",
-        "method",
-        "covered",
-        "mean, mN",
-        "p99",
-        "max",
-        "at folds: positions",
-        "mean, mN",
-        "max",
-        "seam, mN",
-    ];
-    let errors = rows.iter().map(|row| -> Vec<Cell> {
-        let best = rows.iter().filter(|r| r.case == row.case).all(|r| r.mean_n >= row.mean_n);
-        let folded = |value: f64| -> Cell {
-            if row.folded_positions == 0 { "\u{2013}".into() } else { milli(value).into() }
-        };
-        vec![
-            row.case.clone().into(),
-            row.method.into(),
-            percent(row.covered_share).into(),
-            Cell { text: milli(row.mean_n), best },
-            milli(row.p99_n).into(),
-            milli(row.max_n).into(),
-            count(row.folded_positions).into(),
-            folded(row.folded_mean_n),
-            folded(row.folded_max_n),
-            milli(row.seam_n).into(),
-        ]
-    });
-    let errors: Vec<Vec<Cell>> = errors.collect();
     let scene = rows.first().map_or("", |row| row.scene.as_str());
     let grid = rows.first().map_or(0, |row| row.grid);
     let body = paragraph(
@@ -79,13 +50,95 @@ pub(super) fn section(report: &Report) -> String {
         ),
     ) + &says(&words(rows, &cases))
         + &table(&head, &facts)
-        + &table(&errors_head, &errors)
+        + &matrix(rows, &cases)
+        + &holes(report)
         + &files(&["hard"])
         + &paragraph(
             "setting",
             "Hard cases of the solver itself: docs/hard-cases.md in the source tree, tests in tests/hard.",
         );
     whole("f", "(f) Hard cases of the interpolation", &body)
+}
+
+/// Errors: a row a method, a column a case, and one for the positions at folds where there are some.
+fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
+    let mut head = vec!["mean / p99, mN".to_string()];
+    for case in cases {
+        head.push(case.case.clone());
+        if has_folds(rows, case) {
+            head.push("the same at folds: mean / max".into());
+        }
+    }
+    let mut methods: Vec<&str> = Vec::new();
+    for row in rows {
+        if !methods.contains(&row.method) {
+            methods.push(row.method);
+        }
+    }
+    let of =
+        |case: &HardRow, method: &str| rows.iter().find(|row| row.case == case.case && row.method == method);
+    let line = |method: &&str| -> Vec<Cell> {
+        let mut cells: Vec<Cell> = vec![(*method).into()];
+        for case in cases {
+            let Some(row) = of(case, method) else {
+                cells.push("\u{2013}".into());
+                continue;
+            };
+            let best = rows.iter().filter(|r| r.case == row.case).all(|r| r.mean_n >= row.mean_n);
+            cells.push(Cell { text: format!("{} / {}", milli(row.mean_n), milli(row.p99_n)), best });
+            if has_folds(rows, case) {
+                cells.push(format!("{} / {}", milli(row.folded_mean_n), milli(row.folded_max_n)).into());
+            }
+        }
+        cells
+    };
+    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    table(&head, &methods.iter().map(line).collect::<Vec<_>>())
+}
+
+fn has_folds(rows: &[HardRow], case: &HardRow) -> bool {
+    rows.iter().any(|row| row.case == case.case && row.folded_positions > 0)
+}
+
+/// Error and coverage against the share of missing points.
+fn holes(report: &Report) -> String {
+    let rows = || report.hard.iter().filter(|row| is_near(report, row));
+    let chart = |title: &str, label: &str, of: fn(&HardRow) -> f64, log: bool| {
+        let series = report.plan.methods.iter().map(|method| Series {
+            style: Style::of_method(*method),
+            joined: true,
+            marked: true,
+            points: rows()
+                .filter(|row| row.method == method.name())
+                .map(|row| Point {
+                    x: 100.0 * row.missing_share,
+                    y: of(row),
+                    r: 4.0,
+                    title: format!("{}, {}: {}", row.method, row.case, figure(of(row))),
+                    note: None,
+                })
+                .collect(),
+        });
+        let all = rows().map(of);
+        Chart {
+            title: title.into(),
+            x: Axis::linear("points missing, %", rows().map(|row| 100.0 * row.missing_share)),
+            y: if log { Axis::log(label, all) } else { Axis::linear(label, all) },
+            series: series.collect(),
+            levels: vec![],
+        }
+        .svg()
+    };
+    let charts = [
+        chart("Error of tables with holes", "mean |error|, mN", |row| 1e3 * row.mean_n, true),
+        chart("Positions with data all round", "covered, %", |row| 100.0 * row.covered_share, false),
+    ];
+    plots(&method_keys(report), "", &charts)
+}
+
+/// Whether a row is of the radius that the first one has.
+fn is_near(report: &Report, row: &HardRow) -> bool {
+    report.hard.first().is_some_and(|first| first.radius_m == row.radius_m)
 }
 
 fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {

@@ -7,6 +7,11 @@ pub(super) fn section(id: &str, title: &str, body: &str) -> String {
     format!("<section id=\"{id}\">\n<h2>{}</h2>\n{body}</section>\n", escaped(title))
 }
 
+/// A heading within a section.
+pub(super) fn heading(text: &str) -> String {
+    format!("<h3>{}</h3>\n", escaped(text))
+}
+
 /// A paragraph.
 pub(super) fn paragraph(class: &str, text: &str) -> String {
     format!("<p class=\"{class}\">{}</p>\n", escaped(text))
@@ -81,7 +86,17 @@ impl<T: Into<String>> From<T> for Cell {
 
 /// A table; a row that begins with other words than the one before begins a group.
 pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
-    let head: String = head.iter().map(|text| format!("<th>{}</th>", escaped(text))).collect();
+    // Columns of words stand to the left.
+    let words = |n: usize| {
+        rows.first().and_then(|row| row.get(n)?.text.chars().next()).is_some_and(char::is_alphabetic)
+    };
+    let head: String = head
+        .iter()
+        .enumerate()
+        .map(|(n, text)| {
+            format!("<th{}>{}</th>", if words(n) { " class=\"left\"" } else { "" }, escaped(text))
+        })
+        .collect();
     let mut body = String::new();
     let mut before: Option<&str> = None;
     for row in rows {
@@ -89,7 +104,11 @@ pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
         let (starts, again) = (before.is_some() && before != first && repeats(rows), before == first);
         body += if starts { "<tr class=\"group\">" } else { "<tr>" };
         for (n, cell) in row.iter().enumerate() {
-            let class = if cell.best { " class=\"best\"" } else { "" };
+            let class = match (cell.best, words(n)) {
+                (true, _) => " class=\"best\"",
+                (false, true) => " class=\"left\"",
+                (false, false) => "",
+            };
             // The words of a group stand in its first row alone.
             let text = if n == 0 && again { "" } else { &cell.text };
             body += &format!("<td{class}>{}</td>", escaped(text));

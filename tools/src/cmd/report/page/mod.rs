@@ -2,6 +2,7 @@
 
 mod bodies;
 mod cost;
+mod figures;
 mod footer;
 mod hard;
 mod html;
@@ -32,6 +33,7 @@ pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
         paper::section(report),
         bodies::section(report),
         hard::section(report),
+        figures::section(report),
         footer::section(report),
     ]
     .concat();
@@ -73,4 +75,9 @@ fn least<'r>(
 /// The methods that the paper compares.
 fn is_of_the_paper(row: &MethodRow) -> bool {
     ["trilinear", "tricubic", "rbf-linear", "rbf-cubic"].contains(&row.method)
+}
+
+/// A method's name, marked where it is not the paper's.
+fn method_words(row: &MethodRow) -> String {
+    format!("{}{}", row.method, if is_of_the_paper(row) { "" } else { " *" })
 }

@@ -3,12 +3,12 @@
 use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
 use super::super::plan::Family;
-use super::super::words::{bytes, count, figure, law, milli, percent, seconds};
-use super::html::{Cell, files, paragraph, section as whole, table};
-use super::{is_of_the_paper, title};
+use super::super::words::{bytes, count, figure, law, milli, percent};
+use super::html::{Cell, files, heading, paragraph, section as whole, table};
+use super::{least, method_words, row, title};
 use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
 
-const PARTS: [(&str, &str); 7] = [
+const PARTS: [(&str, &str); 8] = [
     ("glance", "At a glance"),
     ("a", "(a) Time of a query"),
     ("b", "(b) Configurations and seconds"),
@@ -16,6 +16,7 @@ const PARTS: [(&str, &str); 7] = [
     ("d", "(d) The paper\u{2019}s figures"),
     ("e", "(e) Discretisation"),
     ("f", "(f) Hard cases"),
+    ("g", "(g) All figures"),
 ];
 
 /// Title, setting and main table.
@@ -55,23 +56,19 @@ pub(super) fn section(report: &Report) -> String {
         page += &format!("<a href=\"#{id}\">{name}</a>");
     }
     page += "</nav>\n";
-    let mut glance = String::new();
-    for (n, cases) in report.cases.iter().enumerate() {
-        glance += &format!("<h3>{}</h3>\n", super::escaped(&title(report, n)));
-        glance += &(error_table(cases) + &cost_table(cases) + &space_table(cases));
-    }
-    glance += &paragraph(
+    let mut glance = paragraph(
         "setting",
-        "* not among the paper\u{2019}s four. Bold: the least of its grid. Covered: positions where the method has its own data all round; \
-         elsewhere the out-of-table policy answers. Work: round closed circles, share of the energy exchanged. Seam: largest jump of the \
-         force at a face of the grid or the rim. f32: what the tick\u{2019}s arithmetic adds. Solving: seconds of all threads together, \
-         corners that complete the cells at the rim with them.",
+        "Error vector in mN, mean / 99th percentile, on each grid; bold: the least mean of the grid. Time of a query and bytes of the tables \
+         from the coarsest grid to the finest. * not among the paper\u{2019}s four.",
     );
+    for (n, cases) in report.cases.iter().enumerate() {
+        glance += &(heading(&title(report, n)) + &matrix(report, cases));
+    }
     for left_out in report.cases.iter().flatten().flat_map(|case| &case.left_out) {
         let words = format!("Left out: {} on {}: {}.", left_out.method, left_out.case, left_out.why);
         glance += &paragraph("setting", &words);
     }
-    glance += &files(&["methods", "spaces"]);
+    glance += &files(&["methods"]);
     page + &whole("glance", "At a glance", &glance)
 }
 
@@ -98,116 +95,33 @@ fn setting(family: &Family, cases: &[Measured]) -> String {
     )
 }
 
-/// The least of a figure in one case; what is no number does not count.
-fn best(case: &Measured, of: fn(&MethodRow) -> f64) -> f64 {
-    case.methods.iter().map(of).fold(f64::INFINITY, f64::min)
-}
-
-/// A figure in words, marked if no other of the case is less.
-fn marked(case: &Measured, row: &MethodRow, of: fn(&MethodRow) -> f64, shown: fn(f64) -> String) -> Cell {
-    Cell { text: shown(of(row)), best: of(row) <= best(case, of) }
-}
-
-fn grid_words(row: &MethodRow) -> String {
-    format!("{} points", count(row.grid as usize))
-}
-
-fn method_words(row: &MethodRow) -> String {
-    format!("{}{}", row.method, if is_of_the_paper(row) { "" } else { " *" })
-}
-
-/// Errors, grid by grid and method by method.
-fn error_table(cases: &[Measured]) -> String {
-    let head = [
-        "grid",
-        "method",
-        "mean, mN",
-        "p50",
-        "p95",
-        "p99",
-        "max",
-        "not felt",
-        "covered",
-        "mean of covered, mN",
-        "positions at folds",
-        "mean there, mN",
-        "max",
-    ];
-    let row = |case: &Measured, row: &MethodRow| -> Vec<Cell> {
-        let error = |of| marked(case, row, of, milli);
-        vec![
-            grid_words(row).into(),
-            method_words(row).into(),
-            error(|row| row.mean_n),
-            error(|row| row.p50_n),
-            error(|row| row.p95_n),
-            error(|row| row.p99_n),
-            error(|row| row.max_n),
-            percent(row.not_felt_share).into(),
-            percent(row.covered_share).into(),
-            milli(row.covered_mean_n).into(),
-            count(row.folded_positions).into(),
-            milli(row.folded_mean_n).into(),
-            milli(row.folded_max_n).into(),
-        ]
-    };
-    let rows: Vec<Vec<Cell>> =
-        cases.iter().flat_map(|case| case.methods.iter().map(|of| row(case, of))).collect();
+/// A row a method, a column a grid.
+fn matrix(report: &Report, cases: &[Measured]) -> String {
+    let grids: Vec<String> =
+        cases.iter().map(|case| format!("{} points", count(case.space.grid as usize))).collect();
+    let mut head = vec!["method"];
+    head.extend(grids.iter().map(String::as_str));
+    head.extend(["a query, ns", "tables"]);
+    let mut rows = Vec::new();
+    for &method in &report.plan.methods {
+        let of: Vec<Option<&MethodRow>> = cases.iter().map(|case| row(case, method)).collect();
+        let there: Vec<&MethodRow> = of.iter().copied().flatten().collect();
+        let (Some(first), Some(last)) = (there.first(), there.last()) else { continue };
+        let mut cells: Vec<Cell> = vec![method_words(first).into()];
+        for (case, row) in cases.iter().zip(&of) {
+            let best = least(&case.methods, |row| row.mean_n).map_or(0.0, |row| row.mean_n);
+            cells.push(row.map_or("\u{2013}".into(), |row| Cell {
+                text: format!("{} / {}", milli(row.mean_n), milli(row.p99_n)),
+                best: row.mean_n <= best,
+            }));
+        }
+        let range = |shown: fn(&MethodRow) -> String| match (shown(first), shown(last)) {
+            (a, b) if a == b => a,
+            (a, b) => format!("{a} \u{2013} {b}"),
+        };
+        cells.push(range(|row| figure(row.nanoseconds)).into());
+        cells.push(range(|row| bytes(row.table_bytes)).into());
+        rows.push(cells);
+    }
     table(&head, &rows)
-}
-
-/// What the methods cost, and how they behave as a force field.
-fn cost_table(cases: &[Measured]) -> String {
-    let head = ["grid", "method", "a query, ns", "tables", "work, mean %", "max", "seam, mN", "f32, mN"];
-    let row = |case: &Measured, row: &MethodRow| -> Vec<Cell> {
-        vec![
-            grid_words(row).into(),
-            method_words(row).into(),
-            marked(case, row, |row| row.nanoseconds, figure),
-            marked(case, row, |row| row.table_bytes as f64, |n| bytes(n as usize)),
-            figure(100.0 * row.work_mean_share).into(),
-            figure(100.0 * row.work_max_share).into(),
-            milli(row.seam_n).into(),
-            milli(row.rounding_n).into(),
-        ]
-    };
-    let rows: Vec<Vec<Cell>> =
-        cases.iter().flat_map(|case| case.methods.iter().map(|of| row(case, of))).collect();
-    table(&head, &rows)
-}
-
-/// What the spaces took.
-fn space_table(cases: &[Measured]) -> String {
-    let head = [
-        "grid",
-        "configurations",
-        "tries",
-        "failed",
-        "solving",
-        "iterations",
-        "factorisations",
-        "residual up to, N",
-        "fold pairs",
-        "volume at folds",
-        "held-out solves",
-        "store",
-    ];
-    let row = |case: &Measured| -> Vec<Cell> {
-        let space = &case.space;
-        vec![
-            format!("{} points", count(space.grid as usize)).into(),
-            count(space.configurations).into(),
-            count(space.tries).into(),
-            count(space.failed).into(),
-            seconds(space.solve_seconds).into(),
-            count(space.iterations as usize).into(),
-            count(space.factorisations as usize).into(),
-            figure(space.largest_residual_n).into(),
-            count(space.fold_pairs).into(),
-            percent(space.folded_volume).into(),
-            count(space.held_out_positions as usize).into(),
-            bytes(space.space_bytes as usize).into(),
-        ]
-    };
-    table(&head, &cases.iter().map(row).collect::<Vec<_>>())
 }

@@ -10,7 +10,7 @@ use super::super::measure::{Along, Measured, PathRow};
 use super::super::plot::{Axis, Bars, Chart, Group, Point, Series, Style, Value};
 use super::super::words::{count, figure, law, list, milli, percent, seconds};
 use super::cost::radius;
-use super::html::{Key, figure as plots, files, paragraph, says, section as whole};
+use super::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};
 use super::{method_keys, title};
 
 /// The just noticeable difference of a force.
@@ -20,10 +20,6 @@ const JND: f64 = 0.07;
 pub(super) fn section(report: &Report) -> String {
     let body = [curves(report), along(report), times(report), means(report), maxima(report)].concat();
     whole("d", "(d) The paper\u{2019}s figures", &body)
-}
-
-fn heading(text: &str) -> String {
-    format!("<h3>{text}</h3>\n")
 }
 
 /// Fig. 6.
@@ -131,7 +127,7 @@ fn laws_chart(rows: &[CurveRow], laws: &[&str], (held, active): (&str, &str)) ->
             y: row.force_n,
             r: 0.0,
             title: String::new(),
-            note: (step == last / 2 + 3 * n).then(|| law(name)),
+            note: (step == last).then(|| law(name)),
         };
         Series {
             style: Style::number(n + 4),
@@ -203,7 +199,13 @@ fn series(along: &Along, method: Method, answers: &[[f64; 2]], of: usize, scale:
     let points = along.distance_m.iter().zip(answers).map(|(d, a)| Point {
         x: 1e3 * d,
         y: scale * a[of],
-        r: 3.2,
+        // So that no marker hides another.
+        r: match method {
+            _ if of == 1 => 3.2,
+            Method::Trilinear => 5.6,
+            Method::RbfCubic => 4.4,
+            _ => 3.0,
+        },
         title: format!("{}, {} mm: {}", method.name(), milli(*d), figure(scale * a[of])),
         note: None,
     });
@@ -251,7 +253,7 @@ fn times(report: &Report) -> String {
     let time = Bars {
         title: "Solving a configuration space".into(),
         x_label: x_label.into(),
-        y: Axis::linear("seconds, all threads together", all().map(|space| space.solve_seconds)),
+        y: Axis::linear("seconds, all threads together", all().map(|space| 1.06 * space.solve_seconds)),
         groups,
         solid: true,
     };
@@ -267,7 +269,10 @@ fn times(report: &Report) -> String {
     let each = Bars {
         title: "One configuration".into(),
         x_label: x_label.into(),
-        y: Axis::linear("milliseconds, one thread", report.cases.iter().flatten().map(each_ms)),
+        y: Axis::linear(
+            "milliseconds, one thread",
+            report.cases.iter().flatten().map(|case| 1.06 * each_ms(case)),
+        ),
         groups,
         solid: true,
     };

@@ -137,7 +137,10 @@ impl Chart {
             let at = frame.at(point.x, point.y);
             style.marker(&mut svg, at, point.r, &point.title);
             if let Some(note) = &point.note {
-                svg.text([at[0] + point.r + 4.0, at[1] - 5.0], Anchor::Start, "note", note);
+                // Beside the point, towards the middle of the plot.
+                let (side, anchor) =
+                    if self.x.place(point.x) > 0.7 { (-1.0, Anchor::End) } else { (1.0, Anchor::Start) };
+                svg.text([at[0] + side * (point.r + 4.0), at[1] - 5.0], anchor, "note", note);
             }
         }
         svg.finish(WIDTH, HEIGHT, &self.title)
