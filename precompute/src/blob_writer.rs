@@ -137,6 +137,15 @@ pub struct PackOptions<'m> {
 
 /// Packs every solved space of `store`.
 pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackError> {
+    pack_with(store, options, |_| true)
+}
+
+/// [`pack`] without the points that `keep` refuses, as if they had not been solved: what tables with holes are worth.
+pub fn pack_with(
+    store: &Store,
+    options: &PackOptions<'_>,
+    keep: impl Fn(GridIndex) -> bool,
+) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let grid =
         SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
@@ -152,7 +161,8 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        let records = store.records(active)?;
+        let mut records = store.records(active)?;
+        records.retain(|record| record.index == REST || keep(record.index));
         let samples = samples(&packer.grid, &records);
         // The rest point alone is no space.
         if samples.len() > 1 {

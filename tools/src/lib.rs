@@ -42,6 +42,7 @@ enum Command {
     Pack(cmd::pack::Args),
     Query(cmd::query::Args),
     Inspect(cmd::inspect::Args),
+    Report(cmd::report::Args),
     Run(cmd::run::Args),
     Bench(cmd::bench::Args),
 }
@@ -62,6 +63,7 @@ pub fn palpate() -> ExitCode {
         Command::Pack(args) => cmd::pack::run(&args),
         Command::Query(args) => cmd::query::run(&args),
         Command::Inspect(args) => cmd::inspect::run(&args),
+        Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
     };

@@ -37,7 +37,7 @@ impl Workbench {
         for warning in &scene.warnings {
             eprintln!("palpate: warning: {warning}");
         }
-        Self::built(path, scene)
+        Self::quietly(path, scene)
     }
 
     /// The scene that a store was made of, out of the store alone.
@@ -51,16 +51,17 @@ impl Workbench {
                 "{path}: the scene in it is not the one that it was solved for; run `palpate precompute` again"
             )));
         }
-        Self::built(store.path(), scene)
+        Self::quietly(store.path(), scene)
     }
 
     /// Loads a scene and its mesh without warnings, for one that is not the first to load it.
     #[cfg(feature = "mpi")]
     pub(crate) fn load_quietly(path: &Path) -> Result<Self, Failure> {
-        Self::built(path, Scene::load(path)?.resolve()?)
+        Self::quietly(path, Scene::load(path)?.resolve()?)
     }
 
-    fn built(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
+    /// Builds the body of a scene without warnings.
+    pub(crate) fn quietly(path: &Path, scene: ResolvedScene) -> Result<Self, Failure> {
         let body = scene.body().map_err(|error| {
             let line = format!("{}: {error}", path.display());
             match error {

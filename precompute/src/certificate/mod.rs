@@ -10,7 +10,7 @@ mod reference;
 
 pub use displacement::{Apart, DisplacementCertificate};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
-pub use probes::{Probe, Work};
+pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 
 use palpate_core::flags::SMOOTH;
@@ -18,9 +18,9 @@ use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
 use serde::{Deserialize, Serialize};
 
 use crate::configuration_space::fold::folds;
-use crate::configuration_space::{SpaceGrid, Store, StoreError};
+use crate::configuration_space::{SpaceGrid, Store, StoreError, StoreIdentity};
 use crate::fit::samples;
-use crate::held_out::{Kind, Summary, is_on_training_lattice};
+use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
 
 /// Everything that was measured of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -116,17 +116,66 @@ pub struct MethodCertificate {
 
 /// A truth that a method is compared with.
 struct Truth {
-    kind: Kind,
+    walk: Walk,
+    step: u32,
     displacement_m: [f32; 3],
     force_n: [f64; 3],
     folded: bool,
 }
 
+/// A held-out position with what a method answers there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Answer {
+    /// The path, or the single position, that it belongs to.
+    pub walk: Walk,
+    /// Which step of it, from 1.
+    pub step: u32,
+    /// Where, m.
+    pub displacement_m: [f32; 3],
+    /// Truth and answer.
+    pub compared: Compared,
+    /// It lies at a fold.
+    pub folded: bool,
+}
+
+/// What a method of `space`, packed from active node number `active` of `store`, answers at every held-out position that may be
+/// compared: reachable, inside the ball, and not among those that a fit saw. In the order of kind, walk and step; nothing if the
+/// method is not packed.
+pub fn answers(
+    store: &Store,
+    active: usize,
+    space: &Space<'_>,
+    method: Method,
+) -> Result<Vec<Answer>, StoreError> {
+    let identity = store.identity()?;
+    let grid = grid(store, &identity)?;
+    let truths = truths(store, active, space, &grid, identity.increments)?;
+    Ok(answered(space, method, &truths))
+}
+
+fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> {
+    let answer = |truth: &Truth| {
+        let Truth { walk, step, displacement_m, force_n, folded } = *truth;
+        let found = space.force(method, displacement_m)?;
+        let compared = Compared {
+            truth_n: force_n,
+            found_n: found.force_n.map(f64::from),
+            covered: found.coverage != Coverage::Extrapolated,
+        };
+        Some(Answer { walk, step, displacement_m, compared, folded })
+    };
+    truths.iter().filter_map(answer).collect()
+}
+
+fn grid(store: &Store, identity: &StoreIdentity) -> Result<SpaceGrid, StoreError> {
+    SpaceGrid::new(identity.spacing_m, identity.radius_m)
+        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))
+}
+
 /// Measures every packed method of `organ`, which was packed from `store`.
 pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
     let identity = store.identity()?;
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
-        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+    let grid = grid(store, &identity)?;
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
@@ -204,7 +253,7 @@ fn truths(
     increments: Option<u32>,
 ) -> Result<Vec<Truth>, StoreError> {
     let mut truths = Vec::new();
-    store.each_truth(active, |walk, _, truth| {
+    store.each_truth(active, |walk, step, truth| {
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
         let usable = truth.tag == ConfigTag::Expandable
@@ -212,7 +261,7 @@ fn truths(
             && !is_on_training_lattice(grid, increments, at);
         if usable {
             let folded = truth.switched || is_folded(space, displacement_m);
-            truths.push(Truth { kind: walk.kind, displacement_m, force_n: truth.force_n, folded });
+            truths.push(Truth { walk: *walk, step, displacement_m, force_n: truth.force_n, folded });
         }
     })?;
     Ok(truths)
@@ -226,39 +275,26 @@ fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
 }
 
 fn measure(space: &Space<'_>, method: Method, truths: &[Truth]) -> MethodCertificate {
-    let compared: Vec<(&Truth, Compared)> = truths
-        .iter()
-        .filter_map(|truth| {
-            let found = space.force(method, truth.displacement_m)?;
-            let compared = Compared {
-                truth_n: truth.force_n,
-                found_n: found.force_n.map(f64::from),
-                covered: found.coverage != Coverage::Extrapolated,
-            };
-            Some((truth, compared))
-        })
-        .collect();
-    let errors = |chosen: &dyn Fn(&Truth) -> bool| {
-        Errors::of(compared.iter().filter(|(truth, _)| chosen(truth)).map(|(_, compared)| compared))
+    let answers = answered(space, method, truths);
+    let errors = |chosen: &dyn Fn(&Answer) -> bool| {
+        Errors::of(answers.iter().filter(|answer| chosen(answer)).map(|answer| &answer.compared))
     };
     let radius_m = f64::from(space.lattice.radius_m());
-    let share = |truth: &Truth| {
-        truth.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt() / radius_m
-    };
-    let clear = |truth: &Truth, kind| truth.kind == kind && !truth.folded;
-    let ring = |from: f64, to: f64| {
-        errors(&|truth| clear(truth, Kind::Uniform) && share(truth) > from && share(truth) <= to)
-    };
-    let uniform = errors(&|truth| clear(truth, Kind::Uniform));
+    let share =
+        |at: &Answer| at.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt() / radius_m;
+    let clear = |at: &Answer, kind| at.walk.kind == kind && !at.folded;
+    let ring =
+        |from: f64, to: f64| errors(&|at| clear(at, Kind::Uniform) && share(at) > from && share(at) <= to);
+    let uniform = errors(&|at| clear(at, Kind::Uniform));
     MethodCertificate {
         method: method.name().into(),
         by_radius: [ring(-1.0, 0.5), ring(0.5, 0.75), ring(0.75, 2.0)],
-        folded: errors(&|truth| truth.folded && truth.kind == Kind::Uniform),
+        folded: errors(&|at| at.folded && at.walk.kind == Kind::Uniform),
         not_felt_certified: certified_share(uniform.count, uniform.count - uniform.not_felt),
         uniform,
-        regular: errors(&|truth| clear(truth, Kind::Regular)),
-        random: errors(&|truth| clear(truth, Kind::Random)),
-        paths_folded: errors(&|truth| truth.folded && truth.kind != Kind::Uniform),
+        regular: errors(&|at| clear(at, Kind::Regular)),
+        random: errors(&|at| clear(at, Kind::Random)),
+        paths_folded: errors(&|at| at.folded && at.walk.kind != Kind::Uniform),
         probe: probes::probe(space, method, &truths.iter().map(|t| t.displacement_m).collect::<Vec<_>>()),
     }
 }

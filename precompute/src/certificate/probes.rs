@@ -44,17 +44,12 @@ const REPEATS: usize = 15;
 pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
     let (work, work_folded) = work(space, method);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
-    let queries: Vec<[f32; 3]> = if visited.len() < 100 {
-        points.clone()
-    } else {
-        visited.iter().copied().cycle().take(QUERIES).collect()
-    };
     Probe {
         work,
         work_folded,
         seam_n: seam_n(space, method),
         rounding_n: points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max),
-        nanoseconds: nanoseconds(space, method, &queries),
+        nanoseconds: nanoseconds(space, method, visited),
     }
 }
 
@@ -182,9 +177,15 @@ fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
     dot(apart, apart).sqrt()
 }
 
-fn nanoseconds(space: &Space<'_>, method: Method, queries: &[[f32; 3]]) -> f64 {
+/// Median time of a query, ns, at `visited`, or at points of the ball where those are fewer than a hundred.
+pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f64 {
+    let queries: Vec<[f32; 3]> = if visited.len() < 100 {
+        (0..QUERIES as u32).map(|n| in_ball(space, n)).collect()
+    } else {
+        visited.iter().copied().cycle().take(QUERIES).collect()
+    };
     let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
-    let queries = if radial { &queries[..queries.len() / 20] } else { queries };
+    let queries = if radial { &queries[..queries.len() / 20] } else { &queries[..] };
     let mut times: Vec<f64> = (0..REPEATS)
         .map(|_| {
             let start = Instant::now();

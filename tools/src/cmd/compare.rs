@@ -187,7 +187,7 @@ fn writable(path: &Path) -> Result<(), Failure> {
 }
 
 /// The same scene with every region's material by another law.
-fn by_law(bench: &Workbench, law: &str) -> Result<Workbench, Failure> {
+pub(super) fn by_law(bench: &Workbench, law: &str) -> Result<Workbench, Failure> {
     let mut scene = bench.scene.clone();
     for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
         let found = own

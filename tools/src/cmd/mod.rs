@@ -10,4 +10,5 @@ pub(crate) mod path;
 pub(crate) mod precompute;
 pub(crate) mod protocol;
 pub(crate) mod query;
+pub(crate) mod report;
 pub(crate) mod run;

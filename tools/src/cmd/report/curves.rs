@@ -1,0 +1,102 @@
+//! Force against displacement by finite elements: laws, held sets and active nodes (the paper's Fig. 6).
+
+use palpate_precompute::configuration_space::solver_version;
+use palpate_precompute::held_out::positions::regular_directions;
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::scene::ActiveNode;
+use palpate_precompute::solve::Solver;
+use serde::{Deserialize, Serialize};
+
+use super::plan::{Family, Plan};
+use super::steps::{Steps, kept};
+use crate::cmd::compare::by_law;
+use crate::failure::Failure;
+use crate::workbench::Workbench;
+
+/// The paper's laws.
+const LAWS: [&str; 3] = ["st-venant-kirchhoff", "modified-st-venant-kirchhoff", "mooney-rivlin"];
+/// The bundled organs' held sets.
+const HELD: [&str; 2] = ["F1", "F2"];
+/// Active nodes of one scene.
+const MOST_NODES: usize = 2;
+/// Points of a curve.
+const STEPS: u32 = 25;
+
+/// A point of a curve.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct CurveRow {
+    pub scene: String,
+    pub law: String,
+    pub held: String,
+    pub active: String,
+    pub distance_m: f64,
+    pub force_n: f64,
+}
+
+/// Follows the curves of a body, held as its scene says, or at F1 and at F2 if its mesh has both.
+pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Result<Vec<CurveRow>, Failure> {
+    steps.next(&format!("{}: force against displacement by law", family.name))?;
+    let mut benches = Vec::new();
+    for group in HELD {
+        benches.extend(family.held_by(Some(group))?.map(|bench| (group, bench)));
+    }
+    if benches.len() < HELD.len() {
+        benches = family.held_by(None)?.into_iter().map(|bench| ("as in the scene", bench)).collect();
+    }
+    let mut rows = Vec::new();
+    for (held, bench) in &benches {
+        for law in LAWS {
+            // A law that is no counterpart of the scene's is left out.
+            let Ok(bench) = by_law(bench, law) else { continue };
+            for node in bench.scene.active.iter().take(MOST_NODES) {
+                rows.extend(curve(plan, family, &bench, node, (held, law), steps)?);
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn norm(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// Along the regular direction that leads most outwards, as far as r_G or as the body can be solved.
+fn curve(
+    plan: &Plan,
+    family: &Family,
+    bench: &Workbench,
+    node: &ActiveNode,
+    (held, law): (&str, &str),
+    steps: &Steps,
+) -> Result<Vec<CurveRow>, Failure> {
+    let outward = Surface::of(&bench.scene.mesh).normal(node.node).unwrap_or([0.0, 0.0, 1.0]);
+    let along = |d: &[f64; 3]| -> f64 { d.iter().zip(outward).map(|(a, b)| a * b).sum() };
+    let direction = regular_directions().max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(outward);
+    let radius_m = family.radius_m();
+    let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
+    let key = format!("{hash} {} {:?} {radius_m:?} {STEPS} {}", node.node, node.patch, solver_version());
+    let path = plan.work.join(format!("curve-{}-{}.json", &hash[..16], node.node));
+    let points = kept(&path, key, || {
+        let mut solver = Solver::new(bench.problem(node));
+        let mut points = vec![[0.0; 2]];
+        let Ok(rest) = solver.rest() else { return Ok(points) };
+        let mut seed = rest.seed;
+        for step in 1..=STEPS {
+            steps.go_on()?;
+            let distance_m = radius_m * f64::from(step) / f64::from(STEPS);
+            let Ok(c) = solver.advance(&seed, direction.map(|x| x * distance_m)) else { break };
+            points.push([distance_m, norm(c.force_n)]);
+            seed = c.seed;
+        }
+        Ok(points)
+    })?;
+    let row = |[distance_m, force_n]: [f64; 2]| CurveRow {
+        scene: family.name.clone(),
+        law: law.into(),
+        held: held.into(),
+        active: node.name.clone(),
+        distance_m,
+        force_n,
+    };
+    Ok(points.into_iter().map(row).collect())
+}

@@ -1,0 +1,141 @@
+//! Where the figures come from: the machine, its load by others, versions, the time.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use palpate_precompute::configuration_space::solver_version;
+use serde::Serialize;
+
+/// For the page's footer.
+#[derive(Debug, Serialize)]
+pub(super) struct Machine {
+    /// Model of the processor.
+    pub cpu: String,
+    /// Hardware threads.
+    pub cores: usize,
+    /// Memory, GB.
+    pub memory_gb: Option<f64>,
+    /// Distribution and kernel.
+    pub system: String,
+    /// This program.
+    pub palpate: &'static str,
+    /// Solver and instruction set.
+    pub solver: String,
+    /// The compiler that built it.
+    pub rustc: &'static str,
+    /// When the report was finished, UTC.
+    pub date: String,
+    /// The command as it was typed.
+    pub command: String,
+    /// Worker threads.
+    pub threads: usize,
+    /// Share of the processor that others took while this program ran.
+    pub others_share: Option<f64>,
+    /// Wall time of this run, s.
+    pub wall_seconds: f64,
+}
+
+/// Clock ticks so far: of all processors, of those that did something, and of this process.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ticks {
+    all: u64,
+    busy: u64,
+    own: u64,
+}
+
+impl Ticks {
+    /// Now; `None` where the system does not tell.
+    pub(super) fn now() -> Option<Self> {
+        let whole = std::fs::read_to_string("/proc/stat").ok()?;
+        let fields = whole.lines().next()?.split_whitespace().skip(1).take(8);
+        let fields: Vec<u64> = fields.map(|n| n.parse().ok()).collect::<Option<_>>()?;
+        let idle = fields.get(3)? + fields.get(4)?;
+        let all: u64 = fields.iter().sum();
+        // The name of the program, in brackets, may hold spaces.
+        let own = std::fs::read_to_string("/proc/self/stat").ok()?;
+        let own: Vec<&str> = own.rsplit_once(')')?.1.split_whitespace().collect();
+        let own: u64 = own.get(11)?.parse::<u64>().ok()? + own.get(12)?.parse::<u64>().ok()?;
+        Some(Self { all, busy: all - idle, own })
+    }
+
+    /// Share of the processors that others took since `start`.
+    fn others_since(self, start: Self) -> f64 {
+        let all = self.all.saturating_sub(start.all).max(1);
+        let others = self.busy.saturating_sub(start.busy).saturating_sub(self.own.saturating_sub(start.own));
+        others as f64 / all as f64
+    }
+}
+
+impl Machine {
+    /// This machine.
+    pub(super) fn here(threads: usize, start: Option<Ticks>, wall_seconds: f64) -> Self {
+        let field = |path: &str, key: &str| -> Option<String> {
+            let text = std::fs::read_to_string(path).ok()?;
+            let line = text.lines().find(|line| line.starts_with(key))?;
+            let value = line.split_once([':', '='])?.1;
+            Some(value.trim().trim_matches('"').to_string())
+        };
+        let unknown = || "unknown".to_string();
+        let memory =
+            field("/proc/meminfo", "MemTotal").and_then(|kb| kb.split(' ').next()?.parse::<f64>().ok());
+        let kernel = std::fs::read_to_string("/proc/sys/kernel/osrelease").unwrap_or_default();
+        let name = field("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.into());
+        Self {
+            cpu: field("/proc/cpuinfo", "model name").unwrap_or_else(unknown),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            memory_gb: memory.map(|kb| (kb / 1e5).round() / 10.0),
+            system: format!("{name}, kernel {}", kernel.trim()),
+            palpate: env!("CARGO_PKG_VERSION"),
+            solver: solver_version(),
+            rustc: env!("PALPATE_RUSTC"),
+            date: date(),
+            command: std::env::args().collect::<Vec<_>>().join(" "),
+            threads,
+            others_share: start.and_then(|start| Some(Ticks::now()?.others_since(start))),
+            wall_seconds,
+        }
+    }
+
+    /// Others took so much that times are not worth much.
+    pub(super) fn is_shared(&self) -> bool {
+        self.others_share.is_some_and(|share| share > 0.1)
+    }
+}
+
+/// Today in UTC, to the minute.
+fn date() -> String {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |t| t.as_secs());
+    let (year, month, day) = civil(seconds / 86_400);
+    format!("{year}-{month:02}-{day:02} {:02}:{:02} UTC", seconds / 3600 % 24, seconds / 60 % 60)
+}
+
+/// Year, month and day of a number of days since 1970-01-01 (Howard Hinnant's algorithm).
+fn civil(days: u64) -> (u64, u64, u64) {
+    let days = days + 719_468;
+    let (era, of_era) = (days / 146_097, days % 146_097);
+    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let shifted = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    (year + 400 * era + u64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_are_dates() {
+        assert_eq!(
+            [0, 59, 11_016, 20_000].map(civil),
+            [(1970, 1, 1), (1970, 3, 1), (2000, 2, 29), (2024, 10, 4)]
+        );
+    }
+
+    #[test]
+    fn the_machine_is_known() {
+        let machine = Machine::here(2, Ticks::now(), 1.0);
+        assert!(machine.cores > 0 && machine.rustc.starts_with("rustc "));
+        assert!(machine.others_share.is_none_or(|share| (0.0..=1.0).contains(&share)));
+    }
+}

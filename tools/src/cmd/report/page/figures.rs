@@ -1,0 +1,134 @@
+//! Section (g): all figures of the methods and of the spaces, for those who look one up.
+
+use super::super::Report;
+use super::super::measure::{Measured, MethodRow};
+use super::super::words::{bytes, count, figure, milli, percent, seconds};
+use super::html::{Cell, files, heading, paragraph, section as whole, table};
+use super::{method_words, title};
+
+/// The section.
+pub(super) fn section(report: &Report) -> String {
+    let mut body = paragraph(
+        "setting",
+        "* not among the paper\u{2019}s four. Bold: the least of its grid. Covered: positions where the method has its own data all round; \
+         elsewhere the out-of-table policy answers. Work: round closed circles, share of the energy exchanged. Seam: largest jump of the \
+         force at a face of the grid or the rim. f32: what the tick\u{2019}s arithmetic adds. Solving: seconds of all threads together, \
+         corners that complete the cells at the rim with them.",
+    );
+    for (n, cases) in report.cases.iter().enumerate() {
+        body += &heading(&title(report, n));
+        body += &(error_table(cases) + &cost_table(cases) + &space_table(cases));
+    }
+    body += &files(&["methods", "spaces"]);
+    whole("g", "(g) All figures", &body)
+}
+
+/// The least of a figure in one case; what is no number does not count.
+fn best(case: &Measured, of: fn(&MethodRow) -> f64) -> f64 {
+    case.methods.iter().map(of).fold(f64::INFINITY, f64::min)
+}
+
+/// A figure in words, marked if no other of the case is less.
+fn marked(case: &Measured, row: &MethodRow, of: fn(&MethodRow) -> f64, shown: fn(f64) -> String) -> Cell {
+    Cell { text: shown(of(row)), best: of(row) <= best(case, of) }
+}
+
+fn grid_words(row: &MethodRow) -> String {
+    format!("{} points", count(row.grid as usize))
+}
+
+/// Errors, grid by grid and method by method.
+fn error_table(cases: &[Measured]) -> String {
+    let head = [
+        "grid",
+        "method",
+        "mean, mN",
+        "p50",
+        "p95",
+        "p99",
+        "max",
+        "not felt",
+        "covered",
+        "mean of covered, mN",
+        "positions at folds",
+        "mean there, mN",
+        "max",
+    ];
+    let row = |case: &Measured, row: &MethodRow| -> Vec<Cell> {
+        let error = |of| marked(case, row, of, milli);
+        vec![
+            grid_words(row).into(),
+            method_words(row).into(),
+            error(|row| row.mean_n),
+            error(|row| row.p50_n),
+            error(|row| row.p95_n),
+            error(|row| row.p99_n),
+            error(|row| row.max_n),
+            percent(row.not_felt_share).into(),
+            percent(row.covered_share).into(),
+            milli(row.covered_mean_n).into(),
+            count(row.folded_positions).into(),
+            milli(row.folded_mean_n).into(),
+            milli(row.folded_max_n).into(),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> =
+        cases.iter().flat_map(|case| case.methods.iter().map(|of| row(case, of))).collect();
+    table(&head, &rows)
+}
+
+/// What the methods cost, and how they behave as a force field.
+fn cost_table(cases: &[Measured]) -> String {
+    let head = ["grid", "method", "a query, ns", "tables", "work, mean %", "max", "seam, mN", "f32, mN"];
+    let row = |case: &Measured, row: &MethodRow| -> Vec<Cell> {
+        vec![
+            grid_words(row).into(),
+            method_words(row).into(),
+            marked(case, row, |row| row.nanoseconds, figure),
+            marked(case, row, |row| row.table_bytes as f64, |n| bytes(n as usize)),
+            figure(100.0 * row.work_mean_share).into(),
+            figure(100.0 * row.work_max_share).into(),
+            milli(row.seam_n).into(),
+            milli(row.rounding_n).into(),
+        ]
+    };
+    let rows: Vec<Vec<Cell>> =
+        cases.iter().flat_map(|case| case.methods.iter().map(|of| row(case, of))).collect();
+    table(&head, &rows)
+}
+
+/// What the spaces took.
+fn space_table(cases: &[Measured]) -> String {
+    let head = [
+        "grid",
+        "configurations",
+        "tries",
+        "failed",
+        "solving",
+        "iterations",
+        "factorisations",
+        "residual up to, N",
+        "fold pairs",
+        "volume at folds",
+        "held-out solves",
+        "store",
+    ];
+    let row = |case: &Measured| -> Vec<Cell> {
+        let space = &case.space;
+        vec![
+            format!("{} points", count(space.grid as usize)).into(),
+            count(space.configurations).into(),
+            count(space.tries).into(),
+            count(space.failed).into(),
+            seconds(space.solve_seconds).into(),
+            count(space.iterations as usize).into(),
+            count(space.factorisations as usize).into(),
+            figure(space.largest_residual_n).into(),
+            count(space.fold_pairs).into(),
+            percent(space.folded_volume).into(),
+            count(space.held_out_positions as usize).into(),
+            bytes(space.space_bytes as usize).into(),
+        ]
+    };
+    table(&head, &cases.iter().map(row).collect::<Vec<_>>())
+}

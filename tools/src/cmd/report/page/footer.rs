@@ -1,0 +1,50 @@
+//! Machine, versions, date and commands.
+
+use super::super::Report;
+use super::super::plot::escaped;
+use super::super::words::{figure, percent, seconds};
+
+/// The footer.
+pub(super) fn section(report: &Report) -> String {
+    let m = &report.machine;
+    let memory = m.memory_gb.map_or(String::new(), |gb| format!(", {} GB", figure(gb)));
+    let others = match m.others_share {
+        Some(share) if m.is_shared() => {
+            format!("shared machine: others took {} of it meanwhile", percent(share))
+        }
+        Some(share) => format!("others took {} of it meanwhile", percent(share)),
+        None => "unknown".into(),
+    };
+    let facts = [
+        ("Command", format!("<code>{}</code>", escaped(&m.command))),
+        ("Date", escaped(&m.date)),
+        (
+            "Machine",
+            escaped(&format!(
+                "{}, {} hardware threads{memory}; {} worker threads",
+                m.cpu, m.cores, m.threads
+            )),
+        ),
+        ("Load", escaped(&others)),
+        ("System", escaped(&m.system)),
+        ("Versions", escaped(&format!("palpate {}, solver {}, {}", m.palpate, m.solver, m.rustc))),
+        (
+            "This run",
+            escaped(&format!(
+                "{}; what an earlier run had solved was taken from {}, and its seconds of solving are those of that run",
+                seconds(m.wall_seconds),
+                report.plan.work.display()
+            )),
+        ),
+        (
+            "Files",
+            "<a href=\"certificates.json\">certificates.json</a>: the certificate of every blob; \
+             <a href=\"machine.json\">machine.json</a>; <a href=\"left-out.json\">left-out.json</a>. \
+             <code>palpate inspect</code> shows every .space and .blob in the work folder."
+                .into(),
+        ),
+    ];
+    let facts: String =
+        facts.iter().map(|(name, text)| format!("<dt>{name}</dt><dd>{text}</dd>\n")).collect();
+    format!("<footer>\n<dl>\n{facts}</dl>\n</footer>\n")
+}

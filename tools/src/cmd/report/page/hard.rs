@@ -1,0 +1,197 @@
+//! Section (f): the hard cases of the interpolation.
+
+use super::super::Report;
+use super::super::hard::HardRow;
+use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::words::{count, figure, milli, percent};
+use super::html::{Cell, figure as plots, files, paragraph, says, section as whole, table};
+use super::method_keys;
+
+/// The section.
+pub(super) fn section(report: &Report) -> String {
+    let rows = &report.hard;
+    let mut cases: Vec<&HardRow> = Vec::new();
+    for row in rows {
+        if cases.last().is_none_or(|last| last.case != row.case) {
+            cases.push(row);
+        }
+    }
+    let head = [
+        "case",
+        "f_max, N",
+        "configurations",
+        "missing",
+        "fold pairs",
+        "volume at folds",
+        "largest jump, N",
+        "changes of branch",
+    ];
+    let facts = cases.iter().map(|row| -> Vec<Cell> {
+        vec![
+            row.case.clone().into(),
+            row.max_force_n.map_or("none".into(), figure).into(),
+            count(row.configurations).into(),
+            percent(row.missing_share).into(),
+            count(row.fold_pairs).into(),
+            percent(row.folded_volume).into(),
+            figure(row.largest_jump_n).into(),
+            format!("{} of {}", row.branch_changes, row.held_out).into(),
+        ]
+    });
+    let facts: Vec<Vec<Cell>> = facts.collect();
+    let scene = rows.first().map_or("", |row| row.scene.as_str());
+    let grid = rows.first().map_or(0, |row| row.grid);
+    let body = paragraph(
+        "setting",
+        &format!(
+            "{scene} on {} points. Missing points are taken away at random before the fit. A fold pair: two neighbours that no smooth force \
+             joins. Change of branch: a held-out step after which the body rests elsewhere, however small the step.",
+            count(grid as usize)
+        ),
+    ) + &says(&words(rows, &cases))
+        + &table(&head, &facts)
+        + &matrix(rows, &cases)
+        + &holes(report)
+        + &files(&["hard"])
+        + &paragraph(
+            "setting",
+            "Hard cases of the solver itself: docs/hard-cases.md in the source tree, tests in tests/hard.",
+        );
+    whole("f", "(f) Hard cases of the interpolation", &body)
+}
+
+/// Errors: a row a method, a column a case, and one for the positions at folds where there are some.
+fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
+    let mut head = vec!["mean / p99, mN".to_string()];
+    for case in cases {
+        head.push(case.case.clone());
+        if has_folds(rows, case) {
+            head.push("the same at folds: mean / max".into());
+        }
+    }
+    let mut methods: Vec<&str> = Vec::new();
+    for row in rows {
+        if !methods.contains(&row.method) {
+            methods.push(row.method);
+        }
+    }
+    let of =
+        |case: &HardRow, method: &str| rows.iter().find(|row| row.case == case.case && row.method == method);
+    let line = |method: &&str| -> Vec<Cell> {
+        let mut cells: Vec<Cell> = vec![(*method).into()];
+        for case in cases {
+            let Some(row) = of(case, method) else {
+                cells.push("\u{2013}".into());
+                continue;
+            };
+            let best = rows.iter().filter(|r| r.case == row.case).all(|r| r.mean_n >= row.mean_n);
+            cells.push(Cell { text: format!("{} / {}", milli(row.mean_n), milli(row.p99_n)), best });
+            if has_folds(rows, case) {
+                cells.push(format!("{} / {}", milli(row.folded_mean_n), milli(row.folded_max_n)).into());
+            }
+        }
+        cells
+    };
+    let head: Vec<&str> = head.iter().map(String::as_str).collect();
+    table(&head, &methods.iter().map(line).collect::<Vec<_>>())
+}
+
+fn has_folds(rows: &[HardRow], case: &HardRow) -> bool {
+    rows.iter().any(|row| row.case == case.case && row.folded_positions > 0)
+}
+
+/// Error and coverage against the share of missing points.
+fn holes(report: &Report) -> String {
+    let rows = || report.hard.iter().filter(|row| is_near(report, row));
+    let chart = |title: &str, label: &str, of: fn(&HardRow) -> f64, log: bool| {
+        let series = report.plan.methods.iter().map(|method| Series {
+            style: Style::of_method(*method),
+            joined: true,
+            marked: true,
+            points: rows()
+                .filter(|row| row.method == method.name())
+                .map(|row| Point {
+                    x: 100.0 * row.missing_share,
+                    y: of(row),
+                    r: 4.0,
+                    title: format!("{}, {}: {}", row.method, row.case, figure(of(row))),
+                    note: None,
+                })
+                .collect(),
+        });
+        let all = rows().map(of);
+        Chart {
+            title: title.into(),
+            x: Axis::linear("points missing, %", rows().map(|row| 100.0 * row.missing_share)),
+            y: if log { Axis::log(label, all) } else { Axis::linear(label, all) },
+            series: series.collect(),
+            levels: vec![],
+        }
+        .svg()
+    };
+    let charts = [
+        chart("Error of tables with holes", "mean |error|, mN", |row| 1e3 * row.mean_n, true),
+        chart("Positions with data all round", "covered, %", |row| 100.0 * row.covered_share, false),
+    ];
+    plots(&method_keys(report), "", &charts)
+}
+
+/// Whether a row is of the radius that the first one has.
+fn is_near(report: &Report, row: &HardRow) -> bool {
+    report.hard.first().is_some_and(|first| first.radius_m == row.radius_m)
+}
+
+fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
+    let mut lines = Vec::new();
+    let of = |case: &str| -> Vec<&HardRow> { rows.iter().filter(|row| row.case == case).collect() };
+    let Some(whole) = cases.first() else { return lines };
+    for case in cases.iter().skip(1) {
+        let mut of_case = of(&case.case);
+        of_case.sort_by(|a, b| a.mean_n.total_cmp(&b.mean_n));
+        let (Some(best), Some(worst)) = (of_case.first(), of_case.last()) else { continue };
+        if case.missing_share > 0.0 {
+            let before = of(&whole.case).into_iter().find(|row| row.method == best.method);
+            lines.push(format!(
+                "{}: {} errs least, {} mN ({} with all points), {} most, {} mN; {} covers {} of the positions.",
+                case.case,
+                best.method,
+                milli(best.mean_n),
+                before.map_or("\u{2013}".into(), |row| milli(row.mean_n)),
+                worst.method,
+                milli(worst.mean_n),
+                best.method,
+                percent(best.covered_share)
+            ));
+        } else if case.fold_pairs > 0 {
+            let mut at_folds: Vec<_> = of_case.iter().filter(|row| row.folded_positions > 0).collect();
+            at_folds.sort_by(|a, b| a.folded_mean_n.total_cmp(&b.folded_mean_n));
+            let folded = at_folds.first().zip(at_folds.last()).map_or(String::new(), |(low, high)| {
+                format!(
+                    "; at folds the mean is {} mN ({}) to {} mN ({})",
+                    milli(low.folded_mean_n),
+                    low.method,
+                    milli(high.folded_mean_n),
+                    high.method
+                )
+            });
+            lines.push(format!(
+                "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume touches them; elsewhere {} errs \
+                 least, {} mN{folded}.",
+                case.case,
+                count(case.fold_pairs),
+                figure(case.largest_jump_n),
+                percent(case.folded_volume),
+                best.method,
+                milli(best.mean_n)
+            ));
+        } else {
+            lines.push(format!(
+                "{}: no folds; {} errs least, {} mN.",
+                case.case,
+                best.method,
+                milli(best.mean_n)
+            ));
+        }
+    }
+    lines
+}

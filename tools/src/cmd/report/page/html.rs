@@ -1,0 +1,127 @@
+//! Pieces of the page. Every element is closed, so that the page is well-formed XML too.
+
+use super::super::plot::{Style, escaped};
+
+/// A section with its anchor.
+pub(super) fn section(id: &str, title: &str, body: &str) -> String {
+    format!("<section id=\"{id}\">\n<h2>{}</h2>\n{body}</section>\n", escaped(title))
+}
+
+/// A heading within a section.
+pub(super) fn heading(text: &str) -> String {
+    format!("<h3>{}</h3>\n", escaped(text))
+}
+
+/// A paragraph.
+pub(super) fn paragraph(class: &str, text: &str) -> String {
+    format!("<p class=\"{class}\">{}</p>\n", escaped(text))
+}
+
+/// Sentences that say what to see.
+pub(super) fn says(sentences: &[String]) -> String {
+    if sentences.is_empty() {
+        return String::new();
+    }
+    let items: String = sentences.iter().map(|s| format!("<li>{}</li>\n", escaped(s))).collect();
+    format!("<ul class=\"says\">\n{items}</ul>\n")
+}
+
+/// An entry of a legend.
+#[derive(Debug)]
+pub(super) struct Key {
+    /// A small drawing.
+    pub swatch: String,
+    /// What it stands for.
+    pub name: String,
+}
+
+impl Key {
+    /// Of a line with markers.
+    pub(super) fn line(style: Style, name: impl Into<String>) -> Self {
+        Self { swatch: style.swatch(), name: name.into() }
+    }
+
+    /// Of a bar.
+    pub(super) fn bar(style: Style, name: impl Into<String>) -> Self {
+        Self { swatch: style.block(), name: name.into() }
+    }
+}
+
+/// Plots side by side under one legend.
+pub(super) fn figure(keys: &[Key], note: &str, plots: &[String]) -> String {
+    let entry = |key: &Key| format!("<span>{}{}</span>", key.swatch, escaped(&key.name));
+    let mut legend: String = keys.iter().map(entry).collect();
+    if !note.is_empty() {
+        legend += &format!("<span>{}</span>", escaped(note));
+    }
+    format!(
+        "<figure>\n<div class=\"keys\">{legend}</div>\n<div class=\"plots\">\n{}\n</div>\n</figure>\n",
+        plots.join("\n")
+    )
+}
+
+/// Where the figures are.
+pub(super) fn files(names: &[&str]) -> String {
+    let links: Vec<String> = names
+        .iter()
+        .map(|name| format!("<a href=\"{name}.csv\">{name}.csv</a>, <a href=\"{name}.json\">{name}.json</a>"))
+        .collect();
+    format!("<p class=\"files\">Figures: {}</p>\n", links.join("; "))
+}
+
+/// A cell of a table.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Cell {
+    /// What it says.
+    pub text: String,
+    /// The best of its kind.
+    pub best: bool,
+}
+
+impl<T: Into<String>> From<T> for Cell {
+    fn from(text: T) -> Self {
+        Self { text: text.into(), best: false }
+    }
+}
+
+/// A table; a row that begins with other words than the one before begins a group.
+pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
+    // Columns of words stand to the left.
+    let words = |n: usize| {
+        rows.first().and_then(|row| row.get(n)?.text.chars().next()).is_some_and(char::is_alphabetic)
+    };
+    let head: String = head
+        .iter()
+        .enumerate()
+        .map(|(n, text)| {
+            format!("<th{}>{}</th>", if words(n) { " class=\"left\"" } else { "" }, escaped(text))
+        })
+        .collect();
+    let mut body = String::new();
+    let mut before: Option<&str> = None;
+    for row in rows {
+        let first = row.first().map(|cell| cell.text.as_str());
+        let (starts, again) = (before.is_some() && before != first && repeats(rows), before == first);
+        body += if starts { "<tr class=\"group\">" } else { "<tr>" };
+        for (n, cell) in row.iter().enumerate() {
+            let class = match (cell.best, words(n)) {
+                (true, _) => " class=\"best\"",
+                (false, true) => " class=\"left\"",
+                (false, false) => "",
+            };
+            // The words of a group stand in its first row alone.
+            let text = if n == 0 && again { "" } else { &cell.text };
+            body += &format!("<td{class}>{}</td>", escaped(text));
+        }
+        body += "</tr>\n";
+        before = first;
+    }
+    format!(
+        "<div class=\"scroll\"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table></div>\n"
+    )
+}
+
+/// Whether the first column groups the rows.
+fn repeats(rows: &[Vec<Cell>]) -> bool {
+    rows.windows(2).any(|pair| pair[0].first().map(|c| &c.text) == pair[1].first().map(|c| &c.text))
+}

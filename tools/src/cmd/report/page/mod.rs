@@ -1,0 +1,83 @@
+//! The page: one HTML file with its style and drawings inside.
+
+mod bodies;
+mod cost;
+mod figures;
+mod footer;
+mod hard;
+mod html;
+mod overview;
+mod paper;
+
+use std::path::Path;
+
+use palpate_core::Method;
+use palpate_precompute::blob_writer::write_atomically;
+
+use super::Report;
+use super::measure::{Measured, MethodRow};
+use super::plot::{Style, escaped};
+use super::words;
+use crate::failure::Failure;
+use html::Key;
+
+const STYLE: &str = include_str!("style.css");
+
+/// Writes the page.
+pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
+    let names: Vec<String> = report.plan.families.iter().map(|family| family.name.clone()).collect();
+    let title = format!("Palpate: speed against error, {}", words::list(&names));
+    let body = [
+        overview::section(report),
+        cost::sections(report),
+        paper::section(report),
+        bodies::section(report),
+        hard::section(report),
+        figures::section(report),
+        footer::section(report),
+    ]
+    .concat();
+    let page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
+         <style>\n{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+        escaped(&title)
+    );
+    write_atomically(path, page.as_bytes()).map_err(|error| Failure::file(path, &error))
+}
+
+/// The legend of the methods shown.
+fn method_keys(report: &Report) -> Vec<Key> {
+    let shown = |method: &Method| report.cases.iter().flatten().any(|case| row(case, *method).is_some());
+    let methods = report.plan.methods.iter().copied().filter(shown);
+    methods.map(|method| Key::line(Style::of_method(method), method.name())).collect()
+}
+
+/// A method's row of a case.
+fn row(case: &Measured, method: Method) -> Option<&MethodRow> {
+    case.methods.iter().find(|row| row.method == method.name())
+}
+
+/// Name and law, for the title of a plot.
+fn title(report: &Report, family: usize) -> String {
+    let family = &report.plan.families[family];
+    format!("{}, {}", family.name, words::law(&family.bench.body.law_names()))
+}
+
+/// The row with the least of something, among those that have it.
+fn least<'r>(
+    rows: impl IntoIterator<Item = &'r MethodRow>,
+    of: fn(&MethodRow) -> f64,
+) -> Option<&'r MethodRow> {
+    rows.into_iter().filter(|row| of(row).is_finite()).min_by(|a, b| of(a).total_cmp(&of(b)))
+}
+
+/// The methods that the paper compares.
+fn is_of_the_paper(row: &MethodRow) -> bool {
+    ["trilinear", "tricubic", "rbf-linear", "rbf-cubic"].contains(&row.method)
+}
+
+/// A method's name, marked where it is not the paper's.
+fn method_words(row: &MethodRow) -> String {
+    format!("{}{}", row.method, if is_of_the_paper(row) { "" } else { " *" })
+}

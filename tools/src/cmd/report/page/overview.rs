@@ -1,0 +1,127 @@
+//! What was measured, on what, and the main figures at a glance.
+
+use super::super::Report;
+use super::super::measure::{Measured, MethodRow};
+use super::super::plan::Family;
+use super::super::words::{bytes, count, figure, law, milli, percent};
+use super::html::{Cell, files, heading, paragraph, section as whole, table};
+use super::{least, method_words, row, title};
+use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
+
+const PARTS: [(&str, &str); 8] = [
+    ("glance", "At a glance"),
+    ("a", "(a) Time of a query"),
+    ("b", "(b) Configurations and seconds"),
+    ("c", "(c) Bytes"),
+    ("d", "(d) The paper\u{2019}s figures"),
+    ("e", "(e) Discretisation"),
+    ("f", "(f) Hard cases"),
+    ("g", "(g) All figures"),
+];
+
+/// Title, setting and main table.
+pub(super) fn section(report: &Report) -> String {
+    let mut page = String::from("<h1>Speed against error</h1>\n");
+    page += &paragraph(
+        "lead",
+        "A soft organ is solved by finite elements at the points of a grid of tool positions; between them the force is interpolated, a \
+         thousand times a second. This page says how wrong each method is, and what it costs.",
+    );
+    for (family, cases) in report.plan.families.iter().zip(&report.cases) {
+        page += &paragraph("setting", &setting(family, cases));
+    }
+    page += &paragraph(
+        "setting",
+        &format!(
+            "Errors are those of the force vector at independent uniform positions within r_G where |h| is below f_max, each solved by \
+             finite elements and never used for a fit; every method is asked at the same ones. Positions at folds, where neighbouring \
+             points lie on different branches, are never averaged in: they stand apart. \u{201c}Not felt\u{201d}: an error up to {} of |h| \
+             or {} mN, whichever is more.",
+            percent(NOT_FELT_SHARE),
+            milli(NOT_FELT_N)
+        ),
+    );
+    if report.machine.is_shared() {
+        let share = percent(report.machine.others_share.unwrap_or(0.0));
+        page += &paragraph(
+            "warning",
+            &format!(
+                "Shared machine: other programs took {share} of the processor while this ran. Errors and bytes do not mind; seconds \
+                 and nanoseconds are too large, and not all by the same share."
+            ),
+        );
+    }
+    page += "<nav>";
+    for (id, name) in PARTS {
+        page += &format!("<a href=\"#{id}\">{name}</a>");
+    }
+    page += "</nav>\n";
+    let mut glance = paragraph(
+        "setting",
+        "Error vector in mN, mean / 99th percentile, on each grid; bold: the least mean of the grid. Time of a query and bytes of the tables \
+         from the coarsest grid to the finest. * not among the paper\u{2019}s four.",
+    );
+    for (n, cases) in report.cases.iter().enumerate() {
+        glance += &(heading(&title(report, n)) + &matrix(report, cases));
+    }
+    for left_out in report.cases.iter().flatten().flat_map(|case| &case.left_out) {
+        let words = format!("Left out: {} on {}: {}.", left_out.method, left_out.case, left_out.why);
+        glance += &paragraph("setting", &words);
+    }
+    glance += &files(&["methods"]);
+    page + &whole("glance", "At a glance", &glance)
+}
+
+fn setting(family: &Family, cases: &[Measured]) -> String {
+    let scene = &family.bench.scene;
+    let complete = scene.grid.is_some_and(|grid| grid.complete_cells);
+    let positions = cases.iter().flat_map(|case| case.methods.first()).map(|row| row.positions);
+    let (least, most) = positions.fold((usize::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
+    let limit = if scene.max_force_n.is_finite() {
+        format!("f_max = {} N", figure(scene.max_force_n))
+    } else {
+        "no force limit".into()
+    };
+    format!(
+        "{}: {} nodes, {} tets, {}; active node {}, r_G = {} mm, {limit}, cells at the rim {}; {} uniform positions a grid away from folds.",
+        family.name,
+        count(scene.mesh.nodes_m.len()),
+        count(scene.mesh.tets.len()),
+        law(&family.bench.body.law_names()),
+        family.active(),
+        milli(family.radius_m()),
+        if complete { "completed" } else { "not completed" },
+        if least == most { count(most) } else { format!("{} to {}", count(least), count(most)) }
+    )
+}
+
+/// A row a method, a column a grid.
+fn matrix(report: &Report, cases: &[Measured]) -> String {
+    let grids: Vec<String> =
+        cases.iter().map(|case| format!("{} points", count(case.space.grid as usize))).collect();
+    let mut head = vec!["method"];
+    head.extend(grids.iter().map(String::as_str));
+    head.extend(["a query, ns", "tables"]);
+    let mut rows = Vec::new();
+    for &method in &report.plan.methods {
+        let of: Vec<Option<&MethodRow>> = cases.iter().map(|case| row(case, method)).collect();
+        let there: Vec<&MethodRow> = of.iter().copied().flatten().collect();
+        let (Some(first), Some(last)) = (there.first(), there.last()) else { continue };
+        let mut cells: Vec<Cell> = vec![method_words(first).into()];
+        for (case, row) in cases.iter().zip(&of) {
+            let best = least(&case.methods, |row| row.mean_n).map_or(0.0, |row| row.mean_n);
+            cells.push(row.map_or("\u{2013}".into(), |row| Cell {
+                text: format!("{} / {}", milli(row.mean_n), milli(row.p99_n)),
+                best: row.mean_n <= best,
+            }));
+        }
+        let range = |shown: fn(&MethodRow) -> String| match (shown(first), shown(last)) {
+            (a, b) if a == b => a,
+            (a, b) => format!("{a} \u{2013} {b}"),
+        };
+        cells.push(range(|row| figure(row.nanoseconds)).into());
+        cells.push(range(|row| bytes(row.table_bytes)).into());
+        rows.push(cells);
+    }
+    table(&head, &rows)
+}

@@ -1,0 +1,340 @@
+//! What is measured: bodies with a law, each on several grids.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use palpate_core::Method;
+use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::held_out::Draw;
+use palpate_precompute::scene::Scene;
+use toml::{Table, Value};
+
+use super::Args;
+use crate::failure::Failure;
+use crate::workbench::Workbench;
+
+/// One body with its law, held and touched in one way.
+#[derive(Debug)]
+pub(super) struct Family {
+    /// Name of the scene.
+    pub name: String,
+    /// The scene with the one active node.
+    pub bench: Arc<Workbench>,
+    /// Its text, to make others of.
+    table: Table,
+    /// All active nodes as the scene has them.
+    all_active: Value,
+}
+
+/// A family on one grid.
+#[derive(Debug)]
+pub(super) struct Case {
+    /// Name of its files.
+    pub name: String,
+    /// Grid points within the ball, the rest left out.
+    pub points: u32,
+    /// Its scene.
+    pub bench: Arc<Workbench>,
+}
+
+/// Everything that is to be measured.
+#[derive(Debug)]
+pub(super) struct Plan {
+    /// Bodies.
+    pub families: Vec<Family>,
+    /// Finer meshes of the same bodies, where there are some.
+    pub finer: Vec<Family>,
+    /// Grid points and cells along the radius.
+    pub grids: Vec<(u32, u32)>,
+    /// Methods.
+    pub methods: Vec<Method>,
+    /// Folder for what is solved.
+    pub work: PathBuf,
+    /// Worker threads.
+    pub threads: usize,
+    /// Only a quick look.
+    pub small: bool,
+}
+
+const ORGANS: [(&str, &str, &str); 2] = [
+    (
+        "liver-small",
+        include_str!("../../../../assets/liver-small.toml"),
+        include_str!("../../../../assets/liver-small.msh"),
+    ),
+    (
+        "liver-large",
+        include_str!("../../../../assets/liver-large.toml"),
+        include_str!("../../../../assets/liver-large.msh"),
+    ),
+];
+
+/// What is changed in every scene.
+struct Wish<'a> {
+    /// The active node, the first if not said.
+    active: Option<&'a str>,
+    /// r_G, the scene's own if not said.
+    radius_m: Option<f64>,
+}
+
+/// r_G of the bundled organ for a quick look, m.
+const SMALL_RADIUS_M: f64 = 0.02;
+
+/// Cells along the radius beyond which there is no grid.
+const MOST_CELLS: u32 = 20;
+
+/// Grid points of a ball of so many cells along its radius, the rest left out: 514 for 5, 14,146 for 15.
+fn points_of(cells: u32) -> u32 {
+    let n = cells as i32;
+    let mut points = 0;
+    for i in -n..=n {
+        for j in -n..=n {
+            points += (-n..=n).filter(|k| i * i + j * j + k * k <= n * n).count() as u32;
+        }
+    }
+    points - 1
+}
+
+fn grids(asked: &[u32]) -> Result<Vec<(u32, u32)>, Failure> {
+    let known: Vec<(u32, u32)> = (1..=MOST_CELLS).map(|cells| (points_of(cells), cells)).collect();
+    let mut grids = Vec::new();
+    for &points in asked {
+        let Some(&grid) = known.iter().find(|(n, _)| *n == points) else {
+            let names: Vec<String> = known.iter().map(|(n, _)| n.to_string()).collect();
+            return Err(Failure::input(format!(
+                "--grids {points}: no ball of grid points has so many; choose from {}",
+                names.join(", ")
+            )));
+        };
+        grids.push(grid);
+    }
+    grids.sort_unstable();
+    grids.dedup();
+    Ok(grids)
+}
+
+impl Plan {
+    /// What the arguments ask for. Scenes are read and their bodies built; nothing is solved.
+    pub(super) fn new(args: &Args, threads: usize) -> Result<Self, Failure> {
+        let asked: &[u32] = match (&args.grids[..], args.small) {
+            ([], true) => &[32, 122],
+            ([], false) => &[514, 1418, 4168, 14146],
+            (given, _) => given,
+        };
+        let grids = grids(asked)?;
+        let mut methods = args.methods.clone();
+        methods.sort_by_key(|method| Method::ALL.iter().position(|m| m == method));
+        methods.dedup();
+        // Looked at before a folder is made for them.
+        let radius_m = match args.radius_mm {
+            Some(mm) if !(mm > 0.0 && mm.is_finite()) => {
+                return Err(Failure::input(format!(
+                    "--radius-mm {mm}: give a positive number of millimetres"
+                )));
+            }
+            Some(mm) => Some(1e-3 * mm),
+            // The bundled organ folds within a cell of a coarse grid on all of its 50 mm.
+            None => (args.small && args.scenes.is_empty()).then_some(SMALL_RADIUS_M),
+        };
+        let wish = Wish { active: args.active.as_deref(), radius_m };
+        let given = args.scenes.iter().map(|path| Family::load(path, &wish));
+        let mut families = given.collect::<Result<Vec<_>, _>>()?;
+        for (n, family) in families.iter().enumerate() {
+            if families[..n].iter().any(|other| other.name == family.name) {
+                return Err(Failure::input(format!(
+                    "{}: a second scene with the name `{}`; give each a `name` of its own",
+                    family.bench.path.display(),
+                    family.name
+                )));
+            }
+        }
+        let work = args.out.join("work");
+        std::fs::create_dir_all(&work).map_err(|error| Failure::file(&work, &error))?;
+        let mut finer = Vec::new();
+        if families.is_empty() {
+            families = bundled(&work, 0, &wish)?;
+            if !args.small {
+                finer = bundled(&work, 1, &wish)?;
+            }
+        }
+        Ok(Self { families, finer, grids, methods, work, threads, small: args.small })
+    }
+
+    /// How much truth is solved for each space of a ball of this radius.
+    pub(super) fn draw(&self, radius_m: f64) -> Draw {
+        let full = Draw { step_m: radius_m / 50.0, regular_m: Some(radius_m), uniform: 600, ..Draw::PAPER };
+        if self.small {
+            return Draw { step_m: radius_m / 10.0, random: 4, random_steps: 20, uniform: 60, ..full };
+        }
+        full
+    }
+}
+
+/// A bundled organ by the paper's two laws.
+fn bundled(work: &Path, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
+    let (name, scene, mesh) = ORGANS[which];
+    for (extension, text) in [("toml", scene), ("msh", mesh)] {
+        let path = work.join(format!("{name}.{extension}"));
+        write_atomically(&path, text.as_bytes()).map_err(|error| Failure::file(&path, &error))?;
+    }
+    let incompressible = Family::load(&work.join(format!("{name}.toml")), wish)?;
+    // The same modulus at small strain: E = 6 (C10 + C01).
+    let law = [("law", "st-venant-kirchhoff".into()), ("young_pa", 15480.0.into()), ("poisson", 0.49.into())];
+    let compressible = incompressible.with_law(&format!("{name}-stvk"), &law)?;
+    Ok(vec![incompressible, compressible])
+}
+
+impl Family {
+    /// The scene at `path` with one of its active nodes, the first if none is named.
+    fn load(path: &Path, wish: &Wish<'_>) -> Result<Self, Failure> {
+        let whole = Workbench::load(path)?;
+        let own_m = whole.grid()?.radius_m;
+        let chosen = whole.active(wish.active)?.1.clone();
+        let mut table: Table = toml::from_str(&whole.scene.text).map_err(Failure::input)?;
+        // Any number of cells will do until a grid is chosen.
+        grid_of(&mut table, wish.radius_m.unwrap_or(own_m), 1);
+        let mut node = Table::from_iter([
+            ("name".to_string(), Value::from(chosen.name.as_str())),
+            ("node".to_string(), Value::from(i64::from(chosen.node))),
+        ]);
+        if !chosen.patch.is_empty() {
+            let patch = chosen.patch.iter().map(|&n| Value::from(i64::from(n))).collect();
+            node.insert("patch".into(), Value::Array(patch));
+        }
+        let all_active = table.insert("active".into(), Value::Array(vec![node.into()]));
+        let all_active = all_active.unwrap_or_else(|| Value::Array(Vec::new()));
+        // Forces alone are compared; displacements for the eye would hide the size of their tables.
+        table.insert("needs".into(), Table::from_iter([("visual".to_string(), Value::from(false))]).into());
+        Self::of(&whole, table, all_active)
+    }
+
+    fn of(whole: &Workbench, table: Table, all_active: Value) -> Result<Self, Failure> {
+        let bench = Arc::new(variant(whole, &table)?);
+        Ok(Self { name: bench.scene.name.clone(), bench, table, all_active })
+    }
+
+    /// The same body by another law, as a scene of its own.
+    fn with_law(&self, name: &str, law: &[(&str, Value)]) -> Result<Self, Failure> {
+        let mut table = self.table.clone();
+        let law = law.iter().map(|(key, value)| (key.to_string(), value.clone()));
+        table.insert("name".into(), name.into());
+        table.insert("material".into(), Table::from_iter(law).into());
+        Self::of(&self.bench, table, self.all_active.clone())
+    }
+
+    /// Name of the one active node.
+    pub(super) fn active(&self) -> &str {
+        &self.bench.scene.active[0].name
+    }
+
+    /// r_G of the scene, m.
+    pub(super) fn radius_m(&self) -> f64 {
+        self.bench.scene.grid.map_or(0.0, |grid| grid.radius_m)
+    }
+
+    /// The family on a grid of `cells` along its radius.
+    pub(super) fn on_grid(&self, (points, cells): (u32, u32)) -> Result<Case, Failure> {
+        self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
+    }
+
+    /// A grid of `cells` along twice the radius, without a limit of the force.
+    pub(super) fn pulled_far(&self, (points, cells): (u32, u32)) -> Result<Case, Failure> {
+        self.case(&format!("{}-far-{points}", self.name), (points, cells), |table| {
+            table.remove("device");
+            let radius_m = 2.0 * self.radius_m();
+            grid_of(table, radius_m, cells);
+        })
+    }
+
+    fn case(
+        &self,
+        name: &str,
+        (points, cells): (u32, u32),
+        change: impl FnOnce(&mut Table),
+    ) -> Result<Case, Failure> {
+        let mut table = self.table.clone();
+        grid_of(&mut table, self.radius_m(), cells);
+        change(&mut table);
+        Ok(Case { name: file_name(name), points, bench: Arc::new(variant(&self.bench, &table)?) })
+    }
+
+    /// The body with its tool on a patch of this radius, or on the node alone; with another order and pressure field, and without a
+    /// limit of the force.
+    pub(super) fn discretised(
+        &self,
+        order: u8,
+        stabilised: bool,
+        patch_m: Option<f64>,
+    ) -> Result<Workbench, Failure> {
+        let mut table = self.table.clone();
+        table.remove("device");
+        if let Some(Value::Table(mesh)) = table.get_mut("mesh") {
+            mesh.insert("order".into(), i64::from(order).into());
+        }
+        if stabilised {
+            let solver = table.entry("solver").or_insert_with(|| Table::new().into());
+            if let Value::Table(solver) = solver {
+                solver.insert("pressure".into(), "stabilised".into());
+            }
+        }
+        if let (Some(radius_m), Some(Value::Array(nodes))) = (patch_m, table.get_mut("active"))
+            && let Some(Value::Table(node)) = nodes.first_mut()
+        {
+            node.remove("patch");
+            node.insert("patch_radius_m".into(), radius_m.into());
+        }
+        variant(&self.bench, &table)
+    }
+
+    /// The body with all its active nodes, held by a group of its mesh, if it has that, or as the scene says.
+    pub(super) fn held_by(&self, group: Option<&str>) -> Result<Option<Workbench>, Failure> {
+        let scene = &self.bench.scene;
+        let fixed = match group {
+            Some(group) => scene.mesh.node_groups.get(group),
+            None => Some(&scene.fixed),
+        };
+        let Some(fixed) = fixed else { return Ok(None) };
+        let mut table = self.table.clone();
+        table.remove("device");
+        table.insert("active".into(), self.all_active.clone());
+        resolved(&self.bench, &table, fixed.clone()).map(Some)
+    }
+}
+
+/// A scene's name may hold what a file's name may not.
+fn file_name(name: &str) -> String {
+    let plain = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.chars().map(plain).collect()
+}
+
+fn grid_of(table: &mut Table, radius_m: f64, cells: u32) {
+    let grid = table.entry("grid").or_insert_with(|| Table::new().into());
+    if let Value::Table(grid) = grid {
+        grid.remove("points");
+        grid.insert("radius_m".into(), radius_m.into());
+        grid.insert("spacing_m".into(), (radius_m / f64::from(cells)).into());
+    }
+}
+
+/// The scene of this text on the mesh and held nodes of `whole`.
+fn variant(whole: &Workbench, table: &Table) -> Result<Workbench, Failure> {
+    resolved(whole, table, whole.scene.fixed.clone())
+}
+
+fn resolved(whole: &Workbench, table: &Table, fixed: Vec<u32>) -> Result<Workbench, Failure> {
+    let text = toml::to_string(table).map_err(Failure::work)?;
+    let scene = Scene::parse(&whole.path, text)?.resolve_in(whole.scene.mesh.clone(), fixed)?;
+    Workbench::quietly(&whole.path, scene)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn balls_have_the_papers_numbers_of_points() {
+        assert_eq!([1, 2, 3, 5, 7, 10, 15].map(points_of), [6, 32, 122, 514, 1418, 4168, 14146]);
+        assert_eq!(grids(&[1418, 514, 514]).expect("both are balls"), [(514, 5), (1418, 7)]);
+        assert!(grids(&[500]).expect_err("no ball").line().contains("514"));
+    }
+}

@@ -1,0 +1,148 @@
+//! A plot of series over two axes.
+
+use super::axis::Axis;
+use super::style::Style;
+use super::svg::{Anchor, Svg};
+
+/// A plot.
+#[derive(Debug)]
+pub(in super::super) struct Chart {
+    /// Above it.
+    pub title: String,
+    /// Along the bottom.
+    pub x: Axis,
+    /// Up the left side.
+    pub y: Axis,
+    /// What is shown.
+    pub series: Vec<Series>,
+    /// Level lines across the plot, with a word on each.
+    pub levels: Vec<(f64, String)>,
+}
+
+/// Points of one kind.
+#[derive(Debug)]
+pub(in super::super) struct Series {
+    /// How it looks.
+    pub style: Style,
+    /// Whether its points are joined.
+    pub joined: bool,
+    /// Whether its points are marked.
+    pub marked: bool,
+    /// Its points.
+    pub points: Vec<Point>,
+}
+
+/// One point.
+#[derive(Debug, Clone)]
+pub(in super::super) struct Point {
+    /// Where.
+    pub x: f64,
+    /// Where.
+    pub y: f64,
+    /// Radius of its marker.
+    pub r: f64,
+    /// What a pointer that rests on it is told.
+    pub title: String,
+    /// Written beside it.
+    pub note: Option<String>,
+}
+
+/// Size of a plot, in units of its own; the page scales it.
+pub(super) const WIDTH: f64 = 460.0;
+pub(super) const HEIGHT: f64 = 330.0;
+const LEFT: f64 = 62.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 30.0;
+const BOTTOM: f64 = 48.0;
+
+/// Where an axis pair lies on the drawing.
+pub(super) struct Frame<'a> {
+    pub x: Option<&'a Axis>,
+    pub y: &'a Axis,
+}
+
+impl Frame<'_> {
+    pub(super) fn across(share: f64) -> f64 {
+        LEFT + share * (WIDTH - LEFT - RIGHT)
+    }
+
+    pub(super) fn up(&self, value: f64) -> f64 {
+        HEIGHT - BOTTOM - self.y.place(value) * (HEIGHT - BOTTOM - TOP)
+    }
+
+    pub(super) const FLOOR: f64 = HEIGHT - BOTTOM;
+
+    fn at(&self, x: f64, y: f64) -> [f64; 2] {
+        [Self::across(self.x.map_or(0.0, |axis| axis.place(x))), self.up(y)]
+    }
+
+    /// Grid lines, ticks and labels.
+    pub(super) fn draw(&self, svg: &mut Svg, title: &str, x_label: &str) {
+        let (left, right, floor) = (Self::across(0.0), Self::across(1.0), Self::FLOOR);
+        svg.text([left, 16.0], Anchor::Start, "title", title);
+        for tick in self.y.ticks() {
+            let y = self.up(tick.value);
+            svg.line([left, y], [right, y], if tick.text.is_some() { "grid" } else { "fine" });
+            if let Some(text) = tick.text {
+                svg.text([left - 6.0, y + 4.0], Anchor::End, "tick", &text);
+            }
+        }
+        for tick in self.x.map(Axis::ticks).unwrap_or_default() {
+            let x = Self::across(self.x.map_or(0.0, |axis| axis.place(tick.value)));
+            svg.line([x, TOP], [x, floor], if tick.text.is_some() { "grid" } else { "fine" });
+            if let Some(text) = tick.text {
+                svg.text([x, floor + 16.0], Anchor::Middle, "tick", &text);
+            }
+        }
+        svg.line([left, floor], [right, floor], "axis");
+        svg.line([left, TOP], [left, floor], "axis");
+        svg.text([0.5 * (left + right), HEIGHT - 8.0], Anchor::Middle, "label", x_label);
+        svg.text_upwards([14.0, 0.5 * (TOP + floor)], "label", &self.y.label);
+    }
+
+    /// A level line with its word.
+    pub(super) fn level(&self, svg: &mut Svg, value: f64, word: &str) {
+        if self.y.holds(value) {
+            let y = self.up(value);
+            svg.line([Self::across(0.0), y], [Self::across(1.0), y], "level");
+            svg.text([Self::across(1.0) - 3.0, y - 4.0], Anchor::End, "note", word);
+        }
+    }
+}
+
+impl Chart {
+    /// The drawing.
+    pub(in super::super) fn svg(&self) -> String {
+        let mut svg = Svg::default();
+        let frame = Frame { x: Some(&self.x), y: &self.y };
+        frame.draw(&mut svg, &self.title, &self.x.label);
+        for (value, word) in &self.levels {
+            frame.level(&mut svg, *value, word);
+        }
+        let shown = |p: &&Point| p.x.is_finite() && p.y.is_finite();
+        for series in self.series.iter().filter(|series| series.joined) {
+            let points: Vec<[f64; 2]> =
+                series.points.iter().filter(shown).map(|p| frame.at(p.x, p.y)).collect();
+            svg.polyline(&points, series.style.colour, series.style.dash, 1.6);
+        }
+        // Markers over all lines, and small ones last, so that none is hidden for good.
+        let mut marks: Vec<(&Style, &Point)> = self
+            .series
+            .iter()
+            .filter(|series| series.marked)
+            .flat_map(|series| series.points.iter().filter(shown).map(|p| (&series.style, p)))
+            .collect();
+        marks.sort_by(|(_, a), (_, b)| b.r.total_cmp(&a.r));
+        for (style, point) in marks {
+            let at = frame.at(point.x, point.y);
+            style.marker(&mut svg, at, point.r, &point.title);
+            if let Some(note) = &point.note {
+                // Beside the point, towards the middle of the plot.
+                let (side, anchor) =
+                    if self.x.place(point.x) > 0.7 { (-1.0, Anchor::End) } else { (1.0, Anchor::Start) };
+                svg.text([at[0] + side * (point.r + 4.0), at[1] - 5.0], anchor, "note", note);
+            }
+        }
+        svg.finish(WIDTH, HEIGHT, &self.title)
+    }
+}

@@ -1,0 +1,108 @@
+//! The few SVG elements that the plots need, as text.
+
+use std::fmt::Write;
+
+/// Which end of a text stands at its position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Anchor {
+    Start,
+    Middle,
+    End,
+}
+
+impl Anchor {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Start => "start",
+            Self::Middle => "middle",
+            Self::End => "end",
+        }
+    }
+}
+
+/// A drawing under construction.
+#[derive(Debug, Default)]
+pub(super) struct Svg {
+    body: String,
+}
+
+impl Svg {
+    /// The whole element, `width` by `height` units, named `title` for those who cannot see it.
+    pub(super) fn finish(self, width: f64, height: f64, title: &str) -> String {
+        format!(
+            "<svg viewBox=\"0 0 {width:.0} {height:.0}\" role=\"img\" aria-label=\"{}\">{}</svg>",
+            escaped(title),
+            self.body
+        )
+    }
+
+    /// A straight line of a class of the style sheet.
+    pub(super) fn line(&mut self, [x1, y1]: [f64; 2], [x2, y2]: [f64; 2], class: &str) {
+        let _ = write!(
+            self.body,
+            "<line class=\"{class}\" x1=\"{x1:.1}\" y1=\"{y1:.1}\" x2=\"{x2:.1}\" y2=\"{y2:.1}\"/>"
+        );
+    }
+
+    /// A line through points.
+    pub(super) fn polyline(&mut self, points: &[[f64; 2]], colour: &str, dash: &str, width: f64) {
+        let _ = write!(
+            self.body,
+            "<polyline fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\" stroke-dasharray=\"{dash}\" points=\""
+        );
+        for [x, y] in points {
+            let _ = write!(self.body, "{x:.1},{y:.1} ");
+        }
+        self.body.push_str("\"/>");
+    }
+
+    /// A rectangle from its upper left corner, filled or hollow.
+    pub(super) fn rectangle(
+        &mut self,
+        [x, y]: [f64; 2],
+        [width, height]: [f64; 2],
+        colour: &str,
+        hollow: bool,
+    ) {
+        let fill = if hollow { "#ffffff" } else { colour };
+        let _ = write!(
+            self.body,
+            "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\" stroke=\"{colour}\" \
+             stroke-width=\"1.6\"/>"
+        );
+    }
+
+    /// A closed outline in path syntax, filled or hollow; `title` shows when the pointer rests on it.
+    pub(super) fn shape(&mut self, path: &str, colour: &str, hollow: bool, title: &str) {
+        let fill = if hollow { "#ffffff" } else { colour };
+        let _ = write!(
+            self.body,
+            "<path d=\"{path}\" fill=\"{fill}\" stroke=\"{colour}\" stroke-width=\"1.2\"><title>{}</title></path>",
+            escaped(title)
+        );
+    }
+
+    /// Text of a class of the style sheet.
+    pub(super) fn text(&mut self, [x, y]: [f64; 2], anchor: Anchor, class: &str, text: &str) {
+        let _ = write!(
+            self.body,
+            "<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{}\">{}</text>",
+            anchor.name(),
+            escaped(text)
+        );
+    }
+
+    /// Text that runs upwards.
+    pub(super) fn text_upwards(&mut self, [x, y]: [f64; 2], class: &str, text: &str) {
+        let _ = write!(
+            self.body,
+            "<text class=\"{class}\" transform=\"translate({x:.1} {y:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
+            escaped(text)
+        );
+    }
+}
+
+/// Text that may stand between tags and in attributes.
+pub(in super::super) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,63 @@
+//! Spaces and held-out truth of the cases, in files that a second run goes on with.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use palpate_precompute::configuration_space::{Store, with_threads};
+use palpate_precompute::held_out::{Draw, HeldOutError, Kind, Walk, WalkOutcome};
+
+use super::plan::{Case, Plan};
+use super::steps::Steps;
+use crate::failure::Failure;
+use crate::progress::WorkProgress;
+
+/// Solves the space of a case and its truth. Paths start from rest, whatever the grid: those that `sibling`, a space of the same
+/// body, holds already are taken over, so that every grid is asked at the same positions.
+pub(super) fn solved(
+    plan: &Plan,
+    case: &Case,
+    draw: &Draw,
+    sibling: Option<&Path>,
+    steps: &mut Steps,
+) -> Result<PathBuf, Failure> {
+    let path = plan.work.join(format!("{}.space", case.name));
+    steps.next(&format!("{}: configuration space", case.name))?;
+    let store = case.bench.store(&path, false)?;
+    let mut progress = WorkProgress::new(&case.name, "points");
+    let expanded =
+        case.bench.expand(vec![0], &store, plan.threads, &steps.stop, |state| progress.spaces(state));
+    progress.finish();
+    expanded?;
+    steps.next(&format!("{}: held-out truth", case.name))?;
+    if let Some(sibling) = sibling {
+        take_over(sibling, &store, draw)?;
+    }
+    let held_out = case.bench.held_out(&[0], draw.clone())?;
+    let mut progress = WorkProgress::new(&case.name, "paths and positions");
+    let solved: Result<(), HeldOutError> = with_threads(&case.bench.workshop()?, plan.threads, |crew| {
+        held_out.run(&store, crew, &steps.stop, |state| progress.walks(state))
+    });
+    progress.finish();
+    solved?;
+    Ok(path)
+}
+
+/// Copies the paths that the other store has solved and this one has not.
+fn take_over(from: &Path, to: &Store, draw: &Draw) -> Result<(), Failure> {
+    let from = Store::open(from)?;
+    to.draw_held_out(draw)?;
+    let done = to.walks_done(0)?;
+    let mut walks: BTreeMap<Walk, WalkOutcome> = BTreeMap::new();
+    from.each_truth(0, |walk, _, truth| {
+        let wanted = walk.kind != Kind::Uniform && !done.contains_key(&(walk.kind, walk.number));
+        if wanted {
+            let outcome =
+                walks.entry(*walk).or_insert_with(|| WalkOutcome { walk: *walk, truths: Vec::new() });
+            outcome.truths.push(truth.clone());
+        }
+    })?;
+    for outcome in walks.values() {
+        to.add_walk(outcome)?;
+    }
+    Ok(to.commit()?)
+}

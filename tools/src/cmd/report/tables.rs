@@ -1,0 +1,163 @@
+//! Fitted tables: a blob a method, measured, and kept in a file that a second run reads again.
+
+use std::path::Path;
+
+use palpate_core::{Method, Organ, Space};
+use palpate_host::BlobFile;
+use palpate_precompute::blob_writer::{PackError, PackOptions, Packed, pack_with, write_atomically};
+use palpate_precompute::certificate::{Certificate, MethodCertificate, SpaceCertificate, certify};
+use palpate_precompute::configuration_space::{GridIndex, Store};
+use palpate_precompute::held_out::Summary;
+
+use super::plan::Plan;
+use crate::failure::Failure;
+
+/// A method's tables of one space.
+#[derive(Debug)]
+pub(super) struct Fitted {
+    /// The method.
+    pub method: Method,
+    /// The blob as the loop reads it.
+    pub file: BlobFile,
+    /// Bytes of the blob that a user would get: the skin and the certificate with it.
+    pub blob_bytes: usize,
+    /// Bytes of the method's tables alone.
+    pub table_bytes: usize,
+    /// What was measured of it: of the method alone, although the same tables may serve others.
+    pub certificate: Certificate,
+}
+
+impl Fitted {
+    /// The one space.
+    pub(super) fn space(&self) -> &SpaceCertificate {
+        &self.certificate.spaces[0]
+    }
+
+    /// The one method's figures.
+    pub(super) fn figures(&self) -> &MethodCertificate {
+        &self.space().methods[0]
+    }
+
+    /// Calls `see` with the packed space.
+    pub(super) fn with_space<T>(&self, see: impl FnOnce(&Space<'_>) -> T) -> Result<T, Failure> {
+        let organ: Organ<'_> = Organ::read(self.file.bytes()).map_err(Failure::work)?;
+        let space = organ.spaces.first().ok_or_else(|| Failure::work("a blob without a space"))?;
+        Ok(see(space))
+    }
+}
+
+/// Why a method has no tables.
+#[derive(Debug, Clone, serde::Serialize)]
+pub(super) struct LeftOut {
+    /// The case.
+    pub case: String,
+    /// The method.
+    pub method: &'static str,
+    /// Why.
+    pub why: String,
+}
+
+/// Which points of a space are fitted, and what the files are called.
+pub(super) struct Choice<'c> {
+    /// Beginning of the names of the blobs.
+    pub name: &'c str,
+    /// Points of the fit.
+    pub keep: &'c dyn Fn(GridIndex) -> bool,
+    /// Fit again whatever is there.
+    pub again: bool,
+}
+
+/// Fits each method alone and measures it, unless a blob of the same space, truth and version is there.
+pub(super) fn fitted(
+    plan: &Plan,
+    store: &Store,
+    choice: &Choice<'_>,
+    mut before: impl FnMut(Method) -> Result<(), Failure>,
+) -> Result<(Vec<Fitted>, Vec<LeftOut>), Failure> {
+    let keep = |index: GridIndex| (choice.keep)(index);
+    let packed = |methods: &[Method]| {
+        pack_with(store, &PackOptions { methods, intermediate: true, threads: plan.threads }, keep)
+    };
+    let solved = store.records(0)?.iter().filter(|r| r.tag.is_solved()).count();
+    let truths: u32 = Summary::of(store, 0)?.values().map(|sum| sum.positions).sum();
+    let bare_bytes = packed(&[])?.bytes()?.len();
+    let (mut all, mut left_out) = (Vec::new(), Vec::new());
+    for &method in &plan.methods {
+        before(method)?;
+        let path = plan.work.join(format!("{}-{}.blob", choice.name, method.name()));
+        let there = if choice.again { None } else { reusable(&path, store, method, solved, truths)? };
+        let fitted = match there {
+            Some(there) => there,
+            None => match packed(&[method]) {
+                Ok(packed) => measured(&path, store, method, packed)?,
+                Err(PackError::Fit { error, .. }) => {
+                    let why = error.to_string();
+                    left_out.push(LeftOut { case: choice.name.into(), method: method.name(), why });
+                    continue;
+                }
+                Err(error) => return Err(error.into()),
+            },
+        };
+        let certificate_bytes = fitted.with_organ(|organ| organ.certificate.map_or(0, <[u8]>::len))?;
+        let table_bytes = fitted.blob_bytes.saturating_sub(certificate_bytes + bare_bytes);
+        all.push(Fitted { table_bytes, ..fitted });
+    }
+    Ok((all, left_out))
+}
+
+impl Fitted {
+    fn with_organ<T>(&self, see: impl FnOnce(&Organ<'_>) -> T) -> Result<T, Failure> {
+        Ok(see(&Organ::read(self.file.bytes()).map_err(Failure::work)?))
+    }
+
+    fn of(method: Method, file: BlobFile, mut certificate: Certificate) -> Self {
+        for space in &mut certificate.spaces {
+            space.methods.retain(|of| of.method == method.name());
+        }
+        Self { method, blob_bytes: file.bytes().len(), table_bytes: 0, file, certificate }
+    }
+}
+
+fn measured(path: &Path, store: &Store, method: Method, mut packed: Packed) -> Result<Fitted, Failure> {
+    let bare = BlobFile::of(&packed.bytes()?);
+    let organ: Organ<'_> = Organ::read(bare.bytes()).map_err(Failure::work)?;
+    let certificate = certify(store, &organ)?;
+    let json = serde_json::to_string(&certificate).map_err(Failure::work)?;
+    packed.certify(&json)?;
+    // As a second run reads it: numbers in JSON may lose their last bit.
+    let certificate: Certificate = serde_json::from_str(&json).map_err(Failure::work)?;
+    let bytes = packed.bytes()?;
+    write_atomically(path, &bytes).map_err(|error| Failure::file(path, &error))?;
+    Ok(Fitted::of(method, BlobFile::of(&bytes), certificate))
+}
+
+/// The blob at `path`, if it is of this very space and was measured against this very truth.
+fn reusable(
+    path: &Path,
+    store: &Store,
+    method: Method,
+    solved: usize,
+    truths: u32,
+) -> Result<Option<Fitted>, Failure> {
+    let Ok(file) = BlobFile::load(path) else { return Ok(None) };
+    let certificate: Option<Certificate> = {
+        let organ: Result<Organ<'_>, _> = Organ::read(file.bytes());
+        let json = organ.ok().and_then(|organ| organ.certificate);
+        json.and_then(|bytes| serde_json::from_slice(bytes).ok())
+    };
+    let Some(certificate) = certificate else { return Ok(None) };
+    let same_origin = certificate.origin.content_hash == store.identity()?.content_hash
+        && certificate.origin.solver == store.meta("solver")?;
+    let same_work = match &certificate.spaces[..] {
+        [space] => {
+            let there = space.methods.iter().any(|m| m.method == method.name());
+            let cost = &space.cost;
+            there && cost.configurations == solved && cost.held_out == truths
+        }
+        _ => false,
+    };
+    if !(same_origin && same_work) {
+        return Ok(None);
+    }
+    Ok(Some(Fitted::of(method, file, certificate)))
+}
