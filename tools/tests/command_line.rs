@@ -312,7 +312,10 @@ fn damaged_and_newer_blobs_are_refused_in_one_line() {
     let sum = palpate_core::blob::format::CHECKSUM.checksum(&newer[..end]);
     newer[end..].copy_from_slice(&sum.to_le_bytes());
     std::fs::write(&blob, &newer).expect("the folder can be written");
-    refused(&["run", text(&blob), "--headless", "--seconds", "1"], &["a.blob", &format!("version {}", palpate_core::blob::format::VERSION + 1)]);
+    refused(
+        &["run", text(&blob), "--headless", "--seconds", "1"],
+        &["a.blob", &format!("version {}", palpate_core::blob::format::VERSION + 1)],
+    );
     std::fs::remove_file(&blob).expect("the blob is there");
     refused(&["inspect", text(&blob)], &["a.blob"]);
 }

@@ -220,7 +220,7 @@ pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<usize>, S
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
         let truths = truths(store, active, space, &grid, identity.increments)?;
-        counts.push(truths.iter().filter(|truth| truth.kind == Kind::Uniform && !truth.folded).count());
+        counts.push(truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count());
     }
     Ok(counts)
 }

@@ -1,6 +1,5 @@
 //! Hard cases of the interpolation: tables with holes, and a body pulled so far that it has several branches.
 
-use palpate_core::Method;
 use palpate_precompute::configuration_space::fold::folds;
 use palpate_precompute::configuration_space::{GridIndex, SpaceGrid, Store};
 use palpate_precompute::held_out::{Draw, Summary};

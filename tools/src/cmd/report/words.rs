@@ -144,6 +144,6 @@ mod tests {
         );
         assert_eq!([bytes(512), bytes(51_234), bytes(3_210_000)], ["512 B", "51.2 kB", "3.21 MB"]);
         assert_eq!(list(&["a".into(), "b".into(), "c".into()]), "a, b and c");
-        assert_eq!([times(3.14), times(61.7)], ["3.1 times", "62 times"]);
+        assert_eq!([times(3.12), times(61.7)], ["3.1 times", "62 times"]);
     }
 }

@@ -126,7 +126,7 @@ impl Shape {
             Self::Star => {
                 let spike = |n: u32| {
                     let (s, c) = (std::f64::consts::PI * f64::from(n) / 5.0).sin_cos();
-                    let r = if n % 2 == 0 { 1.45 } else { 0.62 };
+                    let r = if n.is_multiple_of(2) { 1.45 } else { 0.62 };
                     (r * s, -r * c)
                 };
                 corners(&(0..10).map(spike).collect::<Vec<_>>())
