@@ -148,7 +148,7 @@ fn a_buffer_at_an_odd_address() {
 fn versions() {
     assert_eq!(
         spoiled(|draft| draft.version = format::VERSION + 1),
-        BlobError::NewerVersion { found: 3, supported: format::VERSION }
+        BlobError::NewerVersion { found: format::VERSION + 1, supported: format::VERSION }
     );
     assert_eq!(spoiled(|draft| draft.version = 0), BlobError::UnknownVersion { found: 0 });
 }

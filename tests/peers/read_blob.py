@@ -220,8 +220,7 @@ class Displacement:
         self.row = blob.plane(row, "<u4")
         scale = blob.plane(scale, "<f4").astype(float)
         self.modes = blob.plane(modes, "<i2").reshape(len(scale), vertices, 3) * scale[:, None, None]
-        self.coefficients = blob.plane(coefficients, "<i2", len(scale) + 3 * self.slopes).astype(float)
-        self.coefficients = self.coefficients.reshape(-1, len(scale) + 3 * self.slopes)
+        self.coefficients = blob.plane(coefficients, "<i2").reshape(-1, len(scale) + 3 * self.slopes).astype(float)
         scale = blob.plane(outlier_scale, "<f4").astype(float)
         outliers = blob.plane(outliers, "<i2").reshape(len(scale), vertices, 3) * scale[:, None, None]
         self.outliers = dict(zip(blob.plane(outlier_row, "<u4").tolist(), outliers))

@@ -8,6 +8,7 @@ use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::configuration_space::{
     Domain, ExpansionError, Intermediate, Record, Store, still_to_solve,
 };
+use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::solve::Solver;
 use palpate_tests::space_bench::SpaceBench;
 
@@ -161,7 +162,7 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
             assert!(relative > 1e-4, "a coarse table cannot be exact: is the truth its own input?");
         }
     }
-    // The eye: the active node moves with the tool.
+    // The eye: the active node moves with the tool, as closely as displacements are packed.
     let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
     assert!(space.displacement_into(d.map(|x| x as f32), &mut moved));
     let vertex = organ
@@ -171,7 +172,8 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
         .position(|&n| n == bench.active)
         .expect("the active node is on the surface");
     for (u, d) in moved[vertex].iter().zip(d) {
-        assert!((f64::from(*u) - d).abs() < 1e-6, "{u} m, the tool is at {d} m");
+        let bound_m = DisplacementBound::default().max_m;
+        assert!((f64::from(*u) - d).abs() < 0.1 * bound_m, "{u} m, the tool is at {d} m");
     }
 }
 

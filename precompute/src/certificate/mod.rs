@@ -8,6 +8,8 @@ mod errors;
 mod probes;
 mod reference;
 
+use std::collections::BTreeMap;
+
 pub use displacement::{Apart, DisplacementCertificate};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
 pub use probes::{Probe, Work, nanoseconds};
@@ -18,7 +20,7 @@ use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
 use serde::{Deserialize, Serialize};
 
 use crate::configuration_space::fold::folds;
-use crate::configuration_space::{SpaceGrid, Store, StoreError, StoreIdentity};
+use crate::configuration_space::{GridIndex, Record, SpaceGrid, Store, StoreError, StoreIdentity};
 use crate::fit::samples;
 use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
 
@@ -65,11 +67,47 @@ pub struct SpaceCertificate {
     pub fold_pairs: usize,
     /// Share of the ball's volume within a cell of such a pair.
     pub folded_volume: f64,
+    /// Points where two stable solutions were found.
+    #[serde(default)]
+    pub two_solutions: TwoSolutions,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
     /// The surface for the eye, if it was packed.
     #[serde(default)]
     pub displacement: Option<DisplacementCertificate>,
+}
+
+/// Grid points where tries from different neighbours ended at different stable solutions: the body is on two branches there, and which
+/// one a hand meets depends on its way. The tables have the one of lower energy.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct TwoSolutions {
+    /// How many points.
+    pub points: usize,
+    /// Largest difference of the forces at one of them, N.
+    pub apart_n: f64,
+}
+
+impl TwoSolutions {
+    /// Of all tries of a space.
+    pub fn of(attempts: &[Record]) -> Self {
+        let stable = |r: &&Record| r.tag.is_solved() && r.unstable_modes.unwrap_or(0) == 0;
+        let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
+        for record in attempts.iter().filter(stable) {
+            points.entry(record.index).or_default().push(record.force_n);
+        }
+        let mut found = Self::default();
+        for forces in points.values() {
+            let apart =
+                |a: &[f64; 3], b: &[f64; 3]| Compared { truth_n: *a, found_n: *b, covered: true }.error_n();
+            let pairs = forces.iter().enumerate().flat_map(|(n, a)| forces[..n].iter().map(move |b| (a, b)));
+            let apart_n = pairs.map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
+            if apart_n > NOT_FELT_N {
+                found.points += 1;
+                found.apart_n = found.apart_n.max(apart_n);
+            }
+        }
+        found
+    }
 }
 
 /// What a space and its truth took.
@@ -189,6 +227,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         spaces.push(SpaceCertificate {
             cost: cost(store, active)?,
             fold_pairs: folds(&grid, &records).len(),
+            two_solutions: TwoSolutions::of(&store.attempts(active)?),
             folded_volume: probes::share_of_ball(space, |at| is_folded(space, at)),
             methods: methods.map(|method| measure(space, method, &truths)).collect(),
             displacement: displacement.transpose()?,

@@ -516,7 +516,7 @@ mod tests {
             let mut moved = moved(self.grid.displacement_m(index), self.bend);
             if Some(index) == self.odd {
                 for (n, x) in moved.displacement_m.iter_mut().enumerate() {
-                    *x += 0.02 * (n as f32 * 1.7).sin();
+                    *x += 0.004 * (n as f32 * 1.7).sin();
                 }
             }
             moved
@@ -579,7 +579,7 @@ mod tests {
 
     #[test]
     fn slopes_are_packed_where_the_grid_is_too_coarse_without() {
-        let bound = DisplacementBound::default();
+        let bound = DisplacementBound { rms_m: 1e-5, max_m: 1e-4 };
         let straight = Case::new(0.01, 0.0).fit(bound);
         assert_eq!((straight.slopes, straight.scale.len()), (0, 3));
         let (coarse, fine) = (Case::new(0.01, 0.3), Case::new(0.003, 0.3));

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use palpate_core::Organ;
 use palpate_precompute::certificate::{
-    Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate,
+    Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate, TwoSolutions,
 };
 
 use crate::failure::Failure;
@@ -43,6 +43,13 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
             space.fold_pairs,
             100.0 * space.folded_volume
         );
+        let TwoSolutions { points, apart_n } = space.two_solutions;
+        if points > 0 {
+            let _ = writeln!(
+                text,
+                "  two stable solutions were found at {points} points, up to {apart_n:.2} N apart; the one of lower energy is packed"
+            );
+        }
         let _ = writeln!(
             text,
             "  error vector, mN      mean     p50     p95     p99     max  covered  not felt (certified)      at folds: \

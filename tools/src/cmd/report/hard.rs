@@ -1,15 +1,17 @@
 //! Hard cases of the interpolation: tables with holes, and a body pulled so far that it has several branches.
 
+use palpate_precompute::certificate::{Answer, Errors, answers};
 use palpate_precompute::configuration_space::fold::folds;
 use palpate_precompute::configuration_space::{GridIndex, SpaceGrid, Store};
-use palpate_precompute::held_out::{Draw, Summary};
+use palpate_precompute::held_out::{Draw, Kind, Summary};
 use serde::Serialize;
 
 use super::measure::some;
-use super::plan::{Family, Plan};
+use super::plan::{Case, Family, Plan, points_of};
 use super::solve::solved;
 use super::steps::Steps;
 use super::tables::{Choice, fitted};
+use super::words::law;
 use crate::failure::Failure;
 
 /// A method in a hard case.
@@ -28,16 +30,21 @@ pub(super) struct HardRow {
     pub folded_volume: f64,
     /// Between neighbours, beyond what the stiffness accounts for.
     pub largest_jump_n: f64,
+    /// Points where tries ended at two stable solutions, and their largest difference.
+    pub two_solutions: usize,
+    pub apart_n: f64,
     /// Held-out positions where the body left its branch on the way.
     pub branch_changes: u32,
     pub held_out: u32,
     pub method: &'static str,
-    /// Away from folds.
+    /// Away from folds, and not further than this.
+    pub within_m: f64,
     pub positions: usize,
     pub covered_share: f64,
     pub mean_n: f64,
     pub p99_n: f64,
     pub max_n: f64,
+    pub not_felt_share: f64,
     /// At folds.
     pub folded_positions: usize,
     pub folded_mean_n: f64,
@@ -49,55 +56,89 @@ pub(super) struct HardRow {
 /// Shares of the points that are taken away.
 const MISSING: [f64; 4] = [0.0, 0.02, 0.1, 0.5];
 
+/// Cells along the radius of a grid that is as coarse as can be, and how much wider than the ball it is asked in.
+const COARSE_CELLS: u32 = 3;
+const COARSE_FACTOR: f64 = 1.2;
+/// How much further the body is pulled, until it has several branches.
+const FAR_FACTOR: f64 = 2.0;
+
 /// Number of steps of [`measured`].
-pub(super) fn steps() -> usize {
-    4
+pub(super) fn steps(plan: &Plan) -> usize {
+    1 + 3 + 3 * plan.families.len()
 }
 
-/// Measures the hard cases of a body on one grid.
+/// Measures the hard cases: those of the first body on one grid, and all bodies pulled far.
 pub(super) fn measured(
     plan: &Plan,
-    family: &Family,
     grid: (u32, u32),
     again: bool,
     steps: &mut Steps,
 ) -> Result<Vec<HardRow>, Failure> {
     let mut rows = Vec::new();
-    let near = family.on_grid(grid)?;
+    let first = &plan.families[0];
+    let near = first.on_grid(grid)?;
     let store = Store::open(&plan.work.join(format!("{}.space", near.name)))?;
     steps.next(&format!("{}: tables with holes", near.name))?;
+    let whole = |name: String, what: String, grid: u32| Hard {
+        what,
+        grid,
+        within_m: f64::INFINITY,
+        hole: Hole { name, share: 0.0 },
+        again,
+    };
     for share in MISSING {
-        let name = match share {
-            0.0 => near.name.clone(),
-            share => format!("{}-without-{:.0}", near.name, 100.0 * share),
+        let (name, what) = match share {
+            0.0 => (near.name.clone(), "as it is".into()),
+            share => (
+                format!("{}-without-{:.0}", near.name, 100.0 * share),
+                format!("{:.0} % of the points missing", 100.0 * share),
+            ),
         };
-        let what = match share {
-            0.0 => "as it is".into(),
-            share => format!("{:.0} % of the points missing", 100.0 * share),
-        };
-        rows.extend(case(plan, family, &store, &what, &Hole { name, share, again, grid: grid.0 }, steps)?);
+        let hard = Hard { hole: Hole { name: name.clone(), share }, ..whole(name, what, grid.0) };
+        rows.extend(hard.rows(plan, first, &store, steps)?);
     }
     drop(store);
-    let far = family.pulled_far(grid)?;
-    let radius_m = 2.0 * family.radius_m();
-    let full = plan.draw(radius_m);
-    // Every failing solve costs a hundred others there.
-    let draw = Draw { regular_m: None, random: full.random / 2, uniform: full.uniform / 2, ..full };
-    let path = solved(plan, &far, &draw, None, steps)?;
-    steps.next(&format!("{}: tables and certificates", far.name))?;
-    let store = Store::open(&path)?;
-    let what = format!("twice as far, r_G = {:.0} mm, no force limit", 1e3 * radius_m);
-    let hole = Hole { name: far.name, share: 0.0, again, grid: grid.0 };
-    rows.extend(case(plan, family, &store, &what, &hole, steps)?);
+
+    let radius_m = first.radius_m();
+    let coarse = first.wider("coarse", COARSE_FACTOR, (points_of(COARSE_CELLS), COARSE_CELLS))?;
+    let what = format!(
+        "cells of {:.0} mm, asked to {:.0} mm",
+        1e3 * COARSE_FACTOR * radius_m / f64::from(COARSE_CELLS),
+        1e3 * radius_m
+    );
+    // About a third of the positions lie beyond the ball that is asked.
+    let full = plan.draw(COARSE_FACTOR * radius_m);
+    let draw = Draw { regular_m: None, random: 0, uniform: 2 * full.uniform, ..full };
+    let store = open(plan, &coarse, &draw, steps)?;
+    let hard = Hard { within_m: radius_m, ..whole(coarse.name, what, coarse.points) };
+    rows.extend(hard.rows(plan, first, &store, steps)?);
+    drop(store);
+
+    for family in &plan.families {
+        let far = family.wider("far", FAR_FACTOR, grid)?;
+        let radius_m = FAR_FACTOR * family.radius_m();
+        let full = plan.draw(radius_m);
+        // Every failing solve costs a hundred others there.
+        let draw = Draw { regular_m: None, random: full.random / 2, uniform: full.uniform / 2, ..full };
+        let store = open(plan, &far, &draw, steps)?;
+        let law = law(&family.bench.body.law_names());
+        let what = format!("{law}, twice as far, r_G = {:.0} mm, no force limit", 1e3 * radius_m);
+        rows.extend(whole(far.name, what, far.points).rows(plan, family, &store, steps)?);
+    }
     Ok(rows)
+}
+
+/// Solves a space and its truth.
+fn open(plan: &Plan, case: &Case, draw: &Draw, steps: &mut Steps) -> Result<Store, Failure> {
+    let path = solved(plan, case, draw, None, steps)?;
+    steps.next(&format!("{}: tables and certificates", case.name))?;
+    Ok(Store::open(&path)?)
 }
 
 /// A space without some of its points.
 struct Hole {
     name: String,
     share: f64,
-    again: bool,
-    grid: u32,
 }
 
 impl Hole {
@@ -112,51 +153,74 @@ impl Hole {
     }
 }
 
-fn case(
-    plan: &Plan,
-    family: &Family,
-    store: &Store,
-    what: &str,
-    hole: &Hole,
-    steps: &Steps,
-) -> Result<Vec<HardRow>, Failure> {
-    let identity = store.identity()?;
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::work)?;
-    let records = store.records(0)?;
-    let solved = records.iter().filter(|r| r.tag.is_solved());
-    let (all, there) =
-        solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
-    let jump = folds(&grid, &records).iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
-    let summary = Summary::of(store, 0)?;
-    let choice = Choice { name: &hole.name, keep: &|index| hole.keeps(index), again: hole.again };
-    let (all_fitted, _) = fitted(plan, store, &choice, |_| steps.go_on())?;
-    let rows = all_fitted.iter().map(|fitted| {
-        let (figures, space) = (fitted.figures(), fitted.space());
-        let (clear, folded) = (figures.uniform, figures.folded);
-        HardRow {
-            scene: family.name.clone(),
-            case: what.into(),
-            radius_m: identity.radius_m,
-            max_force_n: Some(identity.max_force_n).filter(|f| f.is_finite()),
-            grid: hole.grid,
-            configurations: there,
-            missing_share: 1.0 - there as f64 / all.max(1) as f64,
-            fold_pairs: space.fold_pairs,
-            folded_volume: space.folded_volume,
-            largest_jump_n: jump,
-            branch_changes: summary.values().map(|sum| sum.switched).sum(),
-            held_out: summary.values().map(|sum| sum.positions).sum(),
-            method: fitted.method.name(),
-            positions: clear.count,
-            covered_share: clear.covered as f64 / clear.count as f64,
-            mean_n: some(clear.count, clear.mean_n),
-            p99_n: some(clear.count, clear.p99_n),
-            max_n: some(clear.count, clear.max_n),
-            folded_positions: folded.count,
-            folded_mean_n: some(folded.count, folded.mean_n),
-            folded_max_n: some(folded.count, folded.max_n),
-            seam_n: figures.probe.seam_n,
-        }
-    });
-    Ok(rows.collect())
+/// One case: which points are fitted, and where the fit is asked.
+struct Hard {
+    what: String,
+    grid: u32,
+    within_m: f64,
+    hole: Hole,
+    again: bool,
+}
+
+impl Hard {
+    fn rows(
+        &self,
+        plan: &Plan,
+        family: &Family,
+        store: &Store,
+        steps: &Steps,
+    ) -> Result<Vec<HardRow>, Failure> {
+        let Self { what, grid, within_m, hole, again } = self;
+        let identity = store.identity()?;
+        let lattice = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::work)?;
+        let records = store.records(0)?;
+        let solved = records.iter().filter(|r| r.tag.is_solved());
+        let (all, there) =
+            solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
+        let jump = folds(&lattice, &records).iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
+        let summary = Summary::of(store, 0)?;
+        let choice = Choice { name: &hole.name, keep: &|index| hole.keeps(index), again: *again };
+        let (all_fitted, _) = fitted(plan, store, &choice, |_| steps.go_on())?;
+        let rows = all_fitted.iter().map(|fitted| {
+            let (figures, space) = (fitted.figures(), fitted.space());
+            let asked = fitted.with_space(|space| answers(store, 0, space, fitted.method))??;
+            let errors = |folded: bool| {
+                let is_asked = |at: &&Answer| {
+                    let squared: f64 = at.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum();
+                    at.walk.kind == Kind::Uniform && at.folded == folded && squared <= within_m * within_m
+                };
+                Errors::of(asked.iter().filter(is_asked).map(|at| &at.compared))
+            };
+            let (clear, folded) = (errors(false), errors(true));
+            Ok(HardRow {
+                scene: family.name.clone(),
+                case: what.clone(),
+                radius_m: identity.radius_m,
+                max_force_n: Some(identity.max_force_n).filter(|f| f.is_finite()),
+                grid: *grid,
+                configurations: there,
+                missing_share: 1.0 - there as f64 / all.max(1) as f64,
+                fold_pairs: space.fold_pairs,
+                folded_volume: space.folded_volume,
+                largest_jump_n: jump,
+                two_solutions: space.two_solutions.points,
+                apart_n: space.two_solutions.apart_n,
+                branch_changes: summary.values().map(|sum| sum.switched).sum(),
+                held_out: summary.values().map(|sum| sum.positions).sum(),
+                method: fitted.method.name(),
+                within_m: within_m.min(identity.radius_m),
+                positions: clear.count,
+                covered_share: clear.covered as f64 / clear.count as f64,
+                mean_n: some(clear.count, clear.mean_n),
+                p99_n: some(clear.count, clear.p99_n),
+                max_n: some(clear.count, clear.max_n),
+                not_felt_share: clear.not_felt as f64 / clear.count as f64,
+                folded_positions: folded.count,
+                folded_mean_n: some(folded.count, folded.mean_n),
+                folded_max_n: some(folded.count, folded.max_n),
+                seam_n: figures.probe.seam_n,
+            })
+        });
+        rows.collect()
+    }
 }

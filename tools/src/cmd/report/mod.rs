@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
     let plan = Plan::new(args, threads)?;
     let cases = 3 * plan.families.len() * plan.grids.len();
-    let total = cases + bodies::steps(&plan) + 1 + hard::steps() + 2;
+    let total = cases + bodies::steps(&plan) + 1 + hard::steps(&plan) + 2;
     let mut steps = Steps::new(total, stop);
     let mut measured = Vec::new();
     for family in &plan.families {
@@ -122,7 +122,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let first = &plan.families[0];
     let curves = curves::measured(&plan, first, &mut steps)?;
     let bodies = bodies::measured(&plan, &mut steps)?;
-    let hard = hard::measured(&plan, first, plan.grids[0], args.fit_again, &mut steps)?;
+    let hard = hard::measured(&plan, plan.grids[0], args.fit_again, &mut steps)?;
     steps.next("times of the queries")?;
     for case in measured.iter_mut().flatten() {
         case.time(ROUNDS)?;

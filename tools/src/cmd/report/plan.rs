@@ -84,7 +84,7 @@ const SMALL_RADIUS_M: f64 = 0.02;
 const MOST_CELLS: u32 = 20;
 
 /// Grid points of a ball of so many cells along its radius, the rest left out: 514 for 5, 14,146 for 15.
-fn points_of(cells: u32) -> u32 {
+pub(super) fn points_of(cells: u32) -> u32 {
     let n = cells as i32;
     let mut points = 0;
     for i in -n..=n {
@@ -237,12 +237,16 @@ impl Family {
         self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
     }
 
-    /// A grid of `cells` along twice the radius, without a limit of the force.
-    pub(super) fn pulled_far(&self, (points, cells): (u32, u32)) -> Result<Case, Failure> {
-        self.case(&format!("{}-far-{points}", self.name), (points, cells), |table| {
+    /// A grid of `cells` along so many times the radius, without a limit of the force.
+    pub(super) fn wider(
+        &self,
+        word: &str,
+        factor: f64,
+        (points, cells): (u32, u32),
+    ) -> Result<Case, Failure> {
+        self.case(&format!("{}-{word}-{points}", self.name), (points, cells), |table| {
             table.remove("device");
-            let radius_m = 2.0 * self.radius_m();
-            grid_of(table, radius_m, cells);
+            grid_of(table, factor * self.radius_m(), cells);
         })
     }
 

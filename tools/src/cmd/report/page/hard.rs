@@ -24,6 +24,8 @@ pub(super) fn section(report: &Report) -> String {
         "fold pairs",
         "volume at folds",
         "largest jump, N",
+        "two solutions",
+        "apart, N",
         "changes of branch",
     ];
     let facts = cases.iter().map(|row| -> Vec<Cell> {
@@ -35,6 +37,8 @@ pub(super) fn section(report: &Report) -> String {
             count(row.fold_pairs).into(),
             percent(row.folded_volume).into(),
             figure(row.largest_jump_n).into(),
+            count(row.two_solutions).into(),
+            if row.two_solutions > 0 { figure(row.apart_n) } else { "\u{2013}".into() }.into(),
             format!("{} of {}", row.branch_changes, row.held_out).into(),
         ]
     });
@@ -45,7 +49,7 @@ pub(super) fn section(report: &Report) -> String {
         "setting",
         &format!(
             "{scene} on {} points. Missing points are taken away at random before the fit. A fold pair: two neighbours that no smooth force \
-             joins. Change of branch: a held-out step after which the body rests elsewhere, however small the step.",
+             joins. Two solutions: points where tries from different sides ended at different stable states. Change of branch: a held-out step after which the body rests elsewhere, however small the step.",
             count(grid as usize)
         ),
     ) + &says(&words(rows, &cases))
@@ -176,20 +180,24 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
             });
             lines.push(format!(
                 "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume touches them; elsewhere {} errs \
-                 least, {} mN{folded}.",
+                 least, {} mN, and is not felt at {} of {} positions{folded}.",
                 case.case,
                 count(case.fold_pairs),
                 figure(case.largest_jump_n),
                 percent(case.folded_volume),
                 best.method,
-                milli(best.mean_n)
+                milli(best.mean_n),
+                percent(best.not_felt_share),
+                count(best.positions)
             ));
         } else {
             lines.push(format!(
-                "{}: no folds; {} errs least, {} mN.",
+                "{}: no folds; {} errs least, {} mN, and is not felt at {} of {} positions.",
                 case.case,
                 best.method,
-                milli(best.mean_n)
+                milli(best.mean_n),
+                percent(best.not_felt_share),
+                count(best.positions)
             ));
         }
     }

@@ -58,7 +58,8 @@ impl Axis {
     }
 
     fn steps(&self) -> Vec<Tick> {
-        let rough = (self.high - self.low) / 5.0;
+        // Six steps at most, and a little: the room beyond the values must not cost half the ticks.
+        let rough = (self.high - self.low) / 5.5;
         let power = 10f64.powf(rough.log10().floor());
         let step =
             [1.0, 2.0, 5.0, 10.0].map(|n| n * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
