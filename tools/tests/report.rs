@@ -146,7 +146,24 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         assert!((found - expected).abs() <= 1e-12 * expected, "{mean:?}");
     }
     let hard = rows(&out.join("hard.csv"));
-    assert_eq!(hard.len(), 5 * 7, "as it is, three shares missing, and twice as far");
+    assert_eq!(hard.len(), 6 * 7, "as it is, three shares missing, large cells, and twice as far");
+    let coarse: Vec<_> = hard.iter().filter(|row| row["grid"] == "122" && row["method"] == "energy").collect();
+    assert_eq!(coarse.len(), 1);
+    assert!(number(coarse[0], "positions") > 10.0 && number(coarse[0], "mean_n") > 0.0, "{coarse:?}");
+    assert!((number(coarse[0], "radius_m") / number(coarse[0], "within_m") - 1.2).abs() < 1e-9, "{coarse:?}");
+
+    // States between grid points help radial basis functions; the surface is as good as its packing allows.
+    let parts = rows(&out.join("parts.csv"));
+    let mean = |method: &str, intermediate: &str| {
+        let row = parts.iter().find(|row| row["method"] == method && row["intermediate"] == intermediate);
+        number(row.expect("a row"), "mean_n")
+    };
+    for method in ["rbf-linear", "rbf-cubic"] {
+        assert!(mean(method, "true") < 0.7 * mean(method, "false"), "{method}");
+    }
+    let surfaces = rows(&out.join("surfaces.csv"));
+    assert_eq!(surfaces.len(), 4);
+    assert!(surfaces.iter().all(|row| number(row, "positions") > 30.0 && number(row, "rms_mean_mm") < 0.3));
     let bodies = rows(&out.join("bodies.csv"));
     assert!(bodies.iter().any(|row| row["finest"] == "true" && number(row, "mean_n") == 0.0));
 

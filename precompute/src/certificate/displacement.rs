@@ -4,12 +4,12 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use palpate_core::displacement::DisplacementTable;
-use palpate_core::{ConfigTag, Space};
+use palpate_core::{ConfigTag, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use super::is_folded;
 use crate::configuration_space::{Store, StoreError};
-use crate::fit::{DisplacementBound, Misfit, Sample, SurfaceMotion};
+use crate::fit::{DisplacementBound, FitError, Kernel, Misfit, Sample, SurfaceMotion, SurfaceRbf};
 use crate::held_out::Kind;
 
 /// What was measured of the displacements of one space.
@@ -95,21 +95,16 @@ pub(super) fn measure(
     let (mut uniform, mut uniform_trilinear, mut folded) = <(Apart, Apart, Apart)>::default();
     let trilinear = table.without_slopes();
     let mut visited = Vec::new();
-    store.each_truth(active, |walk, _, truth| {
-        let at = truth.displacement_m.map(|x| x as f32);
-        let usable = walk.kind == Kind::Uniform
-            && truth.tag == ConfigTag::Expandable
-            && space.lattice.locate(at).inside;
-        let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) else { return };
+    each_truth(store, active, space, &motion, |at, exact, is_folded| {
         visited.push(at);
         table.displacement_into(&space.lattice, space.flags, at, &mut found);
-        if truth.switched || is_folded(space, at) {
-            folded.add(misfit(&exact, &found));
+        if is_folded {
+            folded.add(misfit(exact, &found));
             return;
         }
-        uniform.add(misfit(&exact, &found));
+        uniform.add(misfit(exact, &found));
         trilinear.displacement_into(&space.lattice, space.flags, at, &mut found);
-        uniform_trilinear.add(misfit(&exact, &found));
+        uniform_trilinear.add(misfit(exact, &found));
     })?;
     if visited.is_empty() {
         visited.push([0.25 * space.lattice.radius_m(); 3]);
@@ -129,6 +124,60 @@ pub(super) fn measure(
         folded,
         microseconds: microseconds(space, table, &visited, &mut found),
     })
+}
+
+/// Independent uniform positions within f_max whose displacements were kept, with these, and whether they are at a fold.
+fn each_truth(
+    store: &Store,
+    active: usize,
+    space: &Space<'_>,
+    motion: &SurfaceMotion<'_>,
+    mut see: impl FnMut([f32; 3], &[f32], bool),
+) -> Result<(), StoreError> {
+    store.each_truth(active, |walk, _, truth| {
+        let at = truth.displacement_m.map(|x| x as f32);
+        let usable = walk.kind == Kind::Uniform
+            && truth.tag == ConfigTag::Expandable
+            && space.lattice.locate(at).inside;
+        if let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) {
+            see(at, &exact, truth.switched || is_folded(space, at));
+        }
+    })
+}
+
+/// What radial basis functions of the grid's configurations make of the surface at the positions away from folds, and the median
+/// time of one, us.
+pub fn surface_by_rbf(
+    store: &Store,
+    active: usize,
+    organ: &Organ<'_>,
+    space: &Space<'_>,
+    kernel: Kernel,
+) -> Result<Result<(Apart, f64), FitError>, StoreError> {
+    let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
+    let spacing_m = f64::from(space.lattice.spacing_m());
+    let mut configurations = Vec::new();
+    for record in store.records(active)?.iter().filter(|r| r.tag.is_solved()) {
+        let moved = motion.at(record.index, record.attempt)?.displacement_m;
+        configurations.push((record.index.map(f64::from), moved));
+    }
+    let fit = match SurfaceRbf::fit(kernel, &configurations) {
+        Ok(fit) => fit,
+        Err(error) => return Ok(Err(error)),
+    };
+    let (mut apart, mut times) = (Apart::default(), Vec::new());
+    each_truth(store, active, space, &motion, |at, exact, is_folded| {
+        if is_folded {
+            return;
+        }
+        let start = Instant::now();
+        let found = fit.at(at.map(|x| f64::from(x) / spacing_m));
+        times.push(start.elapsed().as_secs_f64() * 1e6);
+        let differences: Vec<f64> = exact.iter().zip(found).map(|(a, b)| f64::from(*a) - b).collect();
+        apart.add(Misfit::of(&differences));
+    })?;
+    times.sort_by(f64::total_cmp);
+    Ok(Ok((apart, times.get(times.len() / 2).copied().unwrap_or(f64::NAN))))
 }
 
 fn misfit(exact: &[f32], found: &[[f32; 3]]) -> Misfit {

@@ -10,7 +10,7 @@ mod reference;
 
 use std::collections::BTreeMap;
 
-pub use displacement::{Apart, DisplacementCertificate};
+pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
 pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;

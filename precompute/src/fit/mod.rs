@@ -13,7 +13,7 @@ pub use displacement::{
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
 pub use motion::SurfaceMotion;
-pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, fit_rbf};
+pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 
 use crate::configuration_space::{GridIndex, Record, SpaceGrid};
 use crate::material::SymmetricThird;

@@ -16,6 +16,12 @@ pub enum Kernel {
 }
 
 impl Kernel {
+    /// phi of the distance of two positions.
+    fn between(self, a: [f64; 3], b: [f64; 3]) -> f64 {
+        let squared: f64 = a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum();
+        self.value(squared.sqrt())
+    }
+
     /// phi(r).
     #[inline]
     pub fn value(self, r: f64) -> f64 {
@@ -88,8 +94,8 @@ impl From<&Sample> for Centre {
     }
 }
 
-/// Centres up to which linear weights are found by factorisation too: beyond, iterations are quicker.
-const DENSE: usize = 3000;
+/// Centres up to which linear weights are found by factorisation too: 6.4 GB. With 6,204 that takes 5 s, and 25 s by iterations.
+const DENSE: usize = 20_000;
 /// Most centres of the cubic: 14 GB while it is factorised.
 const MOST: usize = 30_000;
 
@@ -100,8 +106,8 @@ const MISFIT: f64 = 1e-6;
 ///
 /// Distances are in cells, so the matrix does not depend on the unit of length. No polynomial tail, as in the paper
 /// (whose sum to N-1 is a misprint for N). The matrix is symmetric indefinite with zeros on the diagonal: LBL^T
-/// with pivoting, N^3/3 operations. Memory 8 N^2 bytes, twice. Beyond some thousands of centres linear weights are found iteratively
-/// instead, on `threads` threads, to the same misfit.
+/// with pivoting, N^3/3 operations. Memory 8 N^2 bytes, twice. Where that is too much, linear weights are found iteratively instead, on `threads`
+/// threads, to the same misfit.
 pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
     let n = centres.len();
     let (weights, misfit_n) = match kernel {
@@ -122,31 +128,84 @@ pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<Rbf
 
 /// Weights by factorisation, and the largest misfit.
 fn solve_densely(kernel: Kernel, centres: &[Centre]) -> ([Vec<f64>; 3], f64) {
-    let n = centres.len();
-    let position = |i: usize| centres[i].position;
-    let matrix = Mat::from_fn(n, n, |i, j| {
-        let (a, b) = (position(i), position(j));
-        let squared: f64 = a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum();
-        kernel.value(squared.sqrt())
-    });
-    let forces = Mat::from_fn(n, 3, |i, axis| centres[i].force_n[axis]);
+    let forces = Mat::from_fn(centres.len(), 3, |i, axis| centres[i].force_n[axis]);
+    let positions: Vec<[f64; 3]> = centres.iter().map(|c| c.position).collect();
+    let (weights, misfit_n) = solve(kernel, &positions, &forces);
+    (std::array::from_fn(|axis| weights.col(axis).iter().copied().collect()), misfit_n)
+}
+
+/// Weights of any number of columns of `values`, a row a centre, and the largest misfit; infinite if the matrix was singular.
+fn solve(kernel: Kernel, positions: &[[f64; 3]], values: &Mat<f64>) -> (Mat<f64>, f64) {
+    let n = positions.len();
+    let matrix = Mat::from_fn(n, n, |i, j| kernel.between(positions[i], positions[j]));
     let factor = matrix.lblt(Side::Lower);
-    let mut weights = factor.solve(&forces);
+    let mut weights = factor.solve(values);
     // One refinement: cond of the cubic matrix is 1e6 at 514 points, 1e8 at 4168.
-    let residual = &forces - &matrix * &weights;
+    let residual = values - &matrix * &weights;
     weights += factor.solve(&residual);
-    let misfit = &forces - &matrix * &weights;
+    let misfit = values - &matrix * &weights;
     // faer's norm passes a NaN over; a fit with one must not pass for good.
-    let finite =
-        (0..n).all(|i| (0..3).all(|axis| weights[(i, axis)].is_finite() && misfit[(i, axis)].is_finite()));
-    let misfit_n = if finite { misfit.norm_max() } else { f64::INFINITY };
-    (std::array::from_fn(|axis| (0..n).map(|i| weights[(i, axis)]).collect()), misfit_n)
+    let finite = |m: &Mat<f64>| m.col_iter().all(|column| column.iter().all(|x| x.is_finite()));
+    let misfit = if finite(&weights) && finite(&misfit) { misfit.norm_max() } else { f64::INFINITY };
+    (weights, misfit)
+}
+
+/// The whole surface by radial basis functions, as the paper offers for displacements too. For comparison: no blob holds it, since every
+/// vertex of every surface sums over all configurations.
+#[derive(Debug, Clone)]
+pub struct SurfaceRbf {
+    kernel: Kernel,
+    positions: Vec<[f64; 3]>,
+    /// A row a centre, a column a component.
+    weights: Mat<f64>,
+}
+
+impl SurfaceRbf {
+    /// Of these configurations, each with its position in cells.
+    pub fn fit(kernel: Kernel, configurations: &[([f64; 3], Vec<f32>)]) -> Result<Self, FitError> {
+        let positions: Vec<[f64; 3]> = configurations.iter().map(|(at, _)| *at).collect();
+        let components = configurations.first().map_or(0, |(_, moved)| moved.len());
+        let values = Mat::from_fn(positions.len(), components, |i, k| f64::from(configurations[i].1[k]));
+        let (weights, misfit) = solve(kernel, &positions, &values);
+        if misfit > MISFIT * values.norm_max().max(f64::MIN_POSITIVE) {
+            return Err(FitError { kernel, centres: positions.len(), misfit_n: misfit });
+        }
+        Ok(Self { kernel, positions, weights })
+    }
+
+    /// x, y, z of every node at a position in cells, m.
+    pub fn at(&self, position: [f64; 3]) -> Vec<f64> {
+        let values: Vec<f64> = self.positions.iter().map(|&c| self.kernel.between(c, position)).collect();
+        let component = |column: faer::ColRef<'_, f64>| column.iter().zip(&values).map(|(w, v)| w * v).sum();
+        self.weights.col_iter().map(component).collect()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::configuration_space::SpaceGrid;
+
+    /// A surface of one node is a force.
+    #[test]
+    fn a_surface_is_met_and_continued_like_a_force() {
+        let centres = centres(2);
+        let moved: Vec<([f64; 3], Vec<f32>)> =
+            centres.iter().map(|c| (c.position, c.force_n.map(|h| h as f32).to_vec())).collect();
+        for kernel in [Kernel::Linear, Kernel::Cubic] {
+            let surface = SurfaceRbf::fit(kernel, &moved).unwrap();
+            let force = fit_rbf(kernel, &centres, 1).unwrap();
+            let between = [0.3, -0.7, 1.1];
+            let expected: Vec<f64> = force
+                .weights
+                .iter()
+                .map(|w| centres.iter().zip(w).map(|(c, w)| w * kernel.between(c.position, between)).sum())
+                .collect();
+            assert!(surface.at(between).iter().zip(expected).all(|(a, b): (_, f64)| (a - b).abs() < 1e-4));
+            let (at, exact) = &moved[7];
+            assert!(surface.at(*at).iter().zip(exact).all(|(a, b)| (a - f64::from(*b)).abs() < 1e-9));
+        }
+    }
 
     fn field(position: [f64; 3]) -> Centre {
         let [x, y, z] = position.map(|n| n / 3.0);

@@ -36,6 +36,8 @@ pub(super) fn write(report: &Report, out: &Path) -> Result<(), Failure> {
     both(out, "curves", &report.curves)?;
     both(out, "bodies", &report.bodies)?;
     both(out, "hard", &report.hard)?;
+    both(out, "parts", &report.parts.0)?;
+    both(out, "surfaces", &report.parts.1)?;
     let certificates: Vec<_> = all().flat_map(|case| &case.certificates).collect();
     json(out, "certificates", &certificates)?;
     json(out, "machine", &report.machine)

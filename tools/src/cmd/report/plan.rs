@@ -250,6 +250,16 @@ impl Family {
         })
     }
 
+    /// A grid whose transitions are made in so many parts and keep the states between them, with displacements for the eye.
+    pub(super) fn in_parts(&self, parts: u32, (points, cells): (u32, u32)) -> Result<Case, Failure> {
+        self.case(&format!("{}-parts-{points}", self.name), (points, cells), |table| {
+            table.remove("needs");
+            if let Some(Value::Table(grid)) = table.get_mut("grid") {
+                grid.insert("increments".into(), i64::from(parts).into());
+            }
+        })
+    }
+
     fn case(
         &self,
         name: &str,

@@ -1,4 +1,4 @@
-//! Section (g): all figures of the methods and of the spaces, for those who look one up.
+//! Section (h): all figures of the methods and of the spaces, for those who look one up.
 
 use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
@@ -20,7 +20,7 @@ pub(super) fn section(report: &Report) -> String {
         body += &(error_table(cases) + &cost_table(cases) + &space_table(cases));
     }
     body += &files(&["methods", "spaces"]);
-    whole("g", "(g) All figures", &body)
+    whole("h", "(h) All figures", &body)
 }
 
 /// The least of a figure in one case; what is no number does not count.

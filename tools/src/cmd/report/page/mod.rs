@@ -8,6 +8,7 @@ mod hard;
 mod html;
 mod overview;
 mod paper;
+mod parts;
 
 use std::path::Path;
 
@@ -33,6 +34,7 @@ pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
         paper::section(report),
         bodies::section(report),
         hard::section(report),
+        parts::section(report),
         figures::section(report),
         footer::section(report),
     ]

@@ -8,7 +8,7 @@ use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{least, method_words, row, title};
 use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
 
-const PARTS: [(&str, &str); 8] = [
+const PARTS: [(&str, &str); 9] = [
     ("glance", "At a glance"),
     ("a", "(a) Time of a query"),
     ("b", "(b) Configurations and seconds"),
@@ -16,7 +16,8 @@ const PARTS: [(&str, &str); 8] = [
     ("d", "(d) The paper\u{2019}s figures"),
     ("e", "(e) Discretisation"),
     ("f", "(f) Hard cases"),
-    ("g", "(g) All figures"),
+    ("g", "(g) States between, and the eye"),
+    ("h", "(h) All figures"),
 ];
 
 /// Title, setting and main table.
