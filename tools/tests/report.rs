@@ -147,7 +147,8 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     }
     let hard = rows(&out.join("hard.csv"));
     assert_eq!(hard.len(), 6 * 7, "as it is, three shares missing, large cells, and twice as far");
-    let coarse: Vec<_> = hard.iter().filter(|row| row["grid"] == "122" && row["method"] == "energy").collect();
+    let coarse: Vec<_> =
+        hard.iter().filter(|row| row["grid"] == "122" && row["method"] == "energy").collect();
     assert_eq!(coarse.len(), 1);
     assert!(number(coarse[0], "positions") > 10.0 && number(coarse[0], "mean_n") > 0.0, "{coarse:?}");
     assert!((number(coarse[0], "radius_m") / number(coarse[0], "within_m") - 1.2).abs() < 1e-9, "{coarse:?}");

@@ -19,13 +19,16 @@ pub struct Fold {
 
 /// The excess of the pair `a`, `b`.
 pub fn excess(grid: &SpaceGrid, a: &Record, b: &Record) -> Excess {
-    let potential = |r: &Record| Potential {
-        displacement_m: grid.displacement_m(r.index),
-        energy_j: r.energy_j,
-        force_n: r.force_n,
-        stiffness_n_m: r.stiffness_n_m,
-    };
-    Excess::between(&potential(a), &potential(b))
+    Excess::between(&potential(grid, a), &potential(grid, b))
+}
+
+fn potential(grid: &SpaceGrid, record: &Record) -> Potential {
+    Potential {
+        displacement_m: grid.displacement_m(record.index),
+        energy_j: record.energy_j,
+        force_n: record.force_n,
+        stiffness_n_m: record.stiffness_n_m,
+    }
 }
 
 /// Flagged pairs among the solved neighbours of a space, every pair once; `at` gives the kept record of a point.
@@ -51,9 +54,17 @@ pub fn flagged_pairs<'r>(
     folds
 }
 
-/// [`flagged_pairs`] of the records of one space.
+/// The folds that tables must not smooth over: [`flagged_pairs`] of the records of one space, without those whose third derivatives
+/// show that the branch between them is only strongly curved.
 pub fn folds(grid: &SpaceGrid, records: &[Record]) -> Vec<Fold> {
     let by_index: std::collections::HashMap<GridIndex, &Record> =
         records.iter().map(|r| (r.index, r)).collect();
-    flagged_pairs(grid, records.iter(), |index| by_index.get(&index).copied())
+    let at = |index| by_index.get(&index).copied();
+    let mut folds = flagged_pairs(grid, records.iter(), at);
+    folds.retain(|fold| {
+        let (Some(a), Some(b)) = (at(fold.from), at(fold.to)) else { return true };
+        let ends = [a, b].map(|r| potential(grid, r));
+        Excess::with_thirds((&ends[0], &a.third_n_m2), (&ends[1], &b.third_n_m2)).is_jump()
+    });
+    folds
 }

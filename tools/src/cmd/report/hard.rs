@@ -100,7 +100,7 @@ pub(super) fn measured(
     drop(store);
 
     let radius_m = first.radius_m();
-    let coarse = first.wider("coarse", COARSE_FACTOR, (points_of(COARSE_CELLS), COARSE_CELLS))?;
+    let coarse = first.wider("coarse", COARSE_FACTOR, (points_of(COARSE_CELLS), COARSE_CELLS), false)?;
     let what = format!(
         "cells of {:.0} mm, asked to {:.0} mm",
         1e3 * COARSE_FACTOR * radius_m / f64::from(COARSE_CELLS),
@@ -114,15 +114,18 @@ pub(super) fn measured(
     rows.extend(hard.rows(plan, first, &store, steps)?);
     drop(store);
 
-    for family in &plan.families {
-        let far = family.wider("far", FAR_FACTOR, grid)?;
+    for (n, family) in plan.families.iter().enumerate() {
+        // The first without a limit of the force, where branches meet; a law that collapses there is asked within its own.
+        let limited = n > 0;
+        let far = family.wider("far", FAR_FACTOR, grid, limited)?;
         let radius_m = FAR_FACTOR * family.radius_m();
         let full = plan.draw(radius_m);
         // Every failing solve costs a hundred others there.
         let draw = Draw { regular_m: None, random: full.random / 2, uniform: full.uniform / 2, ..full };
         let store = open(plan, &far, &draw, steps)?;
         let law = law(&family.bench.body.law_names());
-        let what = format!("{law}, twice as far, r_G = {:.0} mm, no force limit", 1e3 * radius_m);
+        let within = if limited { "within f_max" } else { "no force limit" };
+        let what = format!("{law}, twice as far, r_G = {:.0} mm, {within}", 1e3 * radius_m);
         rows.extend(whole(far.name, what, far.points).rows(plan, family, &store, steps)?);
     }
     Ok(rows)

@@ -237,15 +237,18 @@ impl Family {
         self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
     }
 
-    /// A grid of `cells` along so many times the radius, without a limit of the force.
+    /// A grid of `cells` along so many times the radius, within the scene's limit of the force or without one.
     pub(super) fn wider(
         &self,
         word: &str,
         factor: f64,
         (points, cells): (u32, u32),
+        limited: bool,
     ) -> Result<Case, Failure> {
         self.case(&format!("{}-{word}-{points}", self.name), (points, cells), |table| {
-            table.remove("device");
+            if !limited {
+                table.remove("device");
+            }
             grid_of(table, factor * self.radius_m(), cells);
         })
     }
