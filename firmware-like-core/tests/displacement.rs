@@ -2,13 +2,9 @@
 
 mod common;
 
-use std::hint::black_box;
-use std::time::{Duration, Instant};
-
 use common::{Aligned, ODD, Random, Recipe, SHARES, bent, distance};
-use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::flags::{CELL, FOLD, SMOOTH};
-use palpate_core::{BallLattice, Organ, Space, Vec3, vec3};
+use palpate_core::{Organ, Space, Vec3, vec3};
 
 fn read(blob: &Aligned) -> Organ<'_, 1> {
     Organ::read(blob.bytes()).expect("the blob is good")
@@ -189,40 +185,4 @@ fn slopes_are_not_used_in_a_cell_with_a_fold() {
         }
     }
     assert!(folded > 20 && smooth > 1000, "{folded} {smooth}");
-}
-
-/// 2,000 nodes with 64 modes, an upper end of what a scene asks for. The viewer has 33 ms for a frame.
-#[test]
-fn two_thousand_nodes_take_less_than_a_millisecond() {
-    const MODES: usize = 64;
-    const VERTICES: usize = 2000;
-    let lattice = BallLattice::new(0.01, 0.05).expect("valid");
-    let mut random = Random(17);
-    let mut numbers =
-        |count: usize| -> Vec<i16> { (0..count).map(|_| (random.next() * 32767.0) as i16).collect() };
-    let (modes, coefficients) = (numbers(MODES * VERTICES * 3), numbers(MODES * 4 * lattice.slots()));
-    let planes = DisplacementPlanes {
-        slopes: MODES,
-        row: &(0..lattice.slots() as u32).collect::<Vec<_>>(),
-        modes: &modes,
-        scale: &[1e-12; MODES],
-        coefficients: &coefficients,
-        outlier_row: &[],
-        outlier_scale: &[],
-        outliers: &[],
-    };
-    let table = DisplacementTable::new(&lattice, planes, VERTICES).expect("whole");
-    let flags = vec![SMOOTH; lattice.slots()];
-    let mut out = vec![[0.0; 3]; VERTICES];
-    let mut best = Duration::MAX;
-    for n in 0..200 {
-        let d = [0.01 * (n as f32).sin(), 0.02 * (n as f32).cos(), 0.005];
-        let start = Instant::now();
-        table.displacement_into(&lattice, &flags, black_box(d), &mut out);
-        best = best.min(start.elapsed());
-        black_box(&out);
-    }
-    println!("{} vertices, {} modes: {best:?}", table.vertices(), table.modes());
-    // An unoptimised build proves nothing.
-    assert!(cfg!(debug_assertions) || best < Duration::from_millis(1), "{best:?}");
 }

@@ -127,7 +127,7 @@ impl Packed {
 /// What is packed, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct PackOptions<'m> {
-    /// Methods whose tables are wanted.
+    /// Methods whose tables are wanted; without any there are flags alone, and nothing for the eye.
     pub methods: &'m [Method],
     /// Whether states between grid points are centres of the radial basis functions too, where the store has any.
     pub intermediate: bool,
@@ -156,7 +156,8 @@ pub fn pack_with(
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
     }
     let surface = Surface::of(&mesh);
-    let visual = identity.visual.then_some(identity.displacement_bound);
+    let visual = identity.visual && !options.methods.is_empty();
+    let visual = visual.then_some(identity.displacement_bound);
     let mut packer = Packer { store, grid, mesh, surface, options, visual, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());

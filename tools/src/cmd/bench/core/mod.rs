@@ -2,6 +2,7 @@
 
 #[cfg(feature = "peers")]
 mod peers;
+mod surface;
 mod tables;
 mod timing;
 
@@ -26,7 +27,7 @@ use timing::{Run, Timing};
 /// Positions are uniform in the ball and come in no order that could be learnt. All take turns in small batches, so that a busy
 /// machine is busy for all of them; medians and minima are shown, `waits` being the median where each query needs the answer to the
 /// one before. `off` is the largest difference from the same interpolant in f64. Built with `--features peers` it runs the crates
-/// interpn and rbf-interp along.
+/// interpn and rbf-interp along. At the end stands the time of a surface for the eye.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Points of the made-up grids: 514, 1418, 4168, 14146.
@@ -61,6 +62,8 @@ struct Figures {
     pinned: String,
     rounds: usize,
     rows: Vec<Row>,
+    /// Of the viewer's thread, not of the tick.
+    surface: surface::SurfaceTime,
 }
 
 /// One method on one set of instructions, or a peer.
@@ -91,6 +94,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         pinned: format!("to CPU {cpu}: {}", granted.affinity),
         rounds: args.rounds.max(1),
         rows: Vec::new(),
+        surface: surface::measure(args.rounds.max(1))?,
     };
     if let Some(path) = &args.blob {
         let file = blob::load(path)?;
@@ -185,7 +189,7 @@ fn processor() -> String {
 }
 
 fn table(figures: &Figures) -> String {
-    let Figures { processor, built_for, best, pinned, rounds, rows } = figures;
+    let Figures { processor, built_for, best, pinned, rounds, rows, surface } = figures;
     let mut text = format!(
         "processor  {processor}\nbuilt for  {built_for}; the best here is {best}\npinned     {pinned}\nbatches    {rounds} each\n\n\
          grid   method               on             median      min    waits ns    off mN      bytes"
@@ -203,6 +207,10 @@ fn table(figures: &Figures) -> String {
             row.bytes
         );
     }
+    let surface::SurfaceTime { vertices, modes, median_us, min_us } = surface;
+    text += &format!(
+        "\n\nsurface of {vertices} nodes, {modes} modes with slopes: median {median_us:.0} us, min {min_us:.0}"
+    );
     text + &ratios(rows)
 }
 
