@@ -119,10 +119,12 @@ fn surfaces(family: &Family, grid: u32, plan: &Plan, store: &Store) -> Result<Ve
         max_mm: apart.max_mm,
         microseconds,
     };
-    let mut rows = vec![
-        row("packed modes, tri-linear", packed.bytes, packed.uniform_trilinear, packed.microseconds),
-        row("packed modes, with slopes", packed.bytes, packed.uniform, packed.microseconds),
-    ];
+    let mut rows =
+        vec![row("packed modes, tri-linear", packed.bytes, packed.uniform_trilinear, packed.microseconds)];
+    // Where the grid is fine enough for the bound no mode has slopes.
+    if packed.slopes > 0 {
+        rows.push(row("packed modes, with slopes", packed.bytes, packed.uniform, packed.microseconds));
+    }
     for (kernel, how) in [(Kernel::Linear, "radial r, f64"), (Kernel::Cubic, "radial r\u{b3}, f64")] {
         let fitted = surface_by_rbf(store, 0, &organ, &organ.spaces[0], kernel)?;
         let (apart, microseconds) = fitted.map_err(Failure::work)?;

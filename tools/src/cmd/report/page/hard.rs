@@ -20,25 +20,25 @@ pub(super) fn section(report: &Report) -> String {
         "case",
         "f_max, N",
         "configurations",
-        "missing",
         "fold pairs",
         "volume at folds",
-        "largest jump, N",
+        "jump up to, N",
         "two solutions",
-        "apart, N",
-        "changes of branch",
+        "branch changes",
     ];
     let facts = cases.iter().map(|row| -> Vec<Cell> {
         vec![
             row.case.clone().into(),
             row.max_force_n.map_or("none".into(), figure).into(),
             count(row.configurations).into(),
-            percent(row.missing_share).into(),
             count(row.fold_pairs).into(),
             percent(row.folded_volume).into(),
             figure(row.largest_jump_n).into(),
-            count(row.two_solutions).into(),
-            if row.two_solutions > 0 { figure(row.apart_n) } else { "\u{2013}".into() }.into(),
+            match row.two_solutions {
+                0 => "none".into(),
+                n => format!("{}, {} N apart", count(n), figure(row.apart_n)),
+            }
+            .into(),
             format!("{} of {}", row.branch_changes, row.held_out).into(),
         ]
     });
@@ -64,44 +64,35 @@ pub(super) fn section(report: &Report) -> String {
     whole("f", "(f) Hard cases of the interpolation", &body)
 }
 
-/// Errors: a row a method, a column a case, and one for the positions at folds where there are some.
+/// Errors: a row a case, a column a method, and a row more for the positions at folds where there are some.
 fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
-    let mut head = vec!["mean / p99, mN".to_string()];
-    for case in cases {
-        head.push(case.case.clone());
-        if has_folds(rows, case) {
-            head.push("the same at folds: mean / max".into());
-        }
-    }
-    let mut methods: Vec<&str> = Vec::new();
+    let mut head = vec!["mean / p99, mN"];
     for row in rows {
-        if !methods.contains(&row.method) {
-            methods.push(row.method);
+        if !head.contains(&row.method) {
+            head.push(row.method);
         }
     }
-    let of =
-        |case: &HardRow, method: &str| rows.iter().find(|row| row.case == case.case && row.method == method);
-    let line = |method: &&str| -> Vec<Cell> {
-        let mut cells: Vec<Cell> = vec![(*method).into()];
-        for case in cases {
-            let Some(row) = of(case, method) else {
-                cells.push("\u{2013}".into());
-                continue;
+    let mut lines: Vec<Vec<Cell>> = Vec::new();
+    for case in cases {
+        let of = |method: &str| rows.iter().find(|row| row.case == case.case && row.method == method);
+        let line = |name: String, text: &dyn Fn(&HardRow) -> Option<[f64; 2]>| -> Vec<Cell> {
+            let all: Vec<Option<[f64; 2]>> = head[1..].iter().map(|m| of(m).and_then(text)).collect();
+            let least = all.iter().flatten().map(|[mean, _]| *mean).fold(f64::INFINITY, f64::min);
+            let cell = |errors: &Option<[f64; 2]>| match errors {
+                Some([mean, high]) => {
+                    Cell { text: format!("{} / {}", milli(*mean), milli(*high)), best: *mean <= least }
+                }
+                None => "\u{2013}".into(),
             };
-            let best = rows.iter().filter(|r| r.case == row.case).all(|r| r.mean_n >= row.mean_n);
-            cells.push(Cell { text: format!("{} / {}", milli(row.mean_n), milli(row.p99_n)), best });
-            if has_folds(rows, case) {
-                cells.push(format!("{} / {}", milli(row.folded_mean_n), milli(row.folded_max_n)).into());
-            }
+            std::iter::once(Cell::from(name)).chain(all.iter().map(cell)).collect()
+        };
+        lines.push(line(case.case.clone(), &|row| (row.positions > 0).then_some([row.mean_n, row.p99_n])));
+        if rows.iter().any(|row| row.case == case.case && row.folded_positions > 0) {
+            let at_folds = |row: &HardRow| (row.folded_positions > 0).then_some([row.folded_mean_n, row.folded_max_n]);
+            lines.push(line(format!("\u{2014} {} positions at folds: mean / max", count(case.folded_positions)), &at_folds));
         }
-        cells
-    };
-    let head: Vec<&str> = head.iter().map(String::as_str).collect();
-    table(&head, &methods.iter().map(line).collect::<Vec<_>>())
-}
-
-fn has_folds(rows: &[HardRow], case: &HardRow) -> bool {
-    rows.iter().any(|row| row.case == case.case && row.folded_positions > 0)
+    }
+    table(&head, &lines)
 }
 
 /// Error and coverage against the share of missing points.
@@ -178,17 +169,23 @@ fn words(rows: &[HardRow], cases: &[&HardRow]) -> Vec<String> {
                     high.method
                 )
             });
+            let elsewhere = match best.positions {
+                0 => "every position lies at one".into(),
+                n => format!(
+                    "elsewhere {} errs least, {} mN, and is not felt at {} of {} positions",
+                    best.method,
+                    milli(best.mean_n),
+                    percent(best.not_felt_share),
+                    count(n)
+                ),
+            };
             lines.push(format!(
-                "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume touches them; elsewhere {} errs \
-                 least, {} mN, and is not felt at {} of {} positions{folded}.",
+                "{}: {} pairs of neighbours lie on different branches, with jumps up to {} N, and {} of the volume touches them; \
+                 {elsewhere}{folded}.",
                 case.case,
                 count(case.fold_pairs),
                 figure(case.largest_jump_n),
-                percent(case.folded_volume),
-                best.method,
-                milli(best.mean_n),
-                percent(best.not_felt_share),
-                count(best.positions)
+                percent(case.folded_volume)
             ));
         } else {
             lines.push(format!(
