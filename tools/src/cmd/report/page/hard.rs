@@ -88,8 +88,12 @@ fn matrix(rows: &[HardRow], cases: &[&HardRow]) -> String {
         };
         lines.push(line(case.case.clone(), &|row| (row.positions > 0).then_some([row.mean_n, row.p99_n])));
         if rows.iter().any(|row| row.case == case.case && row.folded_positions > 0) {
-            let at_folds = |row: &HardRow| (row.folded_positions > 0).then_some([row.folded_mean_n, row.folded_max_n]);
-            lines.push(line(format!("\u{2014} {} positions at folds: mean / max", count(case.folded_positions)), &at_folds));
+            let at_folds =
+                |row: &HardRow| (row.folded_positions > 0).then_some([row.folded_mean_n, row.folded_max_n]);
+            lines.push(line(
+                format!("\u{2014} {} positions at folds: mean / max", count(case.folded_positions)),
+                &at_folds,
+            ));
         }
     }
     table(&head, &lines)
