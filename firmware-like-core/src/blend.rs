@@ -71,6 +71,27 @@ pub fn energy_slopes(
     (slopes, alone.then_some(jet.value))
 }
 
+/// [`energy_slopes`] without the turn of the shares, which jumps at faces: continuous.
+pub fn energy_steady_slopes(
+    table: &HermiteTable<'_>,
+    flags: &[u8],
+    strides: Strides,
+    slot: usize,
+    t: Vec3,
+) -> [Vec3; 3] {
+    let weight = share(flags, SMOOTH, strides, slot, t);
+    mix(weight, table.force_slope(strides, slot, t), table.energy_jet(strides, slot, t).hessian)
+}
+
+/// a + w (b - a), row by row.
+fn mix(weight: f32, a: [Vec3; 3], b: [Vec3; 3]) -> [Vec3; 3] {
+    let mut rows = a;
+    for (row, other) in rows.iter_mut().zip(b) {
+        *row = blend(weight, *row, other);
+    }
+    rows
+}
+
 /// dh_a/dt + w (dh_b/dt - dh_a/dt) + (h_b - h_a) (dw/dt)^T
 fn blend_slopes(
     flags: &[u8],
@@ -90,11 +111,9 @@ fn blend_slopes(
     }
     let ((value_a, slopes_a), (value_b, slopes_b)) = (a(), b());
     let turn = share_slope(flags, flag, strides, slot, t);
-    let mut rows = slopes_a;
-    let apart = vec3::sub(value_b, value_a);
-    for ((row, other), apart) in rows.iter_mut().zip(slopes_b).zip(apart) {
-        let towards = vec3::scale(vec3::sub(other, *row), weight);
-        *row = vec3::add(vec3::add(*row, towards), vec3::scale(turn, apart));
+    let mut rows = mix(weight, slopes_a, slopes_b);
+    for (row, apart) in rows.iter_mut().zip(vec3::sub(value_b, value_a)) {
+        *row = vec3::add(*row, vec3::scale(turn, apart));
     }
     rows
 }
