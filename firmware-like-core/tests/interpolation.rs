@@ -151,6 +151,61 @@ fn stiffness_and_energy_agree_with_differences_of_the_force() {
     assert!(compared > 5000 && with_energy > 1000, "{compared} {with_energy}");
 }
 
+/// Where two methods far apart are blended, the turn of their shares is most of the stiffness; beyond the rim so is the turn of the ray.
+#[test]
+fn the_stiffness_holds_the_turn_of_the_shares_and_of_the_ray() {
+    // Waves of three cells, on which tri-linear and tri-cubic differ by newtons.
+    fn rough(d: Vec3) -> [f64; 3] {
+        let wave = |x: f32, y: f32| 3.0 * f64::from(200.0 * x).sin() * f64::from(170.0 * y).cos();
+        let [x, y, z] = d;
+        let [a, b, c] = force(d);
+        [a + wave(x, y), b + wave(y, z), c + wave(z, x)]
+    }
+    let blob = Recipe {
+        radius_m: 0.05,
+        force: rough,
+        ghost: rough,
+        rbf: false,
+        hermite: false,
+        ..Recipe::default()
+    }
+    .blob();
+    let organ = read(&blob);
+    let space = &organ.spaces[0];
+    let (mut random, mut apart, mut beyond) = (Random(15), 0, 0);
+    for _ in 0..12_000 {
+        let d = random.point(0.07);
+        let at = space.lattice.locate(d);
+        let h = 2e-5_f32;
+        let out = vec3::norm(d);
+        if at.t.iter().any(|t| !(0.02..0.98).contains(t))
+            || (out - 0.05).abs() < 1e-3
+            || (out - 0.06).abs() < 1e-3
+        {
+            continue;
+        }
+        for method in [Method::Hybrid, Method::Tricubic] {
+            let stiffness = space.estimate(method, d).expect("packed").stiffness_n_m;
+            for axis in 0..3 {
+                let [low, high] = [-h, h].map(|step| {
+                    let mut at = d;
+                    at[axis] += step;
+                    space.force(method, at).expect("packed").force_n
+                });
+                let column = [0, 1, 2].map(|i| stiffness[i][axis]);
+                let slope = vec3::scale(vec3::sub(high, low), 0.5 / h);
+                let tolerance = 2e-3 * vec3::norm(slope) + if at.inside { 3.0 } else { 6.0 };
+                assert!(distance(column, slope) < tolerance, "{method:?} {d:?}: {column:?} {slope:?}");
+            }
+        }
+        let [hybrid, linear] =
+            [Method::Hybrid, Method::Trilinear].map(|m| space.force(m, d).expect("packed").force_n);
+        apart += usize::from(at.inside && distance(hybrid, linear) > 0.2);
+        beyond += usize::from(!at.inside);
+    }
+    assert!(apart > 100 && beyond > 500, "{apart} {beyond}");
+}
+
 #[test]
 fn every_method_is_exact_on_the_nodes() {
     let recipe = Recipe { radius_m: 0.02, ..Recipe::default() };

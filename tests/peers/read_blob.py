@@ -178,15 +178,20 @@ class Space:
         w = np.einsum("i,j,k,ijk", *linear(t), (self.flags[slots] & SMOOTH) != 0)
         return w * w * (3.0 - 2.0 * w)
 
-    def cell_force(self, method, low, t):
-        """h in a cell, N; t may be a little outside of it."""
+    def tricubic_force(self, low, t):
+        """Catmull-Rom of the 64 points round a cell."""
+        ends = ((a, b, c) for a in range(-1, 3) for b in range(-1, 3) for c in range(-1, 3))
+        slots = np.array([self.slot([n + e for n, e in zip(low, end)]) for end in ends]).reshape(4, 4, 4)
+        return np.einsum("i,j,k,ijkn->n", *map(catmull_rom, t), self.force[slots])
+
+    def cell_force(self, method, low, t, share):
+        """h in a cell, N; t may be a little outside of it. `share` is that of the energy."""
         slots = self.corners(low)
         if method == "trilinear":
             return np.einsum("i,j,k,ijkn->n", *linear(t), self.force[slots])
         derivatives = self.hermite[slots]
         if method == "hermite":
             return cubic_force(derivatives, t)
-        share = self.smooth_share(low, t)
         return (1.0 - share) * cubic_force(derivatives, t) + share * energy_gradient(derivatives, t)
 
     def force_n(self, method, at_m):
@@ -194,11 +199,13 @@ class Space:
         if method not in self.methods() or method not in ("trilinear", "hermite", "energy"):
             raise Refused(f"{method} is not in space {self.name} or not in this example")
         low, t, outward, beyond = self.locate(at_m)
-        force = self.cell_force(method, low, t)
+        share = self.smooth_share(low, t)
+        force = self.cell_force(method, low, t, share)
         if beyond > 0.0:
-            # In a straight line at first, then constant: C1, bounded.
+            # In a straight line at first, then constant, by a slope that does not jump along the rim.
             step = 1e-4
-            ends = (self.cell_force(method, low, t + sign * step * outward) for sign in (1, -1))
+            steady = self.tricubic_force if method == "trilinear" else lambda low, t: self.cell_force(method, low, t, share)
+            ends = (steady(low, t + sign * step * outward) for sign in (1, -1))
             slope = np.subtract(*ends) / (2.0 * step * self.spacing_m)
             rise = beyond - 0.5 * beyond**2 / self.spacing_m if beyond < self.spacing_m else 0.5 * self.spacing_m
             force = force + rise * slope
@@ -251,6 +258,13 @@ class Displacement:
 def linear(t):
     """Weights of the two ends of each axis."""
     return [np.array([1.0 - x, x]) for x in t]
+
+
+def catmull_rom(t):
+    """Weights of four neighbours."""
+    s = 1.0 - t
+    inner = lambda x: 1.0 + x * x * (1.5 * x - 2.5)
+    return np.array([-0.5 * t * s * s, inner(t), inner(s), -0.5 * s * t * t])
 
 
 def cubic(t):

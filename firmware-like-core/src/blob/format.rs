@@ -3,7 +3,7 @@
 //! ```text
 //! offset          size         what
 //! 0               8            magic "PALPATE\0"
-//! 8               4            u32 version = 2
+//! 8               4            u32 version = 3
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
 //! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard)

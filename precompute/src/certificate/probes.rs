@@ -126,7 +126,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
     (clear, folded)
 }
 
-/// Just this side and just the other side of a face or the rim: what the slopes on both sides do not account for.
+/// Just this side and just the other side of a face, the rim, or a ray through a face at the rim: what the slopes on both sides do not account for.
 fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     let (spacing_m, radius_m) = (space.lattice.spacing_m(), space.lattice.radius_m());
     // Rows of thousands of centres have no faces to cross, and time is dear.
@@ -135,17 +135,30 @@ fn seam_n(space: &Space<'_>, method: Method) -> f64 {
     let mut worst = 0.0f64;
     for n in 0..crossings {
         let mut at = in_ball(space, n);
-        let along = if n % 8 == 7 {
-            let outward = vec3::normalize_or_zero(at);
-            at = vec3::scale(outward, radius_m);
-            outward
-        } else {
-            let axis = n as usize % 3;
-            at[axis] = (at[axis] / spacing_m).round() * spacing_m;
-            std::array::from_fn(|i| f32::from(u8::from(i == axis)))
-        };
-        if vec3::norm(at) > 1.0001 * radius_m {
-            continue;
+        let axis = n as usize % 3;
+        let mut along: [f32; 3] = std::array::from_fn(|i| f32::from(u8::from(i == axis)));
+        match n % 8 {
+            7 => {
+                along = vec3::normalize_or_zero(at);
+                at = vec3::scale(along, radius_m);
+            }
+            // Where the rim's point crosses a face, up to two cells further out.
+            5 | 6 => {
+                at = vec3::scale(vec3::normalize_or_zero(at), radius_m);
+                at[axis] = (at[axis] / spacing_m).round() * spacing_m;
+                let others: f32 = (0..3).filter(|i| *i != axis).map(|i| at[i] * at[i]).sum();
+                let stretch = ((radius_m * radius_m - at[axis] * at[axis]) / others.max(f32::MIN_POSITIVE))
+                    .max(0.0)
+                    .sqrt();
+                let further = 1.0 + 2.0 * (n % 64) as f32 / 64.0 * spacing_m / radius_m;
+                at = std::array::from_fn(|i| further * at[i] * if i == axis { 1.0 } else { stretch });
+            }
+            _ => {
+                at[axis] = (at[axis] / spacing_m).round() * spacing_m;
+                if vec3::norm(at) > 1.0001 * radius_m {
+                    continue;
+                }
+            }
         }
         let gap = (2e-6 * spacing_m).max(4e-7 * vec3::max_abs(at));
         let [low, high] = [-gap, gap].map(|step| vec3::add(at, vec3::scale(along, step)));

@@ -80,7 +80,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
     for point in points {
         let [x, y, z] = point;
-        let at = point.map(|v| v as f32);
+        // Beyond what f32 holds lies the rim, not infinity, which would be answered as no position at all.
+        let at = point.map(|v| {
+            if v.is_finite() { v.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32 } else { v as f32 }
+        });
         let found = space.force(args.method, at).ok_or_else(|| Failure::work("the method vanished"))?;
         let [fx, fy, fz] = found.force_n;
         table.push_str(&format!("{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?},{}", found.coverage.name()));

@@ -1,6 +1,6 @@
 //! `palpate run`: the 1 kHz loop on a blob and a device.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
@@ -8,6 +8,7 @@ use palpate_host::Device;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 
+use super::inspect::certificate;
 use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
@@ -72,13 +73,6 @@ const PREFERENCE: [Method; 7] = [
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
-    if organ.certificate.is_none() && !args.uncertified {
-        return Err(Failure::input(format!(
-            "{}: has no certificate, so nothing says how far its forces are from the organ's; pack it without \
-             --no-certificate, or run it with --uncertified",
-            args.blob.display()
-        )));
-    }
     let packed = || PREFERENCE.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
     let method = args.method.or_else(packed).ok_or_else(|| {
         Failure::input(format!(
@@ -86,9 +80,35 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             args.blob.display()
         ))
     })?;
+    if !args.uncertified {
+        check_certificate(&args.blob, &organ, method)?;
+    }
     let show = touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures };
     let stop = stop_flag()?;
     let summary = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
     output::line(format!("method       {}\n{summary}", method.name()))?;
     touch::judge(&summary)
+}
+
+/// Refuses a blob that nobody measured with this method, or only where no position could speak for the others.
+fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(), Failure> {
+    let path_name = path.display();
+    let Some(certificate) = certificate::of(path, organ)? else {
+        return Err(Failure::input(format!(
+            "{path_name}: has no certificate, so nothing says how far its forces are from the organ's; pack it without \
+             --no-certificate, or run it with --uncertified"
+        )));
+    };
+    for space in &certificate.spaces {
+        let measured = space.methods.iter().find(|m| m.method == method.name());
+        if measured.is_none_or(|m| m.uniform.count == 0) {
+            return Err(Failure::input(format!(
+                "{path_name}: its certificate has no position of {} away from folds for {}, so it says nothing about its forces; pack it \
+                 on a finer grid or a smaller radius, or run it with --uncertified",
+                space.active,
+                method.name()
+            )));
+        }
+    }
+    Ok(())
 }

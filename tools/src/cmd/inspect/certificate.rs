@@ -43,6 +43,16 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
             space.fold_pairs,
             100.0 * space.folded_volume
         );
+        for method in space.methods.iter().filter(|method| method.probe.work_folded.circles > 0) {
+            let work = &method.probe.work_folded;
+            let _ = writeln!(
+                text,
+                "  work round circles that touch folds, {}: {:.2} % mean, {:.2} % at most of the energy exchanged",
+                method.method,
+                100.0 * work.mean,
+                100.0 * work.max
+            );
+        }
         let TwoSolutions { points, apart_n } = space.two_solutions;
         if points > 0 {
             let _ = writeln!(
@@ -92,6 +102,14 @@ fn pair(errors: &Errors) -> String {
 
 fn line(method: &MethodCertificate) -> String {
     let MethodCertificate { uniform: e, folded, .. } = method;
+    if e.count == 0 {
+        return format!(
+            "    {:<14}no independent position away from folds: nothing is certified           {:>8} positions: {}\n",
+            method.method,
+            folded.count,
+            pair(folded)
+        );
+    }
     let percent = |n: usize| 100.0 * n as f64 / e.count.max(1) as f64;
     let numbers: String =
         [e.mean_n, e.p50_n, e.p95_n, e.p99_n, e.max_n].iter().map(|x| format!("{:>8}", mn(*x))).collect();

@@ -121,13 +121,13 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     let file = crate::blob::load(path)?;
     let organ = crate::blob::organ(path, &file)?;
     let mut text = format!(
-        "scene    {} ({})\nsize     {} bytes\nsurface  {} vertices, {} triangles\nf_max    {} N\n",
+        "scene    {} ({})\nsize     {} bytes\nsurface  {} vertices, {} triangles\nf_max    {}\n",
         organ.scene,
         organ.law,
         file.bytes().len(),
         organ.surface.node.len(),
         organ.surface.triangles.len(),
-        organ.max_force_n
+        if organ.max_force_n < f32::MAX { format!("{} N", organ.max_force_n) } else { "none".into() }
     );
     let mut spaces = Vec::new();
     for space in &organ.spaces {

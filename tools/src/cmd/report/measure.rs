@@ -73,6 +73,9 @@ pub(super) struct MethodRow {
     pub folded_max_n: f64,
     pub work_mean_share: f64,
     pub work_max_share: f64,
+    /// Round circles that touch folds; no number where there are none.
+    pub work_folded_mean_share: f64,
+    pub work_folded_max_share: f64,
     pub seam_n: f64,
     pub rounding_n: f64,
 }
@@ -245,6 +248,8 @@ impl Measured {
             folded_max_n: some(figures.folded.count, figures.folded.max_n),
             work_mean_share: figures.probe.work.mean,
             work_max_share: figures.probe.work.max,
+            work_folded_mean_share: some(figures.probe.work_folded.circles, figures.probe.work_folded.mean),
+            work_folded_max_share: some(figures.probe.work_folded.circles, figures.probe.work_folded.max),
             seam_n: figures.probe.seam_n,
             rounding_n: figures.probe.rounding_n,
         });

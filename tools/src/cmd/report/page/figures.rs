@@ -79,7 +79,19 @@ fn error_table(cases: &[Measured]) -> String {
 
 /// What the methods cost, and how they behave as a force field.
 fn cost_table(cases: &[Measured]) -> String {
-    let head = ["grid", "method", "a query, ns", "tables", "work, mean %", "max", "seam, mN", "f32, mN"];
+    let head = [
+        "grid",
+        "method",
+        "a query, ns",
+        "tables",
+        "work, mean %",
+        "max",
+        "at folds, mean %",
+        "max",
+        "seam, mN",
+        "f32, mN",
+    ];
+    let share = |value: f64| if value.is_finite() { figure(100.0 * value) } else { "\u{2013}".into() };
     let row = |case: &Measured, row: &MethodRow| -> Vec<Cell> {
         vec![
             grid_words(row).into(),
@@ -88,6 +100,8 @@ fn cost_table(cases: &[Measured]) -> String {
             marked(case, row, |row| row.table_bytes as f64, |n| bytes(n as usize)),
             figure(100.0 * row.work_mean_share).into(),
             figure(100.0 * row.work_max_share).into(),
+            share(row.work_folded_mean_share).into(),
+            share(row.work_folded_max_share).into(),
             milli(row.seam_n).into(),
             milli(row.rounding_n).into(),
         ]
