@@ -10,6 +10,8 @@
 //! A corner without a configuration is a ghost: the polynomial of degree 5 that fits W, h, S and W_ijk of its neighbours best, or where
 //! there are too few of them the mean of the Taylor polynomials of the nearest.
 
+use std::collections::HashSet;
+
 use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
 use palpate_core::hermite::Node;
@@ -32,22 +34,23 @@ pub struct HermiteNodes {
 
 /// Sets the fold flag of every cell that has a flagged pair among its corners.
 pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) {
-    for fold in folds {
-        let low: GridIndex = std::array::from_fn(|axis| fold.from[axis].min(fold.to[axis]));
-        // Cells that have both ends: one below on the axes where the two are level.
-        for code in 0..8 {
-            let shift: GridIndex = std::array::from_fn(|axis| code >> axis & 1);
-            let level = |axis: usize| shift[axis] == 0 || fold.from[axis] == fold.to[axis];
-            if !(0..3).all(level) {
-                continue;
-            }
-            let cell = std::array::from_fn(|axis| low[axis] - shift[axis]);
-            if let Some(slot) = grid.lattice.slot(cell) {
-                values.flags[slot] |= flags::FOLD;
-            }
-        }
+    for slot in folds.iter().flat_map(folded_cells).filter_map(|cell| grid.lattice.slot(cell)) {
+        values.flags[slot] |= flags::FOLD;
     }
     flags::derive(&grid.lattice, &mut values.flags);
+}
+
+/// The cells that have both ends of a flagged pair among their corners: one below too on the axes where the two are level.
+fn folded_cells(fold: &Fold) -> impl Iterator<Item = GridIndex> {
+    let (from, to) = (fold.from, fold.to);
+    corners([0; 3])
+        .filter(move |shift| (0..3).all(|axis| shift[axis] == 0 || from[axis] == to[axis]))
+        .map(move |shift| std::array::from_fn(|axis| from[axis].min(to[axis]) - shift[axis]))
+}
+
+/// The corners of a cell.
+fn corners(low: GridIndex) -> impl Iterator<Item = GridIndex> {
+    (0..8).map(move |code| std::array::from_fn(|axis| low[axis] + (code >> axis & 1)))
 }
 
 /// The table of `samples`, sorted by index, the rest point among them.
@@ -65,14 +68,66 @@ pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> He
     let mut field = Field { grid, solved, cuts };
     field.differentiate();
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
+    let at_folds: HashSet<GridIndex> = folds.iter().flat_map(folded_cells).flat_map(corners).collect();
+    let largest_n = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
     for index in Domain::new(grid, true).points() {
         let Some(slot) = grid.lattice.slot(index) else { continue };
-        let ghost = || field.fitted(index).unwrap_or_else(|| field.ghost(index));
-        let node = field.solved[slot].map_or_else(ghost, |known| known.w);
+        let node = match field.solved[slot] {
+            Some(known) if at_folds.contains(&index) => {
+                held_slopes(known.w, STEEPEST * field.steepest(index))
+            }
+            Some(known) => known.w,
+            None => {
+                let free = field.fitted(index).unwrap_or_else(|| field.ghost(index));
+                held_ghost(free, LARGEST_GHOST * largest_n)
+            }
+        };
         table.row[slot] = table.nodes.len() as u32;
         table.nodes.push(packed(&node));
     }
     table
+}
+
+/// At a fold slopes may stand for a branch that ends within the cell: they are held to so many times the largest change of the force
+/// to a neighbour, as a cubic that is to follow its data is (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980, have 3).
+const STEEPEST: f64 = 3.0;
+/// A ghost is held to so many times the largest solved |h|, as that of the lattice of forces.
+const LARGEST_GHOST: f64 = 2.0;
+
+fn norm(a: [f64; 3]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// All derivatives of the force made smaller by one factor, so that none of the second order of W is beyond `limit_n`, N a cell.
+fn held_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
+    let steepest = largest(&w, |order| order == 2);
+    if steepest > limit_n {
+        scale(&mut w, limit_n / steepest, |order| order >= 2);
+    }
+    w
+}
+
+/// A node whose force and derivatives of the force are within `limit_n`, per cell, order by order.
+fn held_ghost(mut w: Derivatives, limit_n: f64) -> Derivatives {
+    for wanted in 1..=6 {
+        let top = largest(&w, |order| order == wanted);
+        if top > limit_n {
+            scale(&mut w, limit_n / top, |order| order == wanted);
+        }
+    }
+    w
+}
+
+/// Largest |derivative| of these orders.
+fn largest(w: &Derivatives, of: impl Fn(usize) -> bool) -> f64 {
+    let sizes = orders_up_to_two().filter(|&(a, b, c)| of(a + b + c)).map(|(a, b, c)| w[a][b][c].abs());
+    sizes.fold(0.0, f64::max)
+}
+
+fn scale(w: &mut Derivatives, factor: f64, of: impl Fn(usize) -> bool) {
+    for (a, b, c) in orders_up_to_two().filter(|&(a, b, c)| of(a + b + c)) {
+        w[a][b][c] *= factor;
+    }
 }
 
 /// A solved node: what the table takes, and the pure third derivatives that it does not.
@@ -129,6 +184,20 @@ impl Field<'_> {
         other[axis] += step;
         let known = self.solved[self.grid.lattice.slot(other)?].as_ref()?;
         self.cuts.binary_search(&(index, other)).is_err().then_some(known)
+    }
+
+    /// Largest |change of h| to a solved neighbour, on whatever branch, N.
+    fn steepest(&self, index: GridIndex) -> f64 {
+        let force = |at: GridIndex| -> Option<[f64; 3]> {
+            let w = &self.solved[self.grid.lattice.slot(at)?].as_ref()?.w;
+            Some([w[1][0][0], w[0][1][0], w[0][0][1]])
+        };
+        let Some(here) = force(index) else { return 0.0 };
+        let neighbours = (0..27).map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1]);
+        neighbours
+            .filter_map(|step| force(std::array::from_fn(|axis| index[axis] + step[axis])))
+            .map(|there| norm(std::array::from_fn(|i| there[i] - here[i])))
+            .fold(0.0, f64::max)
     }
 
     /// First difference of a derivative along an axis.
