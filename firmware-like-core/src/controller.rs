@@ -8,6 +8,7 @@ use crate::blob::Organ;
 use crate::contact::{Contact, ContactConfig};
 use crate::limit::{self, Freshness, LimitConfig, StaleWatch};
 use crate::method::{Coverage, ForceSample, Method};
+use crate::profile::PC_SPACES;
 use crate::speed::SpeedWindow;
 use crate::table::Space;
 use crate::vec3::{self, Vec3};
@@ -217,7 +218,7 @@ impl core::error::Error for ControllerError {}
 
 /// An organ and how to render it.
 #[derive(Debug, Clone, Copy)]
-pub struct Controller<'o, 'a, const N: usize = { crate::blob::DEFAULT_MAX_SPACES }> {
+pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
     organ: &'o Organ<'a, N>,
     config: Config,
 }

@@ -30,6 +30,7 @@ pub mod lanes;
 pub mod limit;
 pub mod math;
 pub mod method;
+pub mod profile;
 pub mod rbf;
 pub mod speed;
 pub mod table;

@@ -1,5 +1,7 @@
 //! Radial basis functions over the solved configurations, weights fitted offline.
 
+use core::ops::{Add, Mul, Sub};
+
 use crate::lanes::{F32x4, Machine, sums};
 use crate::math;
 use crate::vec3::Vec3;
@@ -133,45 +135,49 @@ impl RbfTable<'_, f64> {
     }
 }
 
-impl<T: Copy + Into<f64>> RbfTable<'_, T> {
-    /// dh_i/dx_j as rows i, x in cell units: sum of w_i phi'(r) (x - x_i) / r, `slope(r)` = phi'(r) / r.
+impl<T> RbfTable<'_, T>
+where
+    T: Copy + PartialOrd + Add<Output = T> + Sub<Output = T> + Mul<Output = T>,
+{
+    /// dh_i/dx_j as rows i, x in cell units: sum of w_i phi'(r) (x - x_i) / r, `slope(r^2)` = phi'(r) / r.
     ///
-    /// A centre at the query itself gives nothing: phi = r has no slope there, phi = r^3 has slope zero. In f64: for stiffness, which
-    /// no tick asks for.
-    fn slopes(&self, position: Vec3, slope: impl Fn(f64) -> f64) -> [Vec3; 3] {
-        let at = position.map(f64::from);
-        let mut sums = [[0.0_f64; 3]; 3];
+    /// A centre at the query itself gives nothing: phi = r has no slope there, phi = r^3 has slope zero. In the table's own kind of
+    /// number: beyond the rim the tick asks for it, and a microcontroller computes in f32 alone at speed.
+    #[inline(always)]
+    fn slopes(&self, [x, y, z]: [T; 3], zero: T, slope: impl Fn(T) -> T) -> [[T; 3]; 3] {
+        let mut sums = [[zero; 3]; 3];
         let [cx, cy, cz] = self.centres;
         let [wx, wy, wz] = self.weights;
         for (((cx, cy), cz), ((wx, wy), wz)) in cx.iter().zip(cy).zip(cz).zip(wx.iter().zip(wy).zip(wz)) {
-            let [x, y, z] = at;
-            let d = [x - (*cx).into(), y - (*cy).into(), z - (*cz).into()];
+            let d = [x - *cx, y - *cy, z - *cz];
             let [dx, dy, dz] = d;
             let squared = dx * dx + dy * dy + dz * dz;
-            if squared > 0.0 {
-                let factor = slope(math::sqrt_f64(squared));
+            if squared > zero {
+                let factor = slope(squared);
                 for (sums, weight) in sums.iter_mut().zip([wx, wy, wz]) {
+                    let factor = *weight * factor;
                     for (sum, d) in sums.iter_mut().zip(d) {
-                        *sum += (*weight).into() * factor * d;
+                        *sum = *sum + factor * d;
                     }
                 }
             }
         }
-        sums.map(|row| row.map(|value| value as f32))
+        sums
     }
 }
 
 impl RbfTable<'_, f32> {
     /// dh_i/dx_j as rows i, x in cell units.
     pub fn linear_slopes(&self, position: Vec3) -> [Vec3; 3] {
-        self.slopes(position, |r| 1.0 / r)
+        self.slopes(position, 0.0, |squared| 1.0 / math::sqrt(squared))
     }
 }
 
 impl RbfTable<'_, f64> {
     /// dh_i/dx_j as rows i, x in cell units.
     pub fn cubic_slopes(&self, position: Vec3) -> [Vec3; 3] {
-        self.slopes(position, |r| 3.0 * r)
+        let slopes = self.slopes(position.map(f64::from), 0.0, |squared| 3.0 * math::sqrt_f64(squared));
+        slopes.map(|row| row.map(|value| value as f32))
     }
 }
 

@@ -6,6 +6,7 @@ use common::{Aligned, Draft, Recipe, sign};
 use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef};
 use palpate_core::blob::{BlobError, PlaneProblem};
 use palpate_core::grid::LatticeError;
+use palpate_core::profile::{Limits, MicrocontrollerOrgan};
 use palpate_core::rbf::RbfError;
 use palpate_core::table::TableError;
 use palpate_core::{Method, Organ};
@@ -156,7 +157,7 @@ fn versions() {
 #[test]
 fn more_spaces_than_fit() {
     let blob = Recipe { nodes: vec![[0.0; 3]; 3], ..small() }.blob();
-    assert_eq!(refusal(&blob), BlobError::Capacity { what: "spaces", need: 3, limit: 2 });
+    assert_eq!(refusal(&blob), BlobError::Capacity { what: "spaces", space: None, need: 3, limit: 2 });
     assert!(Organ::<3>::read(blob.bytes()).is_ok());
     // A count that the header does not hold.
     assert_eq!(spoiled(|draft| draft.preamble.space_count = 2), BlobError::Header);
@@ -165,6 +166,29 @@ fn more_spaces_than_fit() {
         spoiled(|draft| draft.preamble.space_count = u32::MAX),
         BlobError::Capacity { need: 0xffff_ffff, .. }
     ));
+}
+
+#[test]
+fn more_of_a_table_than_a_profile_holds() {
+    let blob = small().blob();
+    let refused = |limits: &Limits| Small::read_within(blob.bytes(), limits);
+    let capacity = |what, need, limit| Err(BlobError::Capacity { what, space: Some(0), need, limit });
+    // 125 slots, 7 centres and padding, 4 vertices, 3 modes: each just fits, and one less does not.
+    let fitting = Limits { slots: 125, centres: 16, vertices: 4, modes: 3 };
+    assert!(refused(&fitting).is_ok());
+    assert_eq!(refused(&Limits { slots: 124, ..fitting }), capacity("grid slots", 125, 124));
+    assert_eq!(refused(&Limits { centres: 15, ..fitting }), capacity("RBF centres", 16, 15));
+    assert_eq!(refused(&Limits { modes: 2, ..fitting }), capacity("displacement modes", 3, 2));
+    let vertices = BlobError::Capacity { what: "surface vertices", space: None, need: 4, limit: 3 };
+    assert_eq!(refused(&Limits { vertices: 3, ..fitting }), Err(vertices));
+    assert_eq!(
+        vertices.to_string(),
+        "4 surface vertices of the organ are more than this build holds (3): pack fewer, or build with a larger profile"
+    );
+    // A microcontroller takes forces only, and no more than four organs' nodes.
+    assert_eq!(refused(&Limits::MICROCONTROLLER), capacity("displacement modes", 3, 0));
+    let forces = Recipe { displacement: false, ..small() }.blob();
+    assert!(MicrocontrollerOrgan::read_within(forces.bytes(), &Limits::MICROCONTROLLER).is_ok());
 }
 
 #[test]

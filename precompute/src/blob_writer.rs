@@ -4,11 +4,11 @@ use std::path::Path;
 
 use bytemuck::Pod;
 use palpate_core::Method;
-use palpate_core::blob::DEFAULT_MAX_SPACES;
 use palpate_core::blob::format::{
     ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, MAGIC, PREFIX_LEN, PlaneRef,
     Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
 };
+use palpate_core::profile::PC_SPACES;
 use palpate_core::rbf::LANES;
 
 use crate::configuration_space::fold::{Fold, folds};
@@ -173,7 +173,7 @@ pub fn pack_with(
             left_out.push(name);
         }
     }
-    if spaces.len() > DEFAULT_MAX_SPACES {
+    if spaces.len() > PC_SPACES {
         return Err(PackError::TooLarge("the number of active nodes"));
     }
     if spaces.is_empty() {

@@ -14,5 +14,6 @@ mod real_mesh;
 mod shares;
 mod support;
 mod table;
+mod tables;
 mod units;
 mod walk;

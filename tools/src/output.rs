@@ -1,6 +1,9 @@
-//! Standard output: a reader that has seen enough (`| head`) ends the program quietly.
+//! What goes out: lines of text, and tables as CSV. A reader of standard output that has seen enough (`| head`) ends the program
+//! quietly.
 
 use std::io::{ErrorKind, Write};
+
+use serde::Serialize;
 
 use crate::failure::Failure;
 
@@ -12,4 +15,13 @@ pub(crate) fn line(text: impl std::fmt::Display) -> Result<(), Failure> {
         Err(error) => Err(Failure::work(format!("standard output: {error}"))),
         Ok(()) => Ok(()),
     }
+}
+
+/// Rows as CSV under the names of their fields.
+pub(crate) fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, Failure> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        writer.serialize(row).map_err(Failure::work)?;
+    }
+    writer.into_inner().map_err(Failure::work)
 }

@@ -111,6 +111,8 @@ pub enum BlobError {
     Capacity {
         /// Of what.
         what: &'static str,
+        /// Its space, or `None` for the organ.
+        space: Option<u16>,
         /// How many the blob has.
         need: usize,
         /// How many fit.
@@ -192,10 +194,11 @@ impl fmt::Display for BlobError {
                 write!(f, "the blob has the unknown layout version {found}; {AGAIN}")
             }
             Self::Header => write!(f, "the header cannot be decoded; {AGAIN}"),
-            Self::Capacity { what, need, limit } => {
+            Self::Capacity { what, space, need, limit } => {
                 write!(
                     f,
-                    "the blob has {need} {what}, this build holds {limit}: pack fewer, or build with a larger limit"
+                    "{need} {what} {} are more than this build holds ({limit}): pack fewer, or build with a larger profile",
+                    Of(*space)
                 )
             }
             Self::Value { what, space } => write!(f, "{what} {} is not a valid number; {AGAIN}", Of(*space)),

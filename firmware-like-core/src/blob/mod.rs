@@ -5,4 +5,4 @@ pub mod format;
 mod reader;
 
 pub use error::{BlobError, PlaneProblem};
-pub use reader::{DEFAULT_MAX_SPACES, Organ, Surface};
+pub use reader::{Organ, Surface};

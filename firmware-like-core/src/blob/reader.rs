@@ -16,19 +16,17 @@ use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::flags;
 use crate::grid::BallLattice;
 use crate::hermite::{HermiteTable, Node};
+use crate::profile::{Limits, PC_SPACES};
 use crate::rbf::RbfTable;
 use crate::table::{LatticeTable, Space, TableError, check_finite, check_len};
 use crate::vec3::{self, Vec3};
-
-/// Spaces an [`Organ`] holds if its type says nothing else.
-pub const DEFAULT_MAX_SPACES: usize = 256;
 
 /// Largest deviation of a normal's length from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 /// One organ: its surface and the configuration spaces of its active nodes, as views into the blob.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Organ<'a, const MAX_SPACES: usize = DEFAULT_MAX_SPACES> {
+pub struct Organ<'a, const MAX_SPACES: usize = PC_SPACES> {
     /// Name of the scene it was made from.
     pub scene: String<SCENE_NAME_LEN>,
     /// Name of the material law.
@@ -59,35 +57,61 @@ pub struct Surface<'a> {
 }
 
 impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
-    /// Checks a blob and opens it in place. `bytes` starts at an address divisible by 8 and holds exactly one blob.
+    /// [`Organ::read_within`] the limits of a PC.
     pub fn read(bytes: &'a [u8]) -> Result<Self, BlobError> {
+        Self::read_within(bytes, &Limits::PC)
+    }
+
+    /// Checks a blob and opens it in place. `bytes` starts at an address divisible by 8 and holds exactly one blob.
+    pub fn read_within(bytes: &'a [u8], limits: &Limits) -> Result<Self, BlobError> {
+        let mut organ = Self::EMPTY;
+        organ.load(bytes, limits)?;
+        Ok(organ)
+    }
+
+    /// Nothing: no space, no surface, no force.
+    pub const EMPTY: Self = Self {
+        scene: String::new(),
+        law: String::new(),
+        max_force_n: 0.0,
+        mesh_hash: [0; 32],
+        spaces: Vec::new(),
+        surface: Surface { node: &[], position_m: [&[]; 3], triangles: &[], fixed: &[] },
+        certificate: None,
+    };
+
+    /// [`Organ::read_within`] where the organ lies already: an organ of many spaces is large for a stack. After an error it is
+    /// to be thrown away.
+    pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
         let (header, planes) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
         let need = preamble.space_count as usize;
         // A command names its space with a u16.
         let limit = MAX_SPACES.min(usize::from(u16::MAX));
-        let capacity = BlobError::Capacity { what: "spaces", need, limit };
+        let capacity = BlobError::Capacity { what: "spaces", space: None, need, limit };
         if need > limit {
             return Err(capacity);
         }
         if !(preamble.max_force_n > 0.0 && preamble.max_force_n.is_finite()) {
             return Err(BlobError::Value { what: "max_force_n", space: None });
         }
-        let surface = read_surface(&planes, &preamble.surface)?;
-        let mut spaces = Vec::new();
+        let surface = read_surface(&planes, &preamble.surface, limits)?;
+        self.spaces.clear();
         for index in 0..need {
             let (space, after) = decode::<SpaceHeader>(rest)?;
             rest = after;
-            let space = read_space(&planes, space, index as u16, surface.node.len())?;
-            spaces.push(space).map_err(|_| capacity)?;
+            let space = read_space(&planes, space, index as u16, surface.node.len(), limits)?;
+            self.spaces.push(space).map_err(|_| capacity)?;
         }
         if !rest.is_empty() {
             return Err(BlobError::Header);
         }
-        let Preamble { scene, law, max_force_n, mesh_hash, certificate, .. } = preamble;
-        let certificate = certificate.map(|plane| planes.get(plane)).transpose();
-        let certificate = certificate.map_err(named("certificate", None))?;
-        Ok(Self { scene, law, max_force_n, mesh_hash, spaces, surface, certificate })
+        let certificate = preamble.certificate.map(|plane| planes.get(plane)).transpose();
+        self.certificate = certificate.map_err(named("certificate", None))?;
+        self.surface = surface;
+        (self.scene, self.law) = (preamble.scene, preamble.law);
+        (self.max_force_n, self.mesh_hash) = (preamble.max_force_n, preamble.mesh_hash);
+        Ok(())
     }
 }
 
@@ -167,8 +191,23 @@ fn named(what: &'static str, space: Option<u16>) -> impl Fn(PlaneProblem) -> Blo
     move |problem| BlobError::Plane { what, space, problem }
 }
 
-fn read_surface<'a>(planes: &Planes<'a>, header: &SurfaceHeader) -> Result<Surface<'a>, BlobError> {
+/// Refuses what is more than this build holds.
+fn check_capacity(
+    what: &'static str,
+    space: Option<u16>,
+    need: usize,
+    limit: usize,
+) -> Result<(), BlobError> {
+    if need <= limit { Ok(()) } else { Err(BlobError::Capacity { what, space, need, limit }) }
+}
+
+fn read_surface<'a>(
+    planes: &Planes<'a>,
+    header: &SurfaceHeader,
+    limits: &Limits,
+) -> Result<Surface<'a>, BlobError> {
     let of = |what| named(what, None);
+    check_capacity("surface vertices", None, header.node.len as usize, limits.vertices)?;
     let out_of_range = |index| PlaneProblem::Table(TableError::OutOfRange { index });
 
     let node: &[u32] = planes.get(header.node).map_err(of("surface node"))?;
@@ -195,6 +234,7 @@ fn read_space<'a>(
     header: SpaceHeader,
     space: u16,
     vertices: usize,
+    limits: &Limits,
 ) -> Result<Space<'a>, BlobError> {
     let of = |what| named(what, Some(space));
     let value = |what| BlobError::Value { what, space: Some(space) };
@@ -207,6 +247,15 @@ fn read_space<'a>(
     }
     let lattice = BallLattice::new(header.spacing_m, header.radius_m)
         .map_err(|error| BlobError::Lattice { space, error })?;
+    let capacity = |what, need, limit| check_capacity(what, Some(space), need, limit);
+    capacity("grid slots", lattice.slots(), limits.slots)?;
+    for rbf in [&header.rbf_linear, &header.rbf_cubic].into_iter().flatten() {
+        let [centres, ..] = rbf.centres;
+        capacity("RBF centres", centres.len as usize, limits.centres)?;
+    }
+    if let Some(displacement) = &header.displacement {
+        capacity("displacement modes", displacement.scale.len as usize, limits.modes)?;
+    }
 
     let flags: &[u8] = planes.get(header.flags).map_err(of("flags"))?;
     check_len(flags, lattice.slots()).map_err(|error| of("flags")(error.into()))?;

@@ -26,7 +26,8 @@ use crate::workbench::{Workbench, stop_flag, threads};
 pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
-    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy
+    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy. Methods of one table
+    /// come together: the first three, and the last two
     #[arg(long = "method", value_delimiter = ',', default_value = "energy", value_parser = method)]
     methods: Vec<Method>,
     /// The .blob file to write

@@ -148,7 +148,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     if let Some(path) = &args.csv {
-        std::fs::write(path, csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
+        std::fs::write(path, output::csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
     }
     let figures = Figures {
         rank0,
@@ -274,12 +274,4 @@ fn table(figures: &Figures) -> String {
         );
     }
     text
-}
-
-fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(Failure::work)?;
-    }
-    writer.into_inner().map_err(Failure::work)
 }

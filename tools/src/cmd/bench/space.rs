@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     if let Some(path) = &args.csv {
-        std::fs::write(path, csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
+        std::fs::write(path, output::csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
     }
     if args.json {
         return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
@@ -201,12 +201,4 @@ fn table(rows: &[Row]) -> String {
         );
     }
     text
-}
-
-fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(Failure::work)?;
-    }
-    writer.into_inner().map_err(Failure::work)
 }

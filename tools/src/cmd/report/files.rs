@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::Report;
 use super::measure::Measured;
 use crate::failure::Failure;
+use crate::output;
 
 /// A method along one regular path.
 #[derive(Serialize)]
@@ -66,11 +67,7 @@ fn along(case: &Measured) -> Vec<AlongRow<'_>> {
 }
 
 fn both<T: Serialize>(out: &Path, name: &str, rows: &[T]) -> Result<(), Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(Failure::work)?;
-    }
-    put(out, &format!("{name}.csv"), &writer.into_inner().map_err(Failure::work)?)?;
+    put(out, &format!("{name}.csv"), &output::csv(rows)?)?;
     json(out, name, &rows)
 }
 

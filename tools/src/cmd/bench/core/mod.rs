@@ -113,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     if let Some(path) = &args.csv {
-        std::fs::write(path, csv(&figures.rows)?).map_err(|error| Failure::file(path, &error))?;
+        std::fs::write(path, output::csv(&figures.rows)?).map_err(|error| Failure::file(path, &error))?;
     }
     if args.json {
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
@@ -230,14 +230,6 @@ fn ratios(rows: &[Row]) -> String {
 
 /// In the column of the instructions.
 const PEER: &str = "peer";
-
-fn csv(rows: &[Row]) -> Result<Vec<u8>, Failure> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row).map_err(Failure::work)?;
-    }
-    writer.into_inner().map_err(Failure::work)
-}
 
 impl<'r> Run<'r> {
     fn ours(space: &'r Space<'_>, interpolator: Interpolator) -> Self {

@@ -1,0 +1,131 @@
+/* Presses into an organ and lets go: what a simulation in C does with Palpate.
+ *
+ *     press FILE.blob [METHOD]
+ *
+ * Prints the force every 50 ms; exits 0 if the organ pushed back and nothing faulted. */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "palpate.h"
+
+/* The whole file at an address that a blob and a state may lie at; NULL after a message. */
+static void *load(const char *path, size_t *size)
+{
+    FILE *file = fopen(path, "rb");
+    long end = -1;
+    void *bytes = NULL;
+    if (file != NULL && fseek(file, 0, SEEK_END) == 0) {
+        end = ftell(file);
+    }
+    if (end > 0 && fseek(file, 0, SEEK_SET) == 0) {
+        size_t rounded = ((size_t)end + PALPATE_ALIGNMENT - 1) / PALPATE_ALIGNMENT * PALPATE_ALIGNMENT;
+        bytes = aligned_alloc(PALPATE_ALIGNMENT, rounded);
+    }
+    if (bytes == NULL || fread(bytes, 1, (size_t)end, file) != (size_t)end) {
+        fprintf(stderr, "press: cannot read %s: %s\n", path, strerror(errno));
+        free(bytes);
+        bytes = NULL;
+    }
+    if (file != NULL) {
+        fclose(file);
+    }
+    *size = bytes == NULL ? 0 : (size_t)end;
+    return bytes;
+}
+
+static void *state(size_t size)
+{
+    size_t rounded = (size + PALPATE_ALIGNMENT - 1) / PALPATE_ALIGNMENT * PALPATE_ALIGNMENT;
+    return aligned_alloc(PALPATE_ALIGNMENT, rounded);
+}
+
+static int refused(const PalpateProblem *problem)
+{
+    fprintf(stderr, "press: %s", palpate_status_text(problem->status));
+    if (problem->what[0] != '\0') {
+        fprintf(stderr, " (%s)", problem->what);
+    }
+    fprintf(stderr, "\n");
+    return 1;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 2 || argc > 3) {
+        fprintf(stderr, "usage: press FILE.blob [METHOD]\n");
+        return 2;
+    }
+    uint32_t method = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : PALPATE_METHOD_ENERGY;
+
+    size_t blob_size;
+    void *blob = load(argv[1], &blob_size);
+    void *organ_memory = state(palpate_organ_size());
+    void *controller_memory = state(palpate_controller_size());
+    if (blob == NULL || organ_memory == NULL || controller_memory == NULL) {
+        return 1;
+    }
+
+    const PalpateOrgan *organ;
+    PalpateController *controller;
+    PalpateProblem problem;
+    PalpateOrganInfo info;
+    PalpateSpaceInfo space;
+    PalpateConfig config;
+    if (palpate_organ_open(organ_memory, palpate_organ_size(), blob, blob_size, &organ, &problem) != PALPATE_STATUS_OK) {
+        return refused(&problem);
+    }
+    palpate_organ_info(organ, &info);
+    palpate_space_info(organ, 0, &space);
+    printf("%s, %s: %u space(s), %u vertices%s\n", info.scene, info.law, info.spaces, info.vertices,
+           info.certified ? ", certified" : "");
+
+    palpate_config(method, &config);
+    config.max_force_n = info.max_force_n;
+    if (palpate_controller_open(controller_memory, palpate_controller_size(), organ, &config, &controller, &problem)
+        != PALPATE_STATUS_OK) {
+        return refused(&problem);
+    }
+
+    /* A second at 1 kHz: from 2 mm above the surface to 8 mm below and back. */
+    float most_n = 0;
+    palpate_arm(controller);
+    for (uint64_t tick = 0; tick < 1000; ++tick) {
+        float along = (float)tick * 1e-3f;
+        float depth_m = 0.04f * along * (1 - along) - 0.002f;
+        PalpateSample sample = {.t_us = 1000 * tick, .buttons = 0};
+        PalpateCommand command;
+        for (int axis = 0; axis < 3; ++axis) {
+            sample.position_m[axis] = space.rest_position_m[axis] - depth_m * space.outward_normal[axis];
+        }
+        palpate_tick(controller, sample.t_us, &sample, &command);
+        if (command.phase != PALPATE_PHASE_ACTIVE) {
+            fprintf(stderr, "press: fault %d\n", command.fault);
+            return 1;
+        }
+        float out_n = 0;
+        for (int axis = 0; axis < 3; ++axis) {
+            out_n += command.hand_force_n[axis] * space.outward_normal[axis];
+        }
+        most_n = out_n > most_n ? out_n : most_n;
+        if (tick % 50 == 0) {
+            printf("%4u ms  depth %6.2f mm  hand %6.3f N outward%s\n", (unsigned)tick, 1e3 * depth_m, out_n,
+                   command.engaged < 0 ? "  (free)" : "");
+        }
+    }
+
+    PalpateSurface surface;
+    palpate_surface(organ, &surface);
+    float(*moved)[3] = calloc(surface.vertices, sizeof *moved);
+    const float in_5_mm[3] = {-0.005f * space.outward_normal[0], -0.005f * space.outward_normal[1],
+                              -0.005f * space.outward_normal[2]};
+    PalpateStatus drawn = palpate_displacements(organ, 0, &in_5_mm, moved, surface.vertices);
+    printf("displacements for the eye: %s\n", palpate_status_text(drawn));
+
+    free(moved);
+    free(controller_memory);
+    free(organ_memory);
+    free(blob);
+    return most_n > 0.1f ? 0 : 1;
+}

@@ -1,0 +1,312 @@
+//! Controllers: one tick a millisecond, from a sample of the device to the force for the hand.
+
+use core::mem::MaybeUninit;
+
+use palpate_core::profile::PC_SPACES;
+use palpate_core::{
+    Command, Config, ContactConfig, Controller, Fault, LimitConfig, Method, Phase, Sample, State,
+};
+
+use crate::memory;
+use crate::organ::{PALPATE_ALIGNMENT, PalpateCoverage, PalpateOrgan, method, told};
+use crate::status::{PalpateProblem, PalpateStatus};
+
+/// An organ being rendered, in memory of the caller. Only this library looks inside.
+#[derive(Debug)]
+pub struct PalpateController {
+    controller: Controller<'static, 'static, PC_SPACES>,
+    state: State,
+}
+
+const _: () = assert!(align_of::<PalpateController>() <= PALPATE_ALIGNMENT);
+
+/// How to render. Begin with palpate_config and change what you know better.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PalpateConfig {
+    /// Interpolation method, a PalpateMethod.
+    pub method: u32,
+    /// Buttons that grasp (any of these bits); 0 for never.
+    pub grasp_button: u32,
+    /// Largest distance from the HIP to the node that it may engage, m.
+    pub capture_radius_m: f32,
+    /// Tension along the outward normal at which a pushing tool lets go, N.
+    pub release_tension_n: f32,
+    /// Height above the first touch at which a pushing tool lets go, m.
+    pub release_height_m: f32,
+    /// Largest force for the hand, N: the device's.
+    pub max_force_n: f32,
+    /// Largest change of that force, N/s.
+    pub max_slew_n_per_s: f32,
+    /// Time from zero to full force after arming, s.
+    pub ramp_s: f32,
+    /// Largest |x|, |y| and |z| of the HIP, m; beyond it is a fault.
+    pub max_position_m: f32,
+    /// Largest speed of the HIP, m/s; beyond it is a fault.
+    pub max_speed_m_s: f32,
+    /// Ticks without a fresh sample that hold the last command; after them the force is zero.
+    pub stale_hold_ticks: u32,
+    /// Age of the newest sample that latches a fault, us.
+    pub stale_fault_us: u64,
+}
+
+/// One reading of the device.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PalpateSample {
+    /// When it was taken, on the clock of the ticks, us.
+    pub t_us: u64,
+    /// HIP, model frame, m.
+    pub position_m: [f32; 3],
+    /// One bit a button, 1 while pressed.
+    pub buttons: u32,
+}
+
+/// What the controller is doing.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PalpatePhase {
+    /// Force zero until armed.
+    Disarmed = 0,
+    /// Rendering.
+    Active = 1,
+    /// Force zero after a fault, until palpate_reset and palpate_arm.
+    SafeZero = 2,
+}
+
+/// Why the force was taken away.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PalpateFault {
+    /// It was not.
+    None = 0,
+    /// A position that is NaN or infinite.
+    NotFinite = 1,
+    /// No fresh sample for too long.
+    Stale = 2,
+    /// The HIP moved faster than a hand.
+    Overspeed = 3,
+    /// The HIP left the workspace.
+    Workspace = 4,
+    /// Something that cannot happen: time ran backwards.
+    Internal = 5,
+}
+
+/// Result of one tick.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PalpateCommand {
+    /// Force for the hand, model frame, N: finite, and never above the limit.
+    pub hand_force_n: [f32; 3],
+    /// h of the model before any limit, N; zero when free.
+    pub reaction_n: [f32; 3],
+    /// Displacement of the engaged node, m; zero when free.
+    pub displacement_m: [f32; 3],
+    /// The HIP this stands on, m.
+    pub hip_m: [f32; 3],
+    /// The engaged space, or -1.
+    pub engaged: i32,
+    /// Data behind the reaction.
+    pub coverage: PalpateCoverage,
+    /// What the controller is doing.
+    pub phase: PalpatePhase,
+    /// Why it is at zero, if it is after a fault.
+    pub fault: PalpateFault,
+    /// Whether the reaction was beyond the force limit.
+    pub clamped: bool,
+}
+
+impl PalpateCommand {
+    const fn zero(phase: PalpatePhase, fault: PalpateFault) -> Self {
+        Self {
+            hand_force_n: [0.0; 3],
+            reaction_n: [0.0; 3],
+            displacement_m: [0.0; 3],
+            hip_m: [0.0; 3],
+            engaged: -1,
+            coverage: PalpateCoverage::None,
+            phase,
+            fault,
+            clamped: false,
+        }
+    }
+}
+
+impl From<Phase> for PalpatePhase {
+    fn from(phase: Phase) -> Self {
+        match phase {
+            Phase::Disarmed => Self::Disarmed,
+            Phase::Active => Self::Active,
+            Phase::SafeZero(_) => Self::SafeZero,
+        }
+    }
+}
+
+impl From<Phase> for PalpateFault {
+    fn from(phase: Phase) -> Self {
+        match phase {
+            Phase::Disarmed | Phase::Active => Self::None,
+            Phase::SafeZero(Fault::NotFinite) => Self::NotFinite,
+            Phase::SafeZero(Fault::Stale) => Self::Stale,
+            Phase::SafeZero(Fault::Overspeed) => Self::Overspeed,
+            Phase::SafeZero(Fault::Workspace) => Self::Workspace,
+            Phase::SafeZero(Fault::Internal) => Self::Internal,
+        }
+    }
+}
+
+impl From<Command> for PalpateCommand {
+    fn from(command: Command) -> Self {
+        Self {
+            hand_force_n: command.hand_force_n,
+            reaction_n: command.reaction_n,
+            displacement_m: command.displacement_m,
+            hip_m: command.hip_m,
+            engaged: command.engaged.map_or(-1, i32::from),
+            coverage: command.coverage.into(),
+            phase: command.phase.into(),
+            fault: command.phase.into(),
+            clamped: command.clamped,
+        }
+    }
+}
+
+impl PalpateConfig {
+    fn of(number: u32, config: Config) -> Self {
+        let Config { contact, limits, .. } = config;
+        Self {
+            method: number,
+            grasp_button: contact.grasp_button,
+            capture_radius_m: contact.capture_radius_m,
+            release_tension_n: contact.release_tension_n,
+            release_height_m: contact.release_height_m,
+            max_force_n: limits.max_force_n,
+            max_slew_n_per_s: limits.max_slew_n_per_s,
+            ramp_s: limits.ramp_s,
+            max_position_m: limits.max_position_m,
+            max_speed_m_s: limits.max_speed_m_s,
+            stale_hold_ticks: limits.stale_hold_ticks,
+            stale_fault_us: limits.stale_fault_us,
+        }
+    }
+
+    fn to_config(self) -> Option<Config> {
+        Some(Config {
+            method: method(self.method)?,
+            contact: ContactConfig {
+                capture_radius_m: self.capture_radius_m,
+                release_tension_n: self.release_tension_n,
+                release_height_m: self.release_height_m,
+                grasp_button: self.grasp_button,
+            },
+            limits: LimitConfig {
+                max_force_n: self.max_force_n,
+                max_slew_n_per_s: self.max_slew_n_per_s,
+                ramp_s: self.ramp_s,
+                stale_hold_ticks: self.stale_hold_ticks,
+                stale_fault_us: self.stale_fault_us,
+                max_position_m: self.max_position_m,
+                max_speed_m_s: self.max_speed_m_s,
+            },
+        })
+    }
+}
+
+/// A method with the default contact and limits: 8 N, 1 N/ms, half a second of ramp.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_config(
+    method_number: u32,
+    config: Option<&mut MaybeUninit<PalpateConfig>>,
+) -> PalpateStatus {
+    let Some(config) = config else { return PalpateStatus::NullArgument };
+    let known = method(method_number);
+    config.write(PalpateConfig::of(method_number, Config::new(known.unwrap_or(Method::Energy))));
+    if known.is_some() { PalpateStatus::Ok } else { PalpateStatus::NoSuchMethod }
+}
+
+/// Bytes that a controller needs.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_controller_size() -> usize {
+    size_of::<PalpateController>()
+}
+
+/// Checks a configuration and makes a controller, disarmed. `memory` has at least palpate_controller_size() bytes, aligned to
+/// PALPATE_ALIGNMENT; it and the organ must stay as long as the controller is used. `problem` may be null.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_controller_open(
+    memory: *mut u8,
+    memory_len: usize,
+    organ: Option<&'static PalpateOrgan>,
+    config: Option<&PalpateConfig>,
+    controller: Option<&mut MaybeUninit<*mut PalpateController>>,
+    problem: Option<&mut MaybeUninit<PalpateProblem>>,
+) -> PalpateStatus {
+    let mut opened = open(memory, memory_len, organ, config);
+    match controller {
+        Some(controller) => {
+            let handle = opened.as_mut().map_or(core::ptr::null_mut(), |opened| core::ptr::from_mut(*opened));
+            controller.write(handle);
+            told(opened, problem)
+        }
+        None => told(Err::<(), _>(PalpateProblem::of(PalpateStatus::NullArgument)), problem),
+    }
+}
+
+fn open(
+    memory: *mut u8,
+    memory_len: usize,
+    organ: Option<&'static PalpateOrgan>,
+    config: Option<&PalpateConfig>,
+) -> Result<&'static mut PalpateController, PalpateProblem> {
+    let of = PalpateProblem::of;
+    let (Some(PalpateOrgan { organ }), Some(config)) = (organ, config) else {
+        return Err(of(PalpateStatus::NullArgument));
+    };
+    let config = config.to_config().ok_or(of(PalpateStatus::NoSuchMethod))?;
+    let controller = Controller::new(organ, config)?;
+    let state = State::new();
+    memory::place(memory, memory_len, PalpateController { controller, state })
+        .ok_or(of(PalpateStatus::Memory))
+}
+
+/// Starts rendering, from zero force. 1 if the controller is active now; after a fault palpate_reset comes first.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_arm(controller: Option<&mut PalpateController>) -> bool {
+    controller.is_some_and(|controller| controller.state.arm())
+}
+
+/// Stops rendering: the next command is zero. A latched fault stays.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_disarm(controller: Option<&mut PalpateController>) {
+    if let Some(controller) = controller {
+        controller.state.disarm();
+    }
+}
+
+/// Clears a latched fault. Leaves the controller disarmed.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_reset(controller: Option<&mut PalpateController>) {
+    if let Some(controller) = controller {
+        controller.state.reset();
+    }
+}
+
+/// One tick: what to send to the hand now. `now_us` never runs backwards; `sample` is the newest reading, or null if none came since the
+/// last tick. Bounded time, no lock, no allocation, no system call. A call that fails commands zero force.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_tick(
+    controller: Option<&mut PalpateController>,
+    now_us: u64,
+    sample: Option<&PalpateSample>,
+    command: Option<&mut MaybeUninit<PalpateCommand>>,
+) -> PalpateStatus {
+    let Some(command) = command else { return PalpateStatus::NullArgument };
+    let Some(PalpateController { controller, state }) = controller else {
+        command.write(PalpateCommand::zero(PalpatePhase::SafeZero, PalpateFault::Internal));
+        return PalpateStatus::NullArgument;
+    };
+    let sample =
+        sample.map(|&PalpateSample { t_us, position_m, buttons }| Sample { t_us, position_m, buttons });
+    command.write(controller.tick(state, now_us, sample.as_ref()).into());
+    PalpateStatus::Ok
+}

@@ -1,0 +1,189 @@
+//! What is compared between a Cortex-M and the host: the same file is compiled into both.
+//!
+//! Every line that begins with `answer` or `tick` must be the same on both; the others tell what it cost.
+
+use palpate_core::profile::{Limits, MICROCONTROLLER_SPACES, MicrocontrollerOrgan};
+use palpate_core::{Config, Controller, Method, Sample, Space, State, Vec3};
+
+/// What the two machines do in their own way.
+pub trait Bench {
+    /// Writes a line.
+    fn say(&mut self, line: Line) -> Result<(), Failed>;
+    /// A clock that counts upwards, modulo 2^24.
+    fn clock(&self) -> u32;
+}
+
+/// Nothing to compare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Failed;
+
+/// Queries and ticks of every method in the blob.
+pub fn run(bench: &mut impl Bench, blob: &[u8]) -> Result<(), Failed> {
+    let before = bench.clock();
+    let organ = MicrocontrollerOrgan::read_within(blob, &Limits::MICROCONTROLLER).map_err(|_| Failed)?;
+    let reading = since(bench, before);
+    bench.say(Line::new("read").number(reading))?;
+    let space = organ.spaces.first().ok_or(Failed)?;
+    for method in Method::ALL {
+        if space.has(method) {
+            answer(bench, space, method)?;
+        }
+    }
+    for method in Method::ALL {
+        if let Ok(controller) = Controller::new(&organ, Config::new(method)) {
+            touch(bench, &controller, space)?;
+        }
+    }
+    bench.say(Line::new("organ").number(size_of::<MicrocontrollerOrgan<'_>>() as u32))
+}
+
+fn since(bench: &impl Bench, before: u32) -> u32 {
+    bench.clock().wrapping_sub(before) & 0x00ff_ffff
+}
+
+fn answer(bench: &mut impl Bench, space: &Space<'_>, method: Method) -> Result<(), Failed> {
+    let mut count = Count::default();
+    for (number, displacement_m) in (0_u32..).zip(queries(space.lattice.radius_m())) {
+        let displacement_m = core::hint::black_box(displacement_m);
+        let before = bench.clock();
+        let answer = space.force(method, displacement_m);
+        count.add(since(bench, before));
+        let answer = answer.ok_or(Failed)?;
+        let line = Line::new("answer").word(method.name()).number(number);
+        bench.say(line.force(answer.force_n).word(answer.coverage.name()))?;
+    }
+    bench.say(count.line("query", method))
+}
+
+/// Two presses into the organ, a tick a millisecond.
+fn touch(
+    bench: &mut impl Bench,
+    controller: &Controller<'_, '_, MICROCONTROLLER_SPACES>,
+    space: &Space<'_>,
+) -> Result<(), Failed> {
+    let method = controller.config().method;
+    let (mut state, mut count) = (State::new(), Count::default());
+    state.arm();
+    for step in 0..2000_u16 {
+        // From 4 mm above the surface to 16 mm below and back.
+        let along = f32::from(step % 1000) * 1e-3;
+        let depth_m = 0.08 * along * (1.0 - along) - 0.004;
+        let mut position_m = space.rest_position_m;
+        for (x, n) in position_m.iter_mut().zip(space.outward_normal) {
+            *x -= depth_m * n;
+        }
+        let now_us = 1000 * u64::from(step);
+        let sample = core::hint::black_box(Sample { t_us: now_us, position_m, buttons: 0 });
+        let before = bench.clock();
+        let command = controller.tick(&mut state, now_us, Some(&sample));
+        count.add(since(bench, before));
+        bench.say(Line::new("tick").word(method.name()).number(step.into()).force(command.hand_force_n))?;
+    }
+    bench.say(count.line("ticks", method))
+}
+
+/// Least, most and sum of what is counted.
+#[derive(Default)]
+struct Count {
+    least: Option<u32>,
+    most: u32,
+    sum: u64,
+}
+
+impl Count {
+    fn add(&mut self, ticks: u32) {
+        self.least = Some(self.least.map_or(ticks, |least| least.min(ticks)));
+        self.most = self.most.max(ticks);
+        self.sum += u64::from(ticks);
+    }
+
+    fn line(&self, word: &str, method: Method) -> Line {
+        let line = Line::new(word).word(method.name()).number(self.least.unwrap_or(0)).number(self.most);
+        line.number((self.sum >> 32) as u32).number(self.sum as u32)
+    }
+}
+
+/// Queries a method.
+pub const QUERIES: usize = 1000;
+
+/// Where no position in the ball is: the out-of-table policy has bits too.
+const ODD: [Vec3; 8] = [
+    [0.0; 3],
+    [f32::NAN, 0.0, 0.0],
+    [0.0, f32::INFINITY, 0.0],
+    [0.0, 0.0, f32::NEG_INFINITY],
+    [1e-42, -1e-42, 0.0],
+    [f32::MAX, f32::MIN, f32::MAX],
+    [-0.0, -0.0, 1e30],
+    [1.0, 0.0, 0.0],
+];
+
+/// Displacements, the same in every run: odd ones first, then uniform in a cube a little larger than the ball.
+pub fn queries(radius_m: f32) -> impl Iterator<Item = Vec3> {
+    let mut bits = 12_345_u32;
+    let mut next = move || {
+        bits = bits.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        // 24 bits: exact in f32.
+        ((bits >> 8) as f32 * (2.0 / 16_777_216.0) - 1.0) * (1.1 * radius_m)
+    };
+    ODD.into_iter().chain(core::iter::repeat_with(move || [next(), next(), next()])).take(QUERIES)
+}
+
+/// Longest line.
+pub const LINE_LEN: usize = 80;
+
+/// A line of text in the making; what is too long is left out.
+#[derive(Debug)]
+pub struct Line {
+    bytes: [u8; LINE_LEN],
+    len: usize,
+}
+
+impl Line {
+    /// Begins with a word.
+    pub fn new(word: &str) -> Self {
+        let mut line = Self { bytes: [b' '; LINE_LEN], len: 0 };
+        line.push_all(word);
+        line
+    }
+
+    /// Adds another word.
+    pub fn word(mut self, word: &str) -> Self {
+        self.push(b' ');
+        self.push_all(word);
+        self
+    }
+
+    /// Adds a number in hexadecimal, eight digits.
+    pub fn number(mut self, number: u32) -> Self {
+        self.push(b' ');
+        for nibble in number.to_be_bytes().into_iter().flat_map(|byte| [byte >> 4, byte & 15]) {
+            self.push(if nibble < 10 { b'0' + nibble } else { b'a' - 10 + nibble });
+        }
+        self
+    }
+
+    /// Adds a force, its bits.
+    pub fn force(self, [x, y, z]: Vec3) -> Self {
+        self.number(x.to_bits()).number(y.to_bits()).number(z.to_bits())
+    }
+
+    /// The line with its end.
+    pub fn text(&mut self) -> &[u8] {
+        self.push(b'\n');
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+
+    fn push_all(&mut self, word: &str) {
+        for byte in word.bytes() {
+            self.push(byte);
+        }
+    }
+
+    fn push(&mut self, byte: u8) {
+        if let Some(place) = self.bytes.get_mut(self.len) {
+            *place = byte;
+            self.len += 1;
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! The controller core on a Cortex-M4F, for QEMU's mps2-an386.
+//!
+//! ```text
+//! golden blob in flash -> palpate-core -> semihosting: bits, instructions, stack
+//! ```
+//!
+//! What is here is what a firmware brings beside the core: where the blob lies, a clock, and a way to speak.
+#![no_std]
+#![deny(unsafe_code)]
+
+pub mod comparison;
+#[cfg(target_os = "none")]
+pub mod stack;
+
+/// A blob wants to start at a multiple of 8; its planes are at multiples of 64.
+#[repr(C, align(64))]
+struct Aligned<T: ?Sized>(T);
+
+static BLOB: &Aligned<[u8]> = &Aligned(*include_bytes!("../../golden/organ-514.blob"));
+
+/// The golden organ, in flash.
+pub static GOLDEN: &[u8] = &BLOB.0;

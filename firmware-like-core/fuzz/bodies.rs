@@ -1,0 +1,190 @@
+//! What the fuzzer runs, and what `tests/fuzz_replay.rs` runs over the kept inputs: any bytes at all, and what must hold of them.
+
+use std::sync::LazyLock;
+
+use palpate_core::blob::format::{CHECKSUM, CHECKSUM_LEN, PREFIX_LEN};
+use palpate_core::link::device::Phase as DevicePhase;
+use palpate_core::link::{
+    Device, DeviceInfo, DeviceMessage, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, encode,
+};
+use palpate_core::profile::{Limits, PcOrgan};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, vec3};
+
+/// Bytes at an address divisible by 8.
+fn aligned(bytes: &[u8]) -> Vec<u64> {
+    let mut words = vec![0_u64; bytes.len().div_ceil(8)];
+    bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
+    words
+}
+
+/// A blob whose length and checksum are mended, so that what lies behind them is reached: refused, or good for every query.
+pub fn blob(data: &[u8]) {
+    let mut words = aligned(data);
+    let bytes: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..data.len()];
+    if let Some(end) = bytes.len().checked_sub(CHECKSUM_LEN).filter(|end| *end >= PREFIX_LEN) {
+        let total = (bytes.len() as u64).to_le_bytes();
+        bytes[16..24].copy_from_slice(&total);
+        let checksum = CHECKSUM.checksum(&bytes[..end]);
+        bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+    }
+    let _ = Organ::<1>::read_within(bytes, &Limits::MICROCONTROLLER);
+    let Ok(organ) = Organ::<2>::read(bytes) else { return };
+    for space in &organ.spaces {
+        for method in Method::ALL {
+            ask(space, method);
+        }
+        let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
+        for displacement_m in places(space) {
+            space.displacement_into(displacement_m, &mut surface);
+            assert!(surface.iter().all(|u| vec3::is_finite(*u)), "a displacement that is not finite");
+        }
+    }
+    for method in Method::ALL {
+        let Ok(controller) = Controller::new(&organ, Config::new(method)) else { continue };
+        let mut state = State::new();
+        state.arm();
+        for (tick, space) in (1_u64..).zip(organ.spaces.iter().cycle().take(8)) {
+            let sample =
+                Sample { t_us: 1000 * tick, position_m: space.rest_position_m, buttons: (tick & 1) as u32 };
+            let command = controller.tick(&mut state, sample.t_us, Some(&sample));
+            assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
+        }
+    }
+}
+
+fn places(space: &Space<'_>) -> [Vec3; 8] {
+    let (r, s) = (space.lattice.radius_m(), space.lattice.spacing_m());
+    [
+        [0.0; 3],
+        [0.3 * s, 0.4 * s, -0.7 * s],
+        [-s, s, 0.0],
+        [0.99 * r, 0.01 * r, 0.0],
+        [r, r, r],
+        [-1e30, 1e-40, 0.0],
+        [f32::NAN, 0.0, 0.0],
+        [f32::MAX, f32::INFINITY, 0.0],
+    ]
+}
+
+fn ask(space: &Space<'_>, method: Method) {
+    for displacement_m in places(space) {
+        let (force, estimate) = (space.force(method, displacement_m), space.estimate(method, displacement_m));
+        assert_eq!(force.is_some(), space.has(method));
+        assert_eq!(estimate.is_some(), space.has(method));
+        if let (Some(force), Some(estimate)) = (force, estimate) {
+            assert!(vec3::is_finite(force.force_n), "{method:?} at {displacement_m:?}: {force:?}");
+            assert!(force.force_n.map(f32::to_bits) == estimate.force_n.map(f32::to_bits));
+            assert!(
+                estimate.stiffness_n_m.iter().all(|row| vec3::is_finite(*row)),
+                "{method:?}: {estimate:?}"
+            );
+        }
+    }
+}
+
+/// The golden organ, once.
+static GOLDEN: LazyLock<Vec<u64>> = LazyLock::new(|| aligned(include_bytes!("../golden/organ-514.blob")));
+const GOLDEN_LEN: usize = include_bytes!("../golden/organ-514.blob").len();
+
+/// Any samples at any times: finite, within the limit, zero after a fault until it is reset and armed.
+pub fn tick(data: &[u8]) {
+    let organ = PcOrgan::read(&bytemuck::cast_slice(&GOLDEN)[..GOLDEN_LEN]).expect("the golden blob is good");
+    let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
+    let mut config = Config::new(Method::ALL[usize::from(method) % Method::ALL.len()]);
+    config.limits.max_speed_m_s = if contact & 1 == 0 { 2.0 } else { 1e30 };
+    config.limits.max_position_m = if contact & 2 == 0 { 0.5 } else { 1e30 };
+    config.limits.ramp_s = if contact & 4 == 0 { 0.0 } else { 0.5 };
+    let controller = Controller::new(&organ, config).expect("the golden blob has every method");
+    let node_m = organ.spaces[0].rest_position_m;
+    let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);
+    state.arm();
+    while let Some((&step, after)) = rest.split_first_chunk::<17>() {
+        rest = after;
+        let [kind, dt_low, dt_high, age, buttons, position @ ..] = step;
+        let raw: [u32; 3] = bytemuck::cast(position);
+        // As it comes, or near the node, where something is to be felt.
+        let near = |x: u32| (x >> 8) as f32 / 16_777_216.0 * 0.16 - 0.08;
+        let position_m =
+            if kind & 1 == 0 { vec3::add(node_m, raw.map(near)) } else { raw.map(f32::from_bits) };
+        let dt_us = u64::from(u16::from_le_bytes([dt_low, dt_high]));
+        now_us = if kind & 2 == 0 { now_us + dt_us } else { now_us.wrapping_sub(dt_us << 8) };
+        let t_us = now_us.wrapping_add(1000).wrapping_sub(u64::from(age) * 100);
+        let sample = Sample { t_us, position_m, buttons: buttons.into() };
+        match kind >> 2 {
+            60 => {
+                state.reset();
+                latched = false;
+            }
+            61 => {
+                let active = state.arm();
+                assert_eq!(active, !latched, "only a reset clears a fault");
+            }
+            62 => state.disarm(),
+            _ => {}
+        }
+        let command = controller.tick(&mut state, now_us, (kind >> 2 != 63).then_some(&sample));
+        assert!(vec3::norm(command.hand_force_n) <= config.limits.max_force_n, "{command:?}");
+        assert!(vec3::is_finite(command.hand_force_n) && vec3::is_finite(command.reaction_n), "{command:?}");
+        assert!(vec3::is_finite(command.hip_m) && vec3::is_finite(command.displacement_m), "{command:?}");
+        if command.phase != Phase::Active {
+            assert_eq!(command.hand_force_n, vec3::ZERO, "zero unless active: {command:?}");
+        }
+        if latched {
+            assert!(matches!(command.phase, Phase::SafeZero(_)), "a fault is latched: {command:?}");
+        }
+        latched = matches!(command.phase, Phase::SafeZero(_));
+    }
+}
+
+/// Any bytes on the line of a device, and at its reader on the host: a torque only while enabled and within the limits, a fault latched
+/// until a handshake, and every message the same after a round trip.
+pub fn frames(data: &[u8]) {
+    let info = DeviceInfo {
+        dof: 3,
+        counts_per_turn: [4096; 3],
+        torque_limit_unm: [100_000, 200_000, 300_000],
+        watchdog_us: 10_000,
+        serial: 1,
+        firmware: 1,
+    };
+    let profile = DeviceProfile { info, max_speed_counts_per_s: 100_000, boot: 1 };
+    let mut device = Device::new(profile).expect("a sound profile");
+    let (mut to_device, mut to_host) =
+        (FrameReader::<HostMessage>::new(), FrameReader::<DeviceMessage>::new());
+    let mut now_us = 0_u64;
+    let mut inputs = Inputs::default();
+    for &byte in data {
+        // The bytes move the clock and the hardware too, in ways of their own.
+        now_us += u64::from(byte & 0x3f) * 16;
+        inputs.encoders = inputs.encoders.map(|count| count.wrapping_add(i32::from(byte >> 6)));
+        inputs.homed |= byte == 0x48;
+        if let Some(Ok(message)) = to_host.push(byte) {
+            assert_round_trip(&message);
+        }
+        if let Some(Ok(message)) = to_device.push(byte) {
+            assert_round_trip(&message);
+            let before = device.phase();
+            let answer = device.receive(now_us, &message);
+            if matches!(before, DevicePhase::Faulted(_)) && !matches!(message, HostMessage::Hello { .. }) {
+                assert_eq!(device.phase(), before, "a fault is latched");
+            }
+            if let Some(answer) = answer {
+                assert_round_trip(&answer);
+            }
+        }
+        let outputs = device.step(now_us, &inputs);
+        for (torque, limit) in outputs.torque_unm.iter().zip(info.torque_limit_unm) {
+            assert!(torque.unsigned_abs() <= limit, "{outputs:?}");
+        }
+        assert!(outputs.torque_unm == [0; 3] || device.phase() == DevicePhase::Enabled, "{outputs:?}");
+    }
+}
+
+fn assert_round_trip<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(
+    message: &T,
+) {
+    let mut frame = [0; MAX_FRAME];
+    let mut bytes = encode(message, &mut frame).expect("it fits");
+    let back = FrameReader::<T>::new().read(&mut bytes).expect("a whole frame").expect("a good one");
+    assert_eq!(&back, message);
+}
