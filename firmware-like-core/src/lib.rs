@@ -28,6 +28,7 @@ pub mod grid;
 pub mod hermite;
 pub mod lanes;
 pub mod limit;
+pub mod link;
 pub mod math;
 pub mod method;
 pub mod profile;

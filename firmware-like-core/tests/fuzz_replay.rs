@@ -6,6 +6,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::Recipe;
+use palpate_core::link::{self, DeviceFault, DeviceMessage, HostMessage};
 
 #[path = "../fuzz/bodies.rs"]
 mod bodies;
@@ -92,18 +93,68 @@ fn blobs_are_refused_or_good() {
 
 #[test]
 fn frames_are_refused_or_obeyed_safely() {
+    replay(&conversations(), 2000, bodies::frames);
     replay(&kept("frames"), 50, bodies::frames);
 }
 
 #[test]
 fn ticks_are_finite_and_within_limits() {
-    replay(&kept("tick"), 10, bodies::tick);
+    replay(&strokes(), 100, bodies::tick);
+    replay(&kept("tick"), 5, bodies::tick);
+}
+
+/// What a driver says to a device, and what the device answers.
+fn conversations() -> Vec<Vec<u8>> {
+    let session = 0x1234_5678;
+    let torque_unm = [1, -2, i32::MAX];
+    let command =
+        |seq| HostMessage::Command { session, seq, t_host_us: 1000 * seq, torque_unm, valid_for_us: 5000 };
+    let hello = HostMessage::Hello { version: link::VERSION, nonce: 7 };
+    let (enable, home) = (HostMessage::Enable { session, seq: 2 }, HostMessage::Home { session, seq: 1 });
+    let said = [hello, home, enable, command(3), command(4), HostMessage::Disable { session, seq: 5 }];
+    let state =
+        |seq_echo| DeviceMessage::State { seq_echo, t_dev_us: 1, encoders: [1, -1, 0], buttons: 1, flags: 7 };
+    let answered = [state(0), state(u32::MAX), DeviceMessage::Fault { code: DeviceFault::Watchdog }];
+    let mut to_device = Vec::new();
+    for message in &said {
+        to_device.extend(link::encode(message, &mut [0; link::MAX_FRAME]).expect("fits"));
+    }
+    let mut to_host = Vec::new();
+    for message in &answered {
+        to_host.extend(link::encode(message, &mut [0; link::MAX_FRAME]).expect("fits"));
+    }
+    let cut = to_device.iter().copied().skip(5).chain(to_host.iter().copied().take(40)).collect();
+    vec![to_device, to_host, cut]
+}
+
+/// Steps of [`bodies::tick`]: a grasp and a walk, ticks without samples, a fault and its reset.
+fn strokes() -> Vec<Vec<u8>> {
+    let step = |kind: u8, buttons: u8, at: [u32; 3]| {
+        let mut bytes = vec![kind, 0xe8, 3, 10, buttons];
+        bytes.extend_from_slice(bytemuck::cast_slice(&at));
+        bytes
+    };
+    let middle = 1 << 31;
+    let walk = |n: u32| [middle + (n << 24), middle - (n << 23), middle];
+    let touch = (0..40).flat_map(|n| step(0, u8::from(n > 1), walk(n))).collect::<Vec<u8>>();
+    let silent = (0..20).flat_map(|n| step(if n > 3 { 63 << 2 } else { 0 }, u8::from(n > 1), walk(n)));
+    let fault =
+        [step(1, 0, [f32::NAN.to_bits(); 3]), step(61 << 2, 0, walk(1)), step(60 << 2, 0, walk(1))].concat();
+    let header = |method: u8, options: u8| vec![method, options];
+    vec![
+        [header(6, 1), touch.clone()].concat(),
+        [header(2, 4), silent.collect()].concat(),
+        [header(5, 3), touch, fault, step(61 << 2, 0, walk(2))].concat(),
+    ]
 }
 
 #[test]
 #[ignore = "writes what the fuzzer begins with"]
 fn write_seeds() {
-    for (number, blob) in blobs().iter().enumerate() {
-        std::fs::write(corpus("blob").join(format!("seed-{number}")), blob).expect("written");
+    for (target, seeds) in [("blob", blobs()), ("frames", conversations()), ("tick", strokes())] {
+        std::fs::create_dir_all(corpus(target)).expect("a folder");
+        for (number, seed) in seeds.iter().enumerate() {
+            std::fs::write(corpus(target).join(format!("seed-{number}")), seed).expect("written");
+        }
     }
 }

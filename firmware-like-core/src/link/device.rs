@@ -1,0 +1,349 @@
+//! The device's side of the link: when a torque may act.
+//!
+//! ```text
+//!     Idle     -- Hello ------------------> Linked
+//!     Linked   -- Home -------------------> Homing
+//!     Linked   -- Enable, while homed ----> Enabled
+//!     Homing   -- homed, or Disable ------> Linked
+//!     Enabled  -- Disable ----------------> Linked
+//!     Enabled  -- Home -------------------> Homing
+//!     any      -- fault ------------------> Faulted
+//!     any      -- Hello ------------------> Linked, in a new session
+//!     any but Faulted -- Hello of another version --> Idle
+//! ```
+//!
+//! Torque is zero everywhere but in Enabled, and there it is that of the newest command while that is valid. The rules:
+//!
+//! - a command acts if the device is enabled, the session is the present one, the number is newer than all before it and it is
+//!   not later than it is valid for;
+//! - enabled without such a command for the time of the watchdog: fault. A command that does not act does not feed it;
+//! - a fault is latched, the first one stays. `Hello` clears it and leaves the device disabled, so that nothing moves again
+//!   before a whole handshake and `Enable`. There is no message that only clears: a host that was not told of the fault must
+//!   not be able to go on;
+//! - what is not of the present session is not answered: its sender is gone, and the answer would be taken for another one.
+//!
+//! The firmware calls [`Device::step`] in its control loop, a few thousand times a second, and [`Device::receive`] for each
+//! message; both with its own clock. The emulated device of the tests does the same with a clock turned by hand.
+
+use core::fmt;
+
+use super::guard::{Lateness, SpeedWatch, clamp_torque, is_newer};
+use super::message::{
+    CLAMPED, DeviceFault, DeviceInfo, DeviceMessage, ENABLED, HOMED, HOMING, HostMessage, InfoError, REFUSED,
+    VERSION,
+};
+
+/// What stays the same as long as the device runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DeviceProfile {
+    /// What the host is told.
+    pub info: DeviceInfo,
+    /// Speed of an axis that is a fault while enabled, counts a second. At least a few counts a millisecond.
+    pub max_speed_counts_per_s: u32,
+    /// A number that differs between two starts of the firmware, if the hardware has one, so that no session comes twice.
+    pub boot: u32,
+}
+
+/// Why a profile was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProfileError {
+    /// What the host would be told.
+    Info(InfoError),
+    /// Less than one count a millisecond: every motion would be a fault.
+    MaxSpeed {
+        /// Counts a second.
+        max_speed_counts_per_s: u32,
+    },
+}
+
+impl fmt::Display for ProfileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Info(error) => error.fmt(f),
+            Self::MaxSpeed { max_speed_counts_per_s } => write!(
+                f,
+                "the largest speed is {max_speed_counts_per_s} counts/s, it must be at least 1000 counts/s"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for ProfileError {}
+
+/// What the device is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Phase {
+    /// No session.
+    Idle,
+    /// A session; torque zero.
+    Linked,
+    /// Looking for home; torque zero.
+    Homing,
+    /// Commands act.
+    Enabled,
+    /// Torque zero until the next `Hello` and `Enable`.
+    Faulted(DeviceFault),
+}
+
+/// One reading of the hardware.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Inputs {
+    /// Counts of each axis; they may wrap round.
+    pub encoders: [i32; 3],
+    /// One bit per button, 1 while pressed.
+    pub buttons: u8,
+    /// The mechanism knows where it is.
+    pub homed: bool,
+    /// Something that the hardware finds itself: driver too hot, emergency stop.
+    pub fault: bool,
+}
+
+/// What the hardware is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Outputs {
+    /// Torque of each axis, micro-newton-metres.
+    pub torque_unm: [i32; 3],
+    /// Look for home, or wait until the user has led the handle there. From the next reading on [`Inputs::homed`] says
+    /// whether this search has ended, not an earlier one.
+    pub home: bool,
+}
+
+/// A command that acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Held {
+    torque_unm: [i32; 3],
+    clamped: bool,
+    taken_us: u64,
+    valid_for_us: u64,
+}
+
+/// The state machine. Starts without a session, and nothing moves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Device {
+    profile: DeviceProfile,
+    phase: Phase,
+    /// The last one that was opened; 0: none yet.
+    session: u32,
+    sessions: u32,
+    /// Newest number of the session.
+    seq: u32,
+    now_us: u64,
+    inputs: Inputs,
+    inputs_us: u64,
+    /// The hardware has been asked for home: its next reading is an answer.
+    home_asked: bool,
+    held: Option<Held>,
+    /// Since when the watchdog waits.
+    fed_us: u64,
+    lateness: Lateness,
+    speed: SpeedWatch,
+}
+
+impl Device {
+    /// Checks the profile.
+    pub fn new(profile: DeviceProfile) -> Result<Self, ProfileError> {
+        profile.info.check().map_err(ProfileError::Info)?;
+        let max_speed_counts_per_s = profile.max_speed_counts_per_s;
+        if max_speed_counts_per_s < 1000 {
+            return Err(ProfileError::MaxSpeed { max_speed_counts_per_s });
+        }
+        Ok(Self {
+            profile,
+            phase: Phase::Idle,
+            session: 0,
+            sessions: 0,
+            seq: 0,
+            now_us: 0,
+            inputs: Inputs::default(),
+            inputs_us: 0,
+            home_asked: false,
+            held: None,
+            fed_us: 0,
+            lateness: Lateness::new(),
+            speed: SpeedWatch::new(),
+        })
+    }
+
+    /// What it is doing.
+    pub const fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// What stays the same.
+    pub const fn profile(&self) -> &DeviceProfile {
+        &self.profile
+    }
+
+    /// Takes one reading of the hardware; returns what it is to do until the next one.
+    pub fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
+        self.advance(now_us);
+        self.inputs = *inputs;
+        self.inputs_us = now_us;
+        if inputs.fault {
+            self.fault(DeviceFault::Hardware);
+        }
+        match self.phase {
+            Phase::Enabled if !inputs.homed => self.fault(DeviceFault::HomeLost),
+            Phase::Enabled => {
+                let DeviceProfile { info, max_speed_counts_per_s, .. } = self.profile;
+                if self.speed.is_too_fast(now_us, inputs.encoders, info.dof, max_speed_counts_per_s) {
+                    self.fault(DeviceFault::Overspeed);
+                }
+            }
+            // The first reading after the request is older than what the hardware does about it.
+            Phase::Homing if self.home_asked && inputs.homed => self.leave(Phase::Linked),
+            Phase::Homing => self.home_asked = true,
+            Phase::Idle | Phase::Linked | Phase::Faulted(_) => {}
+        }
+        if self.phase != Phase::Enabled {
+            self.speed.restart(now_us, inputs.encoders);
+        }
+        let valid = |held: &Held| now_us.saturating_sub(held.taken_us) < held.valid_for_us;
+        let torque_unm = self.held.filter(valid).map_or([0; 3], |held| held.torque_unm);
+        Outputs { torque_unm, home: self.phase == Phase::Homing }
+    }
+
+    /// Takes one message; returns the answer. Torque changes with the next [`Device::step`].
+    pub fn receive(&mut self, now_us: u64, message: &HostMessage) -> Option<DeviceMessage> {
+        self.advance(now_us);
+        let (session, seq) = match *message {
+            HostMessage::Hello { version, nonce } => return Some(self.hello(version, nonce)),
+            HostMessage::Enable { session, seq }
+            | HostMessage::Disable { session, seq }
+            | HostMessage::Home { session, seq }
+            | HostMessage::Command { session, seq, .. } => (session, seq),
+        };
+        if self.phase == Phase::Idle || session == 0 || session != self.session {
+            return None;
+        }
+        if let Phase::Faulted(code) = self.phase {
+            return Some(DeviceMessage::Fault { code });
+        }
+        let newer = is_newer(seq, self.seq);
+        if newer {
+            self.seq = seq;
+        }
+        let done = match *message {
+            // Zero is always safe.
+            HostMessage::Disable { .. } => {
+                self.leave(Phase::Linked);
+                true
+            }
+            HostMessage::Enable { .. } => newer && self.enable(),
+            HostMessage::Home { .. } if newer => {
+                self.leave(Phase::Homing);
+                true
+            }
+            HostMessage::Command { t_host_us, torque_unm, valid_for_us, .. } if newer => {
+                self.command(t_host_us, torque_unm, valid_for_us)
+            }
+            HostMessage::Hello { .. } | HostMessage::Home { .. } | HostMessage::Command { .. } => false,
+        };
+        Some(self.state(done))
+    }
+
+    /// Moves the clock on and looks what time alone has done.
+    fn advance(&mut self, now_us: u64) {
+        let backwards = now_us < self.now_us;
+        self.now_us = now_us;
+        if backwards {
+            self.fault(DeviceFault::Clock);
+        }
+        let silent_us = now_us.saturating_sub(self.fed_us);
+        if self.phase == Phase::Enabled && silent_us >= u64::from(self.profile.info.watchdog_us) {
+            self.fault(DeviceFault::Watchdog);
+        }
+    }
+
+    /// Opens a session, or refuses one of another version; either ends the one before.
+    fn hello(&mut self, version: u16, nonce: u32) -> DeviceMessage {
+        let mut session = 0;
+        if version == VERSION {
+            session = self.new_session(nonce);
+            self.session = session;
+            self.seq = 0;
+            self.leave(Phase::Linked);
+        } else if !matches!(self.phase, Phase::Faulted(_)) {
+            self.leave(Phase::Idle);
+        }
+        DeviceMessage::HelloAck { version: VERSION, nonce, session, info: self.profile.info }
+    }
+
+    /// Neither 0 nor the last one, and another one after every start and for every nonce. It keeps stray frames out, not
+    /// people.
+    fn new_session(&mut self, nonce: u32) -> u32 {
+        self.sessions = self.sessions.wrapping_add(1);
+        let seed = nonce ^ self.profile.boot.rotate_left(16);
+        // The finaliser of MurmurHash3: every bit of the seed moves every bit of the session.
+        let mut hash = seed.wrapping_add(self.sessions.wrapping_mul(0x9e37_79b9));
+        hash = (hash ^ (hash >> 16)).wrapping_mul(0x85eb_ca6b);
+        hash = (hash ^ (hash >> 13)).wrapping_mul(0xc2b2_ae35);
+        hash ^= hash >> 16;
+        let candidates = [hash, hash.wrapping_add(1), hash.wrapping_add(2)];
+        candidates.into_iter().find(|&session| session != 0 && session != self.session).unwrap_or(1)
+    }
+
+    /// True if enabled now. Asking again changes nothing and does not feed the watchdog.
+    fn enable(&mut self) -> bool {
+        if self.phase == Phase::Linked && self.inputs.homed && !self.inputs.fault {
+            self.leave(Phase::Enabled);
+            self.fed_us = self.now_us;
+            self.lateness = Lateness::new();
+        }
+        self.phase == Phase::Enabled
+    }
+
+    /// True if the torque acts.
+    fn command(&mut self, t_host_us: u32, torque_unm: [i32; 3], valid_for_us: u16) -> bool {
+        if self.phase != Phase::Enabled {
+            return false;
+        }
+        let late_us = self.lateness.judge(self.now_us, t_host_us);
+        let left_us = u32::from(valid_for_us).saturating_sub(late_us);
+        if left_us == 0 {
+            return false;
+        }
+        let DeviceInfo { dof, torque_limit_unm, .. } = self.profile.info;
+        let mut limit_unm = [0; 3];
+        for (limit, axis) in limit_unm.iter_mut().zip(torque_limit_unm).take(usize::from(dof)) {
+            *limit = axis;
+        }
+        let (torque_unm, clamped) = clamp_torque(torque_unm, limit_unm);
+        let (taken_us, valid_for_us) = (self.now_us, u64::from(left_us));
+        self.held = Some(Held { torque_unm, clamped, taken_us, valid_for_us });
+        self.fed_us = self.now_us;
+        true
+    }
+
+    /// Latches a fault, unless one is.
+    fn fault(&mut self, code: DeviceFault) {
+        if !matches!(self.phase, Phase::Faulted(_)) {
+            self.leave(Phase::Faulted(code));
+        }
+    }
+
+    /// Into a phase without torque.
+    fn leave(&mut self, phase: Phase) {
+        self.phase = phase;
+        self.held = None;
+        self.home_asked = false;
+    }
+
+    /// Where the device is, `done` or not what was asked for.
+    fn state(&self, done: bool) -> DeviceMessage {
+        let flags = [
+            (HOMED, self.inputs.homed),
+            (HOMING, self.phase == Phase::Homing),
+            (ENABLED, self.phase == Phase::Enabled),
+            (REFUSED, !done),
+            (CLAMPED, self.held.is_some_and(|held| held.clamped)),
+        ];
+        DeviceMessage::State {
+            seq_echo: self.seq,
+            t_dev_us: self.inputs_us as u32,
+            encoders: self.inputs.encoders,
+            buttons: self.inputs.buttons,
+            flags: flags.iter().fold(0, |bits, &(flag, set)| if set { bits | flag } else { bits }),
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Integers as little-endian bytes of fixed length: `#[serde(with = "fixed")]`.
+//!
+//! Postcard's own integers are varints. Fixed ones make every frame of a kind equally long, so that its time on the wire is
+//! known, and let a firmware in C lay a packed struct over it. On the torques and times of a session they cost no
+//! byte more. `postcard::fixint` does the same, but not for arrays.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// A number, or three, and its bytes.
+pub(super) trait Fixed: Copy {
+    /// Little-endian.
+    type Bytes;
+    fn to_bytes(self) -> Self::Bytes;
+    fn from_bytes(bytes: Self::Bytes) -> Self;
+}
+
+impl Fixed for u16 {
+    type Bytes = [u8; 2];
+
+    fn to_bytes(self) -> Self::Bytes {
+        self.to_le_bytes()
+    }
+
+    fn from_bytes(bytes: Self::Bytes) -> Self {
+        Self::from_le_bytes(bytes)
+    }
+}
+
+impl Fixed for u32 {
+    type Bytes = [u8; 4];
+
+    fn to_bytes(self) -> Self::Bytes {
+        self.to_le_bytes()
+    }
+
+    fn from_bytes(bytes: Self::Bytes) -> Self {
+        Self::from_le_bytes(bytes)
+    }
+}
+
+impl Fixed for [u32; 3] {
+    type Bytes = [[u8; 4]; 3];
+
+    fn to_bytes(self) -> Self::Bytes {
+        self.map(u32::to_le_bytes)
+    }
+
+    fn from_bytes(bytes: Self::Bytes) -> Self {
+        bytes.map(u32::from_le_bytes)
+    }
+}
+
+impl Fixed for [i32; 3] {
+    type Bytes = [[u8; 4]; 3];
+
+    fn to_bytes(self) -> Self::Bytes {
+        self.map(i32::to_le_bytes)
+    }
+
+    fn from_bytes(bytes: Self::Bytes) -> Self {
+        bytes.map(i32::from_le_bytes)
+    }
+}
+
+/// As [`Serialize`] has it.
+pub(super) fn serialize<T, S>(value: &T, serializer: S) -> Result<S::Ok, S::Error>
+where
+    T: Fixed<Bytes: Serialize>,
+    S: Serializer,
+{
+    value.to_bytes().serialize(serializer)
+}
+
+/// As [`Deserialize`] has it.
+pub(super) fn deserialize<'de, T, D>(deserializer: D) -> Result<T, D::Error>
+where
+    T: Fixed<Bytes: Deserialize<'de>>,
+    D: Deserializer<'de>,
+{
+    T::Bytes::deserialize(deserializer).map(T::from_bytes)
+}

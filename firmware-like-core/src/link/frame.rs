@@ -1,0 +1,222 @@
+//! Messages as frames on a line of bytes.
+//!
+//! ```text
+//! frame = COBS( message in postcard, CRC-32 of it, little-endian )  00
+//! ```
+//!
+//! COBS leaves no 00 in a frame but the last byte, so a reader that has lost its place is back in step after one 00.
+//! A 00 more between two frames means nothing; a host sends one before it asks again, so that a frame that was cut short does
+//! not take the next one along.
+//!
+//! COBS is that of the crate `cobs`, which postcard stands on. Postcard's own framing is not used: its encoder writes through
+//! `IndexMut`, which may panic, and its decoder wants the whole frame at once.
+
+use core::fmt;
+use core::marker::PhantomData;
+
+use cobs::{DecodeResult, DecoderState};
+use heapless::Vec;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::message::MAX_MESSAGE;
+use crate::blob::format::{CHECKSUM, CHECKSUM_LEN};
+
+/// Longest message and its checksum.
+const MAX_BODY: usize = MAX_MESSAGE + CHECKSUM_LEN;
+/// Bytes of the longest frame, the 00 included: it fits into one packet of 64 bytes of USB.
+pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 1;
+
+/// The message is longer than any of the link; [`super::HostMessage`] and [`super::DeviceMessage`] never are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncodeError;
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the message is longer than {MAX_MESSAGE} bytes")
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+/// Writes one message as a frame; returns the part of `frame` that holds it, 00 included.
+pub fn encode<'f, T: Serialize>(
+    message: &T,
+    frame: &'f mut [u8; MAX_FRAME],
+) -> Result<&'f [u8], EncodeError> {
+    let mut body = [0; MAX_BODY];
+    let bytes = postcard::to_slice(message, &mut body).map_err(|_| EncodeError)?;
+    let (len, checksum) = (bytes.len(), CHECKSUM.checksum(bytes));
+    let rest = body.get_mut(len..).and_then(<[u8]>::first_chunk_mut);
+    *rest.ok_or(EncodeError)? = checksum.to_le_bytes();
+    let body = body.get(..len.saturating_add(CHECKSUM_LEN)).ok_or(EncodeError)?;
+    let end = cobs::try_encode(body, frame).map_err(|_| EncodeError)?;
+    *frame.get_mut(end).ok_or(EncodeError)? = 0;
+    frame.get(..=end).ok_or(EncodeError)
+}
+
+/// Why a frame was thrown away.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FrameError {
+    /// Longer than any message.
+    TooLong,
+    /// It ended in the middle of a COBS block.
+    Cobs,
+    /// Too short for a checksum and a message.
+    TooShort,
+    /// The bytes are not those that were sent.
+    Checksum,
+    /// No message of this direction, though the checksum is right.
+    Message,
+    /// A message and something behind it.
+    Trailing,
+}
+
+impl fmt::Display for FrameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooLong => "the frame is longer than any message",
+            Self::Cobs => "the frame ends in the middle of a COBS block",
+            Self::TooShort => "the frame is too short for a checksum and a message",
+            Self::Checksum => "the frame's checksum is wrong",
+            Self::Message => "the frame holds no message of this protocol",
+            Self::Trailing => "the frame goes on after its message",
+        })
+    }
+}
+
+impl core::error::Error for FrameError {}
+
+/// What a reader has seen. Counts stop at their largest value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameCounts {
+    /// Frames that gave a message.
+    pub good: u32,
+    /// [`FrameError::TooLong`].
+    pub too_long: u32,
+    /// [`FrameError::Cobs`].
+    pub cobs: u32,
+    /// [`FrameError::TooShort`].
+    pub too_short: u32,
+    /// [`FrameError::Checksum`].
+    pub checksum: u32,
+    /// [`FrameError::Message`].
+    pub message: u32,
+    /// [`FrameError::Trailing`].
+    pub trailing: u32,
+}
+
+impl FrameCounts {
+    /// Frames that gave none.
+    pub fn bad(&self) -> u32 {
+        let reasons = [self.too_long, self.cobs, self.too_short, self.checksum, self.message, self.trailing];
+        reasons.into_iter().fold(0, u32::saturating_add)
+    }
+
+    fn count<T>(&mut self, outcome: &Result<T, FrameError>) {
+        let count = match outcome {
+            Ok(_) => &mut self.good,
+            Err(FrameError::TooLong) => &mut self.too_long,
+            Err(FrameError::Cobs) => &mut self.cobs,
+            Err(FrameError::TooShort) => &mut self.too_short,
+            Err(FrameError::Checksum) => &mut self.checksum,
+            Err(FrameError::Message) => &mut self.message,
+            Err(FrameError::Trailing) => &mut self.trailing,
+        };
+        *count = count.saturating_add(1);
+    }
+}
+
+/// Finds the frames in a stream of bytes and gives their messages. Never waits; holds one message, whatever comes.
+#[derive(Debug)]
+pub struct FrameReader<T> {
+    cobs: DecoderState,
+    body: Vec<u8, MAX_BODY>,
+    too_long: bool,
+    counts: FrameCounts,
+    reads: PhantomData<fn() -> T>,
+}
+
+impl<T> Default for FrameReader<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T> FrameReader<T> {
+    /// A reader at the start of a frame.
+    pub const fn new() -> Self {
+        Self {
+            cobs: DecoderState::Idle,
+            body: Vec::new(),
+            too_long: false,
+            counts: FrameCounts {
+                good: 0,
+                too_long: 0,
+                cobs: 0,
+                too_short: 0,
+                checksum: 0,
+                message: 0,
+                trailing: 0,
+            },
+            reads: PhantomData,
+        }
+    }
+
+    /// What it has seen so far.
+    pub const fn counts(&self) -> &FrameCounts {
+        &self.counts
+    }
+}
+
+impl<T: DeserializeOwned> FrameReader<T> {
+    /// Takes one byte. The last one of a frame gives its message or says why there is none.
+    ///
+    /// Cost: a few instructions; at the end of a frame one checksum and one decoding of at most 50 bytes.
+    pub fn push(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
+        let whole = match self.cobs.feed(byte) {
+            Ok(DecodeResult::NoData) => return None,
+            Ok(DecodeResult::DataContinue(data)) => {
+                self.too_long |= self.body.push(data).is_err();
+                return None;
+            }
+            Ok(DecodeResult::DataComplete) => Ok(()),
+            Err(_) => Err(FrameError::Cobs),
+        };
+        // A frame that never ends is too long, not cut.
+        let whole = if self.too_long { Err(FrameError::TooLong) } else { whole };
+        let outcome = whole.and_then(|()| decode(&self.body));
+        self.counts.count(&outcome);
+        self.body.clear();
+        self.too_long = false;
+        Some(outcome)
+    }
+
+    /// Takes bytes up to the end of the first frame and leaves the others; `None` once all are taken.
+    pub fn read(&mut self, bytes: &mut &[u8]) -> Option<Result<T, FrameError>> {
+        while let Some((&byte, rest)) = bytes.split_first() {
+            *bytes = rest;
+            let outcome = self.push(byte);
+            if outcome.is_some() {
+                return outcome;
+            }
+        }
+        None
+    }
+}
+
+/// The message in what COBS gave back.
+fn decode<T: DeserializeOwned>(body: &[u8]) -> Result<T, FrameError> {
+    let (message, stored) = body.split_last_chunk::<CHECKSUM_LEN>().ok_or(FrameError::TooShort)?;
+    if message.is_empty() {
+        return Err(FrameError::TooShort);
+    }
+    if CHECKSUM.checksum(message) != u32::from_le_bytes(*stored) {
+        return Err(FrameError::Checksum);
+    }
+    match postcard::take_from_bytes(message) {
+        Ok((message, [])) => Ok(message),
+        Ok(_) => Err(FrameError::Trailing),
+        Err(_) => Err(FrameError::Message),
+    }
+}
