@@ -4,13 +4,14 @@
 //! golden blob in flash -> palpate-core -> semihosting: bits, instructions, stack
 //! ```
 //!
-//! What is here is what a firmware brings beside the core: where the blob lies, a clock, and a way to speak.
+//! What is here is what a firmware brings beside the core: where the blob lies, and its hardware. `answers` compares the core with the
+//! host's; `device` is a device that speaks the device link.
 #![no_std]
 #![deny(unsafe_code)]
 
 pub mod comparison;
-#[cfg(target_os = "none")]
 pub mod stack;
+pub mod uart;
 
 /// A blob wants to start at a multiple of 8; its planes are at multiples of 64.
 #[repr(C, align(64))]

@@ -6,7 +6,7 @@
 mod displacement;
 mod errors;
 mod probes;
-mod reference;
+pub mod reference;
 
 use std::collections::BTreeMap;
 

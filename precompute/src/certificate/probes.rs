@@ -19,6 +19,9 @@ pub struct Probe {
     pub seam_n: f64,
     /// Largest difference of the tick's arithmetic from f64, N.
     pub rounding_n: f64,
+    /// What that difference stays within, N: twice the largest that was seen.
+    #[serde(default)]
+    pub rounding_bound_n: f64,
     /// Median time of a query, ns, on the machine that packed the blob.
     pub nanoseconds: f64,
 }
@@ -44,11 +47,13 @@ const REPEATS: usize = 15;
 pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
     let (work, work_folded) = work(space, method);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
+    let rounding_n = points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max);
     Probe {
         work,
         work_folded,
         seam_n: seam_n(space, method),
-        rounding_n: points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max),
+        rounding_n,
+        rounding_bound_n: 2.0 * rounding_n,
         nanoseconds: nanoseconds(space, method, visited),
     }
 }

@@ -1,0 +1,54 @@
+//! The core's f32 against the same tables evaluated in f64: within what the blob says of itself, by every method, on every set of
+//! instructions this machine has.
+//!
+//! That a Cortex-M gives the same bits is shown by `firmware-like-core/check-cortex-m`, that wider registers do by `host/tests/instructions.rs`.
+
+use palpate_core::{Method, Organ, Vec3};
+use palpate_host::{Instructions, Interpolator};
+use palpate_precompute::certificate::{Certificate, reference};
+
+/// Uniform in the ball, the same in every run.
+fn positions(radius_m: f32) -> impl Iterator<Item = Vec3> {
+    let mut bits = 99_u64;
+    let mut next = move || {
+        bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((bits >> 40) as f32 / 8_388_608.0 - 1.0) * radius_m
+    };
+    let points = std::iter::repeat_with(move || [next(), next(), next()]);
+    points.filter(move |d: &Vec3| d.iter().map(|x| x * x).sum::<f32>() < (0.999 * radius_m).powi(2))
+}
+
+#[test]
+fn the_core_rounds_as_little_as_the_certificate_says() {
+    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
+    let mut words = vec![0_u64; blob.len().div_ceil(8)];
+    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
+    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is good");
+    let certificate: Certificate =
+        serde_json::from_slice(organ.certificate.expect("a certificate")).expect("of this version");
+    let space = &organ.spaces[0];
+    println!("method       largest  bound, mN   instructions");
+    for method in Method::ALL {
+        let measured = certificate.spaces[0].methods.iter().find(|m| m.method == method.name());
+        let bound_n = measured.expect("certified").probe.rounding_bound_n;
+        for instructions in Instructions::ALL {
+            let Some(interpolator) = Interpolator::on(instructions, method) else { continue };
+            let mut largest_n = 0.0_f64;
+            for d in positions(space.lattice.radius_m()).take(100_000) {
+                let exact_n = reference::force_n(space, method, d).expect("packed");
+                let found_n = interpolator.force(space, &d).expect("packed").force_n;
+                let apart = (0..3).map(|i| (exact_n[i] - f64::from(found_n[i])).powi(2)).sum::<f64>().sqrt();
+                largest_n = largest_n.max(apart);
+            }
+            println!(
+                "{:<11} {:8.5} {:8.5}    {}",
+                method.name(),
+                1e3 * largest_n,
+                1e3 * bound_n,
+                instructions.name()
+            );
+            assert!(largest_n <= bound_n, "{method:?} on {instructions}: {largest_n} N, the bound is {bound_n} N");
+            assert!(largest_n > 0.01 * bound_n, "{method:?}: a bound that says nothing");
+        }
+    }
+}
