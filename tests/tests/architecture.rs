@@ -29,6 +29,8 @@ const TESTED: [DependencyKind; 1] = [DependencyKind::Development];
 fn the_arrows_point_one_way() {
     assert_eq!(ours("palpate-core", &LINKED), set(&[]));
     assert_eq!(ours("palpate-core", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-c", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-c", &TESTED), set(&[]));
     assert_eq!(ours("palpate-precompute", &LINKED), set(&["palpate-core"]));
     assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
     assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core"]));

@@ -23,7 +23,8 @@ fn the_core_rounds_as_little_as_the_certificate_says() {
     let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
     let mut words = vec![0_u64; blob.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is good");
+    let organ: Organ<'_> =
+        Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is good");
     let certificate: Certificate =
         serde_json::from_slice(organ.certificate.expect("a certificate")).expect("of this version");
     let space = &organ.spaces[0];
@@ -47,7 +48,10 @@ fn the_core_rounds_as_little_as_the_certificate_says() {
                 1e3 * bound_n,
                 instructions.name()
             );
-            assert!(largest_n <= bound_n, "{method:?} on {instructions}: {largest_n} N, the bound is {bound_n} N");
+            assert!(
+                largest_n <= bound_n,
+                "{method:?} on {instructions}: {largest_n} N, the bound is {bound_n} N"
+            );
             assert!(largest_n > 0.01 * bound_n, "{method:?}: a bound that says nothing");
         }
     }
