@@ -18,7 +18,7 @@ fn aligned(bytes: &[u8]) -> Vec<u64> {
 }
 
 /// A blob whose length and checksum are mended, so that what lies behind them is reached: refused, or good for every query.
-pub fn blob(data: &[u8]) {
+pub(crate) fn blob(data: &[u8]) {
     let mut words = aligned(data);
     let bytes: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..data.len()];
     if let Some(end) = bytes.len().checked_sub(CHECKSUM_LEN).filter(|end| *end >= PREFIX_LEN) {
@@ -90,7 +90,7 @@ static GOLDEN: LazyLock<Box<PcOrgan<'static>>> = LazyLock::new(|| {
 });
 
 /// Any samples at any times: finite, within the limit, zero after a fault until it is reset and armed.
-pub fn tick(data: &[u8]) {
+pub(crate) fn tick(data: &[u8]) {
     let organ: &PcOrgan<'static> = &GOLDEN;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
     let mut config = Config::new(Method::ALL[usize::from(method) % Method::ALL.len()]);
@@ -141,7 +141,7 @@ pub fn tick(data: &[u8]) {
 
 /// Any bytes on the line of a device, and at its reader on the host: a torque only while enabled and within the limits, a fault latched
 /// until a handshake, and every message the same after a round trip.
-pub fn frames(data: &[u8]) {
+pub(crate) fn frames(data: &[u8]) {
     let info = DeviceInfo {
         dof: 3,
         counts_per_turn: [4096; 3],

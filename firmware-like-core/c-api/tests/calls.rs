@@ -47,6 +47,8 @@ fn written<T>(call: impl FnOnce(&mut MaybeUninit<T>) -> PalpateStatus) -> (Palpa
     (status, unsafe { out.assume_init() })
 }
 
+/// Every call makes one of its own.
+#[allow(clippy::mut_from_ref, reason = "in memory of its own, not in the organ's")]
 fn controller(
     organ: &'static PalpateOrgan,
     config: &PalpateConfig,
@@ -71,7 +73,7 @@ fn what(problem: &PalpateProblem) -> String {
 
 #[test]
 fn blobs_are_refused_with_their_reason() {
-    let refused = |place: &mut [u8], blob: &[u8]| open(place, blob).err().expect("refused");
+    let refused = |place: &mut [u8], blob: &[u8]| open(place, blob).expect_err("refused");
     let size = palpate_organ_size();
     assert_eq!(refused(&mut memory(size)[..size - 1], golden()).status, PalpateStatus::Memory);
     assert_eq!(refused(&mut memory(size + 16)[4..], golden()).status, PalpateStatus::Memory);
@@ -110,7 +112,7 @@ fn queries_answer_or_say_why_not() {
         assert_eq!(estimate.has_energy, method == 6);
         assert!(estimate.stiffness_n_m[0][0] > 1.0);
     }
-    let mut refused = |organ, space, method, d, want| {
+    let refused = |organ, space, method, d, want| {
         let (status, force) = written(|out| palpate_force(organ, space, method, d, Some(out)));
         assert_eq!((status, force.reaction_n, force.coverage), (want, [0.0; 3], PalpateCoverage::None));
         let (status, estimate) = written(|out| palpate_estimate(organ, space, method, d, Some(out)));

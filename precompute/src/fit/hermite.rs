@@ -556,4 +556,51 @@ mod tests {
             }
         }
     }
+
+    /// A branch that ends in a fold arrives there with a stiffness of any size.
+    #[test]
+    fn a_runaway_stiffness_at_a_fold_is_held() {
+        let grid = SpaceGrid::new(0.01, 0.03).unwrap();
+        let runaway = |factor: f64, folds: &[Fold]| {
+            let of = |p: GridIndex| {
+                let mut s = sample(&grid, p);
+                if p == [1, 0, 0] {
+                    s.stiffness_n_m = s.stiffness_n_m.map(|row| row.map(|k| factor * k));
+                }
+                s
+            };
+            let samples: Vec<Sample> = Domain::new(&grid, true).points().map(of).collect();
+            hermite_nodes(&grid, &samples, folds)
+        };
+        let largest_n = |nodes: &HermiteNodes| {
+            let table = HermiteTable::new(grid.lattice.slots(), &nodes.row, &nodes.nodes).expect("a table");
+            let at = |n: u32| -> [f32; 3] {
+                let wave: [f64; 3] = std::array::from_fn(|i| f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
+                [0.01 + 0.01 * wave[0], 0.01 * wave[1], 0.01 * wave[2]].map(|x| x as f32)
+            };
+            (0..4000)
+                .map(|n| {
+                    let place = grid.lattice.locate(at(n));
+                    norm(table.force(Baseline, grid.lattice.strides(), place.slot, place.t).map(f64::from))
+                })
+                .fold(0.0, f64::max)
+        };
+        let fold = [Fold { from: [1, 0, 0], to: [2, 0, 0], rho_n: 1.0, rho_h_n: 1.0 }];
+        let as_it_is = largest_n(&runaway(1.0, &fold));
+        let held = largest_n(&runaway(1e4, &fold));
+        assert!(held < 3.0 * as_it_is, "held: {held} N beside {as_it_is} N");
+        let free = largest_n(&runaway(1e4, &[]));
+        assert!(
+            free > 100.0 * as_it_is,
+            "where no fold is, the solver is believed: {free} N beside {as_it_is} N"
+        );
+        // A stiffness of the usual size is kept as it is, at folds too.
+        let node = |nodes: &HermiteNodes, p| nodes.nodes[nodes.row[grid.lattice.slot(p).unwrap()] as usize];
+        let (folded, plain) = (runaway(1.0, &fold), runaway(1.0, &[]));
+        for p in [[1, 0, 0], [2, 0, 0], [1, 1, 1]] {
+            // W_xx, W_yy and W_zz.
+            let slopes = |node: palpate_core::hermite::Node| [node[2][0][0], node[0][2][0], node[0][0][2]];
+            assert_eq!(slopes(node(&folded, p)), slopes(node(&plain, p)), "{p:?}");
+        }
+    }
 }
