@@ -141,45 +141,138 @@ pub(crate) fn tick(data: &[u8]) {
 
 /// Any bytes on the line of a device, and at its reader on the host: a torque only while enabled and within the limits, a fault latched
 /// until a handshake, and every message the same after a round trip.
-pub(crate) fn frames(data: &[u8]) {
-    let info = DeviceInfo {
+///
+/// After an odd first byte the rest are messages, each after its length, which get a checksum and a frame; and session 1 is the present
+/// one. No fuzzer guesses those. True if a torque was given at all.
+pub(crate) fn frames(data: &[u8]) -> bool {
+    let Some((kind, mut rest)) = data.split_first() else { return false };
+    let mut line = Line::new();
+    if kind & 1 == 0 {
+        rest.iter().for_each(|byte| line.push(*byte));
+        return line.torque;
+    }
+    while let Some((len, after)) = rest.split_first() {
+        let (message, next) = after.split_at(usize::from(len % 64).min(after.len()));
+        rest = next;
+        framed(message).iter().for_each(|byte| line.push(*byte));
+        // What is left of the length is time.
+        line.wait(u64::from(len >> 6) * 3000);
+    }
+    line.torque
+}
+
+/// COBS of a message and its checksum, written another way than the core's.
+fn framed(message: &[u8]) -> Vec<u8> {
+    let body = [message, &CHECKSUM.checksum(message).to_le_bytes()].concat();
+    let mut frame = Vec::new();
+    for piece in body.split(|byte| *byte == 0) {
+        frame.push(piece.len() as u8 + 1);
+        frame.extend_from_slice(piece);
+    }
+    frame.push(0);
+    frame
+}
+
+/// A device and the readers at both ends.
+struct Line {
+    device: Device,
+    to_device: FrameReader<HostMessage>,
+    to_host: FrameReader<DeviceMessage>,
+    inputs: Inputs,
+    now_us: u64,
+    session: u32,
+    /// A torque was given.
+    torque: bool,
+}
+
+const DEVICE: DeviceProfile = DeviceProfile {
+    info: DeviceInfo {
         dof: 3,
         counts_per_turn: [4096; 3],
         torque_limit_unm: [100_000, 200_000, 300_000],
         watchdog_us: 10_000,
         serial: 1,
         firmware: 1,
-    };
-    let profile = DeviceProfile { info, max_speed_counts_per_s: 100_000, boot: 1 };
-    let mut device = Device::new(profile).expect("a sound profile");
-    let (mut to_device, mut to_host) =
-        (FrameReader::<HostMessage>::new(), FrameReader::<DeviceMessage>::new());
-    let mut now_us = 0_u64;
-    let mut inputs = Inputs::default();
-    for &byte in data {
+    },
+    max_speed_counts_per_s: 100_000,
+    boot: 1,
+};
+
+impl Line {
+    fn new() -> Self {
+        Self {
+            device: Device::new(DEVICE).expect("a sound profile"),
+            to_device: FrameReader::new(),
+            to_host: FrameReader::new(),
+            inputs: Inputs::default(),
+            now_us: 0,
+            session: 0,
+            torque: false,
+        }
+    }
+
+    fn push(&mut self, byte: u8) {
         // The bytes move the clock and the hardware too, in ways of their own.
-        now_us += u64::from(byte & 0x3f) * 16;
-        inputs.encoders = inputs.encoders.map(|count| count.wrapping_add(i32::from(byte >> 6)));
-        inputs.homed |= byte == 0x48;
-        if let Some(Ok(message)) = to_host.push(byte) {
+        self.now_us += u64::from(byte & 0x0f);
+        self.inputs.encoders = self.inputs.encoders.map(|count| count.wrapping_add(i32::from(byte >> 7)));
+        if let Some(Ok(message)) = self.to_host.push(byte) {
             assert_round_trip(&message);
         }
-        if let Some(Ok(message)) = to_device.push(byte) {
+        if let Some(Ok(message)) = self.to_device.push(byte) {
             assert_round_trip(&message);
-            let before = device.phase();
-            let answer = device.receive(now_us, &message);
-            if matches!(before, DevicePhase::Faulted(_)) && !matches!(message, HostMessage::Hello { .. }) {
-                assert_eq!(device.phase(), before, "a fault is latched");
-            }
-            if let Some(answer) = answer {
-                assert_round_trip(&answer);
+            self.receive(self.in_session(message));
+        }
+        self.step();
+    }
+
+    fn wait(&mut self, us: u64) {
+        self.now_us += us;
+        self.step();
+    }
+
+    fn in_session(&self, mut message: HostMessage) -> HostMessage {
+        use HostMessage::{Command, Disable, Enable, Hello, Home};
+        match &mut message {
+            Hello { .. } => {}
+            Enable { session, .. }
+            | Disable { session, .. }
+            | Home { session, .. }
+            | Command { session, .. } => {
+                if *session == 1 {
+                    *session = self.session;
+                }
             }
         }
-        let outputs = device.step(now_us, &inputs);
-        for (torque, limit) in outputs.torque_unm.iter().zip(info.torque_limit_unm) {
+        message
+    }
+
+    fn receive(&mut self, message: HostMessage) {
+        let before = self.device.phase();
+        let answer = self.device.receive(self.now_us, &message);
+        if matches!(before, DevicePhase::Faulted(_)) && !matches!(message, HostMessage::Hello { .. }) {
+            assert_eq!(self.device.phase(), before, "a fault is latched");
+        }
+        if before != DevicePhase::Enabled && self.device.phase() == DevicePhase::Enabled {
+            assert!(matches!(message, HostMessage::Enable { .. }), "enabled by {message:?}");
+        }
+        if let Some(DeviceMessage::HelloAck { session, .. }) = answer {
+            self.session = session;
+        }
+        if let Some(answer) = answer {
+            assert_round_trip(&answer);
+        }
+    }
+
+    fn step(&mut self) {
+        let outputs = self.device.step(self.now_us, &self.inputs);
+        // Home is found at once.
+        self.inputs.homed |= outputs.home;
+        for (torque, limit) in outputs.torque_unm.iter().zip(DEVICE.info.torque_limit_unm) {
             assert!(torque.unsigned_abs() <= limit, "{outputs:?}");
         }
-        assert!(outputs.torque_unm == [0; 3] || device.phase() == DevicePhase::Enabled, "{outputs:?}");
+        let torque = outputs.torque_unm != [0; 3];
+        assert!(!torque || self.device.phase() == DevicePhase::Enabled, "{outputs:?}");
+        self.torque |= torque;
     }
 }
 

@@ -93,8 +93,8 @@ fn blobs_are_refused_or_good() {
 
 #[test]
 fn frames_are_refused_or_obeyed_safely() {
-    replay(&conversations(), 2000, bodies::frames);
-    replay(&kept("frames"), 50, bodies::frames);
+    replay(&conversations(), 2000, |line| _ = bodies::frames(line));
+    replay(&kept("frames"), 50, |line| _ = bodies::frames(line));
 }
 
 #[test]
@@ -124,7 +124,30 @@ fn conversations() -> Vec<Vec<u8>> {
         to_host.extend(link::encode(message, &mut [0; link::MAX_FRAME]).expect("fits"));
     }
     let cut = to_device.iter().copied().skip(5).chain(to_host.iter().copied().take(40)).collect();
-    vec![to_device, to_host, cut]
+    // As messages with their length, in the present session, which is 1 to the body.
+    let mut framed = vec![1];
+    let here =
+        |seq| HostMessage::Command { session: 1, seq, t_host_us: 1000 * seq, torque_unm, valid_for_us: 5000 };
+    let (home, enable) =
+        (HostMessage::Home { session: 1, seq: 1 }, HostMessage::Enable { session: 1, seq: 3 });
+    for message in [hello, home, here(2), enable, here(4), here(4), here(5), hello, here(1)] {
+        let bytes = postcard::to_allocvec(&message).expect("encoded");
+        framed.push(bytes.len() as u8);
+        framed.extend(bytes);
+    }
+    let mut late = framed.clone();
+    // The last commands' lengths with three times 3 ms each: the watchdog bites.
+    late.extend((4..9).flat_map(|seq| {
+        let bytes = postcard::to_allocvec(&here(seq)).expect("encoded");
+        [vec![bytes.len() as u8 | 0xc0], bytes].concat()
+    }));
+    [to_device, to_host, cut].into_iter().map(|line| [vec![0], line].concat()).chain([framed, late]).collect()
+}
+
+/// A conversation that goes on to a torque, or the seeds would say nothing.
+#[test]
+fn the_seeds_of_frames_reach_a_torque() {
+    assert!(conversations().iter().any(|line| bodies::frames(line)), "no seed enables the device");
 }
 
 /// Steps of [`bodies::tick`]: a grasp and a walk, ticks without samples, a fault and its reset.

@@ -6,4 +6,6 @@ use libfuzzer_sys::fuzz_target;
 #[allow(dead_code, reason = "each target has its own body")]
 mod bodies;
 
-fuzz_target!(|data: &[u8]| bodies::frames(data));
+fuzz_target!(|data: &[u8]| {
+    bodies::frames(data);
+});
