@@ -254,7 +254,9 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             Some((space, _)) => Err(ControllerError::MissingMethod { method, space }),
             None => {
                 let stiffest = |space| stiffness::stiffest_n_m(space, method);
-                let stiffest_n_m = organ.spaces.iter().map(stiffest).fold(0.0, f32::max);
+                let capped = limits.max_stiffness_n_m < f32::MAX;
+                let spaces = organ.spaces.iter().filter(|_| capped);
+                let stiffest_n_m = spaces.map(stiffest).fold(0.0, f32::max);
                 // Infinite is far too stiff, and no organ that moves.
                 let force_share = if stiffest_n_m > limits.max_stiffness_n_m {
                     limits.max_stiffness_n_m / stiffest_n_m
@@ -266,7 +268,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         }
     }
 
-    /// Largest stiffness of the organ, newtons a metre of the model.
+    /// Largest stiffness of the organ, newtons a metre of the model; 0 if there is no limit to hold it against.
     pub const fn stiffest_n_m(&self) -> f32 {
         self.stiffest_n_m
     }

@@ -22,7 +22,7 @@ pub struct LimitConfig {
     /// Speed of the HIP that is a fault, metres a second.
     pub max_speed_m_s: f32,
     /// Largest stiffness of the model that may be rendered, newtons a metre: the device's, divided by the metres of the model to one of
-    /// the device. See [`crate::stiffness`].
+    /// the device. `f32::MAX` is none, and then none is looked for. See [`crate::stiffness`].
     pub max_stiffness_n_m: f32,
 }
 
