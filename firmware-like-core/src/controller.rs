@@ -10,6 +10,7 @@ use crate::limit::{self, Freshness, LimitConfig, StaleWatch};
 use crate::method::{Coverage, ForceSample, Method};
 use crate::profile::PC_SPACES;
 use crate::speed::SpeedWindow;
+use crate::stiffness;
 use crate::table::Space;
 use crate::vec3::{self, Vec3};
 
@@ -221,10 +222,12 @@ impl core::error::Error for ControllerError {}
 pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
     organ: &'o Organ<'a, N>,
     config: Config,
+    stiffest_n_m: f32,
+    force_share: f32,
 }
 
 impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
-    /// Checks the configuration, and that every space has the method.
+    /// Checks the configuration, and that every space has the method; finds the stiffest place.
     pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
         let Config { method, contact, limits } = config;
         let positive = [
@@ -234,6 +237,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             ("max_slew_n_per_s", limits.max_slew_n_per_s),
             ("max_position_m", limits.max_position_m),
             ("max_speed_m_s", limits.max_speed_m_s),
+            ("max_stiffness_n_m", limits.max_stiffness_n_m),
         ];
         let not_negative = [("release_tension_n", contact.release_tension_n), ("ramp_s", limits.ramp_s)];
         for (what, value) in positive {
@@ -248,8 +252,30 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         }
         match (0..u16::MAX).zip(&organ.spaces).find(|(_, space)| !space.has(method)) {
             Some((space, _)) => Err(ControllerError::MissingMethod { method, space }),
-            None => Ok(Self { organ, config }),
+            None => {
+                let stiffest = |space| stiffness::stiffest_n_m(space, method);
+                let capped = limits.max_stiffness_n_m < f32::MAX;
+                let spaces = organ.spaces.iter().filter(|_| capped);
+                let stiffest_n_m = spaces.map(stiffest).fold(0.0, f32::max);
+                // Infinite is far too stiff, and no organ that moves.
+                let force_share = if stiffest_n_m > limits.max_stiffness_n_m {
+                    limits.max_stiffness_n_m / stiffest_n_m
+                } else {
+                    1.0
+                };
+                Ok(Self { organ, config, stiffest_n_m, force_share })
+            }
         }
+    }
+
+    /// Largest stiffness of the organ, newtons a metre of the model; 0 if there is no limit to hold it against.
+    pub const fn stiffest_n_m(&self) -> f32 {
+        self.stiffest_n_m
+    }
+
+    /// What every force for the hand is scaled by, to keep that within the limit: 1 where nothing has to be.
+    pub const fn force_share(&self) -> f32 {
+        self.force_share
     }
 
     /// The organ it renders.
@@ -323,7 +349,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 
         let model = self.reaction(&mut state.contact, fresh, force)?;
         let share = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
-        let (wanted_n, clamped) = limit::clamp_force(vec3::neg(model.reaction_n), limits.max_force_n);
+        let capped_n = vec3::scale(model.reaction_n, -self.force_share);
+        let (wanted_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
         let slewed_n = limit::slew(state.last.hand_force_n, vec3::scale(wanted_n, share), step_n);
         // The slew stays inside the ball but for rounding; this makes the limit exact.

@@ -34,6 +34,7 @@ pub mod method;
 pub mod profile;
 pub mod rbf;
 pub mod speed;
+pub mod stiffness;
 pub mod table;
 pub mod tag;
 pub mod tricubic;

@@ -21,6 +21,9 @@ pub struct LimitConfig {
     pub max_position_m: f32,
     /// Speed of the HIP that is a fault, metres a second.
     pub max_speed_m_s: f32,
+    /// Largest stiffness of the model that may be rendered, newtons a metre: the device's, divided by the metres of the model to one of
+    /// the device. `f32::MAX` is none, and then none is looked for. See [`crate::stiffness`].
+    pub max_stiffness_n_m: f32,
 }
 
 impl Default for LimitConfig {
@@ -33,6 +36,7 @@ impl Default for LimitConfig {
             stale_fault_us: 10_000,
             max_position_m: 0.5,
             max_speed_m_s: 2.0,
+            max_stiffness_n_m: 3000.0,
         }
     }
 }

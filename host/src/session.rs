@@ -160,6 +160,10 @@ pub struct SessionSummary {
     pub device: DeviceInfo,
     /// The instructions the force was interpolated with.
     pub instructions: Instructions,
+    /// Largest stiffness of the organ as the hand would feel it, N/m.
+    pub stiffest_n_m: f32,
+    /// What every force was scaled by to stay within the device's stiffness; 1 where nothing had to be.
+    pub force_share: f32,
     /// What the operating system granted.
     pub real_time: RtReport,
     /// Why it ended.
@@ -200,6 +204,16 @@ impl fmt::Display for SessionSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "device       {}", self.device.name)?;
         writeln!(f, "instructions {}", self.instructions)?;
+        write!(f, "stiffness    up to {:.0} N/m", self.stiffest_n_m)?;
+        if self.force_share < 1.0 {
+            let cap_n_m = self.force_share * self.stiffest_n_m;
+            write!(
+                f,
+                ", held to {cap_n_m:.0} N/m: all forces times {:.2}, the organ feels softer",
+                self.force_share
+            )?;
+        }
+        writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
@@ -252,6 +266,7 @@ pub fn run_session<D: Device, const N: usize>(
     mut on_record: impl FnMut(&TickRecord),
 ) -> Result<SessionSummary, SessionError> {
     let controller = Controller::new(organ, config)?;
+    let felt = (controller.stiffest_n_m(), controller.force_share());
     let periods = periods(options)?;
     let mut screen = Screen::open(organ, &config, &options.view)?;
     let info = device.info();
@@ -293,7 +308,7 @@ pub fn run_session<D: Device, const N: usize>(
         Ok((instructions, joined))
     });
     let (instructions, (real_time, outcome)) = joined?;
-    Ok(summary(info, instructions, real_time, outcome, touch, &screen))
+    Ok(summary(info, instructions, felt, real_time, outcome, touch, &screen))
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -309,6 +324,7 @@ fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
 fn summary(
     device: DeviceInfo,
     instructions: Instructions,
+    (stiffest_n_m, force_share): (f32, f32),
     real_time: RtReport,
     outcome: LoopOutcome,
     touch: TouchFigures,
@@ -317,6 +333,8 @@ fn summary(
     SessionSummary {
         device,
         instructions,
+        stiffest_n_m,
+        force_share,
         real_time,
         end: outcome.end,
         phase: outcome.phase,

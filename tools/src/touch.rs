@@ -28,9 +28,15 @@ pub(crate) struct Show<'p> {
     pub pictures: &'p Path,
 }
 
-/// Controller settings for `organ` and a device of `device_force_n`.
-pub(crate) fn config(organ: &Organ<'_>, method: Method, device_force_n: f32) -> Config {
+/// Controller settings for `organ` and a device of `device_force_n` and `device_stiffness_n_m`.
+pub(crate) fn config(
+    organ: &Organ<'_>,
+    method: Method,
+    device_force_n: f32,
+    device_stiffness_n_m: f32,
+) -> Config {
     let mut config = Config::new(method);
+    config.limits.max_stiffness_n_m = config.limits.max_stiffness_n_m.min(device_stiffness_n_m);
     // Neither a scene without a device nor an ideal simulated one lifts the default limit.
     config.limits.max_force_n = config.limits.max_force_n.min(device_force_n).min(organ.max_force_n);
     // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
@@ -66,7 +72,7 @@ pub(crate) fn run<D: Device>(
     loop {
         let device = device()?;
         let info = device.info();
-        let config = config(organ, method, info.max_force_n);
+        let config = config(organ, method, info.max_force_n, info.max_stiffness_n_m);
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         match run_session(organ, config, device, &options, stop, |record| {

@@ -158,6 +158,9 @@ typedef struct PalpateConfig {
   float max_position_m;
   // Largest speed of the HIP, m/s; beyond it is a fault.
   float max_speed_m_s;
+  // Largest stiffness that may be rendered, N/m: the device's, divided by the metres of the model to one of the device. The forces of
+  // a stiffer organ are scaled down as a whole.
+  float max_stiffness_n_m;
   // Ticks without a fresh sample that hold the last command; after them the force is zero.
   uint32_t stale_hold_ticks;
   // Age of the newest sample that latches a fault, us.

@@ -44,6 +44,9 @@ pub struct PalpateConfig {
     pub max_position_m: f32,
     /// Largest speed of the HIP, m/s; beyond it is a fault.
     pub max_speed_m_s: f32,
+    /// Largest stiffness that may be rendered, N/m: the device's, divided by the metres of the model to one of the device. The forces of
+    /// a stiffer organ are scaled down as a whole.
+    pub max_stiffness_n_m: f32,
     /// Ticks without a fresh sample that hold the last command; after them the force is zero.
     pub stale_hold_ticks: u32,
     /// Age of the newest sample that latches a fault, us.
@@ -185,6 +188,7 @@ impl PalpateConfig {
             ramp_s: limits.ramp_s,
             max_position_m: limits.max_position_m,
             max_speed_m_s: limits.max_speed_m_s,
+            max_stiffness_n_m: limits.max_stiffness_n_m,
             stale_hold_ticks: limits.stale_hold_ticks,
             stale_fault_us: limits.stale_fault_us,
         }
@@ -207,6 +211,7 @@ impl PalpateConfig {
                 stale_fault_us: self.stale_fault_us,
                 max_position_m: self.max_position_m,
                 max_speed_m_s: self.max_speed_m_s,
+                max_stiffness_n_m: self.max_stiffness_n_m,
             },
         })
     }

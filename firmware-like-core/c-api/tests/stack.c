@@ -17,6 +17,7 @@ enum { STACK = 4 << 20, PAINT = 0xa5 };
 static uint8_t *blob, *organ_memory, *controller_memory;
 static size_t blob_size;
 static const PalpateOrgan *organ;
+static PalpateController *controller;
 static PalpateSpaceInfo space;
 static uint64_t ticks;
 static uint32_t method;
@@ -33,19 +34,20 @@ static void *open_organ(void *unused)
     return unused;
 }
 
+static void *open_controller(void *unused)
+{
+    PalpateConfig config;
+    palpate_config(method, &config);
+    failed |= palpate_controller_open(controller_memory, palpate_controller_size(), organ, &config, &controller, NULL)
+              != PALPATE_STATUS_OK;
+    return unused;
+}
+
 /* Presses, pulls, jumps about, forgets samples and is reset after faults. */
 static void *tick(void *unused)
 {
-    PalpateConfig config;
-    PalpateController *controller;
     PalpateCommand command;
     uint32_t noise = 1;
-    palpate_config(method, &config);
-    if (palpate_controller_open(controller_memory, palpate_controller_size(), organ, &config, &controller, NULL)
-        != PALPATE_STATUS_OK) {
-        failed = 1;
-        return unused;
-    }
     for (uint64_t number = 1; number <= ticks; ++number) {
         PalpateSample sample = {.t_us = 1000 * number, .buttons = (number >> 9) & 1};
         noise = noise * 1664525u + 1013904223u;
@@ -119,8 +121,9 @@ int main(int argc, char **argv)
     int worse = 0;
     for (method = 0; method <= PALPATE_METHOD_ENERGY; ++method) {
         if (space.methods >> method & 1) {
-            size_t bytes = used(tick) - thread;
-            printf("palpate_tick, method %u: %6zu bytes of stack in %llu ticks\n", method, bytes, (unsigned long long)ticks);
+            size_t opened = used(open_controller) - thread, bytes = used(tick) - thread;
+            printf("method %u: palpate_controller_open %6zu bytes of stack, palpate_tick %6zu in %llu ticks\n", method, opened,
+                   bytes, (unsigned long long)ticks);
             worse |= bytes > limit;
         }
     }

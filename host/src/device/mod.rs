@@ -115,6 +115,8 @@ pub struct DeviceInfo {
     pub self_arming: bool,
     /// Largest force it renders, N.
     pub max_force_n: f32,
+    /// Largest stiffness of the model that it renders stably, N/m: its own, divided by the workspace's scale.
+    pub max_stiffness_n_m: f32,
     /// Smallest step of its position, m.
     pub resolution_m: f32,
 }

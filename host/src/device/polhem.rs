@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
+/// Largest stiffness as long as nobody has measured the mechanism's damping, N/m: the usual cap of devices of its size.
+const MAX_STIFFNESS_N_M: f32 = 1_000.0;
 /// After this long without an answer the next request is sent all the same, us.
 const REPLY_TIMEOUT_US: u64 = 2_000;
 /// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
@@ -255,6 +257,7 @@ impl Device for Polhem {
             name: format!("Polhem on {}", self.port.name().unwrap_or_else(|| "a serial port".into())),
             self_arming: false,
             max_force_n: self.config.max_force_n,
+            max_stiffness_n_m: MAX_STIFFNESS_N_M / self.config.workspace.scale,
             // The protocol rounds to micrometres; the mechanism is coarser and not known.
             resolution_m: 1e-6,
         }

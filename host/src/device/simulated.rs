@@ -186,6 +186,7 @@ impl Device for SimulatedHand {
             name: format!("simulated hand (seed {})", self.config.seed),
             self_arming: true,
             max_force_n: f32::INFINITY,
+            max_stiffness_n_m: f32::INFINITY,
             resolution_m: self.config.quantum_m,
         }
     }

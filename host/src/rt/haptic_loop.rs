@@ -318,6 +318,7 @@ mod tests {
                 name: "probe".into(),
                 self_arming: self.self_arming,
                 max_force_n: 8.0,
+                max_stiffness_n_m: 1e3,
                 resolution_m: 0.0,
             }
         }

@@ -55,7 +55,13 @@ mod tests {
         }
 
         fn info(&self) -> DeviceInfo {
-            DeviceInfo { name: "falling".into(), self_arming: true, max_force_n: 1.0, resolution_m: 0.0 }
+            DeviceInfo {
+                name: "falling".into(),
+                self_arming: true,
+                max_force_n: 1.0,
+                max_stiffness_n_m: 1e3,
+                resolution_m: 0.0,
+            }
         }
     }
 
