@@ -4,11 +4,12 @@ use std::sync::LazyLock;
 
 use palpate_core::blob::format::{CHECKSUM, CHECKSUM_LEN, PREFIX_LEN};
 use palpate_core::link::device::Phase as DevicePhase;
+use palpate_core::link::message::{ENABLED, REFUSED};
 use palpate_core::link::{
     Device, DeviceInfo, DeviceMessage, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, encode,
 };
 use palpate_core::profile::{Limits, PcOrgan};
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, vec3};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, flags, vec3};
 
 /// Bytes at an address divisible by 8.
 fn aligned(bytes: &[u8]) -> Vec<u64> {
@@ -32,6 +33,17 @@ pub(crate) fn blob(data: &[u8]) {
     for space in &organ.spaces {
         for method in Method::ALL {
             ask(space, method);
+        }
+        assert_eq!(
+            flags::first_inconsistent(&space.lattice, space.flags),
+            None,
+            "flags that contradict each other"
+        );
+        for slot in 0..space.lattice.slots() {
+            assert!(
+                space.hermite.is_none_or(|table| table.node(slot).is_some()),
+                "slot {slot} without its node"
+            );
         }
         let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
         for displacement_m in places(space) {
@@ -74,6 +86,11 @@ fn ask(space: &Space<'_>, method: Method) {
         if let (Some(force), Some(estimate)) = (force, estimate) {
             assert!(vec3::is_finite(force.force_n), "{method:?} at {displacement_m:?}: {force:?}");
             assert!(force.force_n.map(f32::to_bits) == estimate.force_n.map(f32::to_bits));
+            assert!(estimate.energy_j.is_none_or(f32::is_finite), "{method:?}: {estimate:?}");
+            if !vec3::is_finite(displacement_m) {
+                let rest = space.force(method, vec3::ZERO).map(|rest| rest.force_n);
+                assert_eq!(Some(force.force_n), rest, "what is no number is answered at rest");
+            }
             assert!(
                 estimate.stiffness_n_m.iter().all(|row| vec3::is_finite(*row)),
                 "{method:?}: {estimate:?}"
@@ -158,6 +175,8 @@ pub(crate) fn frames(data: &[u8]) -> bool {
         rest = next;
         framed(message).iter().for_each(|byte| line.push(*byte));
         // What is left of the length is time.
+        // 63 bytes that are not there: the hardware breaks, and is mended with the next message.
+        line.inputs.fault = len % 64 == 63 && after.is_empty();
         line.wait(u64::from(len >> 6) * 3000);
     }
     line.torque
@@ -185,6 +204,8 @@ struct Line {
     session: u32,
     /// A torque was given.
     torque: bool,
+    /// When a request last kept the device enabled.
+    fed_us: u64,
 }
 
 const DEVICE: DeviceProfile = DeviceProfile {
@@ -210,6 +231,7 @@ impl Line {
             now_us: 0,
             session: 0,
             torque: false,
+            fed_us: 0,
         }
     }
 
@@ -257,8 +279,12 @@ impl Line {
         if before != DevicePhase::Enabled && self.device.phase() == DevicePhase::Enabled {
             assert!(matches!(message, HostMessage::Enable { .. }), "enabled by {message:?}");
         }
-        if let Some(DeviceMessage::HelloAck { session, .. }) = answer {
-            self.session = session;
+        match answer {
+            Some(DeviceMessage::HelloAck { session, .. }) => self.session = session,
+            Some(DeviceMessage::State { flags, .. }) if flags & (ENABLED | REFUSED) == ENABLED => {
+                self.fed_us = self.now_us;
+            }
+            _ => {}
         }
         if let Some(answer) = answer {
             assert_round_trip(&answer);
@@ -272,6 +298,15 @@ impl Line {
         for (torque, limit) in outputs.torque_unm.iter().zip(DEVICE.info.torque_limit_unm) {
             assert!(torque.unsigned_abs() <= limit, "{outputs:?}");
         }
+        if self.device.phase() == DevicePhase::Enabled {
+            let silent_us = self.now_us - self.fed_us;
+            assert!(
+                silent_us < u64::from(DEVICE.info.watchdog_us),
+                "enabled after {silent_us} us of silence"
+            );
+        }
+        let broken = matches!(self.device.phase(), DevicePhase::Faulted(_));
+        assert!(!self.inputs.fault || broken, "broken, and no fault");
         let torque = outputs.torque_unm != [0; 3];
         assert!(!torque || self.device.phase() == DevicePhase::Enabled, "{outputs:?}");
         self.torque |= torque;

@@ -17,10 +17,15 @@ const SLACK: f64 = 1e-6;
 /// Largest radius in cells: 255^3 slots. Keeps every index in u32 and a blob in its 32-bit offsets.
 pub const MAX_CELLS: i32 = 126;
 
+/// Smallest spacing and largest radius, metres: far beyond any organ, and their squares, inverses and products with forces are ordinary
+/// numbers.
+const SMALLEST_M: f32 = 1e-6;
+const LARGEST_M: f32 = 1e3;
+
 /// Why a lattice was refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LatticeError {
-    /// Spacing or radius is not a positive finite number, or the radius is below one cell.
+    /// Spacing or radius is not a length between a micrometre and a kilometre, or the radius is below one cell.
     Size {
         /// Spacing given, metres.
         spacing_m: f32,
@@ -40,7 +45,7 @@ impl core::fmt::Display for LatticeError {
             Self::Size { spacing_m, radius_m } => {
                 write!(
                     f,
-                    "a grid needs 0 < spacing <= radius, not spacing {spacing_m} m and radius {radius_m} m"
+                    "a grid needs 1e-6 m <= spacing <= radius <= 1e3 m, not spacing {spacing_m} m and radius {radius_m} m"
                 )
             }
             Self::TooFine { cells } => {
@@ -114,8 +119,8 @@ impl BallLattice {
     pub fn new(spacing_m: f32, radius_m: f32) -> Result<Self, LatticeError> {
         let cells = f64::from(radius_m) / f64::from(spacing_m);
         let cells_per_m = 1.0 / spacing_m;
-        // A spacing of 1e-40 has no finite inverse; NaN fails every comparison.
-        if !(spacing_m > 0.0 && cells_per_m.is_finite() && radius_m.is_finite() && cells >= 1.0 - SLACK) {
+        // NaN fails every comparison.
+        if !(spacing_m >= SMALLEST_M && radius_m <= LARGEST_M && cells >= 1.0 - SLACK) {
             return Err(LatticeError::Size { spacing_m, radius_m });
         }
         if cells > f64::from(MAX_CELLS) {

@@ -135,13 +135,30 @@ fn conversations() -> Vec<Vec<u8>> {
         framed.push(bytes.len() as u8);
         framed.extend(bytes);
     }
-    let mut late = framed.clone();
-    // The last commands' lengths with three times 3 ms each: the watchdog bites.
-    late.extend((4..9).flat_map(|seq| {
-        let bytes = postcard::to_allocvec(&here(seq)).expect("encoded");
-        [vec![bytes.len() as u8 | 0xc0], bytes].concat()
-    }));
-    [to_device, to_host, cut].into_iter().map(|line| [vec![0], line].concat()).chain([framed, late]).collect()
+    // The last commands' lengths with three times 3 ms each: the watchdog bites. Then all that must not wake the device again.
+    let with_len = |line: &mut Vec<u8>, messages: &[HostMessage], time: u8| {
+        for message in messages {
+            let bytes = postcard::to_allocvec(message).expect("encoded");
+            line.push(bytes.len() as u8 | time);
+            line.extend(bytes);
+        }
+    };
+    let enable = HostMessage::Enable { session: 1, seq: 2 };
+    let (again, home) =
+        (HostMessage::Enable { session: 1, seq: 10 }, HostMessage::Home { session: 1, seq: 11 });
+    let disable = HostMessage::Disable { session: 1, seq: 12 };
+    let (mut late, mut broken) = (framed.clone(), framed.clone());
+    with_len(&mut late, &[enable, here(4)], 0xc0);
+    late.extend([0xc0, 0xc0]);
+    with_len(&mut late, &[again, home, disable, here(13), here(14)], 0);
+    // The hardware breaks while enabled.
+    with_len(&mut broken, &[enable, here(4)], 0);
+    broken.push(63);
+    [to_device, to_host, cut]
+        .into_iter()
+        .map(|line| [vec![0], line].concat())
+        .chain([framed, late, broken])
+        .collect()
 }
 
 /// A conversation that goes on to a torque, or the seeds would say nothing.

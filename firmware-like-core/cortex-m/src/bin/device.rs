@@ -51,7 +51,7 @@ fn main() -> ! {
 fn serve(mut uart: Uart, mut clock: Clock, mut device: Device) -> ! {
     let mut reader = FrameReader::<HostMessage>::new();
     let mut motors = [Motor::AT_REST; 3];
-    let mut homing_us = None;
+    let (mut homing_us, mut looking) = (None::<u64>, false);
     let (mut frame, mut sent, mut len) = ([0; MAX_FRAME], 0, 0);
     let mut next_us = 0;
     loop {
@@ -67,13 +67,14 @@ fn serve(mut uart: Uart, mut clock: Clock, mut device: Device) -> ! {
         if now_us >= next_us {
             // A late period is not made up for.
             next_us = now_us + PERIOD_US;
-            let homed = matches!(homing_us, Some(until_us) if now_us >= until_us);
+            let homed = homing_us.is_some_and(|until_us| now_us >= until_us);
             let inputs = Inputs { encoders: motors.map(Motor::counts), buttons: 0, homed, fault: false };
             let Outputs { torque_unm, home } = device.step(now_us, &inputs);
-            if home && homing_us.is_none() {
-                // Looking for the end stops takes a tenth of a second.
+            if home && !looking {
+                // Each search is a new one: what was found before says nothing. Looking for the end stops takes a tenth of a second.
                 homing_us = Some(now_us + 100_000);
             }
+            looking = home;
             for (motor, torque_unm) in motors.iter_mut().zip(torque_unm) {
                 motor.turn(torque_unm);
             }
