@@ -3,14 +3,15 @@
 //     haptic_callback FILE.blob
 //
 // The device here is a spring-mass hand that leans on the organ; a real one has the same three functions.
+#include <algorithm>
 #include <array>
 #include <atomic>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
+#include <functional>
+#include <iterator>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -68,6 +69,9 @@ public:
     explicit Organ(const std::string &path)
     {
         std::ifstream file(path, std::ios::binary);
+        if (!file) {
+            throw std::runtime_error(path + ": cannot be opened");
+        }
         std::vector<char> bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
         blob_ = words(bytes.size());
         std::copy(bytes.begin(), bytes.end(), reinterpret_cast<char *>(blob_.get()));
@@ -82,6 +86,10 @@ public:
         }
         PalpateConfig config;
         palpate_config(PALPATE_METHOD_ENERGY, &config);
+        PalpateOrganInfo info;
+        palpate_organ_info(organ_, &info);
+        // The device's limits: never more than the scene was made for.
+        config.max_force_n = std::min(config.max_force_n, info.max_force_n);
         if (palpate_controller_open(as_bytes(controller_memory_), palpate_controller_size(), organ_, &config,
                                     &controller_, &problem)
             != PALPATE_STATUS_OK) {

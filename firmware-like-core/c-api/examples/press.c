@@ -14,24 +14,36 @@
 static void *load(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
-    long end = -1;
-    void *bytes = NULL;
-    if (file != NULL && fseek(file, 0, SEEK_END) == 0) {
-        end = ftell(file);
+    uint8_t *bytes = NULL;
+    size_t room = 1 << 16;
+    *size = 0;
+    if (file == NULL) {
+        fprintf(stderr, "press: cannot open %s: %s\n", path, strerror(errno));
+        return NULL;
     }
-    if (end > 0 && fseek(file, 0, SEEK_SET) == 0) {
-        size_t rounded = ((size_t)end + PALPATE_ALIGNMENT - 1) / PALPATE_ALIGNMENT * PALPATE_ALIGNMENT;
-        bytes = aligned_alloc(PALPATE_ALIGNMENT, rounded);
+    for (;;) {
+        /* Twice the room each time: a file need not know its length (a pipe does not). */
+        uint8_t *larger = aligned_alloc(PALPATE_ALIGNMENT, room);
+        if (larger == NULL) {
+            break;
+        }
+        if (bytes != NULL) {
+            memcpy(larger, bytes, *size);
+        }
+        free(bytes);
+        bytes = larger;
+        *size += fread(bytes + *size, 1, room - *size, file);
+        if (*size < room) {
+            break;
+        }
+        room *= 2;
     }
-    if (bytes == NULL || fread(bytes, 1, (size_t)end, file) != (size_t)end) {
+    if (ferror(file) || bytes == NULL) {
         fprintf(stderr, "press: cannot read %s: %s\n", path, strerror(errno));
         free(bytes);
         bytes = NULL;
     }
-    if (file != NULL) {
-        fclose(file);
-    }
-    *size = bytes == NULL ? 0 : (size_t)end;
+    fclose(file);
     return bytes;
 }
 
@@ -57,7 +69,16 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: press FILE.blob [METHOD]\n");
         return 2;
     }
-    uint32_t method = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : PALPATE_METHOD_ENERGY;
+    uint32_t method = PALPATE_METHOD_ENERGY;
+    if (argc > 2) {
+        char *end;
+        unsigned long number = strtoul(argv[2], &end, 10);
+        if (*end != '\0' || end == argv[2] || number > PALPATE_METHOD_ENERGY) {
+            fprintf(stderr, "press: METHOD is a number from 0 to %d (see PalpateMethod), not %s\n", PALPATE_METHOD_ENERGY, argv[2]);
+            return 2;
+        }
+        method = (uint32_t)number;
+    }
 
     size_t blob_size;
     void *blob = load(argv[1], &blob_size);
@@ -76,8 +97,10 @@ int main(int argc, char **argv)
     if (palpate_organ_open(organ_memory, palpate_organ_size(), blob, blob_size, &organ, &problem) != PALPATE_STATUS_OK) {
         return refused(&problem);
     }
-    palpate_organ_info(organ, &info);
-    palpate_space_info(organ, 0, &space);
+    if (palpate_organ_info(organ, &info) != PALPATE_STATUS_OK || palpate_space_info(organ, 0, &space) != PALPATE_STATUS_OK) {
+        fprintf(stderr, "press: the organ has no node to touch\n");
+        return 1;
+    }
     printf("%s, %s: %u space(s), %u vertices%s\n", info.scene, info.law, info.spaces, info.vertices,
            info.certified ? ", certified" : "");
 

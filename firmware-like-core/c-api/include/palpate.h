@@ -303,6 +303,10 @@ size_t palpate_controller_size(void);
 
 // Checks a configuration and makes a controller, disarmed. `memory` has at least palpate_controller_size() bytes, aligned to
 // PALPATE_ALIGNMENT; it and the organ must stay as long as the controller is used. `problem` may be null.
+//
+// # Safety
+//
+// If `memory` is not null, `memory_len` bytes may be written there, and stay as this function leaves them.
 enum PalpateStatus palpate_controller_open(uint8_t *memory,
                                            size_t memory_len,
                                            const struct PalpateOrgan *organ,
@@ -332,6 +336,10 @@ size_t palpate_organ_size(void);
 // Checks a blob once, and opens it where it lies. `memory` has at least palpate_organ_size() bytes, aligned to PALPATE_ALIGNMENT; the
 // blob starts at an address divisible by 8. Both must stay, and the blob unchanged, as long as the organ is used. `problem` may be
 // null. Not for the haptic loop: reads every byte of the blob.
+//
+// # Safety
+//
+// Pointers that are not null point to as many bytes as is said with them, which stay as this function leaves them.
 enum PalpateStatus palpate_organ_open(uint8_t *memory,
                                       size_t memory_len,
                                       const uint8_t *blob,
@@ -364,6 +372,10 @@ enum PalpateStatus palpate_surface(const struct PalpateOrgan *organ, struct Palp
 
 // Displacement of every vertex of the surface, m, at a displacement of a space's node. For the picture, 30 times a second; `out_m` has
 // room for `vertices` points, which are made zero where there is no answer.
+//
+// # Safety
+//
+// If `out_m` is not null, `vertices` points may be written there.
 enum PalpateStatus palpate_displacements(const struct PalpateOrgan *organ,
                                          uint32_t space,
                                          const float (*displacement_m)[3],

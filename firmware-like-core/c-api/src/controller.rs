@@ -2,19 +2,18 @@
 
 use core::mem::MaybeUninit;
 
-use palpate_core::profile::PC_SPACES;
 use palpate_core::{
     Command, Config, ContactConfig, Controller, Fault, LimitConfig, Method, Phase, Sample, State,
 };
 
 use crate::memory;
-use crate::organ::{PALPATE_ALIGNMENT, PalpateCoverage, PalpateOrgan, method, told};
+use crate::organ::{PALPATE_ALIGNMENT, PalpateCoverage, PalpateOrgan, SPACES, method, told};
 use crate::status::{PalpateProblem, PalpateStatus};
 
 /// An organ being rendered, in memory of the caller. Only this library looks inside.
 #[derive(Debug)]
 pub struct PalpateController {
-    controller: Controller<'static, 'static, PC_SPACES>,
+    controller: Controller<'static, 'static, SPACES>,
     state: State,
 }
 
@@ -237,8 +236,12 @@ pub extern "C" fn palpate_controller_size() -> usize {
 
 /// Checks a configuration and makes a controller, disarmed. `memory` has at least palpate_controller_size() bytes, aligned to
 /// PALPATE_ALIGNMENT; it and the organ must stay as long as the controller is used. `problem` may be null.
+///
+/// # Safety
+///
+/// If `memory` is not null, `memory_len` bytes may be written there, and stay as this function leaves them.
 #[unsafe(no_mangle)]
-pub extern "C" fn palpate_controller_open(
+pub unsafe extern "C" fn palpate_controller_open(
     memory: *mut u8,
     memory_len: usize,
     organ: Option<&'static PalpateOrgan>,
@@ -246,7 +249,8 @@ pub extern "C" fn palpate_controller_open(
     controller: Option<&mut MaybeUninit<*mut PalpateController>>,
     problem: Option<&mut MaybeUninit<PalpateProblem>>,
 ) -> PalpateStatus {
-    let mut opened = open(memory, memory_len, organ, config);
+    // SAFETY: the same promise.
+    let mut opened = unsafe { open(memory, memory_len, organ, config) };
     match controller {
         Some(controller) => {
             let handle = opened.as_mut().map_or(core::ptr::null_mut(), |opened| core::ptr::from_mut(*opened));
@@ -257,7 +261,8 @@ pub extern "C" fn palpate_controller_open(
     }
 }
 
-fn open(
+#[allow(clippy::mut_from_ref, reason = "in the caller's memory, not in the organ's")]
+unsafe fn open(
     memory: *mut u8,
     memory_len: usize,
     organ: Option<&'static PalpateOrgan>,
@@ -270,7 +275,8 @@ fn open(
     let config = config.to_config().ok_or(of(PalpateStatus::NoSuchMethod))?;
     let controller = Controller::new(organ, config)?;
     let state = State::new();
-    memory::place(memory, memory_len, PalpateController { controller, state })
+    // SAFETY: the caller's promise.
+    unsafe { memory::place(memory, memory_len, PalpateController { controller, state }) }
         .ok_or(of(PalpateStatus::Memory))
 }
 

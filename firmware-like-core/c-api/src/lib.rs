@@ -13,8 +13,8 @@
 //! - what cannot be checked is the caller's to keep: that a pointer that is not null points to what its type says, and that the blob and
 //!   the organ outlive what was opened on them.
 //!
-//! Unsafe blocks are confined to `memory.rs`, where bytes of the caller become Rust's; arguments elsewhere are `Option<&T>`, which C sees as
-//! pointers that may be null. What else is called unsafe are the exported names.
+//! Bytes of the caller become Rust's in `memory.rs` alone; three functions pass it pointers with lengths, and are unsafe therefore. Arguments
+//! elsewhere are `Option<&T>`, which C sees as pointers that may be null.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
 mod controller;

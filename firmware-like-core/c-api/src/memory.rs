@@ -1,12 +1,17 @@
-//! Where bytes of the caller become Rust's: the only unsafe blocks of the library.
+//! Where bytes of the caller become Rust's.
 //!
-//! Every function here believes what `palpate.h` asks of the caller: a pointer that is not null is good for the length given with it.
+//! Every function here believes what `palpate.h` asks of the caller: a pointer that is not null is good for the length given with it. The
+//! three exported functions that take such pointers are unsafe for that reason, and pass the promise on.
 
 use core::mem::MaybeUninit;
 use core::slice;
 
 /// Moves `value` into the caller's memory. `None` if that is null, too small or not aligned for it.
-pub(crate) fn place<T>(memory: *mut u8, len: usize, value: T) -> Option<&'static mut T> {
+///
+/// # Safety
+///
+/// If not null, `len` bytes at `memory` are the caller's to write, and nobody else's while what is returned is in use.
+pub(crate) unsafe fn place<T>(memory: *mut u8, len: usize, value: T) -> Option<&'static mut T> {
     let good = !memory.is_null() && memory.addr().is_multiple_of(align_of::<T>()) && len >= size_of::<T>();
     if !good {
         return None;
@@ -18,7 +23,11 @@ pub(crate) fn place<T>(memory: *mut u8, len: usize, value: T) -> Option<&'static
 }
 
 /// `len` bytes of the caller's. `None` if null.
-pub(crate) fn bytes(start: *const u8, len: usize) -> Option<&'static [u8]> {
+///
+/// # Safety
+///
+/// If not null, `len` bytes may be read at `start`, and stay as they are while what is returned is in use.
+pub(crate) unsafe fn bytes(start: *const u8, len: usize) -> Option<&'static [u8]> {
     if start.is_null() || len > isize::MAX as usize {
         return None;
     }
@@ -27,7 +36,11 @@ pub(crate) fn bytes(start: *const u8, len: usize) -> Option<&'static [u8]> {
 }
 
 /// `len` points of the caller's to write to. `None` if null or not aligned.
-pub(crate) fn points<'a>(start: *mut [f32; 3], len: usize) -> Option<&'a mut [[f32; 3]]> {
+///
+/// # Safety
+///
+/// If not null, `len` points may be written at `start`, by nobody else while what is returned is in use.
+pub(crate) unsafe fn points<'a>(start: *mut [f32; 3], len: usize) -> Option<&'a mut [[f32; 3]]> {
     let too_long = len > isize::MAX as usize / size_of::<[f32; 3]>();
     if start.is_null() || too_long || !start.addr().is_multiple_of(align_of::<[f32; 3]>()) {
         return None;

@@ -3,11 +3,22 @@
 use core::ffi::c_char;
 use core::mem::MaybeUninit;
 
-use palpate_core::profile::{Limits, PC_SPACES};
+use palpate_core::profile::{self, Limits};
 use palpate_core::{Coverage, Method, Organ, Space, Vec3};
 
 use crate::memory;
 use crate::status::{PalpateProblem, PalpateStatus};
+
+/// What this library holds: that of a PC, or with the feature `microcontroller` that of one.
+#[cfg(not(feature = "microcontroller"))]
+pub(crate) const SPACES: usize = profile::PC_SPACES;
+#[cfg(not(feature = "microcontroller"))]
+const LIMITS: Limits = Limits::PC;
+/// For a microcontroller.
+#[cfg(feature = "microcontroller")]
+pub(crate) const SPACES: usize = profile::MICROCONTROLLER_SPACES;
+#[cfg(feature = "microcontroller")]
+const LIMITS: Limits = Limits::MICROCONTROLLER;
 
 /// What the memory for organs and controllers must be aligned to, bytes.
 pub const PALPATE_ALIGNMENT: usize = 16;
@@ -18,7 +29,7 @@ pub const PALPATE_NAME_LEN: usize = 72;
 /// An opened blob, in memory of the caller. Only this library looks inside.
 #[derive(Debug)]
 pub struct PalpateOrgan {
-    pub(crate) organ: Organ<'static, PC_SPACES>,
+    pub(crate) organ: Organ<'static, SPACES>,
 }
 
 const _: () = assert!(align_of::<PalpateOrgan>() <= PALPATE_ALIGNMENT);
@@ -173,8 +184,12 @@ pub extern "C" fn palpate_organ_size() -> usize {
 /// Checks a blob once, and opens it where it lies. `memory` has at least palpate_organ_size() bytes, aligned to PALPATE_ALIGNMENT; the
 /// blob starts at an address divisible by 8. Both must stay, and the blob unchanged, as long as the organ is used. `problem` may be
 /// null. Not for the haptic loop: reads every byte of the blob.
+///
+/// # Safety
+///
+/// Pointers that are not null point to as many bytes as is said with them, which stay as this function leaves them.
 #[unsafe(no_mangle)]
-pub extern "C" fn palpate_organ_open(
+pub unsafe extern "C" fn palpate_organ_open(
     memory: *mut u8,
     memory_len: usize,
     blob: *const u8,
@@ -182,7 +197,8 @@ pub extern "C" fn palpate_organ_open(
     organ: Option<&mut MaybeUninit<*const PalpateOrgan>>,
     problem: Option<&mut MaybeUninit<PalpateProblem>>,
 ) -> PalpateStatus {
-    let opened = open(memory, memory_len, blob, blob_len);
+    // SAFETY: the same promise.
+    let opened = unsafe { open(memory, memory_len, blob, blob_len) };
     let handle = opened.as_ref().map_or(core::ptr::null(), |opened| core::ptr::from_ref(*opened));
     match organ {
         Some(organ) => {
@@ -193,17 +209,21 @@ pub extern "C" fn palpate_organ_open(
     }
 }
 
-fn open(
+unsafe fn open(
     memory: *mut u8,
     memory_len: usize,
     blob: *const u8,
     blob_len: usize,
 ) -> Result<&'static PalpateOrgan, PalpateProblem> {
     let too_small = PalpateProblem::of(PalpateStatus::Memory);
-    let blob = memory::bytes(blob, blob_len).ok_or(PalpateProblem::of(PalpateStatus::NullArgument))?;
+    // SAFETY: the caller's promise.
+    let blob =
+        unsafe { memory::bytes(blob, blob_len) }.ok_or(PalpateProblem::of(PalpateStatus::NullArgument))?;
     // In place: on the stack it would be large.
-    let opened = memory::place(memory, memory_len, PalpateOrgan { organ: Organ::EMPTY }).ok_or(too_small)?;
-    opened.organ.load(blob, &Limits::PC)?;
+    // SAFETY: the caller's promise.
+    let opened = unsafe { memory::place(memory, memory_len, PalpateOrgan { organ: Organ::empty() }) }
+        .ok_or(too_small)?;
+    opened.organ.load(blob, &LIMITS)?;
     Ok(opened)
 }
 
@@ -377,15 +397,22 @@ pub extern "C" fn palpate_surface(
 
 /// Displacement of every vertex of the surface, m, at a displacement of a space's node. For the picture, 30 times a second; `out_m` has
 /// room for `vertices` points, which are made zero where there is no answer.
+///
+/// # Safety
+///
+/// If `out_m` is not null, `vertices` points may be written there.
 #[unsafe(no_mangle)]
-pub extern "C" fn palpate_displacements(
+pub unsafe extern "C" fn palpate_displacements(
     organ: Option<&PalpateOrgan>,
     space: u32,
     displacement_m: Option<&[f32; 3]>,
     out_m: *mut [f32; 3],
     vertices: usize,
 ) -> PalpateStatus {
-    let Some(out_m) = memory::points(out_m, vertices) else { return PalpateStatus::NullArgument };
+    // SAFETY: the caller's promise.
+    let Some(out_m) = (unsafe { memory::points(out_m, vertices) }) else {
+        return PalpateStatus::NullArgument;
+    };
     let (Some(organ), Some(displacement_m)) = (organ, displacement_m) else {
         return PalpateStatus::NullArgument;
     };

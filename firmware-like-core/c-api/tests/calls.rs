@@ -20,14 +20,17 @@ fn golden() -> &'static mut [u8] {
 
 fn open(place: &mut [u8], blob: &[u8]) -> Result<&'static PalpateOrgan, PalpateProblem> {
     let (mut organ, mut problem) = (MaybeUninit::new(ptr::dangling()), MaybeUninit::uninit());
-    let status = palpate_organ_open(
-        place.as_mut_ptr(),
-        place.len(),
-        blob.as_ptr(),
-        blob.len(),
-        Some(&mut organ),
-        Some(&mut problem),
-    );
+    // SAFETY: slices are as long as they say.
+    let status = unsafe {
+        palpate_organ_open(
+            place.as_mut_ptr(),
+            place.len(),
+            blob.as_ptr(),
+            blob.len(),
+            Some(&mut organ),
+            Some(&mut problem),
+        )
+    };
     // SAFETY: both were written, whatever came of it; the organ lies in leaked memory.
     let (organ, problem) = unsafe { (organ.assume_init().as_ref(), problem.assume_init()) };
     assert_eq!(problem.status, status);
@@ -55,14 +58,17 @@ fn controller(
 ) -> Result<&'static mut PalpateController, PalpateStatus> {
     let place = memory(palpate_controller_size());
     let mut controller = MaybeUninit::uninit();
-    let status = palpate_controller_open(
-        place.as_mut_ptr(),
-        place.len(),
-        Some(organ),
-        Some(config),
-        Some(&mut controller),
-        None,
-    );
+    // SAFETY: a slice is as long as it says.
+    let status = unsafe {
+        palpate_controller_open(
+            place.as_mut_ptr(),
+            place.len(),
+            Some(organ),
+            Some(config),
+            Some(&mut controller),
+            None,
+        )
+    };
     // SAFETY: written, and in leaked memory.
     unsafe { controller.assume_init().as_mut() }.ok_or(status)
 }
@@ -88,10 +94,13 @@ fn blobs_are_refused_with_their_reason() {
     let shifted = memory(blob.len() + 16);
     shifted[4..4 + blob.len()].copy_from_slice(golden());
     assert_eq!(refused(place, &shifted[4..4 + blob.len()]).status, PalpateStatus::Misaligned);
-    let nothing =
-        palpate_organ_open(place.as_mut_ptr(), size, ptr::null(), 10, Some(&mut MaybeUninit::uninit()), None);
+    // SAFETY: null is no promise.
+    let nothing = unsafe {
+        palpate_organ_open(place.as_mut_ptr(), size, ptr::null(), 10, Some(&mut MaybeUninit::uninit()), None)
+    };
     assert_eq!(nothing, PalpateStatus::NullArgument);
-    let nowhere = palpate_organ_open(ptr::null_mut(), size, blob.as_ptr(), blob.len(), None, None);
+    // SAFETY: null is no promise, and slices are as long as they say.
+    let nowhere = unsafe { palpate_organ_open(ptr::null_mut(), size, blob.as_ptr(), blob.len(), None, None) };
     assert_eq!(nowhere, PalpateStatus::NullArgument);
 }
 
@@ -127,12 +136,12 @@ fn queries_answer_or_say_why_not() {
     let (_, surface) = written(|out| palpate_surface(Some(organ), Some(out)));
     assert_eq!((surface.vertices, info.vertices), (347, 347));
     let mut moved = vec![[1.0_f32; 3]; 347];
-    let none = palpate_displacements(Some(organ), 0, Some(&d), moved.as_mut_ptr(), moved.len());
+    // SAFETY: a slice is as long as it says.
+    let none = unsafe { palpate_displacements(Some(organ), 0, Some(&d), moved.as_mut_ptr(), moved.len()) };
     assert_eq!((none, moved.iter().all(|u| *u == [0.0; 3])), (PalpateStatus::NoDisplacements, true));
-    assert_eq!(
-        palpate_displacements(Some(organ), 0, Some(&d), ptr::null_mut(), 3),
-        PalpateStatus::NullArgument
-    );
+    // SAFETY: null is no promise.
+    let nowhere = unsafe { palpate_displacements(Some(organ), 0, Some(&d), ptr::null_mut(), 3) };
+    assert_eq!(nowhere, PalpateStatus::NullArgument);
 }
 
 #[test]
@@ -154,14 +163,17 @@ fn a_controller_presses_faults_and_is_reset() {
     let mut bad = MaybeUninit::uninit();
     let place = memory(palpate_controller_size());
     let negative = PalpateConfig { max_slew_n_per_s: -1.0, ..config };
-    palpate_controller_open(
-        place.as_mut_ptr(),
-        place.len(),
-        Some(organ),
-        Some(&negative),
-        Some(&mut MaybeUninit::uninit()),
-        Some(&mut bad),
-    );
+    // SAFETY: a slice is as long as it says.
+    unsafe {
+        palpate_controller_open(
+            place.as_mut_ptr(),
+            place.len(),
+            Some(organ),
+            Some(&negative),
+            Some(&mut MaybeUninit::uninit()),
+            Some(&mut bad),
+        );
+    }
     // SAFETY: a problem that is asked for is written.
     assert_eq!(what(unsafe { bad.assume_init_ref() }), "max_slew_n_per_s");
 

@@ -64,21 +64,24 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
 
     /// Checks a blob and opens it in place. `bytes` starts at an address divisible by 8 and holds exactly one blob.
     pub fn read_within(bytes: &'a [u8], limits: &Limits) -> Result<Self, BlobError> {
-        let mut organ = Self::EMPTY;
+        let mut organ = Self::empty();
         organ.load(bytes, limits)?;
         Ok(organ)
     }
 
-    /// Nothing: no space, no surface, no force.
-    pub const EMPTY: Self = Self {
-        scene: String::new(),
-        law: String::new(),
-        max_force_n: 0.0,
-        mesh_hash: [0; 32],
-        spaces: Vec::new(),
-        surface: Surface { node: &[], position_m: [&[]; 3], triangles: &[], fixed: &[] },
-        certificate: None,
-    };
+    /// Nothing: no space, no surface, no force. A function and not a constant: that would be as large in flash as the organ is.
+    #[inline(always)]
+    pub fn empty() -> Self {
+        Self {
+            scene: String::new(),
+            law: String::new(),
+            max_force_n: 0.0,
+            mesh_hash: [0; 32],
+            spaces: Vec::new(),
+            surface: Surface::default(),
+            certificate: None,
+        }
+    }
 
     /// [`Organ::read_within`] where the organ lies already: an organ of many spaces is large for a stack. After an error it is
     /// to be thrown away.
