@@ -62,6 +62,10 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// All of them.
+    pub const ALL: [Self; 5] =
+        [Self::NotFinite, Self::Stale, Self::Overspeed, Self::Workspace, Self::Internal];
+
     /// The name used in logs and reports.
     pub const fn name(self) -> &'static str {
         match self {

@@ -32,6 +32,12 @@ impl BlobFile {
         Self { words, len: bytes.len() }
     }
 
+    /// BLAKE3 of the file, hexadecimal: what a recording knows its blob by.
+    #[must_use]
+    pub fn blake3(&self) -> String {
+        blake3::hash(self.bytes()).to_hex().to_string()
+    }
+
     /// The file, byte for byte.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {

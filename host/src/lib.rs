@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! device <-> haptic thread (core's controller, 1 kHz) -> latest value -> viewer (30 Hz)
-//!                                                     -> bounded queue -> caller (recording, reports)
+//!                                                     -> bounded queue -> caller (reports) -> recorder -> FILE.mcap
+//! FILE.mcap -> the same loop on a virtual clock (replay): the same forces, bit for bit
 //! ```
 //!
 //! In: a blob, a device, a configuration. Out: forces to the hand, pictures, one record a tick, and what the timing came to.
@@ -19,6 +20,8 @@ pub mod blob_file;
 pub mod deformation;
 pub mod device;
 pub mod instructions;
+pub mod recording;
+pub mod replay;
 pub mod rt;
 pub mod session;
 pub mod sys;
@@ -31,5 +34,7 @@ mod synthetic;
 pub use blob_file::BlobFile;
 pub use device::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 pub use instructions::{Instructions, Interpolator};
+pub use recording::{Recorder, Recording};
+pub use replay::replay;
 pub use rt::TickRecord;
 pub use session::{SessionError, SessionOptions, SessionSummary, run_session};

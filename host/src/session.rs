@@ -343,7 +343,7 @@ fn summary(
         dropped_records: outcome.dropped_records,
         device_errors: outcome.device_errors,
         touch,
-        frames_written: screen.frames.as_ref().map_or(0, FrameWriter::written),
+        frames_written: screen.frames_written(),
         mean_frame_ms: if screen.drawn == 0 {
             0.0
         } else {
@@ -361,7 +361,7 @@ impl Drop for SetOnDrop<'_> {
 }
 
 /// The viewer of a session, whichever kind it is.
-struct Screen {
+pub(crate) struct Screen {
     renderer: Option<Renderer>,
     window: Option<ViewWindow>,
     /// Frames, or screenshots of a window.
@@ -374,7 +374,11 @@ struct Screen {
 }
 
 impl Screen {
-    fn open<const N: usize>(organ: &Organ<'_, N>, config: &Config, view: &View) -> Result<Self, ViewerError> {
+    pub(crate) fn open<const N: usize>(
+        organ: &Organ<'_, N>,
+        config: &Config,
+        view: &View,
+    ) -> Result<Self, ViewerError> {
         let mut screen = Self {
             renderer: None,
             window: None,
@@ -403,15 +407,20 @@ impl Screen {
         Ok(screen)
     }
 
-    fn is_due(&self) -> bool {
+    /// Frames written so far.
+    pub(crate) fn frames_written(&self) -> u64 {
+        self.frames.as_ref().map_or(0, FrameWriter::written)
+    }
+
+    pub(crate) fn is_due(&self) -> bool {
         self.renderer.is_some() && Instant::now() >= self.due
     }
 
-    fn time_left(&self) -> Duration {
+    pub(crate) fn time_left(&self) -> Duration {
         if self.renderer.is_some() { self.due.saturating_duration_since(Instant::now()) } else { DRAIN_PAUSE }
     }
 
-    fn show<const N: usize>(
+    pub(crate) fn show<const N: usize>(
         &mut self,
         organ: &Organ<'_, N>,
         record: &TickRecord,

@@ -9,7 +9,7 @@ use nix::time::{ClockId, clock_gettime};
 use palpate_core::{Config, Controller, Method, Organ, State};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::rt::TickRecord;
+use palpate_host::rt::{Applied, TickRecord};
 use palpate_host::viewer::frames::write_png;
 use palpate_host::viewer::{Image, Live, Renderer, RendererConfig};
 use std::path::Path;
@@ -32,6 +32,8 @@ fn pictures(organ: &Organ<'_>, picture: RendererConfig, at: &[u64]) -> Vec<(Tick
         let record = TickRecord {
             tick,
             t_us: now_us,
+            sample,
+            applied: Applied::default(),
             hip_m: command.hip_m,
             displacement_m: command.displacement_m,
             engaged: command.engaged,

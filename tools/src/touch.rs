@@ -1,13 +1,17 @@
 //! A session of the real-time loop as the command line starts it: `run` and `demo` share it.
 
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
 
 use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
 use palpate_host::viewer::{RendererConfig, ViewerError};
-use palpate_host::{Device, SessionError, SessionOptions, SessionSummary, run_session};
+use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
 
 use crate::failure::Failure;
 
@@ -26,6 +30,65 @@ pub(crate) struct Show<'p> {
     pub headless: bool,
     /// Where frames and screenshots go.
     pub pictures: &'p Path,
+    /// What is recorded, if anything.
+    pub record: Option<Record<'p>>,
+}
+
+impl Show<'_> {
+    /// PNG frames.
+    pub(crate) fn frames(&self) -> View {
+        View::Frames {
+            directory: self.pictures.to_path_buf(),
+            rate_hz: HEADLESS_RATE_HZ,
+            picture: RendererConfig::still(),
+        }
+    }
+
+    /// A window, or PNG frames if asked for.
+    pub(crate) fn view(&self) -> View {
+        if self.headless {
+            self.frames()
+        } else {
+            View::Window { screenshots: self.pictures.to_path_buf(), picture: RendererConfig::live() }
+        }
+    }
+}
+
+/// A recording to be made.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Record<'p> {
+    /// The .mcap file, which must not be there yet.
+    pub path: &'p Path,
+    /// BLAKE3 of the blob.
+    pub blob_blake3: &'p str,
+}
+
+impl Record<'_> {
+    fn start(
+        &self,
+        organ: &Organ<'_>,
+        config: Config,
+        options: &SessionOptions,
+        device: DeviceInfo,
+    ) -> Result<Recorder<BufWriter<File>>, Failure> {
+        let blob = self.blob_blake3.into();
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let start_unix_ns = since_1970.as_nanos() as u64;
+        let header = Header::new(organ, blob, config, options.haptic, device, start_unix_ns);
+        // A recording of a hand cannot be made again: never over another one.
+        let file = File::create_new(self.path).map_err(|error| Failure::file(self.path, &error))?;
+        Recorder::start(BufWriter::new(file), &header)
+            .map_err(|error| Failure::work(format!("{}: {error}", self.path.display())))
+    }
+}
+
+/// What a session came to, and its recording.
+#[derive(Debug)]
+pub(crate) struct Touched {
+    /// The session.
+    pub summary: SessionSummary,
+    /// What was recorded.
+    pub recording: Option<RecorderReport>,
 }
 
 /// Controller settings for `organ` and a device of `device_force_n` and `device_stiffness_n_m`.
@@ -56,18 +119,9 @@ pub(crate) fn run<D: Device>(
     stop: &AtomicBool,
     mut device: impl FnMut() -> Result<D, Failure>,
     mut on_record: impl FnMut(&TickRecord),
-) -> Result<SessionSummary, Failure> {
-    let frames = View::Frames {
-        directory: show.pictures.to_path_buf(),
-        rate_hz: HEADLESS_RATE_HZ,
-        picture: RendererConfig::still(),
-    };
-    let window = View::Window { screenshots: show.pictures.to_path_buf(), picture: RendererConfig::live() };
-    let mut options = SessionOptions {
-        seconds: show.seconds,
-        view: if show.headless { frames.clone() } else { window },
-        ..SessionOptions::default()
-    };
+) -> Result<Touched, Failure> {
+    let mut options =
+        SessionOptions { seconds: show.seconds, view: show.view(), ..SessionOptions::default() };
     let mut moved = false;
     loop {
         let device = device()?;
@@ -75,21 +129,33 @@ pub(crate) fn run<D: Device>(
         let config = config(organ, method, info.max_force_n, info.max_stiffness_n_m);
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
-        match run_session(organ, config, device, &options, stop, |record| {
+        let record = show.record.map(|record| record.start(organ, config, &options, info));
+        let mut recorder = record.transpose()?;
+        let ended = run_session(organ, config, device, &options, stop, |record| {
             moved = true;
+            if let Some(recorder) = &mut recorder {
+                recorder.take(record);
+            }
             on_record(record);
-        }) {
+        });
+        let end = ended.as_ref().ok().map(End::of_session);
+        let recording = recorder.map(|recorder| recorder.finish(end));
+        if let (true, false, Some(record)) = (ended.is_err(), moved, show.record) {
+            // Made by this very call, and without a tick.
+            std::fs::remove_file(record.path).map_err(|error| Failure::file(record.path, &error))?;
+        }
+        match ended {
             Err(SessionError::Viewer(ViewerError::NoDisplay(error)))
                 if matches!(options.view, View::Window { .. }) && !moved =>
             {
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
-                options.view = frames.clone();
+                options.view = show.frames();
             }
             Err(error @ (SessionError::Controller(_) | SessionError::Seconds(_))) => {
                 return Err(Failure::input(error));
             }
             Err(error) => return Err(Failure::work(error)),
-            Ok(summary) => return Ok(summary),
+            Ok(summary) => return Ok(Touched { summary, recording }),
         }
     }
 }

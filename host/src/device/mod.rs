@@ -4,6 +4,7 @@
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
 pub mod polhem;
+pub mod replay;
 pub mod script;
 pub mod simulated;
 pub mod workspace;

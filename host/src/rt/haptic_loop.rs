@@ -3,9 +3,9 @@
 //! Once `run` has begun nothing here allocates, locks, formats or writes. A tick that ends after the next deadline makes the
 //! loop skip what has passed: the hand gets a gap, never a burst of ticks that pretend to be a millisecond apart.
 
-use super::TickRecord;
 use super::clock::Clock;
 use super::latency::LatencyRecorder;
+use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -52,17 +52,30 @@ impl Controls {
         self.reset.store(true, Ordering::Relaxed);
     }
 
+    /// Asks again for what was done before a recorded tick.
+    pub fn repeat(&self, applied: Applied) {
+        self.reset.store(applied.reset, Ordering::Relaxed);
+        self.arm.store(applied.arm, Ordering::Relaxed);
+        self.disarm.store(applied.disarm, Ordering::Relaxed);
+    }
+
     /// Disarming goes last, so that it wins over whatever was asked in the same tick.
-    fn apply(&self, state: &mut State) {
-        if self.reset.swap(false, Ordering::Relaxed) {
+    fn apply(&self, state: &mut State) -> Applied {
+        let applied = Applied {
+            reset: self.reset.swap(false, Ordering::Relaxed),
+            arm: self.arm.swap(false, Ordering::Relaxed),
+            disarm: self.disarm.swap(false, Ordering::Relaxed),
+        };
+        if applied.reset {
             state.reset();
         }
-        if self.arm.swap(false, Ordering::Relaxed) {
+        if applied.arm {
             state.arm();
         }
-        if self.disarm.swap(false, Ordering::Relaxed) {
+        if applied.disarm {
             state.disarm();
         }
+        applied
     }
 }
 
@@ -235,7 +248,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
                 None
             }
         };
-        self.controls.apply(&mut self.state);
+        let applied = self.controls.apply(&mut self.state);
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
@@ -256,6 +269,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         let record = TickRecord {
             tick: index,
             t_us: now_us,
+            sample,
+            applied,
             hip_m: command.hip_m,
             displacement_m: command.displacement_m,
             engaged: command.engaged,

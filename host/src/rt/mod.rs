@@ -9,15 +9,32 @@ pub use clock::{Clock, MonotonicClock, VirtualClock};
 pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
 pub use latency::{LatencyRecorder, LatencyReport, Percentiles};
 
-use palpate_core::{Coverage, Phase, Vec3, vec3};
+use palpate_core::{Coverage, Phase, Sample, Vec3, vec3};
 
-/// Everything one tick has to tell, small enough to be copied through a queue.
+/// What was asked of the controller from other threads before a tick, in the order in which it was done.
+///
+/// A press of the arming button is not in it: it follows from the samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Applied {
+    /// A latched fault was cleared.
+    pub reset: bool,
+    /// Rendering was asked for.
+    pub arm: bool,
+    /// Rendering was ended.
+    pub disarm: bool,
+}
+
+/// Everything one tick has to tell, what went into it and what came out, small enough to be copied through a queue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickRecord {
     /// Number of the deadline this tick ran for; a gap means skipped deadlines.
     pub tick: u64,
     /// Time of the tick since the loop began, us.
     pub t_us: u64,
+    /// What the device said, if it said anything.
+    pub sample: Option<Sample>,
+    /// What was asked of the controller before the tick.
+    pub applied: Applied,
     /// HIP, model frame, m.
     pub hip_m: Vec3,
     /// Displacement of the engaged node, m; zero when free.
@@ -47,6 +64,8 @@ impl TickRecord {
     pub const NOTHING: Self = Self {
         tick: 0,
         t_us: 0,
+        sample: None,
+        applied: Applied { reset: false, arm: false, disarm: false },
         hip_m: vec3::ZERO,
         displacement_m: vec3::ZERO,
         engaged: None,

@@ -234,9 +234,10 @@ fn palpate(
     // The tour touches every active node once in the time there is.
     let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
     let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
-    let show = touch::Show { seconds: Some(args.seconds), headless: args.headless, pictures: frames };
+    let show =
+        touch::Show { seconds: Some(args.seconds), headless: args.headless, pictures: frames, record: None };
     let mut visits = Vec::new();
-    let summary = touch::run(
+    let touched = touch::run(
         organ,
         args.method,
         show,
@@ -252,7 +253,7 @@ fn palpate(
             }
         },
     )?;
-    Ok((summary, visits))
+    Ok((touched.summary, visits))
 }
 
 /// `count` visits, evenly spread over the session.

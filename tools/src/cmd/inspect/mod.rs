@@ -1,7 +1,8 @@
-//! `palpate inspect`: what a mesh, a scene, a space or a blob holds.
+//! `palpate inspect`: what a mesh, a scene, a space, a blob or a recording holds.
 
 pub(crate) mod certificate;
 mod held_out;
+mod recording;
 mod space;
 
 use std::path::{Path, PathBuf};
@@ -15,10 +16,12 @@ use crate::failure::Failure;
 use crate::output;
 use crate::workbench::Workbench;
 
-/// Show what a mesh, scene (.toml), space (.space) or blob (.blob) holds.
+/// Show what a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap) holds.
 ///
 /// Of a space: points by tag, failures by reason, retries, folds (neighbours on different branches), inverted and unstable
 /// states, forces, iterations and seconds.
+///
+/// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
 /// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their smallest
 /// dihedral angles, and warnings with the mend.
@@ -26,7 +29,7 @@ use crate::workbench::Workbench;
 pub(crate) struct Args {
     /// The file
     file: PathBuf,
-    /// Of a .space: write one row per configuration to this CSV file, sorted, full precision
+    /// Of a .space or .mcap: write one row per configuration (sorted) or tick to this CSV file, full precision
     #[arg(long)]
     csv: Option<PathBuf>,
     /// With --csv: one row per try, those that were given up or superseded too
@@ -54,16 +57,18 @@ fn unit(text: &str) -> Result<LengthUnit, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let kind = args.file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    if [&args.csv, &args.vtu, &args.held_out].iter().any(|file| file.is_some()) && kind != "space" {
-        let what = "--csv, --vtu and --held-out are for .space files";
+    let of_spaces = args.vtu.is_some() || args.held_out.is_some() || args.all_tries;
+    if kind != "space" && (of_spaces || (args.csv.is_some() && kind != "mcap")) {
+        let what = "--vtu, --held-out and --all-tries are for .space files, --csv for .space and .mcap files";
         return Err(Failure::input(format!("{}: {what}", args.file.display())));
     }
-    if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml") {
+    if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml" | "mcap") {
         return Err(Failure::input(format!("{}: --unit is for mesh files", args.file.display())));
     }
     let (text, figures) = match kind.as_str() {
         "space" => space::show(args)?,
         "blob" => blob(&args.file)?,
+        "mcap" => recording::show(&args.file, args.csv.as_deref())?,
         "toml" => scene(&args.file)?,
         _ => mesh(&args.file, args.unit.unwrap_or_default())?,
     };

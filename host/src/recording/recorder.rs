@@ -1,0 +1,220 @@
+//! The thread that writes a recording, behind a bounded queue of its own.
+//!
+//! The thread that drains the haptic queue also draws. A disk that stalls for seconds (a busy one, one over the network) must neither
+//! freeze the picture nor fill the haptic queue, so writing has a thread and a queue of its own, and what does not fit is dropped and
+//! counted. A lock of the standard library's channel is fine here: neither end is the haptic thread.
+
+use super::header::{End, Header};
+use super::{RecordingError, TickWriter};
+use crate::rt::TickRecord;
+use std::io::Write;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Ticks that may wait for the disk: half a minute at 1 kHz, in less than 5 MB.
+const QUEUE_TICKS: usize = 32_768;
+
+/// What a recording came to.
+#[derive(Debug)]
+pub struct RecorderReport {
+    /// Ticks written.
+    pub ticks: u64,
+    /// Records that came while the queue was full, or after an error.
+    pub dropped: u64,
+    /// What ended the recording early.
+    pub error: Option<RecordingError>,
+}
+
+/// Takes records without waiting; its thread writes them.
+#[derive(Debug)]
+pub struct Recorder<W: Write> {
+    queue: SyncSender<TickRecord>,
+    thread: JoinHandle<Written<W>>,
+    dropped: u64,
+}
+
+#[derive(Debug)]
+struct Written<W: Write> {
+    writer: TickWriter<W>,
+    error: Option<RecordingError>,
+}
+
+impl<W: Write + Send + 'static> Recorder<W> {
+    /// Writes the header, then starts the thread.
+    pub fn start(stream: W, header: &Header) -> Result<Self, RecordingError> {
+        Self::with_queue(stream, header, QUEUE_TICKS)
+    }
+
+    /// With room for so many ticks.
+    pub fn with_queue(stream: W, header: &Header, ticks: usize) -> Result<Self, RecordingError> {
+        let writer = TickWriter::new(stream, header)?;
+        // A queue of no place would make the sender wait for the receiver.
+        let (queue, records) = sync_channel(ticks.max(1));
+        let thread =
+            Builder::new().name("palpate-recorder".into()).spawn(move || write_all(writer, &records))?;
+        Ok(Self { queue, thread, dropped: 0 })
+    }
+
+    /// Takes a record; never waits.
+    pub fn take(&mut self, record: &TickRecord) {
+        self.dropped += u64::from(self.queue.try_send(*record).is_err());
+    }
+
+    /// Waits for what is queued to be written, and ends the recording.
+    pub fn finish(self, end: Option<End>) -> RecorderReport {
+        let Self { queue, thread, dropped } = self;
+        drop(queue);
+        let Ok(Written { writer, error }) = thread.join() else {
+            return RecorderReport { ticks: 0, dropped, error: Some(RecordingError::Panicked) };
+        };
+        let ticks = writer.ticks();
+        let end = end.map(|end| End { dropped_by_recorder: dropped, ..end });
+        let error = error.or_else(|| writer.finish(end.as_ref()).err());
+        RecorderReport { ticks, dropped, error }
+    }
+}
+
+fn write_all<W: Write>(mut writer: TickWriter<W>, records: &Receiver<TickRecord>) -> Written<W> {
+    for record in records {
+        if let Err(error) = writer.write(&record) {
+            // The receiver goes with this thread: whatever comes after is counted as dropped.
+            return Written { writer, error: Some(error) };
+        }
+    }
+    Written { writer, error: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::header::tests::header;
+    use super::super::message::tests::full;
+    use super::super::reader::Recording;
+    use super::*;
+    use std::io;
+    use std::sync::{Arc, Condvar, Mutex};
+
+    /// A disk that stalls while told to, and says when somebody waits for it.
+    #[derive(Default)]
+    struct Gate {
+        state: Mutex<(bool, bool)>,
+        changed: Condvar,
+    }
+
+    impl Gate {
+        fn set(&self, closed: bool) {
+            self.state.lock().expect("no panic").0 = closed;
+            self.changed.notify_all();
+        }
+
+        fn pass(&self) {
+            let mut state = self.state.lock().expect("no panic");
+            while state.0 {
+                state.1 = true;
+                self.changed.notify_all();
+                state = self.changed.wait(state).expect("no panic");
+            }
+        }
+
+        fn until_somebody_waits(&self) {
+            let state = self.state.lock().expect("no panic");
+            drop(self.changed.wait_while(state, |state| !state.1).expect("no panic"));
+        }
+    }
+
+    struct Disk {
+        bytes: Arc<Mutex<Vec<u8>>>,
+        gate: Arc<Gate>,
+        /// Writes beyond so many bytes fail.
+        capacity: usize,
+    }
+
+    impl Write for Disk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.gate.pass();
+            let mut disk = self.bytes.lock().expect("no panic");
+            if disk.len() + bytes.len() > self.capacity {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            disk.extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    fn record(tick: u64) -> TickRecord {
+        TickRecord { tick, t_us: tick * 1_000, skipped_periods: 0, ..full() }
+    }
+
+    fn end() -> End {
+        End {
+            ticks: 0,
+            dropped_by_loop: 0,
+            dropped_by_recorder: 0,
+            device_errors: 2,
+            reason: "completed".into(),
+            phase: "active".into(),
+        }
+    }
+
+    #[test]
+    fn a_stalled_disk_costs_records_but_nobody_waits() {
+        let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
+        let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
+        let mut recorder = Recorder::with_queue(disk, &header(), 1_500).expect("the header fits");
+        gate.set(true);
+        // Tick 1000 completes a chunk, whose write stalls with the queue empty.
+        (0..=1_000).for_each(|tick| recorder.take(&record(tick)));
+        gate.until_somebody_waits();
+        (1_001..1_001 + 1_500 + 7).for_each(|tick| recorder.take(&record(tick)));
+        assert_eq!(recorder.dropped, 7);
+        gate.set(false);
+        let report = recorder.finish(Some(end()));
+        assert!(report.error.is_none(), "{report:?}");
+        assert_eq!((report.ticks, report.dropped), (2_501, 7));
+
+        let bytes = bytes.lock().expect("no panic").clone();
+        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
+        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("sound").tick).collect();
+        assert_eq!(ticks, (0..2_501).collect::<Vec<_>>());
+        assert_eq!(recording.end(), Some(&End { dropped_by_recorder: 7, ..end() }));
+    }
+
+    #[test]
+    fn a_hole_in_the_ticks_is_seen_and_counted_but_skipped_deadlines_are_none() {
+        let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
+        let disk = Disk { bytes: bytes.clone(), gate, capacity: usize::MAX };
+        let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
+        // Deadlines 10 and 11 were skipped; the records of 21, 22 and 23 are lost.
+        for tick in (0..30).filter(|tick| ![10, 11, 21, 22, 23].contains(tick)) {
+            recorder.take(&TickRecord { skipped_periods: if tick > 11 { 2 } else { 0 }, ..record(tick) });
+        }
+        assert_eq!(recorder.finish(None).dropped, 0);
+        let bytes = bytes.lock().expect("no panic").clone();
+        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
+        while let Some(tick) = recording.next() {
+            let tick = tick.expect("sound").tick;
+            assert_eq!(recording.lost(), if tick > 23 { 3 } else { 0 }, "{tick}");
+        }
+        assert!(!recording.is_cut() && recording.end().is_none());
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error_that_keeps_what_was_written() {
+        let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
+        let disk = Disk { bytes: bytes.clone(), gate, capacity: 1_500_000 };
+        let mut recorder = Recorder::with_queue(disk, &header(), 20_000).expect("the header fits");
+        (0..10_000).for_each(|tick| recorder.take(&record(tick)));
+        let report = recorder.finish(Some(end()));
+        assert!(
+            matches!(&report.error, Some(RecordingError::Io(error)) if error.kind() == io::ErrorKind::StorageFull)
+        );
+        let bytes = bytes.lock().expect("no panic").clone();
+        let mut recording = Recording::open(bytes.as_slice()).expect("a beginning");
+        let read: Result<Vec<_>, _> = recording.by_ref().collect();
+        let read = read.expect("sound up to its end").len();
+        assert!(read > 1_000 && recording.is_cut(), "{read}");
+    }
+}

@@ -1,0 +1,170 @@
+//! `run --record`, `--device replay:`, `inspect FILE.mcap`: as a user types them.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use palpate_host::recording::TickWriter;
+use palpate_host::{Recording, TickRecord};
+
+/// A real organ with every method, and nobody's certificate.
+const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
+
+fn palpate(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
+}
+
+/// Exit code and what was said, on both streams.
+fn said(arguments: &[&str]) -> (Option<i32>, String) {
+    let output = palpate(arguments);
+    let text = [output.stdout, output.stderr].concat();
+    (output.status.code(), String::from_utf8_lossy(&text).into_owned())
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("the folder's name is plain")
+}
+
+fn figures(recording: &Path) -> serde_json::Value {
+    let output = palpate(&["inspect", text(recording), "--json"]);
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+/// The recording with every record changed.
+fn rewritten(from: &Path, to: &Path, mut change: impl FnMut(&mut TickRecord)) {
+    let source = BufReader::new(File::open(from).expect("it is there"));
+    let recording = Recording::open(source).expect("sound");
+    let mut writer =
+        TickWriter::new(File::create(to).expect("writable"), recording.header()).expect("writable");
+    for record in recording {
+        let mut record = record.expect("sound");
+        change(&mut record);
+        writer.write(&record).expect("writable");
+    }
+    writer.finish(None).expect("writable");
+}
+
+#[test]
+fn a_session_is_recorded_inspected_and_replayed() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (recording, frames, csv) = (at("session.mcap"), at("frames"), at("ticks.csv"));
+    let replay_of = |path: &Path| format!("replay:{}", text(path));
+    let shown = ["--headless", "--pictures", text(&frames)];
+    let record =
+        ["run", BLOB, "--uncertified", "--method", "hermite", "--seconds", "2", "--record", text(&recording)];
+    let (code, told) = said(&[&record[..], &shown].concat());
+    assert_eq!(code, Some(0), "{told}");
+    assert!(told.contains("session.mcap: ") && told.contains(", 0 more dropped"), "{told}");
+    let (code, told) = said(&[&record[..], &shown].concat());
+    assert_eq!(code, Some(2), "a recording is never overwritten: {told}");
+    assert!(told.contains("session.mcap"), "{told}");
+
+    let output = palpate(&["inspect", text(&recording), "--json", "--csv", text(&csv)]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let figures: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let ticks = figures["ticks"].as_u64().expect("a number");
+    assert_eq!(ticks + figures["skipped_periods"].as_u64().expect("a number"), 2_000, "{figures}");
+    assert_eq!((&figures["method"], &figures["end"]), (&"hermite".into(), &"completed".into()));
+    assert_eq!((&figures["lost"], &figures["cut"]), (&0.into(), &false.into()));
+    let (code, told) = said(&["inspect", text(&recording)]);
+    assert!(code == Some(0) && told.contains("simulated hand") && told.contains("peak force"), "{told}");
+
+    // Full precision: what is in the table is what was recorded, to the bit.
+    let table = std::fs::read_to_string(&csv).expect("the table");
+    let mut lines = table.lines();
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let column = |name: &str| names.iter().position(|n| *n == name).unwrap_or_else(|| panic!("no {name}"));
+    let records = Recording::open(BufReader::new(File::open(&recording).expect("there"))).expect("sound");
+    let mut rows = 0;
+    for (record, line) in records.map(|record| record.expect("sound")).zip(lines) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let vector = |names: [&str; 3]| names.map(|n| cells[column(n)].parse::<f32>().expect("a number"));
+        assert_eq!(vector(["x_m", "y_m", "z_m"]), record.displacement_m);
+        assert_eq!(vector(["fx_n", "fy_n", "fz_n"]), record.reaction_n);
+        assert_eq!(vector(["hand_fx_n", "hand_fy_n", "hand_fz_n"]), record.hand_force_n);
+        assert_eq!(cells[column("tick")], record.tick.to_string());
+        rows += 1;
+    }
+    assert_eq!(rows, ticks);
+
+    let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&recording)], &shown[..]].concat());
+    assert_eq!(code, Some(0), "{told}");
+    assert!(told.contains(&format!("{ticks} ticks, all forces bit-identical")), "{told}");
+    assert!(std::fs::read_dir(&frames).expect("frames").count() >= 4, "frames of the replay");
+
+    // One bit of one sample.
+    let planted = at("planted.mcap");
+    rewritten(&recording, &planted, |record| {
+        if let (500, Some(sample)) = (record.tick, &mut record.sample) {
+            sample.position_m[0] = f32::from_bits(sample.position_m[0].to_bits() ^ 1);
+        }
+    });
+    // The machine may have skipped that very deadline.
+    if table.lines().any(|line| line.starts_with("500,")) {
+        let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
+        assert_eq!(code, Some(1), "{told}");
+        assert!(told.contains("the first is tick 500 (0.50") && told.contains("planted.mcap"), "{told}");
+    }
+    // A force that nobody felt.
+    rewritten(&recording, &planted, |record| record.hand_force_n[1] += 1.0);
+    let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
+    assert_eq!(code, Some(1), "{told}");
+    // Another method is a comparison, not a failure.
+    let other = ["run", BLOB, "--device", &replay_of(&recording), "--method", "trilinear"];
+    let (code, told) = said(&[&other[..], &shown].concat());
+    assert_eq!(code, Some(0), "{told}");
+
+    // What is left of a killed session.
+    let cut = at("cut.mcap");
+    let bytes = std::fs::read(&recording).expect("there");
+    std::fs::write(&cut, &bytes[..bytes.len() / 2]).expect("writable");
+    let (code, told) = said(&["inspect", text(&cut)]);
+    assert!(code == Some(0) && told.contains("cut: the file ends"), "{told}");
+    let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&cut)], &shown[..]].concat());
+    assert!(code == Some(0) && told.contains("bit-identical") && told.contains("was cut here"), "{told}");
+}
+
+#[test]
+fn what_cannot_be_replayed_is_refused_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (recording, other, frames) = (at("session.mcap"), at("other.mcap"), at("frames"));
+    let shown = ["--headless", "--pictures", text(&frames)];
+    let record = ["run", BLOB, "--uncertified", "--seconds", "0.2", "--record", text(&recording)];
+    let (code, told) = said(&[&record[..], &shown].concat());
+    assert_eq!(code, Some(0), "{told}");
+    let device = |path: &Path| format!("replay:{}", text(path));
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let (code, told) = said(&[arguments, &shown].concat());
+        assert_eq!((code, told.lines().count()), (Some(2), 1), "{told}");
+        words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
+    };
+    refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "check the name"]);
+    std::fs::write(&other, "not an MCAP file").expect("writable");
+    refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "no recording of Palpate"]);
+    let replay = device(&recording);
+    refused(&["run", BLOB, "--device", &replay, "--seconds", "1"], &["leave --seconds and --record out"]);
+    let mut bytes = std::fs::read(&recording).expect("there");
+    let middle = bytes.len() / 2;
+    let digit = middle + bytes[middle..].iter().position(u8::is_ascii_digit).expect("numbers");
+    bytes[digit] ^= 1;
+    std::fs::write(&other, &bytes).expect("writable");
+    refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap"]);
+    // Another blob: the same organ under another name.
+    let mut blob = std::fs::read(BLOB).expect("the golden blob");
+    let end = blob.len() - 4;
+    let scene = figures(&recording)["scene"].as_str().expect("a name").as_bytes().to_vec();
+    let name =
+        blob.windows(scene.len()).position(|bytes| bytes == scene).expect("the blob has its scene's name");
+    blob[name] ^= 1;
+    let sum = palpate_core::blob::format::CHECKSUM.checksum(&blob[..end]);
+    blob[end..].copy_from_slice(&sum.to_le_bytes());
+    let altered = at("altered.blob");
+    std::fs::write(&altered, &blob).expect("writable");
+    refused(
+        &["run", text(&altered), "--device", &replay],
+        &["session.mcap", "another blob", "byte for byte"],
+    );
+}
