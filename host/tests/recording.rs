@@ -40,7 +40,13 @@ impl Device for BadLink {
     fn stop(&mut self) {}
 
     fn info(&self) -> DeviceInfo {
-        DeviceInfo { name: "bad link".into(), self_arming: false, max_force_n: 8.0, resolution_m: 3.0e-5 }
+        DeviceInfo {
+            name: "bad link".into(),
+            self_arming: false,
+            max_force_n: 8.0,
+            max_stiffness_n_m: 1e3,
+            resolution_m: 3.0e-5,
+        }
     }
 }
 

@@ -42,8 +42,13 @@ mod tests {
 
     #[test]
     fn it_answers_once_what_it_was_fed() {
-        let info =
-            DeviceInfo { name: "a hand".into(), self_arming: true, max_force_n: 8.0, resolution_m: 0.0 };
+        let info = DeviceInfo {
+            name: "a hand".into(),
+            self_arming: true,
+            max_force_n: 8.0,
+            max_stiffness_n_m: 1e3,
+            resolution_m: 0.0,
+        };
         let (mut feed, answers) = rtrb::RingBuffer::new(2);
         let mut device = ReplayDevice::new(info, answers);
         let sample = Sample { t_us: 3, position_m: [1.0, 2.0, 3.0], buttons: 9 };

@@ -73,6 +73,7 @@ impl Header {
             entry("device", &self.device.name),
             entry("device_self_arming", &self.device.self_arming),
             entry("device_max_force_n", &self.device.max_force_n),
+            entry("device_max_stiffness_n_m", &self.device.max_stiffness_n_m),
             entry("device_resolution_m", &self.device.resolution_m),
             entry("period_us", &self.haptic.period_us),
             entry("spin_us", &self.haptic.spin_us),
@@ -89,6 +90,7 @@ impl Header {
             entry("stale_fault_us", &limits.stale_fault_us),
             entry("max_position_m", &limits.max_position_m),
             entry("max_speed_m_s", &limits.max_speed_m_s),
+            entry("max_stiffness_n_m", &limits.max_stiffness_n_m),
             entry("start_unix_ns", &self.start_unix_ns),
         ])
     }
@@ -110,6 +112,7 @@ impl Header {
                 name: get(entries, "device")?,
                 self_arming: get(entries, "device_self_arming")?,
                 max_force_n: get(entries, "device_max_force_n")?,
+                max_stiffness_n_m: get(entries, "device_max_stiffness_n_m")?,
                 resolution_m: get(entries, "device_resolution_m")?,
             },
             haptic: LoopConfig {
@@ -133,6 +136,7 @@ impl Header {
                     stale_fault_us: get(entries, "stale_fault_us")?,
                     max_position_m: get(entries, "max_position_m")?,
                     max_speed_m_s: get(entries, "max_speed_m_s")?,
+                    max_stiffness_n_m: get(entries, "max_stiffness_n_m")?,
                 },
             },
             start_unix_ns: get(entries, "start_unix_ns")?,
@@ -223,6 +227,7 @@ pub(super) mod tests {
                 name: "a hand".into(),
                 self_arming: true,
                 max_force_n: f32::INFINITY,
+                max_stiffness_n_m: 1e3,
                 resolution_m: 30.0e-6,
             },
             haptic: LoopConfig { period_us: 999, spin_us: 7, arm_button: 4 },
@@ -242,6 +247,7 @@ pub(super) mod tests {
                     stale_fault_us: u64::MAX,
                     max_position_m: 0.7,
                     max_speed_m_s: 16_777_217.0,
+                    max_stiffness_n_m: 2_999.9,
                 },
             },
             start_unix_ns: 1_795_000_000_123_456_789,
