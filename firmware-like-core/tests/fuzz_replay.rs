@@ -189,7 +189,7 @@ fn strokes() -> Vec<Vec<u8>> {
 }
 
 #[test]
-#[ignore = "writes what the fuzzer begins with"]
+#[ignore = "writes the first inputs of check-fuzz: run by hand when the blob layout or the protocol changes"]
 fn write_seeds() {
     for (target, seeds) in [("blob", blobs()), ("frames", conversations()), ("tick", strokes())] {
         std::fs::create_dir_all(corpus(target)).expect("a folder");

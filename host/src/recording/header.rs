@@ -67,7 +67,7 @@ impl Header {
             entry("program", &self.program),
             entry("blob_blake3", &self.blob_blake3),
             entry("scene", &self.scene),
-            // No name of an active node holds a comma.
+            // No name of an active node holds a comma: a scene with such a name is refused.
             entry("active", &self.active.join(",")),
             entry("instructions", &self.instructions),
             entry("device", &self.device.name),

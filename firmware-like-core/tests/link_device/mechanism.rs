@@ -1,0 +1,81 @@
+//! What the mechanism may do, and what a torque may be.
+
+use palpate_core::link::guard::{SpeedWatch, clamp_torque};
+use palpate_core::link::{
+    Device, DeviceFault, DeviceMessage, DeviceProfile, HostMessage, Phase, VERSION, device::ProfileError,
+    message,
+};
+
+use crate::bench::{Bench, profile};
+
+#[test]
+fn speed_is_judged_over_a_millisecond_at_least() {
+    let watch = |steps: &[(u64, i32)]| {
+        let mut watch = SpeedWatch::new();
+        steps.iter().any(|&(now_us, count)| {
+            watch.is_too_fast(now_us, [0, count, i32::MAX.wrapping_sub(count)], 2, 20_000)
+        })
+    };
+    assert!(!watch(&[(0, 5)]), "the first reading has nothing before it");
+    assert!(!watch(&[(0, 0), (10, 1), (11, 2), (11, 3)]), "counts close together are no speed");
+    assert!(!watch(&[(0, 0), (100, 20)]) && watch(&[(0, 0), (100, 21)]) && watch(&[(0, 0), (100, -21)]));
+    assert!(!watch(&[(0, 0), (2000, 40)]) && watch(&[(0, 0), (2000, 41)]));
+    assert!(watch(&[(0, 0), (500, 15), (900, 21)]), "creeping within the window");
+    assert!(!watch(&[(0, 0), (1000, 20), (1100, 40)]) && watch(&[(0, 0), (999, 20), (1099, 40)]));
+    assert!(!watch(&[(0, i32::MAX), (100, i32::MIN)]), "counts wrap round");
+    assert!(watch(&[(0, 0), (100, i32::MIN)]));
+    assert!(!watch(&[(0, 0), (u64::MAX, i32::MAX)]));
+    // Moving fast is a fault while enabled only.
+    let mut bench = Bench::linked();
+    bench.inputs.encoders = [1000, 0, 0];
+    bench.step(100);
+    bench.enable();
+    bench.step(100);
+    assert_eq!(bench.device.phase(), Phase::Enabled);
+    bench.inputs.encoders = [1021, 0, 0];
+    bench.step(100);
+    assert_eq!(bench.device.phase(), Phase::Faulted(DeviceFault::Overspeed));
+}
+
+#[test]
+fn an_impossible_profile_is_refused() {
+    let mut bad = profile();
+    bad.info.watchdog_us = 20_001;
+    assert!(matches!(Device::new(bad), Err(ProfileError::Info(_))));
+    let slow = DeviceProfile { max_speed_counts_per_s: 999, ..profile() };
+    assert_eq!(Device::new(slow), Err(ProfileError::MaxSpeed { max_speed_counts_per_s: 999 }));
+}
+
+#[test]
+fn an_axis_that_is_not_there_gets_no_torque() {
+    let mut bench = Bench::linked();
+    let mut profile = profile();
+    profile.info.dof = 2;
+    bench.device = Device::new(profile).expect("two axes");
+    bench.session = 0;
+    bench.step(0);
+    match bench.receive(HostMessage::Hello { version: VERSION, nonce: 1 }) {
+        Some(DeviceMessage::HelloAck { session, .. }) => (bench.session, bench.seq) = (session, 0),
+        other => panic!("{other:?}"),
+    }
+    bench.enable();
+    bench.command([100, -200, i32::MIN], 3000);
+    bench.inputs.encoders[2] = i32::MIN;
+    assert_eq!(bench.step(100).torque_unm, [100, -200, 0]);
+}
+
+#[test]
+fn torque_is_clamped_and_says_so() {
+    let mut bench = Bench::enabled();
+    let flags = |answer| match answer {
+        Some(DeviceMessage::State { flags, .. }) => flags & message::CLAMPED,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(flags(bench.command([500_000, -400_000, 250_000], 3000)), 0);
+    assert_eq!(bench.step(0).torque_unm, [500_000, -400_000, 250_000]);
+    assert_eq!(flags(bench.command([0, -800_000, 250_000], 3000)), message::CLAMPED);
+    assert_eq!(bench.step(0).torque_unm, [0, -400_000, 125_000]);
+    assert_eq!(flags(bench.command([i32::MIN; 3], 3000)), message::CLAMPED);
+    assert_eq!(bench.step(0).torque_unm, [-250_000; 3]);
+    assert_eq!(clamp_torque([i32::MIN, 0, i32::MAX], [u32::MAX; 3]), ([-i32::MAX, 0, i32::MAX], true));
+}
