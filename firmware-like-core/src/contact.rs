@@ -1,11 +1,21 @@
-//! When the tool holds which active node: engage, follow, release.
+//! When the tool holds which active nodes: engage, follow, slide, release.
 //!
 //! A space knows the force for a displacement of its node, not whether the tool touches it. Here the tool is one point, the
-//! HIP, and touches the nearest active node within a capture radius. While engaged, the displacement is measured from the
-//! anchor, the place where the HIP was at first touch, so that every touch starts at d = 0 and therefore at no force.
+//! HIP. It engages where its way goes through the surface of the organ at rest (without a surface: through the plane of the nearest
+//! node). While engaged, the displacement is measured from the anchor, the place where the HIP was at first touch, so that every touch
+//! starts at d = 0 and therefore at no force, wherever on a triangle it happens.
+//!
+//! - **Snap** (Peterlik 2010): the nearest active node answers, and the anchor stays.
+//! - **Slide**: where all three corners of the touched triangle are active nodes, their spaces answer together, h = sum w_i h_i(d), with the
+//!   anchor's barycentric weights; while the tool pushes, the anchor slips along the surface as Coulomb friction lets it. Weights are
+//!   continuous over edges, so the force is.
 
+use crate::surface::{Foot, Share, TouchSurface};
 use crate::table::Space;
 use crate::vec3::{self, Vec3};
+
+/// Longest slip of one tick, metres: 2 m/s at 1 kHz, as fast as a hand may be.
+const MOST_SLIP_M: f32 = 2e-3;
 
 /// When contact begins and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -16,18 +26,29 @@ pub struct ContactConfig {
     pub release_tension_n: f32,
     /// Height above the anchor's plane at which a pushing tool lets go, metres. Above the encoder's noise, or contact chatters.
     pub release_height_m: f32,
+    /// Coulomb friction of a pushing tool on the surface; infinite for a tool that sticks to the nearest node.
+    pub friction: f32,
+    /// A grasping tool slips off beyond this many times the grid's radius or the largest force.
+    pub grasp_slip: f32,
     /// Buttons that grasp (any of them); 0 for never.
     pub grasp_button: u32,
 }
 
 impl Default for ContactConfig {
     fn default() -> Self {
-        // The Falcon resolves 54 um, so 0.2 mm are about four counts.
-        Self { capture_radius_m: 0.02, release_tension_n: 0.2, release_height_m: 0.2e-3, grasp_button: 1 }
+        Self {
+            capture_radius_m: 0.02,
+            release_tension_n: 0.2,
+            // The Falcon resolves 54 um, so 0.2 mm are about four counts.
+            release_height_m: 0.2e-3,
+            friction: 0.3,
+            grasp_slip: 1.1,
+            grasp_button: 1,
+        }
     }
 }
 
-/// How the tool holds the node.
+/// How the tool holds on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ContactKind {
     /// Pressing on the surface: no pull.
@@ -45,25 +66,32 @@ pub enum ContactState {
         previous_hip_m: Option<Vec3>,
     },
     /// Touching.
-    Engaged {
-        /// Index of the space.
-        space: u16,
-        /// Where the displacement is measured from, model frame.
-        anchor_m: Vec3,
-        /// How it holds.
-        kind: ContactKind,
-    },
+    Engaged(Engaged),
 }
 
-/// A space in touch and how far its node is displaced.
+/// Where and how the tool holds on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Touch {
-    /// Index of the space.
-    pub space: u16,
-    /// HIP relative to the anchor.
-    pub displacement_m: Vec3,
+pub struct Engaged {
+    /// The spaces that answer; with one alone, its weight is 1 and it is the first.
+    pub shares: [Share; 3],
+    /// The anchor on the surface, if it may slide.
+    pub foot: Option<Foot>,
+    /// Where the displacement is measured from, model frame.
+    pub anchor_m: Vec3,
+    /// Outward unit normal at the anchor.
+    pub normal: Vec3,
     /// How it holds.
     pub kind: ContactKind,
+}
+
+impl Engaged {
+    /// The space with the largest share, the first of equals.
+    pub fn heaviest(&self) -> u16 {
+        let [first, rest @ ..] = self.shares;
+        rest.into_iter()
+            .fold(first, |most, share| if share.weight > most.weight { share } else { most })
+            .space
+    }
 }
 
 /// Contact from sample to sample.
@@ -90,85 +118,150 @@ impl Contact {
         self.state
     }
 
-    /// Takes one HIP sample; returns the touch that results, if any.
+    /// Takes one HIP sample; returns how the tool holds on now, if it does.
     ///
-    /// Cost: while free, one pass over the active nodes; while engaged, constant.
+    /// Cost: while free, a look at the surface round the HIP, and one pass over the active nodes at a crossing (without a surface at every
+    /// sample); while engaged, constant.
     pub fn update(
         &mut self,
         config: &ContactConfig,
         spaces: &[Space<'_>],
+        surface: Option<&TouchSurface<'_>>,
         hip_m: Vec3,
         buttons: u32,
-    ) -> Option<Touch> {
+    ) -> Option<Engaged> {
         let pressed = buttons & config.grasp_button != 0;
         let pressed_now = pressed && self.buttons & config.grasp_button == 0;
         self.buttons = buttons;
         let free = ContactState::Free { previous_hip_m: Some(hip_m) };
         self.state = match self.state {
             ContactState::Free { previous_hip_m } => {
-                engage(config, spaces, previous_hip_m, hip_m, pressed_now).unwrap_or(free)
+                let engaged = if pressed_now {
+                    grasp(config, spaces, hip_m)
+                } else {
+                    push(config, spaces, surface, previous_hip_m, hip_m)
+                };
+                engaged.map_or(free, ContactState::Engaged)
             }
-            ContactState::Engaged { kind: ContactKind::Grasp, .. } if !pressed => free,
+            ContactState::Engaged(at) if at.kind == ContactKind::Grasp && !pressed => free,
             // Grasping what one already presses keeps the anchor: the force goes on where it is.
-            ContactState::Engaged { space, anchor_m, kind: ContactKind::Push } if pressed_now => {
-                ContactState::Engaged { space, anchor_m, kind: ContactKind::Grasp }
+            ContactState::Engaged(at) if at.kind == ContactKind::Push && pressed_now => {
+                ContactState::Engaged(Engaged { kind: ContactKind::Grasp, ..at })
             }
-            ContactState::Engaged { space, anchor_m, kind: ContactKind::Push }
-                if height(spaces, space, anchor_m, hip_m) > config.release_height_m =>
+            ContactState::Engaged(at)
+                if at.kind == ContactKind::Push
+                    && vec3::dot(vec3::sub(hip_m, at.anchor_m), at.normal) > config.release_height_m =>
             {
                 free
             }
-            engaged => engaged,
+            engaged @ ContactState::Engaged(_) => engaged,
         };
         match self.state {
             ContactState::Free { .. } => None,
-            ContactState::Engaged { space, anchor_m, kind } => {
-                Some(Touch { space, displacement_m: vec3::sub(hip_m, anchor_m), kind })
-            }
+            ContactState::Engaged(at) => Some(at),
         }
     }
 
-    /// Lets a pushing tool go where the model would pull it: h . n above the release tension. True if it let go.
+    /// Lets go: from the next sample on the tool is free.
+    pub const fn release(&mut self, hip_m: Vec3) {
+        self.state = ContactState::Free { previous_hip_m: Some(hip_m) };
+    }
+
+    /// Slips the anchor of a pushing tool towards where friction holds it against the reaction h at d; the next sample feels it.
     ///
-    /// Pressing has h . n < 0. A tool that only leans on tissue cannot pull it out.
-    pub fn release_if_tensile(
+    /// The slip goes the way of h's tangential part, so the work h . slip it takes out of the body is never negative. Its length is half of
+    /// what the excess over friction is worth at the secant stiffness |h| / |d|.
+    pub fn slip(
         &mut self,
         config: &ContactConfig,
-        normal: Vec3,
-        force_n: Vec3,
-        hip_m: Vec3,
-    ) -> bool {
-        let pushing = matches!(self.state, ContactState::Engaged { kind: ContactKind::Push, .. });
-        let release = pushing && vec3::dot(force_n, normal) > config.release_tension_n;
-        if release {
-            self.state = ContactState::Free { previous_hip_m: Some(hip_m) };
+        spaces: &[Space<'_>],
+        surface: Option<&TouchSurface<'_>>,
+        (displacement_m, force_n): (Vec3, Vec3),
+    ) {
+        let (ContactState::Engaged(at), Some(surface)) = (&mut self.state, surface) else { return };
+        let (ContactKind::Push, Some(foot)) = (at.kind, at.foot) else { return };
+        let pressing_n = -vec3::dot(force_n, at.normal);
+        let along_n = vec3::add(force_n, vec3::scale(at.normal, pressing_n));
+        let size_n = vec3::norm(along_n);
+        let excess_n = size_n - config.friction * pressing_n.max(0.0);
+        if excess_n <= 0.0 {
+            return;
         }
-        release
+        let slip_m = 0.5 * excess_n * vec3::norm(displacement_m) / vec3::norm(force_n);
+        let slip_m = vec3::scale(along_n, slip_m.min(MOST_SLIP_M) / size_n);
+        if !vec3::is_finite(slip_m) {
+            return;
+        }
+        let from_m = surface.point(&foot);
+        let wanted_m = vec3::sub(vec3::add(at.anchor_m, slip_m), from_m);
+        let (next, is_stopped) = surface.slide(foot, wanted_m);
+        let Some(shares) = surface.shares(&next) else { return };
+        let Some(normal) = blended_normal(spaces, &shares) else { return };
+        // Beyond the last active nodes they go on to answer, and the anchor goes on in their plane.
+        let beyond_m = if is_stopped {
+            let left_m = vec3::sub(vec3::add(from_m, wanted_m), surface.point(&next));
+            vec3::sub(left_m, vec3::scale(normal, vec3::dot(left_m, normal)))
+        } else {
+            vec3::ZERO
+        };
+        let anchor_m = vec3::add(surface.point(&next), beyond_m);
+        let hip_m = vec3::add(at.anchor_m, displacement_m);
+        *at = Engaged { shares, foot: Some(next), anchor_m, normal, kind: at.kind };
+        if vec3::norm(beyond_m) > config.capture_radius_m {
+            self.release(hip_m);
+        }
     }
 }
 
-/// Height of the HIP above the anchor along the node's normal. Infinite for a space that is not there: that releases.
-fn height(spaces: &[Space<'_>], space: u16, anchor_m: Vec3, hip_m: Vec3) -> f32 {
-    match spaces.get(usize::from(space)) {
-        Some(space) => vec3::dot(vec3::sub(hip_m, anchor_m), space.outward_normal),
-        None => f32::INFINITY,
-    }
+/// The node that a press of the button takes hold of, where the HIP is.
+fn grasp(config: &ContactConfig, spaces: &[Space<'_>], hip_m: Vec3) -> Option<Engaged> {
+    let (space, node) = nearest(spaces, hip_m, config.capture_radius_m)?;
+    Some(Engaged {
+        shares: alone(space),
+        foot: None,
+        anchor_m: hip_m,
+        normal: node.outward_normal,
+        kind: ContactKind::Grasp,
+    })
 }
 
-/// The node a free tool engages with this sample, if any.
-fn engage(
+/// What a way through the surface touches.
+fn push(
     config: &ContactConfig,
     spaces: &[Space<'_>],
+    surface: Option<&TouchSurface<'_>>,
     previous_hip_m: Option<Vec3>,
     hip_m: Vec3,
-    grasp: bool,
-) -> Option<ContactState> {
-    let (index, space) = nearest(spaces, hip_m, config.capture_radius_m)?;
-    if grasp {
-        return Some(ContactState::Engaged { space: index, anchor_m: hip_m, kind: ContactKind::Grasp });
-    }
-    let above = |point| vec3::dot(vec3::sub(point, space.rest_position_m), space.outward_normal);
+) -> Option<Engaged> {
     let previous_hip_m = previous_hip_m?;
+    let kind = ContactKind::Push;
+    let Some(surface) = surface else {
+        let (space, node) = nearest(spaces, hip_m, config.capture_radius_m)?;
+        let anchor_m = through_plane(node, previous_hip_m, hip_m)?;
+        return Some(Engaged {
+            shares: alone(space),
+            foot: None,
+            anchor_m,
+            normal: node.outward_normal,
+            kind,
+        });
+    };
+    let crossing = surface.crossing(previous_hip_m, hip_m)?;
+    let anchor_m = crossing.at_m;
+    if config.friction < f32::INFINITY
+        && let Some(shares) = surface.shares(&crossing.foot)
+    {
+        let normal = blended_normal(spaces, &shares)?;
+        return Some(Engaged { shares, foot: Some(crossing.foot), anchor_m, normal, kind });
+    }
+    let (space, _) = nearest(spaces, anchor_m, config.capture_radius_m)?;
+    let normal = surface.face_normal(crossing.foot.triangle);
+    Some(Engaged { shares: alone(space), foot: None, anchor_m, normal, kind })
+}
+
+/// Where a way goes down through the plane of a node.
+fn through_plane(node: &Space<'_>, previous_hip_m: Vec3, hip_m: Vec3) -> Option<Vec3> {
+    let above = |point| vec3::dot(vec3::sub(point, node.rest_position_m), node.outward_normal);
     let (before, now) = (above(previous_hip_m), above(hip_m));
     if !(before > 0.0 && now <= 0.0) {
         return None;
@@ -177,16 +270,30 @@ fn engage(
     let share = (before / (before - now)).min(1.0);
     let travel = vec3::sub(hip_m, previous_hip_m);
     // On the plane itself the sample is the crossing; rounding must not give d a last digit.
-    let anchor_m = if now == 0.0 { hip_m } else { vec3::add(previous_hip_m, vec3::scale(travel, share)) };
-    Some(ContactState::Engaged { space: index, anchor_m, kind: ContactKind::Push })
+    Some(if now == 0.0 { hip_m } else { vec3::add(previous_hip_m, vec3::scale(travel, share)) })
 }
 
-/// Active node nearest to the HIP, within the radius. The first of equals, so that the choice is reproducible.
-fn nearest<'s, 'a>(spaces: &'s [Space<'a>], hip_m: Vec3, radius_m: f32) -> Option<(u16, &'s Space<'a>)> {
+fn alone(space: u16) -> [Share; 3] {
+    [Share { space, weight: 1.0 }, Share::default(), Share::default()]
+}
+
+/// Normal between the nodes': continuous over the surface, unlike that of its faces.
+fn blended_normal(spaces: &[Space<'_>], shares: &[Share; 3]) -> Option<Vec3> {
+    let mut sum = vec3::ZERO;
+    for share in shares {
+        let space = spaces.get(usize::from(share.space))?;
+        sum = vec3::add(sum, vec3::scale(space.outward_normal, share.weight));
+    }
+    let normal = vec3::normalize_or_zero(sum);
+    (normal != vec3::ZERO).then_some(normal)
+}
+
+/// Active node nearest to a point, within the radius. The first of equals, so that the choice is reproducible.
+fn nearest<'s, 'a>(spaces: &'s [Space<'a>], point_m: Vec3, radius_m: f32) -> Option<(u16, &'s Space<'a>)> {
     let mut best = None;
     let mut best_squared = radius_m * radius_m;
     for (index, space) in (0..u16::MAX).zip(spaces) {
-        let squared = vec3::norm_squared(vec3::sub(hip_m, space.rest_position_m));
+        let squared = vec3::norm_squared(vec3::sub(point_m, space.rest_position_m));
         if squared < best_squared || (best.is_none() && squared <= best_squared) {
             best = Some((index, space));
             best_squared = squared;

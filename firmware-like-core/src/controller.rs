@@ -5,12 +5,15 @@
 //! [`State::reset`] and [`State::arm`]. Zero is always safe; going on with a wrong force is not.
 
 use crate::blob::Organ;
-use crate::contact::{Contact, ContactConfig};
+use crate::contact::{Contact, ContactConfig, ContactKind, ContactState, Engaged};
+use crate::fade::Fade;
 use crate::limit::{self, Freshness, LimitConfig, StaleWatch};
 use crate::method::{Coverage, ForceSample, Method};
+use crate::passivity::{Passivity, PassivityConfig, Verdict};
 use crate::profile::PC_SPACES;
 use crate::speed::SpeedWindow;
 use crate::stiffness;
+use crate::surface::{Share, TouchSurface};
 use crate::table::Space;
 use crate::vec3::{self, Vec3};
 
@@ -26,12 +29,19 @@ pub struct Config {
     pub contact: ContactConfig,
     /// Limits of the force and of the motion.
     pub limits: LimitConfig,
+    /// The guard on energy.
+    pub passivity: PassivityConfig,
 }
 
 impl Config {
     /// A method with the default contact and limits.
     pub fn new(method: Method) -> Self {
-        Self { method, contact: ContactConfig::default(), limits: LimitConfig::default() }
+        Self {
+            method,
+            contact: ContactConfig::default(),
+            limits: LimitConfig::default(),
+            passivity: PassivityConfig::default(),
+        }
     }
 }
 
@@ -59,12 +69,26 @@ pub enum Fault {
     Workspace,
     /// Something that cannot happen: time ran backwards, or the engaged space is not in the organ.
     Internal,
+    /// The hand was given more energy than a body can give.
+    Energy,
+    /// The device is not where it was: not homed, or not ready any more.
+    NotReady,
+    /// The watchdog took the force away because the loop stood still.
+    Watchdog,
 }
 
 impl Fault {
     /// All of them.
-    pub const ALL: [Self; 5] =
-        [Self::NotFinite, Self::Stale, Self::Overspeed, Self::Workspace, Self::Internal];
+    pub const ALL: [Self; 8] = [
+        Self::NotFinite,
+        Self::Stale,
+        Self::Overspeed,
+        Self::Workspace,
+        Self::Internal,
+        Self::Energy,
+        Self::NotReady,
+        Self::Watchdog,
+    ];
 
     /// The name used in logs and reports.
     pub const fn name(self) -> &'static str {
@@ -74,6 +98,9 @@ impl Fault {
             Self::Overspeed => "overspeed",
             Self::Workspace => "workspace",
             Self::Internal => "internal",
+            Self::Energy => "energy",
+            Self::NotReady => "not-ready",
+            Self::Watchdog => "watchdog",
         }
     }
 }
@@ -100,14 +127,20 @@ pub struct Command {
     pub displacement_m: Vec3,
     /// The HIP this stands on: the newest valid one.
     pub hip_m: Vec3,
-    /// Index of the engaged space.
+    /// Index of the engaged space; of the one with the largest share where several answer.
     pub engaged: Option<u16>,
+    /// The spaces that answered and their shares; none of a weight above 0 when free.
+    pub shares: [Share; 3],
     /// Data behind the reaction; `None` when free.
     pub coverage: Option<Coverage>,
     /// What the controller is doing.
     pub phase: Phase,
     /// Whether the reaction was beyond the force limit.
     pub clamped: bool,
+    /// Work done on the hand since it touched, joules, in device metres: below 0 while it presses.
+    pub hand_work_j: f32,
+    /// Whether the guard on energy added damping.
+    pub damped: bool,
 }
 
 impl Command {
@@ -119,9 +152,12 @@ impl Command {
             displacement_m: vec3::ZERO,
             hip_m,
             engaged: None,
+            shares: [Share { space: 0, weight: 0.0 }; 3],
             coverage: None,
             phase,
             clamped: false,
+            hand_work_j: 0.0,
+            damped: false,
         }
     }
 }
@@ -135,6 +171,12 @@ pub struct State {
     stale: StaleWatch,
     speed: SpeedWindow,
     contact: Contact,
+    passivity: Passivity,
+    fade: Fade,
+    /// The force before the slew limit.
+    wanted_n: Vec3,
+    /// The next force comes from another organ.
+    handed_over: bool,
     last: Command,
 }
 
@@ -154,6 +196,10 @@ impl State {
             stale: StaleWatch::new(0),
             speed: SpeedWindow::new(),
             contact: Contact::new(),
+            passivity: Passivity::new(),
+            fade: Fade::new(),
+            wanted_n: vec3::ZERO,
+            handed_over: false,
             last: Command::zero(Phase::Disarmed, vec3::ZERO),
         }
     }
@@ -175,6 +221,22 @@ impl State {
     pub fn disarm(&mut self) {
         if self.phase == Phase::Active {
             self.leave(Phase::Disarmed);
+        }
+    }
+
+    /// Takes the force away for a reason that the controller cannot see, and latches it. What is disarmed has no force to lose.
+    pub fn trip(&mut self, fault: Fault) {
+        if self.phase == Phase::Active {
+            self.leave(Phase::SafeZero(fault));
+        }
+    }
+
+    /// The next tick is another controller's, of another organ: the force goes over smoothly. A touch goes on if the new organ has the same
+    /// active nodes on the same surface, and ends otherwise.
+    pub fn hand_over(&mut self, same_nodes: bool) {
+        self.handed_over = true;
+        if !same_nodes {
+            self.contact.release(self.last.hip_m);
         }
     }
 
@@ -225,15 +287,17 @@ impl core::error::Error for ControllerError {}
 #[derive(Debug, Clone, Copy)]
 pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
     organ: &'o Organ<'a, N>,
+    surface: Option<TouchSurface<'o>>,
     config: Config,
     stiffest_n_m: f32,
     force_share: f32,
 }
 
 impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
-    /// Checks the configuration, and that every space has the method; finds the stiffest place.
+    /// Checks the configuration, and that every space has the method; finds the stiffest place. Contact is with the planes of the
+    /// nodes until [`Controller::on_surface`] gives it more.
     pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
-        let Config { method, contact, limits } = config;
+        let Config { method, contact, limits, passivity } = config;
         let positive = [
             ("capture_radius_m", contact.capture_radius_m),
             ("release_height_m", contact.release_height_m),
@@ -242,8 +306,19 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             ("max_position_m", limits.max_position_m),
             ("max_speed_m_s", limits.max_speed_m_s),
             ("max_stiffness_n_m", limits.max_stiffness_n_m),
+            ("grasp_slip", contact.grasp_slip),
+            ("workspace_scale", passivity.workspace_scale),
         ];
-        let not_negative = [("release_tension_n", contact.release_tension_n), ("ramp_s", limits.ramp_s)];
+        let not_negative = [
+            ("release_tension_n", contact.release_tension_n),
+            ("ramp_s", limits.ramp_s),
+            ("fade_s", limits.fade_s),
+            ("margin_j", passivity.margin_j),
+            ("max_damping_n_s_m", passivity.max_damping_n_s_m),
+            // Infinite is allowed: these then never act.
+            ("friction", finite_or_most(contact.friction)),
+            ("fault_j", finite_or_most(passivity.fault_j)),
+        ];
         for (what, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(ControllerError::Config { what });
@@ -267,9 +342,15 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
                 } else {
                     1.0
                 };
-                Ok(Self { organ, config, stiffest_n_m, force_share })
+                Ok(Self { organ, surface: None, config, stiffest_n_m, force_share })
             }
         }
+    }
+
+    /// Contact with the organ's surface instead of the planes of its nodes.
+    #[must_use]
+    pub const fn on_surface(self, surface: Option<TouchSurface<'o>>) -> Self {
+        Self { surface, ..self }
     }
 
     /// Largest stiffness of the organ, newtons a metre of the model; 0 if there is no limit to hold it against.
@@ -306,7 +387,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state: &mut State,
         now_us: u64,
         sample: Option<&Sample>,
-        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
     ) -> Command {
         let command = match state.phase {
             Phase::Active => match self.render(state, now_us, sample, force) {
@@ -331,7 +412,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         state: &mut State,
         now_us: u64,
         sample: Option<&Sample>,
-        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
     ) -> Result<Command, Fault> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
@@ -350,16 +431,31 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             (Freshness::Fault, _) => return Err(Fault::Stale),
         };
         self.check_motion(&mut state.speed, fresh)?;
+        let touching = matches!(state.contact.state(), ContactState::Engaged(_));
+        let at = (fresh.t_us, fresh.position_m);
+        let guard = &self.config.passivity;
+        let damping_n = match state.passivity.observe(guard, at, state.last.hand_force_n, touching) {
+            Verdict::Damp(force_n) => force_n,
+            Verdict::Active => return Err(Fault::Energy),
+        };
 
         let model = self.reaction(&mut state.contact, fresh, force)?;
         let share = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
         let capped_n = vec3::scale(model.reaction_n, -self.force_share);
-        let (wanted_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
+        let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
+        let wanted_n = vec3::add(vec3::scale(clamped_n, share), damping_n);
+        // What ends otherwise than at no force: a slip, a button, another organ.
+        if state.handed_over || (model.engaged.is_none() && state.last.engaged.is_some()) {
+            state.fade.begin(now_us, vec3::sub(state.wanted_n, wanted_n));
+            state.handed_over = false;
+        }
+        state.wanted_n = vec3::add(wanted_n, state.fade.rest_n(now_us, limits.fade_s));
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
-        let slewed_n = limit::slew(state.last.hand_force_n, vec3::scale(wanted_n, share), step_n);
+        let slewed_n = limit::slew(state.last.hand_force_n, state.wanted_n, step_n);
         // The slew stays inside the ball but for rounding; this makes the limit exact.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
-        Ok(Command { hand_force_n, clamped, ..model })
+        let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
+        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ..model })
     }
 
     /// Trips on a position that no hand can have brought about.
@@ -382,25 +478,81 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         &self,
         contact: &mut Contact,
         sample: &Sample,
-        force: impl FnOnce(&Space<'_>, &Vec3) -> Option<ForceSample>,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
     ) -> Result<Command, Fault> {
-        let hip_m = sample.position_m;
+        let (config, spaces) = (&self.config.contact, &self.organ.spaces);
+        let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
         let free = Command::zero(Phase::Active, hip_m);
-        let spaces = &self.organ.spaces;
-        let Some(touch) = contact.update(&self.config.contact, spaces, hip_m, sample.buttons) else {
+        let Some(at) = contact.update(config, spaces, surface, hip_m, sample.buttons) else {
             return Ok(free);
         };
-        let space = spaces.get(usize::from(touch.space)).ok_or(Fault::Internal)?;
-        let answer = force(space, &touch.displacement_m).ok_or(Fault::Internal)?;
-        if contact.release_if_tensile(&self.config.contact, space.outward_normal, answer.force_n, hip_m) {
+        let displacement_m = vec3::sub(hip_m, at.anchor_m);
+        let answer = self.answer(&at, displacement_m, force).ok_or(Fault::Internal)?;
+        if self.lets_go(&at, displacement_m, answer.force_n) {
+            contact.release(hip_m);
             return Ok(free);
         }
+        contact.slip(config, spaces, surface, (displacement_m, answer.force_n));
         Ok(Command {
             reaction_n: answer.force_n,
-            displacement_m: touch.displacement_m,
-            engaged: Some(touch.space),
+            displacement_m,
+            engaged: Some(at.heaviest()),
+            shares: at.shares,
             coverage: Some(answer.coverage),
             ..free
         })
     }
+
+    /// h = sum w_i h_i(d). Covered as badly as the worst of them.
+    fn answer(
+        &self,
+        at: &Engaged,
+        displacement_m: Vec3,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Option<ForceSample> {
+        let mut sum: Option<ForceSample> = None;
+        for share in at.shares.iter().filter(|share| share.weight > 0.0) {
+            let space = self.organ.spaces.get(usize::from(share.space))?;
+            let one = force(space, &displacement_m)?;
+            // Alone its weight is 1, and its bits stay.
+            let force_n = vec3::scale(one.force_n, share.weight);
+            sum = Some(match sum {
+                None => ForceSample { force_n, ..one },
+                Some(others) => ForceSample {
+                    force_n: vec3::add(others.force_n, force_n),
+                    coverage: if one.coverage == Coverage::Extrapolated {
+                        one.coverage
+                    } else {
+                        others.coverage
+                    },
+                },
+            });
+        }
+        sum
+    }
+
+    /// Whether a pushing tool goes where the model would pull it, or a grasping one pulls harder or further than it can hold.
+    ///
+    /// Pressing has h . n < 0. A tool that only leans on tissue cannot pull it out.
+    fn lets_go(&self, at: &Engaged, displacement_m: Vec3, reaction_n: Vec3) -> bool {
+        let Config { contact, limits, .. } = &self.config;
+        match at.kind {
+            ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
+            ContactKind::Grasp => {
+                let radius_m = |share: &Share| {
+                    let space = self.organ.spaces.get(usize::from(share.space));
+                    space.map_or(0.0, |space| space.lattice.radius_m())
+                };
+                let held = at.shares.iter().filter(|share| share.weight > 0.0);
+                let reach_m = contact.grasp_slip * held.map(radius_m).fold(f32::INFINITY, f32::min);
+                let strength_n = contact.grasp_slip * limits.max_force_n;
+                vec3::norm(displacement_m) > reach_m || vec3::norm(reaction_n) * self.force_share > strength_n
+            }
+        }
+    }
+}
+
+/// Infinity as the largest number; NaN stays what it is.
+const fn finite_or_most(value: f32) -> f32 {
+    if value == f32::INFINITY { f32::MAX } else { value }
 }

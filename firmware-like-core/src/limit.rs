@@ -13,6 +13,8 @@ pub struct LimitConfig {
     pub max_slew_n_per_s: f32,
     /// Time from arming to the full force, seconds.
     pub ramp_s: f32,
+    /// Time in which a force that ends elsewhere than at zero fades into the next one, seconds; 0 for at once.
+    pub fade_s: f32,
     /// Ticks without a fresh sample that hold the last command; after them the force is zero.
     pub stale_hold_ticks: u32,
     /// Age of the newest sample that latches a fault, microseconds.
@@ -32,6 +34,7 @@ impl Default for LimitConfig {
             max_force_n: 8.0,
             max_slew_n_per_s: 1000.0,
             ramp_s: 0.5,
+            fade_s: 0.03,
             stale_hold_ticks: 3,
             stale_fault_us: 10_000,
             max_position_m: 0.5,

@@ -3,7 +3,8 @@
 use core::mem::MaybeUninit;
 
 use palpate_core::{
-    Command, Config, ContactConfig, Controller, Fault, LimitConfig, Method, Phase, Sample, State,
+    Command, Config, ContactConfig, Controller, Fault, LimitConfig, Method, PassivityConfig, Phase, Sample,
+    State,
 };
 
 use crate::memory;
@@ -33,12 +34,18 @@ pub struct PalpateConfig {
     pub release_tension_n: f32,
     /// Height above the first touch at which a pushing tool lets go, m.
     pub release_height_m: f32,
+    /// Coulomb friction of a pushing tool where it may slide; infinite for a tool that sticks to the nearest node.
+    pub friction: f32,
+    /// A grasping tool slips off beyond this many times the grid's radius or the largest force.
+    pub grasp_slip: f32,
     /// Largest force for the hand, N: the device's.
     pub max_force_n: f32,
     /// Largest change of that force, N/s.
     pub max_slew_n_per_s: f32,
     /// Time from zero to full force after arming, s.
     pub ramp_s: f32,
+    /// Time in which a force that ends elsewhere than at zero fades, s.
+    pub fade_s: f32,
     /// Largest |x|, |y| and |z| of the HIP, m; beyond it is a fault.
     pub max_position_m: f32,
     /// Largest speed of the HIP, m/s; beyond it is a fault.
@@ -46,6 +53,14 @@ pub struct PalpateConfig {
     /// Largest stiffness that may be rendered, N/m: the device's, divided by the metres of the model to one of the device. The forces of
     /// a stiffer organ are scaled down as a whole.
     pub max_stiffness_n_m: f32,
+    /// Work on the hand in one touch that nobody minds, J.
+    pub energy_margin_j: f32,
+    /// Largest virtual damping of the guard on energy, N s/m; 0 for none.
+    pub energy_damping_n_s_m: f32,
+    /// Work on the hand that is a fault, J; infinite for never.
+    pub energy_fault_j: f32,
+    /// Metres of the model to one of the device.
+    pub workspace_scale: f32,
     /// Ticks without a fresh sample that hold the last command; after them the force is zero.
     pub stale_hold_ticks: u32,
     /// Age of the newest sample that latches a fault, us.
@@ -92,6 +107,12 @@ pub enum PalpateFault {
     Workspace = 4,
     /// Something that cannot happen: time ran backwards.
     Internal = 5,
+    /// The hand was given more energy than a body can give.
+    Energy = 6,
+    /// The device is not ready any more. Only a host that says so gets it.
+    NotReady = 7,
+    /// A watchdog took the force away. Only a host with one gets it.
+    Watchdog = 8,
 }
 
 /// Result of one tick.
@@ -114,8 +135,12 @@ pub struct PalpateCommand {
     pub phase: PalpatePhase,
     /// Why it is at zero, if it is after a fault.
     pub fault: PalpateFault,
+    /// Work done on the hand since it touched, J, in device metres: below 0 while it presses.
+    pub hand_work_j: f32,
     /// Whether the reaction was beyond the force limit.
     pub clamped: bool,
+    /// Whether the guard on energy added damping.
+    pub damped: bool,
 }
 
 impl PalpateCommand {
@@ -129,7 +154,9 @@ impl PalpateCommand {
             coverage: PalpateCoverage::None,
             phase,
             fault,
+            hand_work_j: 0.0,
             clamped: false,
+            damped: false,
         }
     }
 }
@@ -153,6 +180,9 @@ impl From<Phase> for PalpateFault {
             Phase::SafeZero(Fault::Overspeed) => Self::Overspeed,
             Phase::SafeZero(Fault::Workspace) => Self::Workspace,
             Phase::SafeZero(Fault::Internal) => Self::Internal,
+            Phase::SafeZero(Fault::Energy) => Self::Energy,
+            Phase::SafeZero(Fault::NotReady) => Self::NotReady,
+            Phase::SafeZero(Fault::Watchdog) => Self::Watchdog,
         }
     }
 }
@@ -168,26 +198,35 @@ impl From<Command> for PalpateCommand {
             coverage: command.coverage.into(),
             phase: command.phase.into(),
             fault: command.phase.into(),
+            hand_work_j: command.hand_work_j,
             clamped: command.clamped,
+            damped: command.damped,
         }
     }
 }
 
 impl PalpateConfig {
     fn of(number: u32, config: Config) -> Self {
-        let Config { contact, limits, .. } = config;
+        let Config { contact, limits, passivity, .. } = config;
         Self {
             method: number,
             grasp_button: contact.grasp_button,
             capture_radius_m: contact.capture_radius_m,
             release_tension_n: contact.release_tension_n,
             release_height_m: contact.release_height_m,
+            friction: contact.friction,
+            grasp_slip: contact.grasp_slip,
             max_force_n: limits.max_force_n,
             max_slew_n_per_s: limits.max_slew_n_per_s,
             ramp_s: limits.ramp_s,
+            fade_s: limits.fade_s,
             max_position_m: limits.max_position_m,
             max_speed_m_s: limits.max_speed_m_s,
             max_stiffness_n_m: limits.max_stiffness_n_m,
+            energy_margin_j: passivity.margin_j,
+            energy_damping_n_s_m: passivity.max_damping_n_s_m,
+            energy_fault_j: passivity.fault_j,
+            workspace_scale: passivity.workspace_scale,
             stale_hold_ticks: limits.stale_hold_ticks,
             stale_fault_us: limits.stale_fault_us,
         }
@@ -200,17 +239,26 @@ impl PalpateConfig {
                 capture_radius_m: self.capture_radius_m,
                 release_tension_n: self.release_tension_n,
                 release_height_m: self.release_height_m,
+                friction: self.friction,
+                grasp_slip: self.grasp_slip,
                 grasp_button: self.grasp_button,
             },
             limits: LimitConfig {
                 max_force_n: self.max_force_n,
                 max_slew_n_per_s: self.max_slew_n_per_s,
                 ramp_s: self.ramp_s,
+                fade_s: self.fade_s,
                 stale_hold_ticks: self.stale_hold_ticks,
                 stale_fault_us: self.stale_fault_us,
                 max_position_m: self.max_position_m,
                 max_speed_m_s: self.max_speed_m_s,
                 max_stiffness_n_m: self.max_stiffness_n_m,
+            },
+            passivity: PassivityConfig {
+                margin_j: self.energy_margin_j,
+                max_damping_n_s_m: self.energy_damping_n_s_m,
+                fault_j: self.energy_fault_j,
+                workspace_scale: self.workspace_scale,
             },
         })
     }

@@ -8,7 +8,7 @@ use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
 use palpate_core::hermite::Node;
 use palpate_core::rbf::LANES;
-use palpate_core::vec3::Vec3;
+use palpate_core::vec3::{self, Vec3};
 
 /// A nonlinear potential W with h = grad W, h(0) = 0: stiffer under pressure than under tension, and with coupling.
 ///
@@ -79,8 +79,14 @@ impl Aligned {
 pub struct Recipe {
     pub spacing_m: f32,
     pub radius_m: f32,
-    /// Rest positions; the outward normal is +z everywhere.
+    /// Rest positions.
     pub nodes: Vec<Vec3>,
+    /// Outward normal of a node.
+    pub normal: fn(Vec3) -> Vec3,
+    /// How much stiffer than the potential a node is.
+    pub stiffer: fn(u32) -> f64,
+    /// Vertices and triangles of the surface, if it is not the small tetrahedron; node i is its vertex i.
+    pub body: Option<(Vec<Vec3>, Vec<[u32; 3]>)>,
     /// Whether a point of the ball is solved.
     pub solved: fn([i32; 3]) -> bool,
     /// Force of a ghost slot.
@@ -107,6 +113,9 @@ impl Default for Recipe {
             spacing_m: 0.01,
             radius_m: 0.03,
             nodes: vec![[0.0; 3]],
+            normal: |_| [0.0, 0.0, 1.0],
+            stiffer: |_| 1.0,
+            body: None,
             solved: |_| true,
             // Deliberately wrong by a quarter: continuity must not hang on good ghosts.
             ghost: |d| force(d).map(|h| 1.25 * h + 0.1),
@@ -161,11 +170,11 @@ impl Recipe {
     }
 
     /// A node for every slot; ghosts are as wrong as those of the force.
-    fn hermite_planes(&self) -> (Vec<u32>, Vec<Node>) {
+    fn hermite_planes(&self, stiffer: f64) -> (Vec<u32>, Vec<Node>) {
         let (lattice, bits) = (self.lattice(), self.flags());
         let node = |slot: usize| {
             let d = lattice.displacement_m(lattice.ijk(slot));
-            let wrong = if bits[slot] & SOLVED != 0 { 1.0 } else { 1.25 };
+            let wrong = stiffer * if bits[slot] & SOLVED != 0 { 1.0 } else { 1.25 };
             let mut node = Node::default();
             for (a, b, c) in (0..27).map(|code| (code / 9, code / 3 % 3, code % 3)) {
                 let scale = f64::from(self.spacing_m).powi((a + b + c) as i32 - 1);
@@ -176,12 +185,12 @@ impl Recipe {
         ((0..lattice.slots() as u32).collect(), (0..lattice.slots()).map(node).collect())
     }
 
-    fn forces(&self) -> Vec<Vec3> {
+    fn forces(&self, stiffer: f64) -> Vec<Vec3> {
         let lattice = self.lattice();
         let force = |(slot, bits): (usize, u8)| {
             let d = lattice.displacement_m(lattice.ijk(slot));
             let h = if bits & SOLVED != 0 { (self.force)(d) } else { (self.ghost)(d) };
-            h.map(|h| h as f32)
+            h.map(|h| (stiffer * h) as f32)
         };
         self.flags().into_iter().enumerate().map(force).collect()
     }
@@ -280,15 +289,18 @@ impl Recipe {
     /// Writes a blob, with a chance to spoil it before the checksum is taken.
     pub fn blob_with(&self, spoil: impl FnOnce(&mut Draft)) -> Aligned {
         let mut area = Area::default();
+        let tetrahedron = || {
+            let vertices = vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
+            (vertices, vec![[0_u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        };
+        let (vertices, triangles) = self.body.clone().unwrap_or_else(tetrahedron);
+        let plane = |axis: usize| vertices.iter().map(|vertex: &Vec3| vertex[axis]).collect::<Vec<f32>>();
+        let fixed: Vec<u8> = (0..vertices.len()).map(|vertex| u8::from(vertex == 0)).collect();
         let surface = SurfaceHeader {
-            node: area.push(&[10_u32, 11, 12, 13]),
-            position_m: [
-                area.push(&[0.0_f32, 0.1, 0.0, 0.0]),
-                area.push(&[0.0_f32, 0.0, 0.1, 0.0]),
-                area.push(&[0.0_f32, 0.0, 0.0, 0.1]),
-            ],
-            triangles: area.push(&[[0_u32, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-            fixed: area.push(&[1_u8, 0, 0, 0]),
+            node: area.push(&(10..10 + vertices.len() as u32).collect::<Vec<u32>>()),
+            position_m: [area.push(&plane(0)), area.push(&plane(1)), area.push(&plane(2))],
+            triangles: area.push(&triangles),
+            fixed: area.push(&fixed),
         };
         let spaces = (0..)
             .zip(&self.nodes)
@@ -311,7 +323,7 @@ impl Recipe {
     fn space(&self, area: &mut Area, index: u32, rest_position_m: Vec3) -> SpaceHeader {
         let three = |area: &mut Area, planes: &[Vec<f32>; 3]| planes.each_ref().map(|plane| area.push(plane));
         let flags = area.push(&self.flags());
-        let force_n = self.lattice_table.then(|| area.push(&self.forces()));
+        let force_n = self.lattice_table.then(|| area.push(&self.forces((self.stiffer)(index))));
         let rbf_linear = self.rbf.then(|| {
             let (centres, weights) = self.rbf_planes(|r| r);
             let narrow =
@@ -324,7 +336,7 @@ impl Recipe {
             RbfHeader { centres: three(centres), weights: three(weights) }
         });
         let hermite = self.hermite.then(|| {
-            let (row, nodes) = self.hermite_planes();
+            let (row, nodes) = self.hermite_planes((self.stiffer)(index));
             HermiteHeader { row: area.push(&row), nodes: area.push(&nodes) }
         });
         let displacement = self.displacement.then(|| self.displacement_planes(area));
@@ -332,7 +344,7 @@ impl Recipe {
             name: format!("A{}", index + 1).as_str().try_into().expect("short"),
             node: 10 + index,
             rest_position_m,
-            outward_normal: [0.0, 0.0, 1.0],
+            outward_normal: (self.normal)(rest_position_m),
             spacing_m: self.spacing_m,
             radius_m: self.radius_m,
             flags,
@@ -448,4 +460,45 @@ impl Random {
 
 pub fn distance(a: Vec3, b: Vec3) -> f32 {
     palpate_core::vec3::distance(a, b)
+}
+
+/// A sphere of triangles: an icosahedron whose edges were halved some times.
+pub fn sphere(radius_m: f32, halvings: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let golden = (1.0 + 5.0_f32.sqrt()) / 2.0;
+    let mut vertices: Vec<Vec3> = Vec::new();
+    for (one, other) in [(1.0, golden), (-1.0, golden), (1.0, -golden), (-1.0, -golden)] {
+        vertices.extend([[0.0, one, other], [one, other, 0.0], [other, 0.0, one]]);
+    }
+    let edge = 2.0_f32;
+    let near = |a: &Vec3, b: &Vec3| (distance(*a, *b) - edge).abs() < 1e-3;
+    let mut triangles = Vec::new();
+    for a in 0..12 {
+        for b in a + 1..12 {
+            for c in b + 1..12 {
+                let [p, q, r] = [a, b, c].map(|i: usize| vertices[i]);
+                if near(&p, &q) && near(&q, &r) && near(&r, &p) {
+                    let area = vec3::cross(vec3::sub(q, p), vec3::sub(r, p));
+                    let outward = vec3::dot(area, p) > 0.0;
+                    triangles.push(if outward { [a, b, c] } else { [a, c, b] }.map(|i| i as u32));
+                }
+            }
+        }
+    }
+    for _ in 0..halvings {
+        let mut middles = std::collections::HashMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                let sum = vec3::add(vertices[a as usize], vertices[b as usize]);
+                vertices.push(vec3::scale(sum, 0.5));
+                vertices.len() as u32 - 1
+            })
+        };
+        let halved = triangles.iter().flat_map(|&[a, b, c]| {
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+        });
+        triangles = halved.collect();
+    }
+    let onto = |vertex: &Vec3| vec3::scale(vec3::normalize_or_zero(*vertex), radius_m);
+    (vertices.iter().map(onto).collect(), triangles)
 }
