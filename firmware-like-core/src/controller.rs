@@ -141,6 +141,8 @@ pub struct Command {
     pub hand_work_j: f32,
     /// Whether the guard on energy added damping.
     pub damped: bool,
+    /// Share of the force since arming: below 1 while it ramps up, 0 while disarmed.
+    pub ramp: f32,
 }
 
 impl Command {
@@ -158,6 +160,7 @@ impl Command {
             clamped: false,
             hand_work_j: 0.0,
             damped: false,
+            ramp: 0.0,
         }
     }
 }
@@ -455,7 +458,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         // The slew stays inside the ball but for rounding; this makes the limit exact.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
-        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ..model })
+        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
     }
 
     /// Trips on a position that no hand can have brought about.

@@ -1,12 +1,14 @@
 //! The deformed surface at 30 Hz: displacements from the space's table, then positions and normals.
 
 use glam::Vec3;
-use palpate_core::{Organ, vec3};
+use palpate_core::{Organ, Share, vec3};
 
 /// Surface of an organ as it is now; buffers are reused from frame to frame.
 #[derive(Debug, Clone)]
 pub struct Deformation {
     displacement_m: Vec<[f32; 3]>,
+    /// Of one space, before it is blended with others.
+    one_m: Vec<[f32; 3]>,
     rest_m: Vec<Vec3>,
     position_m: Vec<Vec3>,
     normal: Vec<Vec3>,
@@ -20,6 +22,7 @@ impl Deformation {
         let rest_m: Vec<Vec3> = x.iter().zip(y).zip(z).map(|((&x, &y), &z)| Vec3::new(x, y, z)).collect();
         let mut surface = Self {
             displacement_m: vec![vec3::ZERO; rest_m.len()],
+            one_m: vec![vec3::ZERO; rest_m.len()],
             position_m: rest_m.clone(),
             normal: vec![Vec3::ZERO; rest_m.len()],
             rest_m,
@@ -28,17 +31,22 @@ impl Deformation {
         surface
     }
 
-    /// Moves to the configuration with this space engaged at this displacement; `None` is the rest shape.
+    /// Moves to the configuration with these shares of spaces at this displacement of the tool; without any to the rest shape.
     ///
-    /// A blob packed without displacements leaves the surface at rest.
-    pub fn update<const N: usize>(&mut self, organ: &Organ<'_, N>, engaged: Option<(u16, [f32; 3])>) {
-        let space =
-            engaged.and_then(|(index, d)| organ.spaces.get(usize::from(index)).map(|space| (space, d)));
-        match space {
-            Some((space, displacement_m)) => {
-                space.displacement_into(displacement_m, &mut self.displacement_m);
+    /// u = sum w_i u_i(d), as the force is. A blob packed without displacements leaves the surface at rest.
+    pub fn update<const N: usize>(
+        &mut self,
+        organ: &Organ<'_, N>,
+        shares: &[Share; 3],
+        displacement_m: [f32; 3],
+    ) {
+        self.displacement_m.fill(vec3::ZERO);
+        for share in shares.iter().filter(|share| share.weight > 0.0) {
+            let Some(space) = organ.spaces.get(usize::from(share.space)) else { continue };
+            space.displacement_into(displacement_m, &mut self.one_m);
+            for (sum, one) in self.displacement_m.iter_mut().zip(&self.one_m) {
+                *sum = vec3::add(*sum, vec3::scale(*one, share.weight));
             }
-            None => self.displacement_m.fill(vec3::ZERO),
         }
         self.recompute(organ.surface.triangles);
     }
@@ -107,14 +115,20 @@ mod tests {
         let mut surface = Deformation::at_rest(&organ);
         let node = organ.spaces[1].node as usize;
         let d = [0.004, -0.013, 0.006];
-        surface.update(&organ, Some((1, d)));
+        let whole = [Share { space: 1, weight: 1.0 }, Share::default(), Share::default()];
+        surface.update(&organ, &whole, d);
         let moved = surface.position_m()[node] - surface.rest_m()[node];
         // The dent is linear in d, so interpolation between lattice points is exact; the scale is the fall-off at the node.
         let held = moved.length() / vec3::norm(d);
         assert!(held > 0.5 && held <= 1.0 + 1e-4, "{held}");
         assert!((moved.normalize() - Vec3::from_array(vec3::normalize_or_zero(d))).length() < 1e-3);
         assert!((surface.largest_m() - moved.length()).abs() < 2e-3);
-        surface.update(&organ, None);
+        // Half of it, and half of a node that is not displaced by much there: in between.
+        let half = [Share { weight: 0.5, ..whole[0] }, Share { space: 2, weight: 0.5 }, Share::default()];
+        surface.update(&organ, &half, d);
+        let blended = surface.position_m()[node] - surface.rest_m()[node];
+        assert!(blended.length() > 0.5 * moved.length() && blended.length() < 0.8 * moved.length());
+        surface.update(&organ, &[Share::default(); 3], d);
         assert_eq!(surface.position_m(), surface.rest_m());
         assert_eq!(surface.largest_m(), 0.0);
     }

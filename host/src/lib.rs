@@ -20,6 +20,7 @@ pub mod blob_file;
 pub mod deformation;
 pub mod device;
 pub mod instructions;
+pub mod model;
 pub mod recording;
 pub mod replay;
 pub mod rt;

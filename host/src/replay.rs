@@ -6,7 +6,8 @@
 //! The samples are those of the recording whatever force comes out: with another method this is the same stroke under another hand's
 //! force, not what that hand would have done.
 
-use crate::device::replay::ReplayDevice;
+use crate::device::replay::{Answer, ReplayDevice};
+use crate::model::{self, TouchMemory};
 use crate::recording::{Recording, RecordingError};
 use crate::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
 use crate::session::{Screen, TouchFigures, View};
@@ -15,7 +16,7 @@ use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::controller::ControllerError;
-use palpate_core::{Config, Controller, Method, Organ, Vec3, vec3};
+use palpate_core::{Config, Method, Organ, Vec3, vec3};
 use std::io::Read;
 use std::time::Instant;
 
@@ -25,7 +26,7 @@ pub enum ReplayError {
     /// The recording was made with another blob.
     OtherBlob {
         /// BLAKE3 of the recording's.
-        recorded: String,
+        recorded: Vec<String>,
         /// Its scene.
         scene: String,
     },
@@ -41,10 +42,11 @@ impl fmt::Display for ReplayError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OtherBlob { recorded, scene } => {
-                let short = recorded.get(..12).unwrap_or(recorded);
+                let short: Vec<&str> = recorded.iter().map(|hash| hash.get(..12).unwrap_or(hash)).collect();
                 write!(
                     f,
-                    "recorded with another blob (scene {scene}, BLAKE3 {short}...); replay it with that one, byte for byte"
+                    "recorded with another blob (scene {scene}, BLAKE3 {}...); replay it with the same, byte for byte and in the same order",
+                    short.join("..., ")
                 )
             }
             Self::Controller(error) => error.fmt(f),
@@ -186,13 +188,13 @@ impl fmt::Display for ReplaySummary {
     }
 }
 
-/// Replays a recording on an organ read from the blob with this BLAKE3, with the recorded method or another one.
+/// Replays a recording on organs read from the blobs with these BLAKE3, with the recorded method or another one.
 ///
 /// As fast as the computing goes, frames by recorded time; a window shows it in real time. Of the window's keys only those that look
 /// and quit count. `stop` ends it from outside.
 pub fn replay<R: Read, const N: usize>(
-    organ: &Organ<'_, N>,
-    blob_blake3: &str,
+    organs: &[&Organ<'_, N>],
+    blob_blake3: &[String],
     recording: &mut Recording<R>,
     method: Option<Method>,
     view: &View,
@@ -203,14 +205,16 @@ pub fn replay<R: Read, const N: usize>(
         return Err(ReplayError::OtherBlob { recorded: header.blob_blake3, scene: header.scene });
     }
     let config = Config { method: method.unwrap_or(header.config.method), ..header.config };
-    let controller = Controller::new(organ, config)?;
-    let mut show = Show::open(organ, &config, view)?;
+    let mut memory = TouchMemory::default();
+    let controllers = model::controllers(organs, config, &mut memory)?;
+    let first = organs.first().ok_or(RecordingError::Entry("blob_blake3"))?;
+    let mut show = Show::open(first, &config, view)?;
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let (mut answers, fed) = rtrb::RingBuffer::new(1);
     let (records, mut replayed) = rtrb::RingBuffer::new(1);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
-    let mut haptic = HapticLoop::new(
-        controller,
+    let mut haptic = HapticLoop::of_models(
+        &controllers,
         ReplayDevice::new(header.device, fed),
         &clock,
         header.haptic,
@@ -241,7 +245,9 @@ pub fn replay<R: Read, const N: usize>(
             break;
         }
         controls.repeat(recorded.applied);
-        answers.push(recorded.sample).expect("every tick takes one");
+        controls.select(recorded.model);
+        let answer = Answer { sample: recorded.sample, state: recorded.device };
+        answers.push(answer).expect("every tick takes one");
         let start_ns = recorded.t_us.saturating_mul(1_000);
         clock.wait_until(start_ns, 0);
         haptic
@@ -250,7 +256,7 @@ pub fn replay<R: Read, const N: usize>(
         let now = replayed.pop().expect("every tick leaves a record");
         summary.compare(&recorded, &now);
         show.take(
-            organ,
+            organs.get(usize::from(now.model)).unwrap_or(first),
             &TickRecord { lateness_ns: recorded.lateness_ns, compute_ns: recorded.compute_ns, ..now },
         )?;
     }
@@ -262,8 +268,10 @@ pub fn replay<R: Read, const N: usize>(
 /// The bits of all that a tick decides.
 fn decided(record: &TickRecord) -> impl PartialEq {
     let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
+    let shares = record.shares.map(|share| (share.space, share.weight.to_bits()));
+    let (work, ramp) = (record.hand_work_j.to_bits(), record.ramp.to_bits());
     let rest = (record.t_us, record.engaged, record.coverage, record.phase, record.clamped);
-    (vectors.map(|vector| vector.map(f32::to_bits)), rest)
+    (vectors.map(|vector| vector.map(f32::to_bits)), rest, shares, (work, ramp, record.damped, record.model))
 }
 
 impl ReplaySummary {

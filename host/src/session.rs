@@ -2,6 +2,8 @@
 
 use crate::device::{Device, DeviceInfo};
 use crate::instructions::Instructions;
+use crate::model::{self, TouchMemory};
+use crate::rt::haptic_loop::MOST_MODELS;
 use crate::rt::thread::spawn;
 use crate::rt::{
     Controls, HapticLoop, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock, Outputs,
@@ -13,7 +15,7 @@ use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::controller::ControllerError;
-use palpate_core::{Config, Controller, Coverage, Organ, Phase, vec3};
+use palpate_core::{Config, Coverage, Organ, Phase, Vec3, vec3};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -57,6 +59,8 @@ pub struct SessionOptions {
     pub queue_ticks: usize,
     /// What to show.
     pub view: View,
+    /// Go on to the next of several organs each time this has passed.
+    pub change_every: Option<Duration>,
 }
 
 impl Default for SessionOptions {
@@ -68,6 +72,7 @@ impl Default for SessionOptions {
             // Sixteen seconds: longer than any frame or file write.
             queue_ticks: 16_384,
             view: View::Nothing,
+            change_every: None,
         }
     }
 }
@@ -77,6 +82,8 @@ impl Default for SessionOptions {
 pub enum SessionError {
     /// The controller refused organ or configuration.
     Controller(ControllerError),
+    /// There is no organ, or there are more than the loop takes.
+    NoModel,
     /// The length is negative or not a number.
     Seconds(f64),
     /// Nothing to show on, or a frame was not written.
@@ -91,6 +98,7 @@ impl fmt::Display for SessionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Controller(error) => error.fmt(f),
+            Self::NoModel => write!(f, "a session needs 1 to {MOST_MODELS} organs"),
             Self::Seconds(seconds) => write!(f, "{seconds} is no length for a session, in seconds"),
             Self::Viewer(error) => error.fmt(f),
             Self::Thread(error) => write!(f, "cannot start the haptic thread: {error}"),
@@ -132,7 +140,14 @@ pub struct TouchFigures {
     pub coverage_ticks: [u64; Coverage::ALL.len()],
     /// Ticks in which the force limit cut the force.
     pub clamped_ticks: u64,
-    engaged_before: bool,
+    /// Largest change of the force for the hand from one tick to the next while rendering, N. What a fault or an end takes away at once
+    /// is none.
+    pub largest_step_n: f32,
+    /// Largest work on the hand since it touched, J: above 0 is more than a body can give.
+    pub largest_work_j: f32,
+    /// Ticks in which the guard on energy added damping.
+    pub damped_ticks: u64,
+    before: Option<(u64, bool, Vec3)>,
 }
 
 impl TouchFigures {
@@ -142,8 +157,14 @@ impl TouchFigures {
         self.peak_hand_force_n = self.peak_hand_force_n.max(vec3::norm(record.hand_force_n));
         self.peak_displacement_m = self.peak_displacement_m.max(vec3::norm(record.displacement_m));
         let engaged = record.engaged.is_some();
-        self.contacts += u64::from(engaged && !self.engaged_before);
-        self.engaged_before = engaged;
+        let (before, was_engaged, force_n) = self.before.unwrap_or((0, false, vec3::ZERO));
+        self.contacts += u64::from(engaged && !was_engaged);
+        if record.phase == Phase::Active && record.tick == before + 1 {
+            self.largest_step_n = self.largest_step_n.max(vec3::distance(force_n, record.hand_force_n));
+        }
+        self.before = Some((record.tick, engaged, record.hand_force_n));
+        self.largest_work_j = self.largest_work_j.max(record.hand_work_j);
+        self.damped_ticks += u64::from(record.damped);
         self.engaged_ticks += u64::from(engaged);
         self.clamped_ticks += u64::from(record.clamped);
         let kinds = Coverage::ALL.iter().zip(&mut self.coverage_ticks);
@@ -229,6 +250,15 @@ impl fmt::Display for SessionSummary {
         )?;
         if touch.engaged_ticks > 0 {
             self.write_coverage(f)?;
+            write!(
+                f,
+                "\nsmoothness   largest step of the force {:.0} mN a tick; work on the hand at most {:+.1} mJ in a touch",
+                touch.largest_step_n * 1e3,
+                touch.largest_work_j * 1e3
+            )?;
+            if touch.damped_ticks > 0 {
+                write!(f, ", {} ticks damped", touch.damped_ticks)?;
+            }
         }
         match self.end {
             LoopEnd::Completed => {}
@@ -255,18 +285,23 @@ impl fmt::Display for SessionSummary {
 
 /// Runs a session: the loop on its own thread, viewer and records on the calling one.
 ///
-/// `on_record` gets every record in order, a few milliseconds late; it may take its time, the queue holds seconds. `stop` ends the
+/// The first organ is rendered until another is asked for; all by the same settings. `on_record` gets every record in order, a few milliseconds late; it may take its time, the queue holds seconds. `stop` ends the
 /// session from outside (Ctrl-C). A window that cannot be opened is an error before anything moves.
 pub fn run_session<D: Device, const N: usize>(
-    organ: &Organ<'_, N>,
+    organs: &[&Organ<'_, N>],
     config: Config,
     device: D,
     options: &SessionOptions,
     stop: &AtomicBool,
     mut on_record: impl FnMut(&TickRecord),
 ) -> Result<SessionSummary, SessionError> {
-    let controller = Controller::new(organ, config)?;
-    let felt = (controller.stiffest_n_m(), controller.force_share());
+    let mut memory = TouchMemory::default();
+    let controllers = model::controllers(organs, config, &mut memory)?;
+    let (Some(first), Some(organ), true) = (controllers.first(), organs.first(), organs.len() <= MOST_MODELS)
+    else {
+        return Err(SessionError::NoModel);
+    };
+    let felt = (first.stiffest_n_m(), first.force_share());
     let periods = periods(options)?;
     let mut screen = Screen::open(organ, &config, &options.view)?;
     let info = device.info();
@@ -281,7 +316,8 @@ pub fn run_session<D: Device, const N: usize>(
         // Whatever happens on this side, the other one must end, or the scope would wait for ever.
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
-        let haptic = HapticLoop::new(controller, device, MonotonicClock, options.haptic, &controls, outputs);
+        let haptic =
+            HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs);
         let instructions = haptic.instructions();
         let handle =
             spawn(scope, haptic, options.real_time, &ended_here, periods).map_err(SessionError::Thread)?;
@@ -297,8 +333,14 @@ pub fn run_session<D: Device, const N: usize>(
                 ended_here.store(true, Ordering::Relaxed);
             }
             drain(&mut live);
+            let record = newest.read();
+            if let Some(every) = options.change_every {
+                let turns = record.t_us as u128 / every.as_micros().max(1);
+                controls.select((turns % organs.len() as u128) as u8);
+            }
             if screen.is_due() {
-                screen.show(organ, newest.read(), &mut live, &controls, &ended_here)?;
+                let organ = organs[usize::from(record.model)];
+                screen.show(organ, record, &mut live, &controls, &ended_here)?;
             } else {
                 std::thread::sleep(screen.time_left().min(DRAIN_PAUSE));
             }
@@ -447,6 +489,10 @@ impl Screen {
             if events.reset {
                 controls.reset();
             }
+            if events.next_model {
+                // One beyond the last is the first again.
+                controls.select(record.model + 1);
+            }
             if events.quit {
                 end.store(true, Ordering::Relaxed);
             }
@@ -491,7 +537,7 @@ mod tests {
         // Quick strokes: this hand's time stands still while the machine is busy elsewhere.
         config.strokes.seconds_per_node = 1.0;
         let hand = SimulatedHand::new(&organ, config);
-        run_session(&organ, Config::new(Method::Hybrid), hand, options, stop, |record| on_record(record))
+        run_session(&[&organ], Config::new(Method::Hybrid), hand, options, stop, |record| on_record(record))
     }
 
     #[test]

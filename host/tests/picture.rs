@@ -9,7 +9,7 @@ use nix::time::{ClockId, clock_gettime};
 use palpate_core::{Config, Controller, Method, Organ, State};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::rt::{Applied, TickRecord};
+use palpate_host::rt::TickRecord;
 use palpate_host::viewer::frames::write_png;
 use palpate_host::viewer::{Image, Live, Renderer, RendererConfig};
 use std::path::Path;
@@ -33,18 +33,9 @@ fn pictures(organ: &Organ<'_>, picture: RendererConfig, at: &[u64]) -> Vec<(Tick
             tick,
             t_us: now_us,
             sample,
-            applied: Applied::default(),
-            hip_m: command.hip_m,
-            displacement_m: command.displacement_m,
-            engaged: command.engaged,
-            reaction_n: command.reaction_n,
-            hand_force_n: command.hand_force_n,
-            coverage: command.coverage,
-            phase: command.phase,
-            clamped: command.clamped,
             compute_ns: begun.elapsed().as_nanos() as u64,
             lateness_ns: 400,
-            skipped_periods: 0,
+            ..TickRecord::of(&command)
         };
         live.take(&record);
         if at.contains(&tick) {

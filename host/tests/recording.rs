@@ -1,8 +1,9 @@
 //! A session that has everything in it is recorded, and its replay gives the same bits.
 
 use core::sync::atomic::AtomicBool;
-use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3};
+use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::model::{self, TouchMemory};
 use palpate_host::recording::{Header, TickWriter};
 use palpate_host::replay::{ReplayError, ReplaySummary};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
@@ -70,14 +71,21 @@ fn session(organ: &Organ<'_>, blob: &str, method: Method) -> Session {
     // Quick strokes: many touches between the faults.
     hand_config.strokes.seconds_per_node = 1.0;
     let device = BadLink { hand: SimulatedHand::new(organ, hand_config), calls: 0 };
-    let header =
-        Header::new(organ, blob.into(), config, haptic_config, device.info(), 1_700_000_000_000_000_000);
-    let controller = Controller::new(organ, config).expect("has the method");
+    let header = Header::new(
+        organ,
+        vec![blob.into()],
+        config,
+        haptic_config,
+        device.info(),
+        1_700_000_000_000_000_000,
+    );
+    let mut memory = TouchMemory::default();
+    let controllers = model::controllers(&[organ], config, &mut memory).expect("has the method");
     let (producer, mut records) = rtrb::RingBuffer::new(TICKS as usize);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
-    let mut haptic = HapticLoop::new(controller, device, &clock, haptic_config, &controls, outputs);
+    let mut haptic = HapticLoop::of_models(&controllers, device, &clock, haptic_config, &controls, outputs);
     let mut skipped = 0;
     for index in 0..TICKS {
         // The deadlines that a stall of 3.4 ms runs over.
@@ -119,7 +127,8 @@ impl Session {
         let file = self.file();
         let mut recording = Recording::open(file.as_slice()).expect("sound");
         let go = AtomicBool::new(false);
-        replay(organ, blob, &mut recording, method, &View::Nothing, &go).expect("it can be replayed")
+        replay(&[organ], &[blob.into()], &mut recording, method, &View::Nothing, &go)
+            .expect("it can be replayed")
     }
 }
 
@@ -208,8 +217,8 @@ fn a_cut_recording_is_replayed_up_to_its_end() {
         let file = session(organ, blob, Method::Hybrid).file();
         let mut recording = Recording::open(&file[..file.len() / 2]).expect("a beginning");
         let go = AtomicBool::new(false);
-        let summary =
-            replay(organ, blob, &mut recording, None, &View::Nothing, &go).expect("it can be replayed");
+        let summary = replay(&[organ], &[blob.into()], &mut recording, None, &View::Nothing, &go)
+            .expect("it can be replayed");
         assert!(summary.is_cut && summary.different == 0 && summary.ticks > TICKS / 3, "{summary}");
         assert!(summary.to_string().contains("was cut here"), "{summary}");
     });
@@ -221,7 +230,7 @@ fn another_blob_is_refused() {
         let file = session(organ, blob, Method::Hybrid).file();
         let mut recording = Recording::open(file.as_slice()).expect("sound");
         let go = AtomicBool::new(false);
-        let refused = replay(organ, &"00".repeat(32), &mut recording, None, &View::Nothing, &go);
+        let refused = replay(&[organ], &["00".repeat(32)], &mut recording, None, &View::Nothing, &go);
         let error = refused.expect_err("not the blob");
         assert!(matches!(error, ReplayError::OtherBlob { .. }));
         assert!(

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::recording::{End, Header, RecorderReport};
@@ -32,6 +32,10 @@ pub(crate) struct Show<'p> {
     pub pictures: &'p Path,
     /// What is recorded, if anything.
     pub record: Option<Record<'p>>,
+    /// Friction of a pushing tool, if not the default.
+    pub friction: Option<f32>,
+    /// Go on to the next of several organs each time this has passed.
+    pub change_every: Option<Duration>,
 }
 
 impl Show<'_> {
@@ -59,8 +63,8 @@ impl Show<'_> {
 pub(crate) struct Record<'p> {
     /// The .mcap file, which must not be there yet.
     pub path: &'p Path,
-    /// BLAKE3 of the blob.
-    pub blob_blake3: &'p str,
+    /// BLAKE3 of each blob.
+    pub blob_blake3: &'p [String],
 }
 
 impl Record<'_> {
@@ -71,7 +75,7 @@ impl Record<'_> {
         options: &SessionOptions,
         device: DeviceInfo,
     ) -> Result<Recorder<BufWriter<File>>, Failure> {
-        let blob = self.blob_blake3.into();
+        let blob = self.blob_blake3.to_vec();
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let start_unix_ns = since_1970.as_nanos() as u64;
         let header = Header::new(organ, blob, config, options.haptic, device, start_unix_ns);
@@ -91,9 +95,9 @@ pub(crate) struct Touched {
     pub recording: Option<RecorderReport>,
 }
 
-/// Controller settings for `organ` and a device of `device_force_n` and `device_stiffness_n_m`.
+/// Controller settings for these organs and a device of `device_force_n` and `device_stiffness_n_m`: what holds for all of them.
 pub(crate) fn config(
-    organ: &Organ<'_>,
+    organs: &[&Organ<'_>],
     method: Method,
     device_force_n: f32,
     device_stiffness_n_m: f32,
@@ -101,10 +105,11 @@ pub(crate) fn config(
     let mut config = Config::new(method);
     config.limits.max_stiffness_n_m = config.limits.max_stiffness_n_m.min(device_stiffness_n_m);
     // Neither a scene without a device nor an ideal simulated one lifts the default limit.
-    config.limits.max_force_n = config.limits.max_force_n.min(device_force_n).min(organ.max_force_n);
+    let weakest_n = organs.iter().fold(f32::INFINITY, |least, organ| least.min(organ.max_force_n));
+    config.limits.max_force_n = config.limits.max_force_n.min(device_force_n).min(weakest_n);
     // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
-    let reach =
-        organ.surface.position_m.iter().flat_map(|plane| plane.iter()).fold(0.0f32, |m, x| m.max(x.abs()));
+    let places = organs.iter().flat_map(|organ| organ.surface.position_m).flatten();
+    let reach = places.fold(0.0f32, |most, x| most.max(x.abs()));
     config.limits.max_position_m = config.limits.max_position_m.max(reach + WORKSPACE_MARGIN_M);
     config
 }
@@ -113,25 +118,31 @@ pub(crate) fn config(
 ///
 /// `device` is asked for afresh when the window fails, before anything has moved.
 pub(crate) fn run<D: Device>(
-    organ: &Organ<'_>,
+    organs: &[&Organ<'_>],
     method: Method,
     show: Show<'_>,
     stop: &AtomicBool,
     mut device: impl FnMut() -> Result<D, Failure>,
     mut on_record: impl FnMut(&TickRecord),
 ) -> Result<Touched, Failure> {
-    let mut options =
-        SessionOptions { seconds: show.seconds, view: show.view(), ..SessionOptions::default() };
+    let organ = organs.first().ok_or_else(|| Failure::input(SessionError::NoModel))?;
+    let mut options = SessionOptions {
+        seconds: show.seconds,
+        view: show.view(),
+        change_every: show.change_every,
+        ..SessionOptions::default()
+    };
     let mut moved = false;
     loop {
         let device = device()?;
         let info = device.info();
-        let config = config(organ, method, info.max_force_n, info.max_stiffness_n_m);
+        let mut config = config(organs, method, info.max_force_n, info.max_stiffness_n_m);
+        config.contact.friction = show.friction.unwrap_or(config.contact.friction);
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         let record = show.record.map(|record| record.start(organ, config, &options, info));
         let mut recorder = record.transpose()?;
-        let ended = run_session(organ, config, device, &options, stop, |record| {
+        let ended = run_session(organs, config, device, &options, stop, |record| {
             moved = true;
             if let Some(recorder) = &mut recorder {
                 recorder.take(record);
@@ -151,7 +162,7 @@ pub(crate) fn run<D: Device>(
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
                 options.view = show.frames();
             }
-            Err(error @ (SessionError::Controller(_) | SessionError::Seconds(_))) => {
+            Err(error @ (SessionError::Controller(_) | SessionError::Seconds(_) | SessionError::NoModel)) => {
                 return Err(Failure::input(error));
             }
             Err(error) => return Err(Failure::work(error)),

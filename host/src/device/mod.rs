@@ -107,6 +107,39 @@ impl fmt::Display for DeviceError {
 
 impl core::error::Error for DeviceError {}
 
+/// How far a device is from being usable (DEVICES: Disconnected -> Open -> FirmwareLoaded -> Unhomed -> Homed).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum DeviceState {
+    /// Not there.
+    Disconnected,
+    /// There, but silent until its firmware is loaded.
+    Open,
+    /// Speaks, but nothing is known of its position.
+    FirmwareLoaded,
+    /// Waits to be moved to where its coordinates begin.
+    Unhomed,
+    /// Its position means something: it may be armed. The state of every device that needs none of the others.
+    Homed,
+}
+
+impl DeviceState {
+    /// All of them, in order.
+    pub const ALL: [Self; 5] =
+        [Self::Disconnected, Self::Open, Self::FirmwareLoaded, Self::Unhomed, Self::Homed];
+
+    /// The name used in logs and recordings.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Disconnected => "disconnected",
+            Self::Open => "open",
+            Self::FirmwareLoaded => "firmware-loaded",
+            Self::Unhomed => "unhomed",
+            Self::Homed => "homed",
+        }
+    }
+}
+
 /// What a device is and can do.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceInfo {
@@ -135,6 +168,11 @@ pub trait Device: Send {
 
     /// What this device is.
     fn info(&self) -> DeviceInfo;
+
+    /// How far it is. The loop arms nothing before it is homed, and takes the force away when it no longer is.
+    fn state(&self) -> DeviceState {
+        DeviceState::Homed
+    }
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -149,6 +187,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
     fn info(&self) -> DeviceInfo {
         (**self).info()
     }
+
+    fn state(&self) -> DeviceState {
+        (**self).state()
+    }
 }
 
 impl<D: Device + ?Sized> Device for &mut D {
@@ -162,6 +204,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn info(&self) -> DeviceInfo {
         (**self).info()
+    }
+
+    fn state(&self) -> DeviceState {
+        (**self).state()
     }
 }
 

@@ -7,7 +7,7 @@ use crate::rt::{LoopConfig, LoopEnd};
 use crate::session::SessionSummary;
 use core::fmt::Display;
 use core::str::FromStr;
-use palpate_core::{Config, ContactConfig, LimitConfig, Method, Organ, Phase};
+use palpate_core::{Config, ContactConfig, LimitConfig, Method, Organ, PassivityConfig, Phase};
 use std::collections::BTreeMap;
 
 type Entries = BTreeMap<String, String>;
@@ -17,8 +17,8 @@ type Entries = BTreeMap<String, String>;
 pub struct Header {
     /// The program and its version.
     pub program: String,
-    /// BLAKE3 of the blob, hexadecimal: a replay needs the very same tables.
-    pub blob_blake3: String,
+    /// BLAKE3 of the blob of each model, hexadecimal: a replay needs the very same tables.
+    pub blob_blake3: Vec<String>,
     /// Scene of the blob.
     pub scene: String,
     /// Names of the active nodes; `engaged` of a tick is an index into them.
@@ -39,7 +39,7 @@ impl Header {
     /// The header of a session that is about to begin.
     pub fn new<const N: usize>(
         organ: &Organ<'_, N>,
-        blob_blake3: String,
+        blob_blake3: Vec<String>,
         config: Config,
         haptic: LoopConfig,
         device: DeviceInfo,
@@ -59,13 +59,13 @@ impl Header {
     }
 
     pub(super) fn entries(&self) -> Entries {
-        let Config { method, contact, limits } = self.config;
+        let Config { method, contact, limits, passivity } = self.config;
         let entry = |key: &str, value: &dyn Display| (key.to_string(), value.to_string());
         // A float is written with as many digits as give it back.
         Entries::from([
             entry("format", &FORMAT),
             entry("program", &self.program),
-            entry("blob_blake3", &self.blob_blake3),
+            entry("blob_blake3", &self.blob_blake3.join(",")),
             entry("scene", &self.scene),
             // No name of an active node holds a comma: a scene with such a name is refused.
             entry("active", &self.active.join(",")),
@@ -82,15 +82,22 @@ impl Header {
             entry("capture_radius_m", &contact.capture_radius_m),
             entry("release_tension_n", &contact.release_tension_n),
             entry("release_height_m", &contact.release_height_m),
+            entry("friction", &contact.friction),
+            entry("grasp_slip", &contact.grasp_slip),
             entry("grasp_button", &contact.grasp_button),
             entry("max_force_n", &limits.max_force_n),
             entry("max_slew_n_per_s", &limits.max_slew_n_per_s),
             entry("ramp_s", &limits.ramp_s),
+            entry("fade_s", &limits.fade_s),
             entry("stale_hold_ticks", &limits.stale_hold_ticks),
             entry("stale_fault_us", &limits.stale_fault_us),
             entry("max_position_m", &limits.max_position_m),
             entry("max_speed_m_s", &limits.max_speed_m_s),
             entry("max_stiffness_n_m", &limits.max_stiffness_n_m),
+            entry("energy_margin_j", &passivity.margin_j),
+            entry("energy_damping_n_s_m", &passivity.max_damping_n_s_m),
+            entry("energy_fault_j", &passivity.fault_j),
+            entry("workspace_scale", &passivity.workspace_scale),
             entry("start_unix_ns", &self.start_unix_ns),
         ])
     }
@@ -101,12 +108,15 @@ impl Header {
             return Err(RecordingError::Format(format));
         }
         let method: String = get(entries, "method")?;
-        let active: String = get(entries, "active")?;
+        let list = |key| -> Result<Vec<String>, RecordingError> {
+            let joined: String = get(entries, key)?;
+            Ok(joined.split(',').filter(|name| !name.is_empty()).map(Into::into).collect())
+        };
         Ok(Self {
             program: get(entries, "program")?,
-            blob_blake3: get(entries, "blob_blake3")?,
+            blob_blake3: list("blob_blake3")?,
             scene: get(entries, "scene")?,
-            active: active.split(',').filter(|name| !name.is_empty()).map(Into::into).collect(),
+            active: list("active")?,
             instructions: get(entries, "instructions")?,
             device: DeviceInfo {
                 name: get(entries, "device")?,
@@ -126,17 +136,26 @@ impl Header {
                     capture_radius_m: get(entries, "capture_radius_m")?,
                     release_tension_n: get(entries, "release_tension_n")?,
                     release_height_m: get(entries, "release_height_m")?,
+                    friction: get(entries, "friction")?,
+                    grasp_slip: get(entries, "grasp_slip")?,
                     grasp_button: get(entries, "grasp_button")?,
                 },
                 limits: LimitConfig {
                     max_force_n: get(entries, "max_force_n")?,
                     max_slew_n_per_s: get(entries, "max_slew_n_per_s")?,
                     ramp_s: get(entries, "ramp_s")?,
+                    fade_s: get(entries, "fade_s")?,
                     stale_hold_ticks: get(entries, "stale_hold_ticks")?,
                     stale_fault_us: get(entries, "stale_fault_us")?,
                     max_position_m: get(entries, "max_position_m")?,
                     max_speed_m_s: get(entries, "max_speed_m_s")?,
                     max_stiffness_n_m: get(entries, "max_stiffness_n_m")?,
+                },
+                passivity: PassivityConfig {
+                    margin_j: get(entries, "energy_margin_j")?,
+                    max_damping_n_s_m: get(entries, "energy_damping_n_s_m")?,
+                    fault_j: get(entries, "energy_fault_j")?,
+                    workspace_scale: get(entries, "workspace_scale")?,
                 },
             },
             start_unix_ns: get(entries, "start_unix_ns")?,
@@ -219,7 +238,7 @@ pub(super) mod tests {
     pub(in crate::recording) fn header() -> Header {
         Header {
             program: "palpate 0.0.1".into(),
-            blob_blake3: "ab".repeat(32),
+            blob_blake3: vec!["ab".repeat(32), "cd".repeat(32)],
             scene: "a liver, \"fresh\"".into(),
             active: vec!["A1".into(), "A2".into()],
             instructions: "avx2".into(),
@@ -237,17 +256,26 @@ pub(super) mod tests {
                     capture_radius_m: 0.1 + 0.2,
                     release_tension_n: f32::MIN_POSITIVE,
                     release_height_m: 1.0e-45,
+                    friction: f32::INFINITY,
+                    grasp_slip: 1.07,
                     grasp_button: u32::MAX,
                 },
                 limits: LimitConfig {
                     max_force_n: 1.0 / 3.0,
                     max_slew_n_per_s: f32::MAX,
                     ramp_s: 0.0,
+                    fade_s: 0.017,
                     stale_hold_ticks: 5,
                     stale_fault_us: u64::MAX,
                     max_position_m: 0.7,
                     max_speed_m_s: 16_777_217.0,
                     max_stiffness_n_m: 2_999.9,
+                },
+                passivity: PassivityConfig {
+                    margin_j: 0.011,
+                    max_damping_n_s_m: 0.3,
+                    fault_j: f32::INFINITY,
+                    workspace_scale: 1.7,
                 },
             },
             start_unix_ns: 1_795_000_000_123_456_789,
@@ -270,7 +298,7 @@ pub(super) mod tests {
             assert!(refused.contains(key.as_str()), "{key}: {refused}");
         }
         let mut newer = entries;
-        newer.insert("format".into(), "2".into());
-        assert!(matches!(Header::of(&newer), Err(RecordingError::Format(version)) if version == "2"));
+        newer.insert("format".into(), "3".into());
+        assert!(matches!(Header::of(&newer), Err(RecordingError::Format(version)) if version == "3"));
     }
 }

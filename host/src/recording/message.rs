@@ -1,7 +1,8 @@
 //! One tick as a JSON message, and back with the same bits.
 
+use crate::device::DeviceState;
 use crate::rt::{Applied, TickRecord};
-use palpate_core::{Coverage, Fault, Phase, Sample, Vec3, vec3};
+use palpate_core::{Coverage, Fault, Phase, Sample, Share, Vec3, vec3};
 use serde::{Deserialize, Serialize};
 
 /// A tick as it is in the file; `tick.schema.json` says what each field is.
@@ -14,12 +15,15 @@ struct Message<'m> {
     t_us: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<SampleMessage>,
+    device: &'m str,
     reset: bool,
     arm: bool,
     disarm: bool,
+    model: u8,
     hip_m: Vector,
     displacement_m: Vector,
     engaged: i32,
+    shares: Vec<ShareMessage>,
     reaction_n: Vector,
     hand_force_n: Vector,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,7 +31,10 @@ struct Message<'m> {
     phase: &'m str,
     #[serde(skip_serializing_if = "Option::is_none")]
     fault: Option<&'m str>,
+    ramp: f32,
     clamped: bool,
+    hand_work_j: f32,
+    damped: bool,
     compute_ns: u64,
     lateness_ns: u64,
     skipped_periods: u64,
@@ -39,6 +46,14 @@ struct SampleMessage {
     t_us: u64,
     position_m: Vector,
     buttons: u32,
+}
+
+/// A space that answered.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ShareMessage {
+    space: u16,
+    weight: f32,
 }
 
 /// A vector; JSON has no NaN and no infinity, so one that holds any has its bits beside what is finite of it.
@@ -92,18 +107,24 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
             position_m: sample.position_m.into(),
             buttons: sample.buttons,
         }),
+        device: record.device.name(),
         reset,
         arm,
         disarm,
+        model: record.model,
         hip_m: record.hip_m.into(),
         displacement_m: record.displacement_m.into(),
         engaged: record.engaged.map_or(-1, i32::from),
+        shares: record.shares.map(|Share { space, weight }| ShareMessage { space, weight }).into(),
         reaction_n: record.reaction_n.into(),
         hand_force_n: record.hand_force_n.into(),
         coverage: record.coverage.map(Coverage::name),
         phase,
         fault,
+        ramp: record.ramp,
         clamped: record.clamped,
+        hand_work_j: record.hand_work_j,
+        damped: record.damped,
         compute_ns: record.compute_ns,
         lateness_ns: record.lateness_ns,
         skipped_periods: record.skipped_periods,
@@ -135,19 +156,28 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         let position_m = vector(sample.position_m, "sample.position_m")?;
         Ok(Sample { t_us: sample.t_us, position_m, buttons: sample.buttons })
     };
+    let device = DeviceState::ALL.into_iter().find(|device| device.name() == message.device);
+    let shares: Vec<Share> =
+        message.shares.iter().map(|&ShareMessage { space, weight }| Share { space, weight }).collect();
     Ok(TickRecord {
         tick: message.tick,
         t_us: message.t_us,
         sample: message.sample.map(sample).transpose()?,
+        device: device.ok_or_else(|| format!("no state of a device `{}`", message.device))?,
         applied: Applied { reset: message.reset, arm: message.arm, disarm: message.disarm },
+        model: message.model,
         hip_m: vector(message.hip_m, "hip_m")?,
         displacement_m: vector(message.displacement_m, "displacement_m")?,
         engaged,
+        shares: shares.try_into().map_err(|_| "`shares` has not three parts".to_owned())?,
         reaction_n: vector(message.reaction_n, "reaction_n")?,
         hand_force_n: vector(message.hand_force_n, "hand_force_n")?,
         coverage: message.coverage.map(coverage).transpose()?,
         phase,
+        ramp: message.ramp,
         clamped: message.clamped,
+        hand_work_j: message.hand_work_j,
+        damped: message.damped,
         compute_ns: message.compute_ns,
         lateness_ns: message.lateness_ns,
         skipped_periods: message.skipped_periods,
@@ -165,15 +195,25 @@ pub(super) mod tests {
             tick: 1_234,
             t_us: 1_234_056,
             sample: Some(Sample { t_us: 1_234_001, position_m: [0.1, -0.2, 1.0e-9], buttons: 5 }),
+            device: DeviceState::Unhomed,
             applied: Applied { reset: true, arm: false, disarm: true },
+            model: 3,
             hip_m: [0.1, -0.0, 0.3],
             displacement_m: [0.001, 0.002, -0.003],
             engaged: Some(2),
+            shares: [
+                Share { space: 2, weight: 0.7 },
+                Share { space: 9, weight: 0.1 + 0.2 },
+                Share { space: 0, weight: 0.0 },
+            ],
             reaction_n: [1.0 / 3.0, 2.0, -7.0],
             hand_force_n: [-1.0 / 3.0, -2.0, 7.0],
             coverage: Some(Coverage::SuperCell),
             phase: Phase::SafeZero(Fault::Overspeed),
+            ramp: 0.3,
             clamped: true,
+            hand_work_j: -1.0 / 3.0,
+            damped: true,
             compute_ns: 9_001,
             lateness_ns: 401,
             skipped_periods: 3,

@@ -6,10 +6,10 @@
 use super::clock::Clock;
 use super::latency::LatencyRecorder;
 use super::{Applied, TickRecord};
-use crate::device::{Device, DeviceError};
+use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
-use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::{Controller, Phase, State, Vec3, vec3};
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use palpate_core::{Controller, Fault, Organ, Phase, State, Vec3, vec3};
 
 /// Timing of the loop, and how it is armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,12 +28,25 @@ impl Default for LoopConfig {
     }
 }
 
+/// Most models in one session.
+pub const MOST_MODELS: usize = u8::MAX as usize - 1;
+/// No model was asked for.
+const NO_MODEL: u8 = u8::MAX;
+
 /// Requests from other threads, taken up at the next tick.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Controls {
     arm: AtomicBool,
     disarm: AtomicBool,
     reset: AtomicBool,
+    model: AtomicU8,
+}
+
+impl Default for Controls {
+    fn default() -> Self {
+        let no = || AtomicBool::new(false);
+        Self { arm: no(), disarm: no(), reset: no(), model: AtomicU8::new(NO_MODEL) }
+    }
 }
 
 impl Controls {
@@ -52,6 +65,11 @@ impl Controls {
         self.reset.store(true, Ordering::Relaxed);
     }
 
+    /// Goes on with another model; after the last comes the first again.
+    pub fn select(&self, model: u8) {
+        self.model.store(model, Ordering::Relaxed);
+    }
+
     /// Asks again for what was done before a recorded tick.
     pub fn repeat(&self, applied: Applied) {
         self.reset.store(applied.reset, Ordering::Relaxed);
@@ -59,11 +77,11 @@ impl Controls {
         self.disarm.store(applied.disarm, Ordering::Relaxed);
     }
 
-    /// Disarming goes last, so that it wins over whatever was asked in the same tick.
-    fn apply(&self, state: &mut State) -> Applied {
+    /// Disarming goes last, so that it wins over whatever was asked in the same tick. A device that is not ready is not armed.
+    fn apply(&self, state: &mut State, ready: bool) -> Applied {
         let applied = Applied {
             reset: self.reset.swap(false, Ordering::Relaxed),
-            arm: self.arm.swap(false, Ordering::Relaxed),
+            arm: self.arm.swap(false, Ordering::Relaxed) && ready,
             disarm: self.disarm.swap(false, Ordering::Relaxed),
         };
         if applied.reset {
@@ -128,12 +146,31 @@ impl<D: Device> Drop for StopOnDrop<D> {
     }
 }
 
+/// A controller and its way to the force, chosen once; a tick only calls it.
+#[derive(Debug)]
+struct Rendered<'o, 'a, const N: usize> {
+    controller: Controller<'o, 'a, N>,
+    interpolator: Interpolator,
+    /// Models of one kind have the same active nodes on the same surface.
+    kind: usize,
+}
+
+/// Whether a touch of one organ means the same on another.
+fn same_nodes<const N: usize>(one: &Organ<'_, N>, other: &Organ<'_, N>) -> bool {
+    let places = |organ: &Organ<'_, N>| -> Vec<_> {
+        organ.spaces.iter().map(|space| (space.node, space.rest_position_m, space.outward_normal)).collect()
+    };
+    let surface = |organ: &Organ<'_, N>| (organ.surface.node.to_vec(), organ.surface.triangles.to_vec());
+    places(one) == places(other)
+        && surface(one) == surface(other)
+        && one.surface.position_m == other.surface.position_m
+}
+
 /// The loop with all it owns; built outside the real-time thread, because building allocates.
 #[derive(Debug)]
 pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
-    controller: Controller<'o, 'a, N>,
-    /// Chosen once; a tick only calls it.
-    interpolator: Interpolator,
+    models: Vec<Rendered<'o, 'a, N>>,
+    model: usize,
     state: State,
     device: StopOnDrop<D>,
     clock: C,
@@ -160,14 +197,39 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         controls: &'l Controls,
         outputs: Outputs,
     ) -> Self {
+        Self::of_models(&[controller], device, clock, config, controls, outputs)
+    }
+
+    /// With several models, of which the first is rendered until [`Controls::select`] asks for another.
+    ///
+    /// # Panics
+    ///
+    /// If there is none, or more than [`MOST_MODELS`].
+    pub fn of_models(
+        controllers: &[Controller<'o, 'a, N>],
+        device: D,
+        clock: C,
+        config: LoopConfig,
+        controls: &'l Controls,
+        outputs: Outputs,
+    ) -> Self {
         let mut state = State::new();
         if device.info().self_arming {
             state.arm();
         }
-        let interpolator = Interpolator::new(controller.config().method);
+        assert!(!controllers.is_empty() && controllers.len() <= MOST_MODELS, "1 to 254 models");
+        let kind = |controller: &Controller<'o, 'a, N>| {
+            let same = |other: &Controller<'o, 'a, N>| same_nodes(controller.organ(), other.organ());
+            controllers.iter().position(same).unwrap_or(0)
+        };
+        let rendered = |controller: &Controller<'o, 'a, N>| Rendered {
+            controller: *controller,
+            interpolator: Interpolator::new(controller.config().method),
+            kind: kind(controller),
+        };
         Self {
-            controller,
-            interpolator,
+            models: controllers.iter().map(rendered).collect(),
+            model: 0,
             state,
             device: StopOnDrop(device),
             clock,
@@ -187,8 +249,18 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     }
 
     /// The instructions the force is interpolated with.
-    pub const fn instructions(&self) -> Instructions {
-        self.interpolator.instructions()
+    pub fn instructions(&self) -> Instructions {
+        self.models[self.model].interpolator.instructions()
+    }
+
+    /// Goes over to the model that was asked for, if it is there.
+    fn change_model(&mut self) {
+        let asked = self.controls.model.swap(NO_MODEL, Ordering::Relaxed);
+        let wanted = usize::from(asked) % self.models.len();
+        if asked != NO_MODEL && wanted != self.model {
+            self.state.hand_over(self.models[wanted].kind == self.models[self.model].kind);
+            self.model = wanted;
+        }
     }
 
     /// Runs for a number of periods or until the flag is set, then takes the force away.
@@ -248,17 +320,24 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
                 None
             }
         };
-        let applied = self.controls.apply(&mut self.state);
+        let device = self.device.0.state();
+        let ready = device == DeviceState::Homed;
+        if !ready {
+            self.state.trip(Fault::NotReady);
+        }
+        let applied = self.controls.apply(&mut self.state, ready);
+        self.change_model();
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
-            if pressed_now {
+            if pressed_now && ready {
                 self.state.arm();
             }
         }
+        let Rendered { controller, interpolator, .. } = &self.models[self.model];
         let command =
-            self.controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
-                self.interpolator.force(space, displacement_m)
+            controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
+                interpolator.force(space, displacement_m)
             });
         self.hand_force_n = command.hand_force_n;
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
@@ -270,18 +349,13 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             tick: index,
             t_us: now_us,
             sample,
+            device,
             applied,
-            hip_m: command.hip_m,
-            displacement_m: command.displacement_m,
-            engaged: command.engaged,
-            reaction_n: command.reaction_n,
-            hand_force_n: command.hand_force_n,
-            coverage: command.coverage,
-            phase: command.phase,
-            clamped: command.clamped,
+            model: self.model as u8,
             compute_ns,
             lateness_ns,
             skipped_periods: self.skipped_periods,
+            ..TickRecord::of(&command)
         };
         if self.outputs.records.push(record).is_err() {
             self.dropped_records += 1;

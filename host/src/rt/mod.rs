@@ -3,13 +3,16 @@
 pub mod clock;
 pub mod haptic_loop;
 pub mod latency;
+pub mod state;
 pub mod thread;
 
 pub use clock::{Clock, MonotonicClock, VirtualClock};
 pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
 pub use latency::{LatencyRecorder, LatencyReport, Percentiles};
+pub use state::SessionState;
 
-use palpate_core::{Coverage, Phase, Sample, Vec3, vec3};
+use crate::device::DeviceState;
+use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
 
 /// What was asked of the controller from other threads before a tick, in the order in which it was done.
 ///
@@ -33,14 +36,20 @@ pub struct TickRecord {
     pub t_us: u64,
     /// What the device said, if it said anything.
     pub sample: Option<Sample>,
+    /// How far the device is.
+    pub device: DeviceState,
     /// What was asked of the controller before the tick.
     pub applied: Applied,
+    /// Index of the model it ran with.
+    pub model: u8,
     /// HIP, model frame, m.
     pub hip_m: Vec3,
     /// Displacement of the engaged node, m; zero when free.
     pub displacement_m: Vec3,
-    /// Index of the engaged space.
+    /// Index of the engaged space; of the heaviest where several answer.
     pub engaged: Option<u16>,
+    /// The spaces that answered, with their weights.
+    pub shares: [Share; 3],
     /// h of the model, force by the tool on the body, N; zero when free.
     pub reaction_n: Vec3,
     /// Force for the hand after every limit, N.
@@ -49,8 +58,14 @@ pub struct TickRecord {
     pub coverage: Option<Coverage>,
     /// What the controller is doing.
     pub phase: Phase,
+    /// Share of the force since arming, 1 after the ramp.
+    pub ramp: f32,
     /// Whether the reaction was beyond the force limit.
     pub clamped: bool,
+    /// Work done on the hand since it touched, J, in device metres.
+    pub hand_work_j: f32,
+    /// Whether the guard on energy added damping.
+    pub damped: bool,
     /// Device exchange and controller together, ns.
     pub compute_ns: u64,
     /// Start of the tick after its deadline, ns.
@@ -60,20 +75,46 @@ pub struct TickRecord {
 }
 
 impl TickRecord {
+    /// What the controller decided, and nothing of what led to it.
+    #[must_use]
+    pub const fn of(command: &Command) -> Self {
+        Self {
+            hip_m: command.hip_m,
+            displacement_m: command.displacement_m,
+            engaged: command.engaged,
+            shares: command.shares,
+            reaction_n: command.reaction_n,
+            hand_force_n: command.hand_force_n,
+            coverage: command.coverage,
+            phase: command.phase,
+            ramp: command.ramp,
+            clamped: command.clamped,
+            hand_work_j: command.hand_work_j,
+            damped: command.damped,
+            ..Self::NOTHING
+        }
+    }
+
     /// Before the first tick.
     pub const NOTHING: Self = Self {
         tick: 0,
         t_us: 0,
         sample: None,
+        device: DeviceState::Disconnected,
         applied: Applied { reset: false, arm: false, disarm: false },
+        model: 0,
         hip_m: vec3::ZERO,
         displacement_m: vec3::ZERO,
         engaged: None,
+        shares: [Share { space: 0, weight: 0.0 }; 3],
         reaction_n: vec3::ZERO,
         hand_force_n: vec3::ZERO,
         coverage: None,
         phase: Phase::Disarmed,
+        ramp: 0.0,
         clamped: false,
+        hand_work_j: 0.0,
+        damped: false,
         compute_ns: 0,
         lateness_ns: 0,
         skipped_periods: 0,

@@ -98,7 +98,7 @@ impl Renderer {
         record: &TickRecord,
         live: &mut Live,
     ) -> &Image {
-        self.surface.update(organ, record.engaged.map(|space| (space, record.displacement_m)));
+        self.surface.update(organ, &record.shares, record.displacement_m);
         // The scale only grows: colours of one run stay comparable, and do not flicker.
         self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
         let projection = self.projection();

@@ -23,6 +23,8 @@ pub struct WindowEvents {
     pub disarm: bool,
     /// R: clears a latched fault.
     pub reset: bool,
+    /// N: the next of several models.
+    pub next_model: bool,
 }
 
 /// The window.
@@ -55,6 +57,7 @@ impl ViewWindow {
             arm: pressed(Key::A),
             disarm: pressed(Key::D),
             reset: pressed(Key::R),
+            next_model: pressed(Key::N),
         })
     }
 

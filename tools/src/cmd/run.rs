@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
@@ -32,6 +33,8 @@ use crate::workbench::stop_flag;
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
+    /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step in the force
+    more: Vec<PathBuf>,
     /// The device: sim (a simulated hand), polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
@@ -51,9 +54,28 @@ pub(crate) struct Args {
     /// Record every tick to this file (MCAP), which must not be there yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
+    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a number, or stick
+    #[arg(long, value_name = "MU", value_parser = friction)]
+    friction: Option<f32>,
+    /// With several blobs: go on to the next each time so many seconds have passed
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    change_every: Option<Duration>,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
+}
+
+fn friction(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        _ if text == "stick" => Ok(f32::INFINITY),
+        Ok(mu) if mu >= 0.0 => Ok(mu),
+        _ => Err("a number from 0, or stick".into()),
+    }
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: Option<f64> = text.parse().ok().filter(|seconds| *seconds >= 0.01);
+    seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).ok_or_else(|| "seconds, at least 0.01".into())
 }
 
 fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure> {
@@ -82,26 +104,32 @@ const PREFERENCE: [Method; 7] = [
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let file = blob::load(&args.blob)?;
-    let organ = blob::organ(&args.blob, &file)?;
+    let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
+    let files = paths.iter().map(|path| blob::load(path)).collect::<Result<Vec<_>, _>>()?;
+    let each = || paths.iter().zip(&files);
+    let organs = each().map(|(path, file)| blob::organ(path, file)).collect::<Result<Vec<_>, _>>()?;
+    let organs: Vec<&Organ<'_>> = organs.iter().collect();
+    let blob_blake3: Vec<String> = files.iter().map(BlobFile::blake3).collect();
     if let Some(recording) = args.device.strip_prefix("replay:") {
-        return run_replay(args, &file, &organ, Path::new(recording));
+        return run_replay(args, &organs, &blob_blake3, Path::new(recording));
     }
-    let packed = || PREFERENCE.into_iter().find(|m| organ.spaces.iter().all(|s| s.has(*m)));
-    let method = args.method.or_else(packed).ok_or_else(|| {
+    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
+    let method = args.method.or_else(|| PREFERENCE.into_iter().find(has)).ok_or_else(|| {
         Failure::input(format!(
-            "{}: holds no method for all its active nodes; pack again",
-            args.blob.display()
+            "{}: no method that all its active nodes{} hold; pack again",
+            args.blob.display(),
+            if organs.len() > 1 { " and those of the other blobs" } else { "" }
         ))
     })?;
     if !args.uncertified {
-        check_certificate(&args.blob, &organ, method)?;
+        for (path, organ) in paths.iter().zip(&organs) {
+            check_certificate(path, organ, method)?;
+        }
     }
-    let blob_blake3 = file.blake3();
     let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
     let stop = stop_flag()?;
     let show = show(args, record);
-    let touched = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
+    let touched = touch::run(&organs, method, show, &stop, || open_device(&args.device, organs[0]), |_| ())?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
@@ -114,11 +142,23 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
-    touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures, record }
+    touch::Show {
+        seconds: args.seconds,
+        headless: args.headless,
+        pictures: &args.pictures,
+        record,
+        friction: args.friction,
+        change_every: args.change_every,
+    }
 }
 
 /// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
-fn run_replay(args: &Args, file: &BlobFile, organ: &Organ<'_>, path: &Path) -> Result<(), Failure> {
+fn run_replay(
+    args: &Args,
+    organs: &[&Organ<'_>],
+    blob_blake3: &[String],
+    path: &Path,
+) -> Result<(), Failure> {
     if args.record.is_some() || args.seconds.is_some() {
         return Err(Failure::input(
             "a replay is as long as its recording and is not recorded again: leave --seconds and --record out",
@@ -130,7 +170,7 @@ fn run_replay(args: &Args, file: &BlobFile, organ: &Organ<'_>, path: &Path) -> R
         let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
         let mut recording =
             Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
-        Ok(replay(organ, &file.blake3(), &mut recording, args.method, &view, &stop))
+        Ok(replay(organs, blob_blake3, &mut recording, args.method, &view, &stop))
     };
     let show = show(args, None);
     let mut replayed = once(show.view())?;

@@ -87,7 +87,7 @@ impl Figures {
             header.device.name,
             header.scene,
             header.active.join(", "),
-            header.blob_blake3,
+            header.blob_blake3.join(", "),
             header.config.method.name(),
             header.instructions,
             header.program,

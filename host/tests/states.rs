@@ -1,0 +1,176 @@
+//! The state machine from the first byte of a device to its force, and several models under one hand.
+
+#[path = "common/synthetic.rs"]
+mod synthetic;
+
+use core::sync::atomic::{AtomicBool, Ordering};
+use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
+use palpate_host::device::DeviceState;
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::model::{self, TouchMemory};
+use palpate_host::rt::{
+    Clock, Controls, HapticLoop, LoopConfig, Outputs, SessionState, TickRecord, VirtualClock,
+};
+use palpate_host::session::{SessionOptions, TouchFigures};
+use palpate_host::sys::RtRequest;
+use palpate_host::{Device, DeviceError, DeviceInfo, run_session};
+use synthetic::Shape;
+
+/// A hand on a device that goes through all its states, and loses its homing now and then.
+struct Starting {
+    hand: SimulatedHand,
+    calls: u64,
+    state: fn(u64) -> DeviceState,
+}
+
+impl Device for Starting {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        self.calls += 1;
+        self.hand.exchange(now_us, hand_force_n)
+    }
+
+    fn stop(&mut self) {}
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo { self_arming: false, ..self.hand.info() }
+    }
+
+    fn state(&self) -> DeviceState {
+        (self.state)(self.calls)
+    }
+}
+
+fn play(
+    organs: &[&Organ<'_>],
+    state: fn(u64) -> DeviceState,
+    ticks: u64,
+    mut request: impl FnMut(u64, &Controls),
+) -> Vec<TickRecord> {
+    let mut memory = TouchMemory::default();
+    let mut config = Config::new(Method::Hybrid);
+    config.limits.max_stiffness_n_m = f32::MAX;
+    let controllers = model::controllers(organs, config, &mut memory).expect("has the method");
+    let (producer, mut records) = rtrb::RingBuffer::new(ticks as usize);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let mut hand = SimulatedConfig::default();
+    hand.strokes.seconds_per_node = 2.0;
+    let device = Starting { hand: SimulatedHand::new(organs[0], hand), calls: 0, state };
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let outputs = Outputs { records: producer, latest };
+    let haptic = LoopConfig::default();
+    let mut haptic = HapticLoop::of_models(&controllers, device, &clock, haptic, &controls, outputs);
+    for index in 0..ticks {
+        request(index, &controls);
+        clock.wait_until(index * 1_000_000, 0);
+        haptic.tick(index, 0, index * 1_000_000).expect("it answers");
+    }
+    core::iter::from_fn(|| records.pop().ok()).collect()
+}
+
+/// Asked to arm at every tick, it is armed only once it is homed; losing the homing takes the force away and latches.
+#[test]
+fn nothing_is_armed_before_it_is_homed() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let state = |call| match call {
+        0..100 => DeviceState::Open,
+        100..200 => DeviceState::FirmwareLoaded,
+        200..300 | 2_500..2_600 => DeviceState::Unhomed,
+        _ => DeviceState::Homed,
+    };
+    let records = play(&[&organ], state, 4_000, |tick, controls| match tick {
+        3_000 => controls.reset(),
+        3_200.. => controls.arm(),
+        0..2_900 => controls.arm(),
+        _ => {}
+    });
+    let of = |range: core::ops::Range<usize>| -> Vec<String> {
+        let mut seen: Vec<String> =
+            records[range].iter().map(|record| SessionState::of(record).to_string()).collect();
+        seen.dedup();
+        seen
+    };
+    assert_eq!(
+        of(0..2_400),
+        ["open", "firmware-loaded", "unhomed", "armed", "active"],
+        "each state in its turn, and homed is armed at once"
+    );
+    assert_eq!(of(2_400..4_000), ["active", "safe zero: not-ready", "homed, not armed", "armed", "active"]);
+    for record in &records {
+        if !SessionState::of(record).has_force() {
+            assert_eq!(record.hand_force_n, vec3::ZERO, "{record:?}");
+        }
+    }
+    assert_eq!(records[2_499].phase, Phase::SafeZero(Fault::NotReady));
+    let touched = records.iter().filter(|record| vec3::norm(record.hand_force_n) > 0.5).count();
+    assert!(touched > 300, "{touched}");
+}
+
+/// Two models of one organ, one of them twice as stiff, changed every 50 ms under the pressing hand.
+#[test]
+fn models_change_under_the_hand_without_a_step() {
+    let blobs =
+        [250.0, 500.0].map(|stiffness_n_m| synthetic::organ(&Shape { stiffness_n_m, ..Shape::default() }));
+    let organs = blobs
+        .each_ref()
+        .map(|blob| -> Organ<'_> { Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob") });
+    let steady = play(&[&organs[1]], |_| DeviceState::Homed, 6_000, |_, controls| controls.arm());
+    let both: Vec<&Organ<'_>> = organs.iter().collect();
+    let changed = play(
+        &both,
+        |_| DeviceState::Homed,
+        6_000,
+        |tick, controls| {
+            controls.arm();
+            if tick % 50 == 49 {
+                // One beyond the last is the first again.
+                controls.select(if tick % 100 == 49 { 1 } else { 2 });
+            }
+        },
+    );
+    let figures = |records: &[TickRecord]| {
+        let mut figures = TouchFigures::default();
+        records.iter().for_each(|record| figures.take(record));
+        figures
+    };
+    let (steady, mixed) = (figures(&steady), figures(&changed));
+    let switches = changed.windows(2).filter(|pair| pair[0].model != pair[1].model).count();
+    let under_force =
+        changed.windows(2).filter(|p| p[0].model != p[1].model && vec3::norm(p[0].reaction_n) > 2.0);
+    assert_eq!(switches, 120);
+    assert!(under_force.count() > 20, "most of them while it presses or pulls");
+    // What a model's own strokes do, and a thirtieth of the difference (up to 4 N) besides, and the hand's answer to it. Without the fade
+    // it is the slew limit's 1 N.
+    assert!(
+        mixed.largest_step_n < steady.largest_step_n + 0.2,
+        "{} {}",
+        mixed.largest_step_n,
+        steady.largest_step_n
+    );
+    assert!(changed.iter().all(|record| record.phase == Phase::Active));
+    assert_eq!(mixed.contacts, steady.contacts, "no touch was lost to a change");
+}
+
+/// The same from a session, by time.
+#[test]
+fn a_session_goes_round_its_models() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let options = SessionOptions {
+        seconds: Some(0.5),
+        real_time: RtRequest::nothing(),
+        change_every: Some(core::time::Duration::from_millis(50)),
+        ..SessionOptions::default()
+    };
+    let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+    let mut models = std::collections::BTreeSet::new();
+    let stop = AtomicBool::new(false);
+    run_session(&[&organ, &organ, &organ], Config::new(Method::Hybrid), hand, &options, &stop, |record| {
+        models.insert(record.model);
+    })
+    .expect("it runs");
+    assert_eq!(models.into_iter().collect::<Vec<_>>(), [0, 1, 2]);
+    let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+    let none = run_session::<_, 256>(&[], Config::new(Method::Hybrid), hand, &options, &stop, |_| {});
+    assert!(none.is_err() && !stop.load(Ordering::Relaxed));
+}
