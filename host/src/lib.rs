@@ -25,6 +25,7 @@ pub mod recording;
 pub mod replay;
 pub mod rt;
 pub mod session;
+pub mod sliding;
 pub mod sys;
 pub mod viewer;
 

@@ -110,6 +110,12 @@ typedef enum PalpateFault {
   PALPATE_FAULT_WORKSPACE = 4,
   // Something that cannot happen: time ran backwards.
   PALPATE_FAULT_INTERNAL = 5,
+  // The hand was given more energy than a body can give.
+  PALPATE_FAULT_ENERGY = 6,
+  // The device is not ready any more. Only a host that says so gets it.
+  PALPATE_FAULT_NOT_READY = 7,
+  // A watchdog took the force away. Only a host with one gets it.
+  PALPATE_FAULT_WATCHDOG = 8,
 } PalpateFault;
 
 // Interpolation method for the reaction force.
@@ -148,12 +154,18 @@ typedef struct PalpateConfig {
   float release_tension_n;
   // Height above the first touch at which a pushing tool lets go, m.
   float release_height_m;
+  // Coulomb friction of a pushing tool where it may slide; infinite for a tool that sticks to the nearest node.
+  float friction;
+  // A grasping tool slips off beyond this many times the grid's radius or the largest force.
+  float grasp_slip;
   // Largest force for the hand, N: the device's.
   float max_force_n;
   // Largest change of that force, N/s.
   float max_slew_n_per_s;
   // Time from zero to full force after arming, s.
   float ramp_s;
+  // Time in which a force that ends elsewhere than at zero fades, s.
+  float fade_s;
   // Largest |x|, |y| and |z| of the HIP, m; beyond it is a fault.
   float max_position_m;
   // Largest speed of the HIP, m/s; beyond it is a fault.
@@ -161,6 +173,14 @@ typedef struct PalpateConfig {
   // Largest stiffness that may be rendered, N/m: the device's, divided by the metres of the model to one of the device. The forces of
   // a stiffer organ are scaled down as a whole.
   float max_stiffness_n_m;
+  // Work on the hand in one touch that nobody minds, J.
+  float energy_margin_j;
+  // Largest virtual damping of the guard on energy, N s/m; 0 for none.
+  float energy_damping_n_s_m;
+  // Work on the hand that is a fault, J; infinite for never.
+  float energy_fault_j;
+  // Metres of the model to one of the device.
+  float workspace_scale;
   // Ticks without a fresh sample that hold the last command; after them the force is zero.
   uint32_t stale_hold_ticks;
   // Age of the newest sample that latches a fault, us.
@@ -209,8 +229,12 @@ typedef struct PalpateCommand {
   enum PalpatePhase phase;
   // Why it is at zero, if it is after a fault.
   enum PalpateFault fault;
+  // Work done on the hand since it touched, J, in device metres: below 0 while it presses.
+  float hand_work_j;
   // Whether the reaction was beyond the force limit.
   bool clamped;
+  // Whether the guard on energy added damping.
+  bool damped;
 } PalpateCommand;
 
 // What an organ is.

@@ -102,6 +102,12 @@ const PREFERENCE: [Method; 7] = [
     Method::Trilinear,
 ];
 
+/// The method to render these organs with if nobody says: one that all their active nodes have.
+pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
+    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
+    PREFERENCE.into_iter().find(has)
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
@@ -113,8 +119,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(recording) = args.device.strip_prefix("replay:") {
         return run_replay(args, &organs, &blob_blake3, Path::new(recording));
     }
-    let has = |method: &Method| organs.iter().all(|organ| organ.spaces.iter().all(|s| s.has(*method)));
-    let method = args.method.or_else(|| PREFERENCE.into_iter().find(has)).ok_or_else(|| {
+    let method = args.method.or_else(|| preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
             "{}: no method that all its active nodes{} hold; pack again",
             args.blob.display(),

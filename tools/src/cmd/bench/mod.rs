@@ -8,6 +8,7 @@ mod scheduler;
 mod simulated;
 mod sizes;
 mod space;
+mod tick;
 
 use clap::{Args as ClapArgs, Subcommand};
 
@@ -27,6 +28,7 @@ enum What {
     FemSizes(sizes::Args),
     Space(space::Args),
     Scheduler(scheduler::Args),
+    Tick(tick::Args),
 }
 
 /// Runs the command.
@@ -37,5 +39,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::FemSizes(args) => sizes::run(args),
         What::Space(args) => space::run(args),
         What::Scheduler(args) => scheduler::run(args),
+        What::Tick(args) => tick::run(args),
     }
 }

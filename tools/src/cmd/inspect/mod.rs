@@ -8,10 +8,12 @@ mod space;
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::Method;
+use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
+use palpate_host::sliding::{self, SlidingReport};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use serde_json::json;
 
+use super::run;
 use crate::failure::Failure;
 use crate::output;
 use crate::workbench::Workbench;
@@ -154,6 +156,10 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
             "displacements": space.displacement.is_some(),
         }));
     }
+    let sliding = sliding(&organ);
+    if let Some(report) = &sliding {
+        text.push_str(&format!("\nsliding  {report}\n"));
+    }
     let certificate = certificate::of(path, &organ)?;
     match &certificate {
         Some(certificate) => text.push_str(&format!("\n{}", certificate::in_words(certificate))),
@@ -164,6 +170,19 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
         "scene": organ.scene.as_str(), "law": organ.law.as_str(), "bytes": file.bytes().len(),
         "surface_vertices": organ.surface.node.len(), "triangles": organ.surface.triangles.len(),
         "max_force_n": organ.max_force_n, "spaces": spaces,
+        "sliding": sliding.map(|report| json!({
+            "triangles": report.triangles, "edges": report.edges, "seam_n": report.seam_n,
+            "energy_j": report.energy_j, "friction_share": report.friction_share,
+        })),
     });
     Ok((text.trim_end().into(), figures))
+}
+
+/// What sliding costs with the method that `run` would take and its friction, where there is a triangle to slide over.
+fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
+    let method = run::preferred(&[organ])?;
+    let mut memory = vec![0; TouchSurface::words(organ)];
+    let surface = TouchSurface::new(organ, &mut memory)?;
+    let report = sliding::report(organ, &surface, method, ContactConfig::default().friction);
+    (report.triangles > 0).then_some(report)
 }

@@ -3,7 +3,7 @@
 #[cfg(feature = "peers")]
 mod peers;
 mod surface;
-mod tables;
+pub(super) mod tables;
 mod timing;
 
 use std::path::PathBuf;

@@ -18,7 +18,8 @@ const RADIUS_M: f64 = 0.05;
 const MOST_FITTED: usize = 5_000;
 
 /// Everything a space points at.
-pub(super) struct Tables {
+#[derive(Clone)]
+pub(in crate::cmd::bench) struct Tables {
     grid: SpaceGrid,
     values: LatticeValues,
     linear: [Vec<Vec<f32>>; 2],
@@ -30,7 +31,7 @@ pub(super) struct Tables {
 
 impl Tables {
     /// Tables of one of the paper's grids.
-    pub(super) fn made_up(points: usize) -> Result<Self, Failure> {
+    pub(in crate::cmd::bench) fn made_up(points: usize) -> Result<Self, Failure> {
         let cells = match points {
             514 => 5.0,
             1418 => 7.0,
@@ -63,7 +64,7 @@ impl Tables {
     }
 
     /// As the tick sees them.
-    pub(super) fn space(&self) -> Space<'_> {
+    pub(in crate::cmd::bench) fn space(&self) -> Space<'_> {
         let lattice = self.grid.lattice;
         let HermiteNodes { row, nodes } = &self.hermite;
         debug_assert!(flags::first_inconsistent(&lattice, &self.values.flags).is_none());

@@ -1,0 +1,291 @@
+//! `palpate bench tick`: one whole tick of the loop, contact over many active nodes and a surface included.
+
+use std::f64::consts::TAU;
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args as ClapArgs;
+use hdrhistogram::Histogram;
+use palpate_core::{Config, Method, Organ, Sample, Space, Surface, Vec3, vec3};
+use palpate_host::device::{Device, DeviceError, DeviceInfo};
+use palpate_host::model::{self, TouchMemory};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::sys::{RtRequest, enter_real_time};
+use serde::Serialize;
+
+use super::core::tables::Tables;
+use crate::failure::Failure;
+use crate::output;
+
+/// Radius of the made-up organ, m.
+const RADIUS_M: f64 = 0.06;
+/// More than the last level of most caches holds.
+const EVICTED_BYTES: usize = 64 << 20;
+
+/// Nanoseconds of one whole tick: device, contact with the surface, sliding over blended spaces, limits, histograms, queues.
+///
+/// A made-up sphere, active round its top, is touched at random places, pressed, stroked over its triangles and left again. Every active node has
+/// tables of its own, so that they compete for the caches as those of an organ do. `hot` runs tick after tick; `cold` empties the caches before
+/// each, which is worse than a loop at 1 kHz on a machine that does nothing else.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Active nodes, at most 256
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    active: usize,
+    /// Vertices of the surface, at least
+    #[arg(long, value_name = "N", default_value_t = 2_000)]
+    surface: usize,
+    /// Points of each grid: 514, 1418, 4168
+    #[arg(long, value_name = "N", default_value_t = 514)]
+    grid: usize,
+    /// Methods
+    #[arg(long, value_name = "M,N", value_delimiter = ',', value_parser = crate::cmd::pack::method, default_value = "energy,tricubic,trilinear")]
+    method: Vec<Method>,
+    /// Ticks with hot caches; a fiftieth of them with cold ones
+    #[arg(long, value_name = "N", default_value_t = 200_000)]
+    ticks: u64,
+    /// CPU to run on; the last one if not given
+    #[arg(long, value_name = "N")]
+    cpu: Option<usize>,
+    /// Write the figures as CSV
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// One method.
+#[derive(Debug, Serialize)]
+struct Row {
+    method: &'static str,
+    caches: &'static str,
+    active: usize,
+    surface_vertices: usize,
+    ticks: u64,
+    /// Share of the ticks in touch, and of those the share with more than one space.
+    touching: f64,
+    blended: f64,
+    p50_ns: u64,
+    p99_ns: u64,
+    p999_ns: u64,
+    max_ns: u64,
+    /// Largest change of the force for the hand a tick, N.
+    largest_step_n: f32,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    if !(3..=256).contains(&args.active) || args.surface > 100_000 {
+        return Err(Failure::input("3 to 256 active nodes and at most 100,000 vertices can be held"));
+    }
+    let cpu = args.cpu.unwrap_or_else(|| std::thread::available_parallelism().map_or(0, |n| n.get() - 1));
+    let (granted, _) = enter_real_time(&RtRequest { cpu: Some(cpu), ..RtRequest::nothing() });
+    let ball = Ball::new(args.surface, args.active)?;
+    let tables = Tables::made_up(args.grid)?;
+    let tables: Vec<Tables> = (0..args.active).map(|_| tables.clone()).collect();
+    let organ = ball.organ(&tables);
+    let mut rows = Vec::new();
+    for &method in &args.method {
+        for (caches, ticks) in [("hot", args.ticks), ("cold", args.ticks / 50)] {
+            eprintln!("palpate: {} {caches}", method.name());
+            rows.push(measure(&organ, method, caches, ticks.max(1))?);
+        }
+    }
+    if let Some(path) = &args.csv {
+        std::fs::write(path, output::csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
+    }
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+    }
+    output::line(table(&rows, &format!("CPU {cpu}: {}", granted.affinity)))
+}
+
+fn table(rows: &[Row], pinned: &str) -> String {
+    let mut text = format!(
+        "{} active nodes, {} vertices; {pinned}\n{:<10} {:<5} {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        rows.first().map_or(0, |row| row.active),
+        rows.first().map_or(0, |row| row.surface_vertices),
+        "method",
+        "cache",
+        "ticks",
+        "touch",
+        "blended",
+        "p50 ns",
+        "p99 ns",
+        "p99.9 ns",
+        "max ns",
+        "step mN"
+    );
+    for row in rows {
+        text += &format!(
+            "\n{:<10} {:<5} {:>8} {:>6.1} % {:>6.1} % {:>9} {:>9} {:>9} {:>9} {:>9.1}",
+            row.method,
+            row.caches,
+            row.ticks,
+            100.0 * row.touching,
+            100.0 * row.blended,
+            row.p50_ns,
+            row.p99_ns,
+            row.p999_ns,
+            row.max_ns,
+            1e3 * row.largest_step_n
+        );
+    }
+    text
+}
+
+fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) -> Result<Row, Failure> {
+    let mut memory = TouchMemory::default();
+    let controllers =
+        model::controllers(&[organ], Config::new(method), &mut memory).map_err(Failure::work)?;
+    let (producer, mut records) = rtrb::RingBuffer::new(16);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let outputs = Outputs { records: producer, latest };
+    let mut haptic = HapticLoop::of_models(
+        &controllers,
+        Stroke::default(),
+        &clock,
+        LoopConfig::default(),
+        &controls,
+        outputs,
+    );
+    let mut times = Histogram::<u64>::new_with_bounds(1, 10_000_000_000, 3).map_err(Failure::work)?;
+    let mut touch = palpate_host::session::TouchFigures::default();
+    let (mut blended, mut evicted) = (0_u64, vec![1_u8; if caches == "cold" { EVICTED_BYTES } else { 0 }]);
+    for index in 0..ticks {
+        clock.wait_until(index * 1_000_000, 0);
+        evicted.iter_mut().step_by(64).for_each(|byte| *byte = byte.wrapping_add(1));
+        black_box(&mut evicted);
+        let begun = Instant::now();
+        let ended = haptic.tick(index, 0, index * 1_000_000);
+        times.saturating_record(begun.elapsed().as_nanos() as u64);
+        ended.map_err(Failure::work)?;
+        let record = records.pop().map_err(Failure::work)?;
+        touch.take(&record);
+        blended += u64::from(record.shares.iter().filter(|share| share.weight > 0.0).count() > 1);
+        if let palpate_core::Phase::SafeZero(fault) = record.phase {
+            return Err(Failure::work(format!("{}: the stroke ended in {}", method.name(), fault.name())));
+        }
+    }
+    Ok(Row {
+        method: method.name(),
+        caches,
+        active: organ.spaces.len(),
+        surface_vertices: organ.surface.node.len(),
+        ticks,
+        touching: touch.engaged_ticks as f64 / ticks as f64,
+        blended: blended as f64 / touch.engaged_ticks.max(1) as f64,
+        p50_ns: times.value_at_quantile(0.5),
+        p99_ns: times.value_at_quantile(0.99),
+        p999_ns: times.value_at_quantile(0.999),
+        max_ns: times.max(),
+        largest_step_n: touch.largest_step_n,
+    })
+}
+
+/// A hand that presses, strokes and leaves the top of the ball, over and over at other places.
+#[derive(Debug, Default)]
+struct Stroke {
+    calls: u64,
+}
+
+impl Device for Stroke {
+    fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let t = self.calls as f64 * 1e-3;
+        self.calls += 1;
+        // Slow, of unrelated periods: never the same way twice. 8 mm deep at most, at 0.1 m/s along the surface.
+        let (tilt, turn) = (0.26 * (TAU * t / 3.7).sin(), 0.26 * (TAU * t / 2.9).cos());
+        let depth_m = 0.005 + 0.008 * (TAU * t / 0.83).sin();
+        // Within the first 200 vertices of 2,000, but for the corners.
+        let direction = [tilt.sin(), turn.sin() * tilt.cos(), tilt.cos() * turn.cos()];
+        let position_m = direction.map(|x| (x * (RADIUS_M - depth_m)) as f32);
+        Ok(Some(Sample { t_us: now_us, position_m, buttons: 0 }))
+    }
+
+    fn stop(&mut self) {}
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo {
+            name: "a stroke".into(),
+            self_arming: true,
+            max_force_n: f32::INFINITY,
+            max_stiffness_n_m: f32::INFINITY,
+            resolution_m: 0.0,
+        }
+    }
+}
+
+/// A sphere of rings; its vertices in the order of their height, so that the first are the top.
+struct Ball {
+    node: Vec<u32>,
+    planes: [Vec<f32>; 3],
+    triangles: Vec<[u32; 3]>,
+    fixed: Vec<u8>,
+    active: usize,
+}
+
+impl Ball {
+    fn new(vertices: usize, active: usize) -> Result<Self, Failure> {
+        let rings = (1..400_u32).find(|rings| (2 * rings * rings + 2) as usize >= vertices);
+        let rings = rings.ok_or_else(|| Failure::input("too many vertices"))?;
+        let around = 2 * rings;
+        let mut points: Vec<[f64; 3]> = vec![[0.0, 0.0, RADIUS_M]];
+        for ring in 1..=rings {
+            let polar = TAU / 2.0 * f64::from(ring) / f64::from(rings + 1);
+            for step in 0..around {
+                let turn = TAU * f64::from(step) / f64::from(around);
+                points.push([
+                    RADIUS_M * polar.sin() * turn.cos(),
+                    RADIUS_M * polar.sin() * turn.sin(),
+                    RADIUS_M * polar.cos(),
+                ]);
+            }
+        }
+        points.push([0.0, 0.0, -RADIUS_M]);
+        let (at, last) =
+            (|ring: u32, step: u32| 1 + (ring - 1) * around + step % around, points.len() as u32 - 1);
+        let mut triangles = Vec::new();
+        for step in 0..around {
+            triangles.push([0, at(1, step), at(1, step + 1)]);
+            triangles.push([last, at(rings, step + 1), at(rings, step)]);
+            for ring in 1..rings {
+                let (a, b) = (at(ring, step), at(ring, step + 1));
+                let (c, d) = (at(ring + 1, step), at(ring + 1, step + 1));
+                triangles.extend([[a, c, b], [b, c, d]]);
+            }
+        }
+        Ok(Self {
+            node: (0..points.len() as u32).collect(),
+            planes: [0, 1, 2].map(|axis: usize| points.iter().map(|p| p[axis] as f32).collect()),
+            fixed: vec![0; points.len()],
+            triangles,
+            active,
+        })
+    }
+
+    fn organ<'a>(&'a self, tables: &'a [Tables]) -> Organ<'a> {
+        let mut organ = Organ::empty();
+        organ.max_force_n = 8.0;
+        let [x, y, z] = &self.planes;
+        organ.surface = Surface {
+            node: &self.node,
+            position_m: [x, y, z],
+            triangles: &self.triangles,
+            fixed: &self.fixed,
+        };
+        for (vertex, tables) in tables.iter().enumerate().take(self.active) {
+            let rest_position_m = [x[vertex], y[vertex], z[vertex]];
+            let space = Space {
+                node: vertex as u32,
+                rest_position_m,
+                outward_normal: vec3::normalize_or_zero(rest_position_m),
+                ..tables.space()
+            };
+            organ.spaces.push(space).expect("at most 256 were asked for");
+        }
+        organ
+    }
+}
