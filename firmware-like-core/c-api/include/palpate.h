@@ -338,6 +338,20 @@ enum PalpateStatus palpate_controller_open(uint8_t *memory,
                                            struct PalpateController **controller,
                                            struct PalpateProblem *problem);
 
+// Words of 32 bits that contact with the surface of an organ needs; 0 if the blob has none.
+size_t palpate_surface_words(const struct PalpateOrgan *organ);
+
+// From now on the tool touches the organ's surface instead of the planes of its active nodes, and slides where neighbours are active. For the
+// start, before palpate_arm: every triangle is looked at. `memory` has at least palpate_surface_words(organ) words and must stay as long as the
+// controller is used.
+//
+// # Safety
+//
+// If `memory` is not null, `memory_len` words may be written there, and stay as this function leaves them.
+enum PalpateStatus palpate_controller_on_surface(struct PalpateController *controller,
+                                                 uint32_t *memory,
+                                                 size_t memory_len);
+
 // Starts rendering, from zero force. 1 if the controller is active now; after a fault palpate_reset comes first.
 bool palpate_arm(struct PalpateController *controller);
 

@@ -4,7 +4,7 @@ use core::mem::MaybeUninit;
 
 use palpate_core::{
     Command, Config, ContactConfig, Controller, Fault, LimitConfig, Method, PassivityConfig, Phase, Sample,
-    State,
+    State, TouchSurface,
 };
 
 use crate::memory;
@@ -326,6 +326,37 @@ unsafe fn open(
     // SAFETY: the caller's promise.
     unsafe { memory::place(memory, memory_len, PalpateController { controller, state }) }
         .ok_or(of(PalpateStatus::Memory))
+}
+
+/// Words of 32 bits that contact with the surface of an organ needs; 0 if the blob has none.
+#[unsafe(no_mangle)]
+pub extern "C" fn palpate_surface_words(organ: Option<&PalpateOrgan>) -> usize {
+    organ.map_or(0, |PalpateOrgan { organ }| TouchSurface::words(organ))
+}
+
+/// From now on the tool touches the organ's surface instead of the planes of its active nodes, and slides where neighbours are active. For the
+/// start, before palpate_arm: every triangle is looked at. `memory` has at least palpate_surface_words(organ) words and must stay as long as the
+/// controller is used.
+///
+/// # Safety
+///
+/// If `memory` is not null, `memory_len` words may be written there, and stay as this function leaves them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn palpate_controller_on_surface(
+    controller: Option<&mut PalpateController>,
+    memory: *mut u32,
+    memory_len: usize,
+) -> PalpateStatus {
+    let Some(PalpateController { controller, .. }) = controller else { return PalpateStatus::NullArgument };
+    // SAFETY: the same promise.
+    let Some(words) = (unsafe { memory::words(memory, memory_len) }) else { return PalpateStatus::Memory };
+    match TouchSurface::new(controller.organ(), words) {
+        Some(surface) => {
+            *controller = controller.on_surface(Some(surface));
+            PalpateStatus::Ok
+        }
+        None => PalpateStatus::Memory,
+    }
 }
 
 /// Starts rendering, from zero force. 1 if the controller is active now; after a fault palpate_reset comes first.

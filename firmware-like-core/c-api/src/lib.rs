@@ -13,7 +13,7 @@
 //! - what cannot be checked is the caller's to keep: that a pointer that is not null points to what its type says, and that the blob and
 //!   the organ outlive what was opened on them.
 //!
-//! Bytes of the caller become Rust's in `memory.rs` alone; three functions pass it pointers with lengths, and are unsafe therefore. Arguments
+//! Bytes of the caller become Rust's in `memory.rs` alone; four functions pass it pointers with lengths, and are unsafe therefore. Arguments
 //! elsewhere are `Option<&T>`, which C sees as pointers that may be null.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 

@@ -1,7 +1,7 @@
 //! Where bytes of the caller become Rust's.
 //!
 //! Every function here believes what `palpate.h` asks of the caller: a pointer that is not null is good for the length given with it. The
-//! three exported functions that take such pointers are unsafe for that reason, and pass the promise on.
+//! four exported functions that take such pointers are unsafe for that reason, and pass the promise on.
 
 use core::mem::MaybeUninit;
 use core::slice;
@@ -33,6 +33,23 @@ pub(crate) unsafe fn bytes(start: *const u8, len: usize) -> Option<&'static [u8]
     }
     // SAFETY: the caller says that `len` bytes may be read from `start` and stay as they are while what is opened on them is in use.
     Some(unsafe { slice::from_raw_parts(start, len) })
+}
+
+/// `len` words of the caller's to write to. `None` if null or not aligned.
+///
+/// # Safety
+///
+/// If not null, `len` words may be written at `start`, by nobody else while what is returned is in use.
+pub(crate) unsafe fn words(start: *mut u32, len: usize) -> Option<&'static mut [u32]> {
+    let too_long = len > isize::MAX as usize / size_of::<u32>();
+    if start.is_null() || too_long || !start.addr().is_multiple_of(align_of::<u32>()) {
+        return None;
+    }
+    // SAFETY: the caller says that `len` words may be written at `start`. They are made zero before anything can read them.
+    unsafe {
+        start.write_bytes(0, len);
+        Some(slice::from_raw_parts_mut(start, len))
+    }
 }
 
 /// `len` points of the caller's to write to. `None` if null or not aligned.

@@ -188,6 +188,19 @@ fn a_controller_presses_faults_and_is_reset() {
         });
         written(|out| palpate_tick(controller, now_us, sample.as_ref(), Some(out))).1
     };
+    let words = vec![0; palpate_surface_words(Some(organ))].leak();
+    assert!(words.len() > 1000 && palpate_surface_words(None) == 0);
+    // SAFETY: slices are as long as they say; null is no promise.
+    let tried = unsafe {
+        [
+            palpate_controller_on_surface(None, words.as_mut_ptr(), words.len()),
+            palpate_controller_on_surface(Some(controller), ptr::null_mut(), words.len()),
+            palpate_controller_on_surface(Some(controller), words.as_mut_ptr(), words.len() - 1),
+            palpate_controller_on_surface(Some(controller), words.as_mut_ptr(), words.len()),
+        ]
+    };
+    let [null, memory, ok] = [PalpateStatus::NullArgument, PalpateStatus::Memory, PalpateStatus::Ok];
+    assert_eq!(tried, [null, memory, memory, ok]);
     assert_eq!(tick(Some(controller), Some(-0.001)).phase, PalpatePhase::Disarmed);
     assert!(palpate_arm(Some(controller)));
     for step in 0..100 {
