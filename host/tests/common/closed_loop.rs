@@ -27,6 +27,18 @@ pub(crate) fn config(profile: &Profile, method: Method, cap: Cap) -> Config {
     config
 }
 
+/// The same device without Coulomb friction, which would hold still what shakes a little.
+pub(crate) fn frictionless(profile: &Profile) -> Profile {
+    let mut smooth = profile.clone();
+    smooth.mechanism.coulomb_n = None;
+    smooth.assumed.coulomb_n = 0.0;
+    smooth
+}
+
+/// A hand that rests on the handle: 4.4 N s/m, about what the lightest whole-hand grip brings; it neither pushes on nor trembles.
+pub(crate) const RELAXED: HandConfig =
+    HandConfig { mass_kg: 0.1, stiffness_n_m: 300.0, damping_ratio: 0.4, ..HandConfig::LIGHT };
+
 /// A press, a hold and the way back.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Held {
@@ -48,23 +60,31 @@ pub(crate) struct Held {
 
 const HOLD_S: f32 = 4.0;
 
-/// The motors are made to knock against the hand, so that friction does not hold still what would shake: 10 ms, a second into the hold.
-const TAP_N: f32 = 3.0;
-const TAP_S: core::ops::Range<f32> = 2.0..2.01;
+/// Whether the motors are made to knock against the hand: what then shakes on does so by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Knock {
+    /// 3 N for 10 ms, a second into the hold.
+    Once,
+    Never,
+}
 
-/// A light hand on the device of a profile presses a node of an organ, is knocked against, holds still, and lets go.
+const KNOCK_N: f32 = 3.0;
+const KNOCK_S: core::ops::Range<f32> = 2.0..2.01;
+
+/// A hand on the device of a profile presses a node of an organ, is knocked against or not, holds still, and lets go.
 pub(crate) fn hold(
     organ: &Organ<'_>,
     method: Method,
     space: usize,
     depth_m: f32,
-    profile: &Profile,
+    (hand, profile): (HandConfig, &Profile),
     cap: Cap,
+    knock: Knock,
 ) -> Held {
     let controller = Controller::new(organ, config(profile, method, cap)).expect("has the method");
     let node = &organ.spaces[space];
     let script = Script::press_and_hold(node.rest_position_m, node.outward_normal, depth_m, HOLD_S);
-    let config = SimulatedConfig { hand: HandConfig::LIGHT, ..SimulatedConfig::on(profile) };
+    let config = SimulatedConfig { hand, ..SimulatedConfig::on(profile) };
     let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), config);
     let period_us = u64::from(profile.period_us());
     let ticks = |seconds: f32| (seconds * 1e6) as u64 / period_us;
@@ -81,12 +101,12 @@ pub(crate) fn hold(
     let (mut state, mut force_n) = (State::new(), vec3::ZERO);
     state.arm();
     let mut recent = Vec::new();
-    let tapped = ticks(TAP_S.start)..ticks(TAP_S.end);
-    let tap_n = vec3::scale(node.outward_normal, TAP_N);
+    let knocked = ticks(KNOCK_S.start)..ticks(KNOCK_S.end);
+    let knock_n = vec3::scale(node.outward_normal, if knock == Knock::Once { KNOCK_N } else { 0.0 });
     let mut work_before = Work::default();
     for tick in 0..ticks(3.0 + HOLD_S) {
         let now_us = tick * period_us;
-        let given_n = if tapped.contains(&tick) { vec3::add(force_n, tap_n) } else { force_n };
+        let given_n = if knocked.contains(&tick) { vec3::add(force_n, knock_n) } else { force_n };
         let sample = hand.exchange(now_us, given_n).expect("never fails").expect("always samples");
         let command = controller.tick(&mut state, now_us, Some(&sample));
         force_n = command.hand_force_n;
@@ -116,6 +136,10 @@ pub(crate) fn hold(
     held
 }
 
+/// Energy that a device with delay and steps may give the hand in one touch, J: a tenth of what a shaking one does, and less than lifting a
+/// hand by 3 mm takes.
+pub(crate) const MOST_GIVEN_J: f64 = 5e-3;
+
 /// Palpation at random.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Palpated {
@@ -133,12 +157,11 @@ pub(crate) struct Palpated {
     pub(crate) position_bits: [u32; 3],
 }
 
-/// The usual hand on the device of a profile palpates at random.
+/// A hand on the device of a profile palpates at random.
 pub(crate) fn palpate(
     organ: &Organ<'_>,
     method: Method,
-    profile: &Profile,
-    hand: HandConfig,
+    (hand, profile): (HandConfig, &Profile),
     (seed, seconds): (u64, f32),
     cap: Cap,
 ) -> Palpated {
