@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 
 use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::device::profile::Profile;
 use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
@@ -32,6 +33,8 @@ pub(crate) struct Show<'p> {
     pub pictures: &'p Path,
     /// What is recorded, if anything.
     pub record: Option<Record<'p>>,
+    /// What the device can do, where that is known: cycle, limits and workspace are its.
+    pub profile: Option<&'p Profile>,
 }
 
 impl Show<'_> {
@@ -122,11 +125,19 @@ pub(crate) fn run<D: Device>(
 ) -> Result<Touched, Failure> {
     let mut options =
         SessionOptions { seconds: show.seconds, view: show.view(), ..SessionOptions::default() };
+    if let Some(profile) = show.profile {
+        options.haptic.period_us = profile.period_us();
+    }
     let mut moved = false;
     loop {
         let device = device()?;
         let info = device.info();
-        let config = config(organ, method, info.max_force_n, info.max_stiffness_n_m);
+        let mut config = config(organ, method, info.max_force_n, info.max_stiffness_n_m);
+        if let Some(profile) = show.profile {
+            profile.tighten(&mut config.limits);
+            // Where its handle cannot be, a position is a fault.
+            config.limits.max_position_m = profile.largest_position_m();
+        }
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         let record = show.record.map(|record| record.start(organ, config, &options, info));

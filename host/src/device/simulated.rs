@@ -334,4 +334,72 @@ mod tests {
         assert!(along.iter().copied().fold(0.0, f32::min) < -1.0, "presses into the body");
         assert!(along.iter().copied().fold(0.0, f32::max) > 1.0, "pulls out of it");
     }
+
+    fn on(profile: &Profile, palpation: Palpation, hand: HandConfig) -> SimulatedHand {
+        SimulatedHand::with_palpation(palpation, SimulatedConfig { hand, ..SimulatedConfig::on(profile) })
+    }
+
+    fn still(at_m: Vec3) -> Palpation {
+        // Higher than anything touches: it stays there for a second, then goes on.
+        Palpation::Tour(Script::press_and_hold(at_m, [0.0, 0.0, 1.0], -Script::PRESS_FROM_M, 3_600.0))
+    }
+
+    /// A force of a tick is in the next samples but two: a cycle in the loop, the link each way, and the mass.
+    #[test]
+    fn the_loop_and_the_link_hold_a_force_back() {
+        let mut profile = Profile::bundled("simulated").expect("bundled");
+        (profile.position_delay_us, profile.force_delay_us) = (1_000, 2_000);
+        (profile.mechanism.encoder_quantum_m, profile.mechanism.coulomb_n) = (None, None);
+        let mut hand = on(&profile, still([0.0, 0.0, 0.05]), HandConfig::LIGHT);
+        let seen: Vec<f32> = (1..=9_u64)
+            .map(|tick| {
+                let force_n = if tick == 1 { [5.0, 0.0, 0.0] } else { vec3::ZERO };
+                let sample =
+                    hand.exchange(tick * 1_000, force_n).expect("never fails").expect("always samples");
+                assert_eq!(sample.t_us, (tick - 1) * 1_000, "as old as the link is long");
+                sample.position_m[0]
+            })
+            .collect();
+        // Sent at the first exchange, it acts from 2 ms later for 1 ms, and is seen 1 ms after that.
+        assert!(seen[..4].iter().all(|x| *x == 0.0), "{seen:?}");
+        assert!(seen[4] > 1e-6 && seen[5] > seen[4], "{seen:?}");
+        // 5 N on 0.15 kg for 1 ms: 33 mm/s.
+        assert!(((seen[5] - seen[4]) / 33.3e-6 - 1.0).abs() < 0.05, "{seen:?}");
+    }
+
+    #[test]
+    fn a_profile_says_where_the_hand_is_and_how_far_it_goes() {
+        let profile = Profile::bundled("falcon").expect("bundled");
+        let mut hand = on(&profile, still([0.03, 0.02, 0.01]), HandConfig::default());
+        let sample = hand.exchange(2_000, vec3::ZERO).expect("never fails").expect("always samples");
+        // Three steps of the encoder, because three metres of the model are one of the hand.
+        assert!(vec3::distance(sample.position_m, [0.03, 0.02, 0.015]) < 3.0 * 3.0 * 54e-6, "{sample:?}");
+        assert!(vec3::distance(hand.device_position_m(), [0.01, 0.02 / 3.0, 0.125]) < 1e-4);
+        // A metre away the hand wants to be; the handle stops at 40 mm, 120 mm of the model.
+        let mut hand = on(&profile, still([1.0, 0.0, 0.0]), HandConfig::default());
+        for tick in 0..2_000_u64 {
+            let sample =
+                hand.exchange(tick * 1_000, vec3::ZERO).expect("never fails").expect("always samples");
+            let away_m = vec3::norm(sample.position_m);
+            assert!((0.1195..0.1210).contains(&away_m), "{away_m}");
+        }
+        let info = hand.info();
+        assert_eq!(info.max_force_n, 8.0);
+        assert!((info.max_stiffness_n_m - 1_000.0 / 3.0).abs() < 1e-3);
+    }
+
+    /// What the motors give goes into the hand's motion and the mechanism's drag, to the last part in a hundred.
+    #[test]
+    fn the_energy_that_goes_through_the_handle_is_all_accounted_for() {
+        let profile = Profile::bundled("simulated").expect("bundled");
+        let limp = HandConfig { stiffness_n_m: 0.0, ..HandConfig::LIGHT };
+        let mut hand = on(&profile, still([0.0, 0.0, 0.05]), limp);
+        for tick in 0..200_u64 {
+            hand.exchange(tick * 1_000, [0.5, 0.0, 0.0]).expect("never fails");
+        }
+        let (work, mass_kg) = (hand.work(), 0.1 + limp.mass_kg);
+        let motion_j = 0.5 * f64::from(mass_kg * vec3::norm_squared(hand.hand.velocity_m_s()));
+        assert!(work.motors_j > 0.01 && work.drag_j < -1e-3, "{work:?}");
+        assert!((work.of_device_j() / motion_j - 1.0).abs() < 0.01, "{work:?}, {motion_j} J of motion");
+    }
 }
