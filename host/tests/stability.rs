@@ -1,10 +1,15 @@
 //! The closed loop of hand, device and controller is stable with the stiffness cap, and is not without.
 
+#[path = "common/closed_loop.rs"]
+mod closed_loop;
 #[path = "common/synthetic.rs"]
 mod synthetic;
 
+use closed_loop::{Cap, Held, Knock, MOST_GIVEN_J, RELAXED, frictionless, hold, palpate};
 use palpate_core::stiffness::stable_n_m;
-use palpate_core::{Config, Controller, Method, Organ, Sample, Space, State, Vec3, vec3};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, vec3};
+use palpate_host::device::hand::HandConfig;
+use palpate_host::device::profile::Profile;
 
 /// A light hand on a device with hardly any friction, that leans 8 mm into the organ's first node.
 struct Hand {
@@ -137,4 +142,102 @@ fn the_stiffest_place_is_that_of_the_forces() {
         }
     }
     assert!(steepest > 0.5 * energy && steepest < 1.1 * energy, "{steepest} N/m along axes, {energy} in all");
+}
+
+/// An organ that is almost as stiff at every displacement.
+fn with_organ(stiffness_n_m: f32, then: impl FnOnce(&Organ<'_>)) {
+    let shape = synthetic::Shape { stiffness_n_m, hardening_m: 0.1, ..synthetic::Shape::default() };
+    let blob = synthetic::organ(&shape);
+    then(&Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob"));
+}
+
+/// 8 mm deep at the first node, knocked against once.
+fn held(organ: &Organ<'_>, hand: HandConfig, profile: &Profile, cap: Cap) -> Held {
+    hold(organ, Method::Trilinear, 0, 0.008, (hand, profile), cap, Knock::Once)
+}
+
+fn quantum_m(profile: &Profile) -> f32 {
+    profile.mechanism.encoder_quantum_m.expect("every bundled profile states it")
+}
+
+#[test]
+fn a_hand_at_rest_does_not_shake_on_any_bundled_device_however_stiff_the_organ() {
+    with_organ(2_500.0, |organ| {
+        for name in Profile::names() {
+            let smooth = frictionless(&Profile::bundled(name).expect("bundled"));
+            let with = held(organ, RELAXED, &smooth, Cap::On);
+            println!(
+                "{name:11} {:5.0} N/m at the hand, cap {:4.0}: {:6.2} um with the cap, {:+.0e} J in a second",
+                with.stiffest_n_m,
+                smooth.cap().n_m,
+                1e6 * with.peak_to_peak_m,
+                with.hold_j
+            );
+            assert!(with.share < 0.6 && with.phase == Phase::Active, "{name}: {with:?}");
+            // Less than one step of the encoder, and no more energy than such a step is worth at that force.
+            assert!(with.peak_to_peak_m < quantum_m(&smooth), "{name}: {with:?}");
+            assert!(with.hold_j < f64::from(quantum_m(&smooth) * with.peak_n), "{name}: {with:?}");
+        }
+    });
+}
+
+/// The formulas at work: the device's own damping is enough, whoever holds it.
+#[test]
+fn where_damping_is_stated_the_cap_stands_without_a_hand_and_without_friction() {
+    with_organ(2_500.0, |organ| {
+        let profile = Profile::bundled("simulated").expect("bundled");
+        let smooth = frictionless(&profile);
+        assert_eq!(smooth.cap(), profile.cap(), "its friction does not limit it");
+        let with = held(organ, HandConfig::LIGHT, &smooth, Cap::On);
+        let without = held(organ, HandConfig::LIGHT, &smooth, Cap::Off);
+        println!(
+            "simulated, two fingers: {:.3} mm with the cap, {:.3} mm without",
+            1e3 * with.peak_to_peak_m,
+            1e3 * without.peak_to_peak_m
+        );
+        assert!(with.phase == Phase::Active && with.peak_to_peak_m < quantum_m(&smooth), "{with:?}");
+        assert!(without.peak_to_peak_m > 20.0 * quantum_m(&smooth), "{without:?}: this test could not fail");
+    });
+}
+
+#[test]
+fn a_minute_of_random_palpation_on_every_bundled_device_is_safe_and_stable() {
+    with_organ(600.0, |organ| {
+        for (seed, name) in (1..).zip(Profile::names()) {
+            let profile = Profile::bundled(name).expect("bundled");
+            let usual = HandConfig::default();
+            let found = palpate(organ, Method::Trilinear, (usual, &profile), (seed, 60.0), Cap::On);
+            println!(
+                "{name:11} {} touches, {:.2} N at most, {:+.1e} J at most in a touch",
+                found.contacts, found.peak_n, found.most_given_j
+            );
+            assert_eq!(found.phase, Phase::Active, "{name}: {found:?}");
+            assert!(found.contacts >= 10 && found.engaged_ticks > 10_000, "{name}: {found:?}");
+            assert!(found.peak_n <= profile.max_force_n, "{name}: {found:?}");
+            assert!(found.most_given_j < MOST_GIVEN_J, "{name}: {found:?}");
+        }
+    });
+}
+
+/// What the one above would see of a loop that is not stable.
+#[test]
+fn random_palpation_without_the_cap_is_found_out() {
+    with_organ(1_500.0, |organ| {
+        let profile = Profile::bundled("omega").expect("bundled");
+        let found = palpate(organ, Method::Trilinear, (HandConfig::LIGHT, &profile), (3, 60.0), Cap::Off);
+        println!("without the cap: {found:?}");
+        assert!(found.phase != Phase::Active || found.most_given_j > 4.0 * MOST_GIVEN_J, "{found:?}");
+    });
+}
+
+#[test]
+fn a_seed_gives_the_same_bits_on_a_simulated_device() {
+    with_organ(300.0, |organ| {
+        let profile = Profile::bundled("falcon").expect("bundled");
+        let run = |seed| {
+            palpate(organ, Method::Trilinear, (HandConfig::default(), &profile), (seed, 20.0), Cap::On)
+        };
+        assert_eq!(run(5), run(5));
+        assert_ne!(run(5).position_bits, run(6).position_bits);
+    });
 }

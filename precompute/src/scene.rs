@@ -8,6 +8,7 @@
 //! The scene format can say more than this version of the solver can do; [`Scene::check_supported`] is the one place
 //! that says what is missing.
 
+mod device;
 mod file;
 mod material;
 mod resolve;

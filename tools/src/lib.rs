@@ -13,6 +13,7 @@ mod displacements;
 mod failure;
 mod output;
 mod progress;
+mod resident;
 mod touch;
 mod truth;
 mod workbench;

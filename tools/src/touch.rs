@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, SystemTime};
 
 use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::device::profile::Profile;
 use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
@@ -36,6 +37,8 @@ pub(crate) struct Show<'p> {
     pub friction: Option<f32>,
     /// Go on to the next of several organs each time this has passed.
     pub change_every: Option<Duration>,
+    /// What the device can do, where that is known: cycle, limits and workspace are its.
+    pub profile: Option<&'p Profile>,
 }
 
 impl Show<'_> {
@@ -132,12 +135,21 @@ pub(crate) fn run<D: Device>(
         change_every: show.change_every,
         ..SessionOptions::default()
     };
+    if let Some(profile) = show.profile {
+        options.haptic.period_us = profile.period_us();
+    }
     let mut moved = false;
     loop {
         let device = device()?;
         let info = device.info();
         let mut config = config(organs, method, info.max_force_n, info.max_stiffness_n_m);
         config.contact.friction = show.friction.unwrap_or(config.contact.friction);
+        if let Some(profile) = show.profile {
+            profile.tighten(&mut config.limits);
+            // Where its handle cannot be, a position is a fault.
+            config.limits.max_position_m = profile.largest_position_m();
+            config.passivity.workspace_scale = profile.workspace.scale;
+        }
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         let record = show.record.map(|record| record.start(organ, config, &options, info));

@@ -3,7 +3,11 @@
 //! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
+pub mod hand;
+pub mod impedance;
+pub mod palpation;
 pub mod polhem;
+pub mod profile;
 pub mod replay;
 pub mod script;
 pub mod simulated;

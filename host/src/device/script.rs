@@ -31,18 +31,18 @@ impl Default for StrokeConfig {
 
 /// One smooth motion of the target from rest to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Segment {
-    from_m: Vec3,
-    to_m: Vec3,
+pub(super) struct Segment {
+    pub(super) from_m: Vec3,
+    pub(super) to_m: Vec3,
     /// Added at half-way, fading to both ends: bends a travel round the organ.
-    bow_m: Vec3,
-    duration_s: f32,
-    buttons: u32,
+    pub(super) bow_m: Vec3,
+    pub(super) duration_s: f32,
+    pub(super) buttons: u32,
 }
 
 impl Segment {
     /// Minimum-jerk position (Flash and Hogan 1985): s(t) = 10 t^3 - 15 t^4 + 6 t^5.
-    fn at(&self, elapsed_s: f32) -> Vec3 {
+    pub(super) fn at(&self, elapsed_s: f32) -> Vec3 {
         let t = (elapsed_s / self.duration_s).clamp(0.0, 1.0);
         let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
         let straight = vec3::add(self.from_m, vec3::scale(vec3::sub(self.to_m, self.from_m), s));
@@ -60,7 +60,7 @@ impl Segment {
 }
 
 /// Height at which the hand closes its grip: above the surface, so that grasping is not pressing.
-const GRIP_HEIGHT_M: f32 = 0.002;
+pub(super) const GRIP_HEIGHT_M: f32 = 0.002;
 
 /// Closed tour: press, drag, release, grasp, pull, drag, let go at every active node in turn.
 #[derive(Debug, Clone, PartialEq)]
@@ -77,6 +77,22 @@ impl Script {
         let nodes: Vec<(Vec3, Vec3)> =
             organ.spaces.iter().map(|space| (space.rest_position_m, space.outward_normal)).collect();
         Self::over_nodes(&nodes, surface_centre(organ), config)
+    }
+
+    /// Height above the surface from which [`Script::press_and_hold`] comes, m.
+    pub const PRESS_FROM_M: f32 = 0.005;
+
+    /// Within a second from above an active node's surface to `depth_m` below it, stays there, and goes back within another; again and
+    /// again.
+    #[must_use]
+    pub fn press_and_hold(rest_m: Vec3, normal: Vec3, depth_m: f32, hold_s: f32) -> Self {
+        let height = |metres: f32| vec3::add(rest_m, vec3::scale(normal, metres));
+        let mut plan = Plan { segments: Vec::new(), here_m: height(Self::PRESS_FROM_M), buttons: 0 };
+        plan.go(height(-depth_m), 1.0);
+        plan.stay(hold_s);
+        plan.go(height(Self::PRESS_FROM_M), 1.0);
+        plan.stay(1.0);
+        Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
     }
 
     fn over_nodes(nodes: &[(Vec3, Vec3)], centre_m: Vec3, config: &StrokeConfig) -> Self {
@@ -180,7 +196,7 @@ impl Plan {
 }
 
 /// Two unit vectors square to a normal and to each other.
-fn tangents(normal: Vec3) -> (Vec3, Vec3) {
+pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
     // The axis least along the normal, so that the cross product is long.
     let axis = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let first = vec3::normalize_or_zero(vec3::cross(axis, normal));
@@ -188,7 +204,7 @@ fn tangents(normal: Vec3) -> (Vec3, Vec3) {
 }
 
 /// Middle of the surface's bounding box; of the active nodes' where the blob has no surface.
-fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
+pub(super) fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
     let surface = [0, 1, 2].map(|axis: usize| range(organ.surface.position_m[axis].iter().copied()));
     let nodes =
         [0, 1, 2].map(|axis: usize| range(organ.spaces.iter().map(|space| space.rest_position_m[axis])));
@@ -198,6 +214,25 @@ fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
 
 fn range(values: impl Iterator<Item = f32>) -> (f32, f32) {
     values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// SplitMix64 (Steele, Lea and Flood 2014): a few numbers from a seed, the same on every machine.
+#[derive(Debug, Clone)]
+pub(super) struct SplitMix(pub(super) u64);
+
+impl SplitMix {
+    pub(super) fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [0, 1).
+    pub(super) fn unit(&mut self) -> f32 {
+        (self.next() >> 40) as f32 / (1_u64 << 24) as f32
+    }
 }
 
 #[cfg(test)]

@@ -1,69 +1,103 @@
-//! A simulated hand on an ideal impedance device: what `palpate demo` holds, and what the tests drive.
+//! A simulated hand on a device: what `palpate demo` holds, and what the tests drive.
 //!
-//! The hand is a mass on a spring and damper whose neutral point follows a [`Script`]; the force of the controller acts on
-//! the mass, so the loop is closed as with a real arm: a soft organ yields, a stiff one stops the hand.
+//! The hand follows a [`Palpation`]; the force of the controller acts on it, so the loop is closed as with a real arm: a soft organ
+//! yields, a stiff one stops the hand. Without a mechanism the device is ideal: no mass, no delay, only an encoder. With one it is the
+//! device of a [`Profile`].
 
+use super::hand::{Drag, Hand, HandConfig};
+use super::impedance::{Counting, Impedance, ImpedanceConfig, counted};
+use super::palpation::{Palpation, RandomConfig, RandomPalpation};
+use super::profile::Profile;
 use super::script::{Script, StrokeConfig};
+use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceInfo};
 use palpate_core::{Organ, Sample, Vec3, vec3};
 
 /// The hand and its device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedConfig {
-    /// Seed of the tremor.
-    pub seed: u64,
+    /// The hand.
+    pub hand: HandConfig,
     /// Time that one exchange stands for, us.
     pub step_us: u32,
     /// Integration steps an exchange.
     pub substeps: u32,
-    /// Effective mass of hand and handle, kg.
-    pub mass_kg: f32,
-    /// Stiffness of the arm, N/m.
-    pub stiffness_n_m: f32,
-    /// Damping ratio of the arm; 1 is critical.
-    pub damping_ratio: f32,
-    /// Share of a lasting resistance that the hand makes up for by pushing on, below 1.
-    ///
-    /// A person told to press 15 mm deep presses harder in stiffer tissue. 0 is a purely passive arm.
-    pub persistence: f32,
-    /// Largest force the hand adds that way, N.
-    pub max_effort_n: f32,
-    /// Amplitude of the tremor (8 to 11 Hz), m.
-    pub tremor_m: f32,
-    /// Step of the position encoder, m.
+    /// Step of the position encoder of an ideal device, m.
     pub quantum_m: f32,
-    /// The strokes.
+    /// The mechanism; `None` is an ideal device in the model's own frame.
+    pub mechanism: Option<SimulatedMechanism>,
+    /// The strokes of the tour.
     pub strokes: StrokeConfig,
+    /// Palpation at random instead of the tour.
+    pub random: Option<RandomConfig>,
 }
 
 impl Default for SimulatedConfig {
     fn default() -> Self {
         Self {
-            seed: 1,
+            hand: HandConfig::default(),
             step_us: 1_000,
             substeps: 10,
-            mass_kg: 0.2,
-            stiffness_n_m: 450.0,
-            damping_ratio: 1.0,
-            persistence: 0.8,
-            max_effort_n: 6.0,
-            tremor_m: 1.0e-4,
             quantum_m: 30.0e-6,
+            mechanism: None,
             strokes: StrokeConfig::default(),
+            random: None,
         }
     }
 }
 
-/// Time in which the hand notices a resistance and leans into it, s: the order of a voluntary reaction.
-const REACTION_TIME_S: f32 = 0.2;
-/// Sines of the tremor an axis.
-const TREMOR_SINES: usize = 3;
+impl SimulatedConfig {
+    /// The usual hand on the device of a profile.
+    #[must_use]
+    pub fn on(profile: &Profile) -> Self {
+        Self {
+            step_us: profile.period_us(),
+            // 50 us at 1 kHz: delays are rounded to it.
+            substeps: 20,
+            mechanism: Some(SimulatedMechanism::of(profile)),
+            ..Self::default()
+        }
+    }
+}
 
-/// Sinusoid of the tremor.
+/// A mechanism and where it is in the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Sine {
-    rad_per_s: f32,
-    phase_rad: f32,
+pub struct SimulatedMechanism {
+    /// What it is like.
+    pub impedance: ImpedanceConfig,
+    /// Where its workspace lies in the model.
+    pub workspace: Workspace,
+    /// Largest stiffness of the model that it renders, N/m.
+    pub max_stiffness_n_m: f32,
+}
+
+impl SimulatedMechanism {
+    /// That of a profile.
+    #[must_use]
+    pub fn of(profile: &Profile) -> Self {
+        Self {
+            impedance: ImpedanceConfig::of(profile),
+            workspace: profile.workspace,
+            max_stiffness_n_m: profile.max_model_stiffness_n_m(),
+        }
+    }
+}
+
+/// The energy that went through the handle, J. Positive goes to the hand.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Work {
+    /// From the motors.
+    pub motors_j: f64,
+    /// From damping and friction of the mechanism, never positive.
+    pub drag_j: f64,
+}
+
+impl Work {
+    /// From the device as a whole.
+    #[must_use]
+    pub fn of_device_j(&self) -> f64 {
+        self.motors_j + self.drag_j
+    }
 }
 
 /// The simulated hand. A function of (organ, configuration, forces): every exchange is one step, whatever the clock.
@@ -73,12 +107,10 @@ struct Sine {
 #[derive(Debug, Clone)]
 pub struct SimulatedHand {
     config: SimulatedConfig,
-    script: Script,
-    position_m: Vec3,
-    velocity_m_s: Vec3,
-    /// Extra push that makes up for a lasting resistance.
-    effort_n: Vec3,
-    tremor: [[Sine; TREMOR_SINES]; 3],
+    palpation: Palpation,
+    hand: Hand,
+    mechanism: Option<Impedance>,
+    work: Work,
     step: u64,
 }
 
@@ -86,79 +118,88 @@ impl SimulatedHand {
     /// A hand over the first active node, about to press.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: SimulatedConfig) -> Self {
-        Self::with_script(Script::new(organ, &config.strokes), config)
+        let palpation = match config.random {
+            Some(random) => Palpation::Random(RandomPalpation::new(organ, random)),
+            None => Palpation::Tour(Script::new(organ, &config.strokes)),
+        };
+        Self::with_palpation(palpation, config)
     }
 
-    /// A hand that follows a given script.
+    /// A hand that does as it is told.
     #[must_use]
-    pub fn with_script(script: Script, config: SimulatedConfig) -> Self {
-        let mut random = SplitMix(config.seed);
-        let tremor = core::array::from_fn(|_| {
-            core::array::from_fn(|_| Sine {
-                rad_per_s: core::f32::consts::TAU * (8.0 + 3.0 * random.unit()),
-                phase_rad: core::f32::consts::TAU * random.unit(),
-            })
+    pub fn with_palpation(palpation: Palpation, config: SimulatedConfig) -> Self {
+        let mut wanted_m = palpation.target_m();
+        let mechanism = config.mechanism.map(|SimulatedMechanism { impedance, workspace, .. }| {
+            let middle_m = workspace.device_origin_m;
+            let from_middle_m =
+                impedance.reach.nearest_m(vec3::sub(workspace.to_device_m(wanted_m), middle_m));
+            wanted_m = vec3::add(middle_m, from_middle_m);
+            let step_s = config.step_us as f32 * 1e-6 / config.substeps.max(1) as f32;
+            Impedance::new(impedance, from_middle_m, step_s)
         });
         Self {
-            position_m: script.target_m(),
-            velocity_m_s: vec3::ZERO,
-            effort_n: vec3::ZERO,
-            script,
+            hand: Hand::new(config.hand, wanted_m),
+            palpation,
+            mechanism,
             config,
-            tremor,
+            work: Work::default(),
             step: 0,
         }
     }
 
-    /// True position of the hand, before the encoder.
+    /// True position of the hand in the model, before tremor and encoder.
     #[must_use]
-    pub const fn position_m(&self) -> Vec3 {
-        self.position_m
+    pub fn position_m(&self) -> Vec3 {
+        self.frame().map_or(self.hand.position_m(), |frame| frame.to_model_m(self.hand.position_m()))
     }
 
-    /// Moves the hand on by one step under a constant force.
-    ///
-    /// m a = k (target - x) + c (target' - x') + effort + F, semi-implicit Euler: v first, then x with the new v. Stable for
-    /// k dt^2 / m far below 4; at 0.1 ms it is 2e-5, and 2e-4 with an organ of 3000 N/m in parallel.
+    /// True position of the hand in the device's frame; that of the model, where the device is ideal.
+    #[must_use]
+    pub const fn device_position_m(&self) -> Vec3 {
+        self.hand.position_m()
+    }
+
+    /// Energy that went through the handle since the beginning.
+    #[must_use]
+    pub const fn work(&self) -> Work {
+        self.work
+    }
+
+    fn frame(&self) -> Option<Workspace> {
+        self.config.mechanism.map(|mechanism| mechanism.workspace)
+    }
+
+    /// Moves the hand on by one step under the force that the controller sent last.
     fn integrate(&mut self, force_n: Vec3) {
-        let SimulatedConfig { mass_kg, stiffness_n_m, damping_ratio, substeps, step_us, .. } = self.config;
-        let damping_n_s_m = 2.0 * damping_ratio * (stiffness_n_m * mass_kg).sqrt();
+        let SimulatedConfig { substeps, step_us, .. } = self.config;
         let dt_s = step_us as f32 * 1e-6 / substeps.max(1) as f32;
+        let frame = self.frame();
+        let wanted_m = |palpation: &Palpation| match frame {
+            Some(frame) => frame.to_device_m(palpation.target_m()),
+            None => palpation.target_m(),
+        };
         for _ in 0..substeps.max(1) {
-            let before_m = self.script.target_m();
-            self.script.advance(dt_s);
-            let target_m = self.script.target_m();
-            let target_m_s = vec3::scale(vec3::sub(target_m, before_m), dt_s.recip());
-            let spring_n = vec3::scale(vec3::sub(target_m, self.position_m), stiffness_n_m);
-            let damper_n = vec3::scale(vec3::sub(target_m_s, self.velocity_m_s), damping_n_s_m);
-            let hand_n = vec3::add(vec3::add(spring_n, damper_n), self.effort_n);
-            let push = vec3::scale(vec3::add(hand_n, force_n), dt_s / mass_kg);
-            self.velocity_m_s = vec3::add(self.velocity_m_s, push);
-            self.position_m = vec3::add(self.position_m, vec3::scale(self.velocity_m_s, dt_s));
-            self.lean_in(force_n, dt_s);
+            let from_m = wanted_m(&self.palpation);
+            self.palpation.advance(dt_s);
+            let to_m = wanted_m(&self.palpation);
+            let (given_n, drag) = match &mut self.mechanism {
+                Some(mechanism) => (mechanism.motor_n(), mechanism.config().drag),
+                None => (force_n, Drag::default()),
+            };
+            let before_m = self.hand.position_m();
+            let taken_j = self.hand.push(from_m, to_m, given_n, &drag, dt_s);
+            let moved_m = vec3::sub(self.hand.position_m(), before_m);
+            self.work.motors_j += f64::from(vec3::dot(given_n, moved_m));
+            self.work.drag_j -= f64::from(taken_j);
+            if let (Some(mechanism), Some(frame)) = (&mut self.mechanism, frame) {
+                let from_middle_m = vec3::sub(self.hand.position_m(), frame.device_origin_m);
+                let held_m = mechanism.config().reach.nearest_m(from_middle_m);
+                if held_m != from_middle_m {
+                    self.hand.stop_at(vec3::add(frame.device_origin_m, held_m));
+                }
+                mechanism.note(held_m, self.palpation.buttons());
+            }
         }
-    }
-
-    /// First-order low-pass of the resistance, bounded: slow enough that it cannot take part in an oscillation.
-    fn lean_in(&mut self, force_n: Vec3, dt_s: f32) {
-        let wanted_n = vec3::scale(force_n, -self.config.persistence);
-        let change = vec3::scale(vec3::sub(wanted_n, self.effort_n), dt_s / REACTION_TIME_S);
-        self.effort_n = vec3::add(self.effort_n, change);
-        let size_n = vec3::norm(self.effort_n);
-        if size_n > self.config.max_effort_n {
-            self.effort_n = vec3::scale(self.effort_n, self.config.max_effort_n / size_n);
-        }
-    }
-
-    fn tremor_at(&self, time_s: f64) -> Vec3 {
-        // f64 time: in f32 the phase of an hour-long run would step.
-        self.tremor.map(|sines| {
-            let sum: f32 = sines
-                .iter()
-                .map(|sine| (f64::from(sine.rad_per_s) * time_s + f64::from(sine.phase_rad)).sin() as f32)
-                .sum();
-            sum * self.config.tremor_m / TREMOR_SINES as f32
-        })
     }
 }
 
@@ -167,46 +208,51 @@ impl Device for SimulatedHand {
         self.integrate(hand_force_n);
         self.step += 1;
         let time_s = self.step as f64 * f64::from(self.config.step_us) * 1e-6;
-        let seen_m = vec3::add(self.position_m, self.tremor_at(time_s));
-        let quantum_m = self.config.quantum_m;
-        let position_m = if quantum_m > 0.0 {
-            seen_m.map(|metres| (metres / quantum_m).round() * quantum_m)
-        } else {
-            seen_m
+        let tremor_m = self.hand.tremor_m(time_s);
+        let (Some(mechanism), Some(frame)) = (&mut self.mechanism, self.config.mechanism) else {
+            let seen_m = vec3::add(self.hand.position_m(), tremor_m);
+            let position_m = counted(seen_m, self.config.quantum_m, Counting::Round);
+            return Ok(Some(Sample { t_us: now_us, position_m, buttons: self.palpation.buttons() }));
         };
-        Ok(Some(Sample { t_us: now_us, position_m, buttons: self.script.buttons() }))
+        let workspace = frame.workspace;
+        // The loop sends a force with the exchange after the tick that found it: this one acts from now on, not during the step
+        // that led here.
+        mechanism.command(workspace.to_device_n(hand_force_n));
+        let (from_middle_m, buttons) = mechanism.reading(tremor_m);
+        let position_m = workspace.to_model_m(vec3::add(workspace.device_origin_m, from_middle_m));
+        let t_us = now_us.saturating_sub(u64::from(mechanism.config().position_delay_us));
+        Ok(Some(Sample { t_us, position_m, buttons }))
     }
 
     fn stop(&mut self) {
         // Nothing drives this hand but its own spring: without a force it just goes on.
+        if let Some(mechanism) = &mut self.mechanism {
+            mechanism.command(vec3::ZERO);
+        }
     }
 
     fn info(&self) -> DeviceInfo {
-        DeviceInfo {
-            name: format!("simulated hand (seed {})", self.config.seed),
+        let palpation = match self.config.random {
+            Some(random) => format!("palpating at random, seed {}", random.seed),
+            None => format!("seed {}", self.config.hand.seed),
+        };
+        let ideal = DeviceInfo {
+            name: format!("simulated hand ({palpation})"),
             self_arming: true,
             max_force_n: f32::INFINITY,
             max_stiffness_n_m: f32::INFINITY,
             resolution_m: self.config.quantum_m,
+        };
+        match self.config.mechanism {
+            None => ideal,
+            Some(SimulatedMechanism { impedance, workspace, max_stiffness_n_m }) => DeviceInfo {
+                name: format!("simulated hand and mechanism ({palpation})"),
+                max_force_n: impedance.max_force_n,
+                max_stiffness_n_m,
+                resolution_m: impedance.encoder_quantum_m * workspace.scale,
+                ..ideal
+            },
         }
-    }
-}
-
-/// SplitMix64 (Steele, Lea and Flood 2014): a few numbers from a seed, the same on every machine.
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Uniform in [0, 1).
-    fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1_u64 << 24) as f32
     }
 }
 
@@ -239,7 +285,8 @@ mod tests {
     fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
         let one = run(SimulatedConfig::default(), 300.0, 9_000);
         assert_eq!(one, run(SimulatedConfig::default(), 300.0, 9_000));
-        assert_ne!(one, run(SimulatedConfig { seed: 2, ..SimulatedConfig::default() }, 300.0, 9_000));
+        let hand = HandConfig { seed: 2, ..HandConfig::default() };
+        assert_ne!(one, run(SimulatedConfig { hand, ..SimulatedConfig::default() }, 300.0, 9_000));
     }
 
     /// From soft to as stiff as a Falcon may render: strokes reach the organ, stay bounded, and no oscillation builds up.
@@ -259,7 +306,8 @@ mod tests {
     #[test]
     fn a_press_reaches_most_of_its_depth_because_the_hand_leans_in() {
         let depth = |persistence| {
-            let config = SimulatedConfig { persistence, tremor_m: 0.0, ..SimulatedConfig::default() };
+            let hand = HandConfig { persistence, tremor_m: 0.0, ..HandConfig::default() };
+            let config = SimulatedConfig { hand, ..SimulatedConfig::default() };
             run(config, 200.0, 1_060).iter().map(|(_, d, _)| vec3::norm(*d)).fold(0.0, f32::max)
         };
         let (passive, persistent) = (depth(0.0), depth(0.8));
@@ -285,5 +333,73 @@ mod tests {
         let along: Vec<f32> = trace.iter().map(|(_, _, h)| vec3::dot(*h, normal)).collect();
         assert!(along.iter().copied().fold(0.0, f32::min) < -1.0, "presses into the body");
         assert!(along.iter().copied().fold(0.0, f32::max) > 1.0, "pulls out of it");
+    }
+
+    fn on(profile: &Profile, palpation: Palpation, hand: HandConfig) -> SimulatedHand {
+        SimulatedHand::with_palpation(palpation, SimulatedConfig { hand, ..SimulatedConfig::on(profile) })
+    }
+
+    fn still(at_m: Vec3) -> Palpation {
+        // Higher than anything touches: it stays there for a second, then goes on.
+        Palpation::Tour(Script::press_and_hold(at_m, [0.0, 0.0, 1.0], -Script::PRESS_FROM_M, 3_600.0))
+    }
+
+    /// A force of a tick is in the next samples but two: a cycle in the loop, the link each way, and the mass.
+    #[test]
+    fn the_loop_and_the_link_hold_a_force_back() {
+        let mut profile = Profile::bundled("simulated").expect("bundled");
+        (profile.position_delay_us, profile.force_delay_us) = (1_000, 2_000);
+        (profile.mechanism.encoder_quantum_m, profile.mechanism.coulomb_n) = (None, None);
+        let mut hand = on(&profile, still([0.0, 0.0, 0.05]), HandConfig::LIGHT);
+        let seen: Vec<f32> = (1..=9_u64)
+            .map(|tick| {
+                let force_n = if tick == 1 { [5.0, 0.0, 0.0] } else { vec3::ZERO };
+                let sample =
+                    hand.exchange(tick * 1_000, force_n).expect("never fails").expect("always samples");
+                assert_eq!(sample.t_us, (tick - 1) * 1_000, "as old as the link is long");
+                sample.position_m[0]
+            })
+            .collect();
+        // Sent at the first exchange, it acts from 2 ms later for 1 ms, and is seen 1 ms after that.
+        assert!(seen[..4].iter().all(|x| *x == 0.0), "{seen:?}");
+        assert!(seen[4] > 1e-6 && seen[5] > seen[4], "{seen:?}");
+        // 5 N on 0.15 kg for 1 ms: 33 mm/s.
+        assert!(((seen[5] - seen[4]) / 33.3e-6 - 1.0).abs() < 0.05, "{seen:?}");
+    }
+
+    #[test]
+    fn a_profile_says_where_the_hand_is_and_how_far_it_goes() {
+        let profile = Profile::bundled("falcon").expect("bundled");
+        let mut hand = on(&profile, still([0.03, 0.02, 0.01]), HandConfig::default());
+        let sample = hand.exchange(2_000, vec3::ZERO).expect("never fails").expect("always samples");
+        // Three steps of the encoder, because three metres of the model are one of the hand.
+        assert!(vec3::distance(sample.position_m, [0.03, 0.02, 0.015]) < 3.0 * 3.0 * 54e-6, "{sample:?}");
+        assert!(vec3::distance(hand.device_position_m(), [0.01, 0.02 / 3.0, 0.125]) < 1e-4);
+        // A metre away the hand wants to be; the handle stops at 40 mm, 120 mm of the model.
+        let mut hand = on(&profile, still([1.0, 0.0, 0.0]), HandConfig::default());
+        for tick in 0..2_000_u64 {
+            let sample =
+                hand.exchange(tick * 1_000, vec3::ZERO).expect("never fails").expect("always samples");
+            let away_m = vec3::norm(sample.position_m);
+            assert!((0.1195..0.1210).contains(&away_m), "{away_m}");
+        }
+        let info = hand.info();
+        assert_eq!(info.max_force_n, 8.0);
+        assert!((info.max_stiffness_n_m - 1_000.0 / 3.0).abs() < 1e-3);
+    }
+
+    /// What the motors give goes into the hand's motion and the mechanism's drag, to the last part in a hundred.
+    #[test]
+    fn the_energy_that_goes_through_the_handle_is_all_accounted_for() {
+        let profile = Profile::bundled("simulated").expect("bundled");
+        let limp = HandConfig { stiffness_n_m: 0.0, ..HandConfig::LIGHT };
+        let mut hand = on(&profile, still([0.0, 0.0, 0.05]), limp);
+        for tick in 0..200_u64 {
+            hand.exchange(tick * 1_000, [0.5, 0.0, 0.0]).expect("never fails");
+        }
+        let (work, mass_kg) = (hand.work(), 0.1 + limp.mass_kg);
+        let motion_j = 0.5 * f64::from(mass_kg * vec3::norm_squared(hand.hand.velocity_m_s()));
+        assert!(work.motors_j > 0.01 && work.drag_j < -1e-3, "{work:?}");
+        assert!((work.of_device_j() / motion_j - 1.0).abs() < 0.01, "{work:?}, {motion_j} J of motion");
     }
 }

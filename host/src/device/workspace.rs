@@ -1,4 +1,4 @@
-//! Where the device's workspace lies in the model: rotation, scale and the two origins.
+//! Where the device's workspace lies in the model: rotation, scale and the two origins; and how far it reaches.
 
 use palpate_core::{Vec3, vec3};
 
@@ -38,6 +38,13 @@ impl Workspace {
         vec3::add(self.model_origin_m, self.axes.map(|axis| vec3::dot(axis, offset)))
     }
 
+    /// Position in the device's frame: the way back.
+    #[must_use]
+    pub fn to_device_m(&self, model_m: Vec3) -> Vec3 {
+        let offset = vec3::scale(vec3::sub(model_m, self.model_origin_m), self.scale.recip());
+        vec3::add(self.device_origin_m, self.to_device_n(offset))
+    }
+
     /// Force in the device's frame.
     #[must_use]
     pub fn to_device_n(&self, model_n: Vec3) -> Vec3 {
@@ -46,6 +53,44 @@ impl Workspace {
             vec3::scale(x, model_n[0]),
             vec3::add(vec3::scale(y, model_n[1]), vec3::scale(z, model_n[2])),
         )
+    }
+}
+
+/// Where a handle can go, round the middle of its workspace.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reach {
+    /// So far in every direction.
+    Ball {
+        /// Radius, m.
+        radius_m: f32,
+    },
+    /// So far along each axis of the device.
+    Box {
+        /// Half-widths, m.
+        half_m: Vec3,
+    },
+}
+
+impl Reach {
+    /// Largest distance from the middle, m.
+    #[must_use]
+    pub fn farthest_m(&self) -> f32 {
+        match *self {
+            Self::Ball { radius_m } => radius_m,
+            Self::Box { half_m } => vec3::norm(half_m),
+        }
+    }
+
+    /// The place within reach nearest to `from_middle_m`, which is that place itself if it is within reach.
+    #[must_use]
+    pub fn nearest_m(&self, from_middle_m: Vec3) -> Vec3 {
+        match *self {
+            Self::Ball { radius_m } => {
+                let away_m = vec3::norm(from_middle_m);
+                if away_m > radius_m { vec3::scale(from_middle_m, radius_m / away_m) } else { from_middle_m }
+            }
+            Self::Box { half_m } => core::array::from_fn(|i| from_middle_m[i].clamp(-half_m[i], half_m[i])),
+        }
     }
 }
 
@@ -69,5 +114,18 @@ mod tests {
             (vec3::dot(force, moved_m), vec3::dot(workspace.to_device_n(force), step));
         assert!((in_model - 2.0 * in_device).abs() < 1e-7, "{in_model} {in_device}");
         assert_eq!(workspace.to_model_m(workspace.device_origin_m), workspace.model_origin_m);
+        let back_m = workspace.to_device_m(workspace.to_model_m(from));
+        assert!(vec3::distance(back_m, from) < 1e-7, "{back_m:?}");
+    }
+
+    #[test]
+    fn a_handle_stops_at_the_end_of_its_reach() {
+        let ball = Reach::Ball { radius_m: 0.1 };
+        assert_eq!(ball.nearest_m([0.03, -0.04, 0.05]), [0.03, -0.04, 0.05]);
+        let held_m = ball.nearest_m([0.3, 0.0, 0.4]);
+        assert!(vec3::distance(held_m, [0.06, 0.0, 0.08]) < 1e-7, "{held_m:?}");
+        let cuboid = Reach::Box { half_m: [0.1, 0.2, 0.3] };
+        assert_eq!(cuboid.nearest_m([0.5, -0.1, -0.4]), [0.1, -0.1, -0.3]);
+        assert!((cuboid.farthest_m() - 0.14_f32.sqrt()).abs() < 1e-6);
     }
 }

@@ -21,7 +21,7 @@ pub(super) struct SceneFile {
     pub(super) fixed: Spanned<FixedTable>,
     pub(super) active: Spanned<OneOrMany<ActiveTable>>,
     pub(super) grid: Option<Spanned<GridTable>>,
-    pub(super) device: Option<DeviceTable>,
+    pub(super) device: Option<Spanned<DeviceTable>>,
     pub(super) body_force: Option<Spanned<BodyForceTable>>,
     #[serde(default)]
     pub(super) solver: SolverTable,
@@ -119,7 +119,9 @@ impl GridTable {
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DeviceTable {
-    pub(super) max_force_n: Spanned<f64>,
+    pub(super) max_force_n: Option<Spanned<f64>>,
+    /// Name of a bundled device profile, or a file of one.
+    pub(super) profile: Option<Spanned<String>>,
 }
 
 #[derive(Debug, serde::Deserialize)]
@@ -242,14 +244,20 @@ impl Place {
         toml::from_str(&self.text).map_err(|error| self.explain(&error))
     }
 
-    /// The scene with sorted keys and without comments and layout.
-    pub(super) fn canonical(&self) -> String {
-        let table: toml::Table = self.text.parse().expect("the text was parsed before");
+    /// The scene with sorted keys and without comments and layout, and with the force limit in the place of a device profile.
+    ///
+    /// A store keeps this text: it must say the same when the profile is another one, or not there.
+    pub(super) fn canonical(&self, max_force_n: f64) -> String {
+        let mut table: toml::Table = self.text.parse().expect("the text was parsed before");
+        let device = table.get_mut("device").and_then(toml::Value::as_table_mut);
+        if let Some(device) = device.filter(|device| device.contains_key("profile")) {
+            *device = toml::Table::from_iter([("max_force_n".into(), max_force_n.into())]);
+        }
         toml::to_string(&table).expect("a table that was parsed can be written")
     }
 
     /// The parser's error in the words of this project.
-    fn explain(&self, error: &toml::de::Error) -> InputError {
+    pub(super) fn explain(&self, error: &toml::de::Error) -> InputError {
         let message = error.message();
         let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
         let (what, mend) = if message.starts_with("unknown field") {

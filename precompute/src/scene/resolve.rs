@@ -12,7 +12,7 @@ use super::file::{
 };
 use super::{
     ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
-    material,
+    device, material,
 };
 use crate::error::{InputError, count, nearest_word};
 use crate::fit::DisplacementBound;
@@ -39,10 +39,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let active = lookup.all_active(scene, &fixed)?;
     let grid = file.grid.as_ref().map(|grid| lookup.grid(grid)).transpose()?;
-    let max_force_n = match &file.device {
-        Some(device) => positive(place, "max_force_n", &device.max_force_n)?,
-        None => f64::INFINITY,
-    };
+    let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
@@ -56,7 +53,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     }
     let visual = file.needs.visual;
     let displacement_bound = displacement_bound(place, &file.needs)?;
-    let text = place.canonical();
+    let text = place.canonical(max_force_n);
     Ok(ResolvedScene {
         name,
         mesh,
@@ -662,7 +659,7 @@ fn check_name(place: &Place, span: Range<usize>, name: &str, limit: usize) -> Re
     Err(place.error(span, what, format!("use 1 to {limit} bytes without commas and quotes")))
 }
 
-fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result<f64, InputError> {
+pub(super) fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result<f64, InputError> {
     let number = *value.get_ref();
     if number.is_finite() && number > 0.0 {
         return Ok(number);

@@ -555,6 +555,60 @@ fn grids_in_every_way() {
 }
 
 #[test]
+fn a_device_profile_gives_the_force_limit() {
+    let bench = Bench::new();
+    bench.write("bench.toml", "name = \"bench\"\n[limits]\nmax_force_n = 2.5\nrate_hz = 500\n");
+    let device = |lines: &str| bench.with("max_force_n = 8", lines);
+    for (lines, force_n) in [
+        ("profile = \"falcon\"", 8.0),
+        ("profile = \"touch\"", 3.3),
+        ("profile = \"sigma.7\"", 12.0),
+        ("profile = \"bench.toml\"", 2.5),
+        // What the scene says itself wins, below the device's.
+        ("profile = \"falcon\"\nmax_force_n = 6", 6.0),
+        ("profile = \"falcon\"\nmax_force_n = 8", 8.0),
+    ] {
+        assert_eq!(device(lines).expect("sound").max_force_n, force_n, "{lines}");
+    }
+    let refuses = |to: &str, place: &str, what: &str, mend: &str| {
+        bench.refuses("max_force_n = 8", to, place, what, mend);
+    };
+    refuses(
+        "profile = \"falcom\"",
+        "block.toml:23",
+        "no device profile \"falcom\"",
+        "did you mean \"falcon\"?",
+    );
+    refuses("profile = \"spoon\"", "block.toml:23", "no device profile \"spoon\"", "touch");
+    refuses("profile = \"none.toml\"", "none.toml", "cannot read the file", "check the path");
+    refuses("profile = 3", "block.toml:23", "invalid type", "expected type");
+    let beyond = "profile = \"touch\"\nmax_force_n = 8";
+    refuses(beyond, "block.toml:24", "`max_force_n` = 8 is beyond the 3.3 N of \"touch\"", "3.3 or less");
+    for (text, place, what) in [
+        ("[limits]\nrate_hz = 1\n", "bench.toml:1", "`max_force_n` is missing"),
+        ("[limits]\n\nmax_force_n = -1\n", "bench.toml:3", "`max_force_n` = -1"),
+        ("[limits\n", "bench.toml:1", "not valid TOML"),
+    ] {
+        bench.write("bench.toml", text);
+        refuses("profile = \"bench.toml\"", place, what, "");
+    }
+}
+
+/// A store keeps the scene's text; years later the profile may say something else, or be gone.
+#[test]
+fn the_kept_text_of_a_scene_needs_no_profile() {
+    let bench = Bench::new();
+    bench.write("bench.toml", "[limits]\nmax_force_n = 2.5\n");
+    let scene = bench.with("max_force_n = 8", "profile = \"bench.toml\"").expect("sound");
+    std::fs::remove_file(bench.path("bench.toml")).expect("it was there");
+    assert!(!scene.text.contains("profile") && scene.text.contains("max_force_n = 2.5"), "{}", scene.text);
+    let kept = Scene::parse(&bench.path("a.space"), scene.text.clone()).expect("sound");
+    let again = kept.resolve_in(scene.mesh.clone(), scene.fixed.clone()).expect("sound");
+    assert_eq!((again.max_force_n, again.content_hash()), (2.5, scene.content_hash()));
+    assert_eq!(again.text, scene.text);
+}
+
+#[test]
 fn a_body_that_nothing_holds_is_refused_and_oddities_are_told() {
     let bench = Bench::new();
     let warning_of = |from: &str, to: &str| bench.with(from, to).expect("can be solved").warnings.join("\n");

@@ -241,6 +241,7 @@ fn palpate(
         record: None,
         friction: None,
         change_every: None,
+        profile: None,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

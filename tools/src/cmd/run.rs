@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
+use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
 use palpate_host::viewer::ViewerError;
@@ -18,6 +20,7 @@ use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
 use crate::output;
+use crate::resident::Resident;
 use crate::touch;
 use crate::workbench::stop_flag;
 
@@ -35,9 +38,14 @@ pub(crate) struct Args {
     blob: PathBuf,
     /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step in the force
     more: Vec<PathBuf>,
-    /// The device: sim (a simulated hand), polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
+    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), polhem:PORT (Polhem / WoodenHaptics
+    /// on a serial port), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
+    /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7,
+    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT has its own
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    profile: Option<String>,
     /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
     /// hybrid, trilinear
     #[arg(long, value_parser = method)]
@@ -78,16 +86,40 @@ fn seconds(text: &str) -> Result<Duration, String> {
     seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).ok_or_else(|| "seconds, at least 0.01".into())
 }
 
-fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure> {
-    match name.split_once(':') {
-        None if name == "sim" => Ok(Box::new(SimulatedHand::new(organ, SimulatedConfig::default()))),
-        Some(("polhem", port)) => {
-            let device = Polhem::open(port, PolhemConfig::default());
+/// The profile that was asked for, or that of the device.
+fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
+    let own = args.device.starts_with("polhem:").then_some("polhem");
+    let name = args.profile.as_deref().or(own);
+    name.map(Profile::load).transpose().map_err(Failure::input)
+}
+
+fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Result<Box<dyn Device>, Failure> {
+    let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
+    match (kind, rest) {
+        ("sim", rest) => {
+            let seed = rest.map(|rest| rest.strip_prefix("random:").and_then(|seed| seed.parse().ok()));
+            if seed == Some(None) {
+                return Err(Failure::input(format!(
+                    "no device `{name}`; write sim, or sim:random:SEED with a whole number"
+                )));
+            }
+            let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::on);
+            config.random = seed.flatten().map(RandomConfig::new);
+            Ok(Box::new(SimulatedHand::new(organ, config)))
+        }
+        ("polhem", Some(port)) => {
+            let mut config = PolhemConfig::default();
+            if let Some(profile) = profile {
+                (config.workspace, config.max_force_n) = (profile.workspace, profile.max_force_n);
+            }
+            let device = Polhem::open(port, config);
             Ok(Box::new(
                 device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
             ))
         }
-        _ => Err(Failure::input(format!("no device `{name}`; choose sim, polhem:PORT or replay:FILE.mcap"))),
+        _ => Err(Failure::input(format!(
+            "no device `{name}`; choose sim, sim:random:SEED, polhem:PORT or replay:FILE.mcap"
+        ))),
     }
 }
 
@@ -132,10 +164,21 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
+    let profile = profile(args)?;
     let stop = stop_flag()?;
-    let show = show(args, record);
-    let touched = touch::run(&organs, method, show, &stop, || open_device(&args.device, organs[0]), |_| ())?;
+    let show = touch::Show { profile: profile.as_ref(), ..show(args, record) };
+    let mut resident = Resident::start();
+    let open = || open_device(&args.device, organs[0], profile.as_ref());
+    let touched = touch::run(&organs, method, show, &stop, open, |record| resident.take(record))?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
+    if let Some(profile) = &profile {
+        output::line(format!(
+            "profile      {}: {}",
+            profile.name,
+            profile.verdict(&touched.summary.latency)
+        ))?;
+    }
+    output::line(resident.end())?;
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
         output::line(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
@@ -154,6 +197,7 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         record,
         friction: args.friction,
         change_every: args.change_every,
+        profile: None,
     }
 }
 
@@ -164,9 +208,10 @@ fn run_replay(
     blob_blake3: &[String],
     path: &Path,
 ) -> Result<(), Failure> {
-    if args.record.is_some() || args.seconds.is_some() {
+    if args.record.is_some() || args.seconds.is_some() || args.profile.is_some() {
         return Err(Failure::input(
-            "a replay is as long as its recording and is not recorded again: leave --seconds and --record out",
+            "a replay is as long as its recording, has its limits, and is not recorded again: leave --seconds, --profile and \
+             --record out",
         ));
     }
     let stop = stop_flag()?;

@@ -1,0 +1,19 @@
+//! The device profiles that come with Palpate, as text.
+//!
+//! Compiled by path into the host, which reads all of a profile, and into precompute, which reads the force limit: neither may depend on
+//! the other, and the core knows no TOML. One list, so that both know the same names.
+
+/// Name and text of each profile.
+pub(crate) const PROFILES: [(&str, &str); 11] = [
+    ("delta.3", include_str!("delta.3.toml")),
+    ("desktop", include_str!("desktop.toml")),
+    ("falcon", include_str!("falcon.toml")),
+    ("link", include_str!("link.toml")),
+    ("omega", include_str!("omega.toml")),
+    ("omni", include_str!("omni.toml")),
+    ("polhem", include_str!("polhem.toml")),
+    ("premium-1.5", include_str!("premium-1.5.toml")),
+    ("sigma.7", include_str!("sigma.7.toml")),
+    ("simulated", include_str!("simulated.toml")),
+    ("touch", include_str!("touch.toml")),
+];

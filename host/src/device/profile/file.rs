@@ -1,0 +1,383 @@
+//! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
+
+use super::{Assumed, Damping, Mechanism, Profile};
+use crate::device::workspace::{Reach, Workspace};
+use core::fmt;
+use core::ops::Range;
+use palpate_core::{Vec3, vec3};
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// What is wrong with a profile, where, and how to mend it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProfileError {
+    /// The file, or the name of a profile.
+    pub file: PathBuf,
+    /// 1-based line, where the fault has a place.
+    pub line: Option<usize>,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub mend: String,
+}
+
+impl fmt::Display for ProfileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let line = self.line.map_or_else(String::new, |line| format!(":{line}"));
+        let text = format!("{}{line}: {}; {}", self.file.display(), self.what, self.mend);
+        // One line, whatever the parts hold: scripts read errors line by line.
+        f.write_str(&text.replace(['\n', '\r'], " "))
+    }
+}
+
+impl core::error::Error for ProfileError {}
+
+type Number = Spanned<f64>;
+type Numbers = Spanned<[f64; 3]>;
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProfileFile {
+    name: Spanned<String>,
+    limits: LimitsTable,
+    #[serde(default)]
+    mechanism: MechanismTable,
+    #[serde(default)]
+    link: LinkTable,
+    workspace: Spanned<WorkspaceTable>,
+    #[serde(default)]
+    mapping: MappingTable,
+    #[serde(default)]
+    simulation: SimulationTable,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LimitsTable {
+    max_force_n: Number,
+    max_stiffness_n_m: Number,
+    rate_hz: Number,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MechanismTable {
+    mass_kg: Option<Number>,
+    damping: Option<DampingTable>,
+    coulomb_n: Option<Number>,
+    encoder_quantum_m: Option<Number>,
+    motor_quantum_n: Option<Number>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DampingTable {
+    n_s_m: Number,
+    measured: bool,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinkTable {
+    position_delay_us: Option<Spanned<i64>>,
+    force_delay_us: Option<Spanned<i64>>,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WorkspaceTable {
+    radius_m: Option<Number>,
+    half_m: Option<Numbers>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MappingTable {
+    axes: Option<Spanned<[[f64; 3]; 3]>>,
+    scale: Option<Number>,
+    device_origin_m: Option<Numbers>,
+    model_origin_m: Option<Numbers>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SimulationTable {
+    mass_kg: Option<Number>,
+    damping_n_s_m: Option<Number>,
+    coulomb_n: Option<Number>,
+}
+
+/// Slowest and fastest cycle, Hz: below, no stiffness worth touching is stable; above, no thread of this program wakes.
+const RATES_HZ: Range<f64> = 100.0..10_000.0;
+
+/// Longest delay of a link, us: ten milliseconds are a fault of the controller.
+const LONGEST_DELAY_US: i64 = 9_000;
+
+/// Reads a profile from a file.
+pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
+    let text = std::fs::read_to_string(path).map_err(|error| ProfileError {
+        file: path.into(),
+        line: None,
+        what: format!("cannot read the device profile ({error})"),
+        mend: "check the path".into(),
+    })?;
+    parse(path, &text)
+}
+
+/// Reads a profile from text.
+pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
+    let place = Place { path, text };
+    let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
+    let ProfileFile { name, limits, mechanism, link, workspace, mapping, simulation } = file;
+    if name.get_ref().is_empty() {
+        return Err(place.error(name.span(), "the name is empty", "name the device"));
+    }
+    let rate_hz = place.positive("rate_hz", &limits.rate_hz)?;
+    if !RATES_HZ.contains(&f64::from(rate_hz)) {
+        let mend = format!("give {} to {} Hz", RATES_HZ.start, RATES_HZ.end);
+        return Err(place.error(limits.rate_hz.span(), format!("`rate_hz` = {rate_hz}"), mend));
+    }
+    let twice = [
+        (&mechanism.mass_kg, &simulation.mass_kg, "mass_kg"),
+        (&mechanism.coulomb_n, &simulation.coulomb_n, "coulomb_n"),
+        (&mechanism.damping.as_ref().map(|d| d.n_s_m.clone()), &simulation.damping_n_s_m, "damping_n_s_m"),
+    ];
+    for (known, assumed, key) in twice {
+        if let (Some(_), Some(assumed)) = (known, assumed) {
+            let what = format!("`{key}` is assumed under [simulation] although [mechanism] states it");
+            return Err(place.error(assumed.span(), what, "remove it there"));
+        }
+    }
+    let default = Assumed::default();
+    Ok(Profile {
+        name: name.into_inner(),
+        max_force_n: place.positive("max_force_n", &limits.max_force_n)?,
+        max_stiffness_n_m: place.positive("max_stiffness_n_m", &limits.max_stiffness_n_m)?,
+        rate_hz,
+        position_delay_us: place.delay_us("position_delay_us", link.position_delay_us.as_ref())?,
+        force_delay_us: place.delay_us("force_delay_us", link.force_delay_us.as_ref())?,
+        reach: place.reach(&workspace)?,
+        workspace: place.mapping(&mapping)?,
+        assumed: Assumed {
+            mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
+            damping_n_s_m: place
+                .optional("damping_n_s_m", simulation.damping_n_s_m.as_ref())?
+                .unwrap_or(default.damping_n_s_m),
+            coulomb_n: place
+                .optional("coulomb_n", simulation.coulomb_n.as_ref())?
+                .unwrap_or(default.coulomb_n),
+        },
+        mechanism: place.mechanism(mechanism)?,
+    })
+}
+
+/// Turns spans of bytes into lines of a file.
+struct Place<'t> {
+    path: &'t Path,
+    text: &'t str,
+}
+
+impl Place<'_> {
+    fn error(&self, span: Range<usize>, what: impl Into<String>, mend: impl Into<String>) -> ProfileError {
+        let before = self.text.as_bytes().iter().take(span.start);
+        ProfileError {
+            file: self.path.into(),
+            line: Some(1 + before.filter(|&&byte| byte == b'\n').count()),
+            what: what.into(),
+            mend: mend.into(),
+        }
+    }
+
+    /// The parser's error in the words of this project.
+    fn explain(&self, error: &toml::de::Error) -> ProfileError {
+        let message = error.message();
+        let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+        let (what, mend) = match (message.split(' ').next(), quoted.split_first()) {
+            (Some("unknown"), Some((key, allowed))) => {
+                (format!("unknown key `{key}`"), format!("remove it (allowed here: {})", allowed.join(", ")))
+            }
+            (Some("missing"), Some((key, _))) => {
+                (format!("`{key}` is missing"), format!("add `{key}` (docs/devices.md, Profiles)"))
+            }
+            (Some("invalid"), _) => (message.to_owned(), "write a value of the expected type".into()),
+            _ => (format!("not valid TOML ({message})"), "correct the syntax".into()),
+        };
+        self.error(error.span().unwrap_or(0..0), what, mend)
+    }
+
+    fn positive(&self, key: &str, value: &Number) -> Result<f32, ProfileError> {
+        let number = *value.get_ref() as f32;
+        if number.is_normal() && number > 0.0 {
+            return Ok(number);
+        }
+        Err(self.error(
+            value.span(),
+            format!("`{key}` = {}", value.get_ref()),
+            "give a finite number above zero, or leave out what is not known",
+        ))
+    }
+
+    fn optional(&self, key: &str, value: Option<&Number>) -> Result<Option<f32>, ProfileError> {
+        value.map(|value| self.positive(key, value)).transpose()
+    }
+
+    fn mechanism(&self, table: MechanismTable) -> Result<Mechanism, ProfileError> {
+        let damping = table.damping.map(|DampingTable { n_s_m, measured }| {
+            self.positive("n_s_m", &n_s_m).map(|n_s_m| Damping { n_s_m, measured })
+        });
+        Ok(Mechanism {
+            mass_kg: self.optional("mass_kg", table.mass_kg.as_ref())?,
+            damping: damping.transpose()?,
+            coulomb_n: self.optional("coulomb_n", table.coulomb_n.as_ref())?,
+            encoder_quantum_m: self.optional("encoder_quantum_m", table.encoder_quantum_m.as_ref())?,
+            motor_quantum_n: self.optional("motor_quantum_n", table.motor_quantum_n.as_ref())?,
+        })
+    }
+
+    fn delay_us(&self, key: &str, value: Option<&Spanned<i64>>) -> Result<u32, ProfileError> {
+        let Some(value) = value else { return Ok(0) };
+        let known = u32::try_from(*value.get_ref()).ok().filter(|us| i64::from(*us) <= LONGEST_DELAY_US);
+        known.ok_or_else(|| {
+            let what = format!("`{key}` = {}", value.get_ref());
+            self.error(value.span(), what, format!("give 0 to {LONGEST_DELAY_US} us"))
+        })
+    }
+
+    fn reach(&self, table: &Spanned<WorkspaceTable>) -> Result<Reach, ProfileError> {
+        match table.get_ref() {
+            WorkspaceTable { radius_m: Some(radius), half_m: None } => {
+                Ok(Reach::Ball { radius_m: self.positive("radius_m", radius)? })
+            }
+            WorkspaceTable { radius_m: None, half_m: Some(half) } => {
+                let half_m = half.get_ref().map(|metres| metres as f32);
+                if half_m.iter().all(|metres| metres.is_normal() && *metres > 0.0) {
+                    return Ok(Reach::Box { half_m });
+                }
+                Err(self.error(half.span(), "`half_m` has no volume", "give three finite numbers above zero"))
+            }
+            _ => Err(self.error(
+                table.span(),
+                "[workspace] does not say one workspace",
+                "give `radius_m`, or `half_m`",
+            )),
+        }
+    }
+
+    fn mapping(&self, table: &MappingTable) -> Result<Workspace, ProfileError> {
+        let default = Workspace::default();
+        let origin = |key: &str, given: &Option<Numbers>| -> Result<Vec3, ProfileError> {
+            let Some(given) = given else { return Ok(vec3::ZERO) };
+            let metres = given.get_ref().map(|metres| metres as f32);
+            if vec3::is_finite(metres) {
+                return Ok(metres);
+            }
+            Err(self.error(given.span(), format!("`{key}` is not finite"), "give three finite numbers"))
+        };
+        let axes = match &table.axes {
+            None => default.axes,
+            Some(given) => {
+                let axes = given.get_ref().map(|axis| axis.map(|x| x as f32));
+                if !is_rotation(&axes) {
+                    return Err(self.error(
+                        given.span(),
+                        "`axes` is no rotation",
+                        "give the model's x, y and z axes in device coordinates: unit length, square to each other, right-handed",
+                    ));
+                }
+                axes
+            }
+        };
+        Ok(Workspace {
+            axes,
+            scale: self.optional("scale", table.scale.as_ref())?.unwrap_or(default.scale),
+            device_origin_m: origin("device_origin_m", &table.device_origin_m)?,
+            model_origin_m: origin("model_origin_m", &table.model_origin_m)?,
+        })
+    }
+}
+
+/// Orthonormal and right-handed: a mirrored hand would feel every force from the wrong side.
+fn is_rotation(axes: &[Vec3; 3]) -> bool {
+    const ROUNDING: f32 = 1e-3;
+    let [x, y, z] = *axes;
+    let unit = axes.iter().all(|axis| (vec3::norm(*axis) - 1.0).abs() < ROUNDING);
+    unit && vec3::dot(x, y).abs() < ROUNDING && vec3::distance(vec3::cross(x, y), z) < ROUNDING
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOUND: &str = r#"name = "bench"
+
+[limits]
+max_force_n = 5.0
+max_stiffness_n_m = 900.0
+rate_hz = 2000.0
+
+[mechanism]
+damping = { n_s_m = 0.5, measured = false }
+coulomb_n = 0.1
+
+[link]
+force_delay_us = 40
+
+[workspace]
+half_m = [0.1, 0.2, 0.3]
+
+[mapping]
+axes = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+scale = 2
+model_origin_m = [0.0, 0.0, 0.05]
+
+[simulation]
+mass_kg = 0.3
+"#;
+
+    #[test]
+    fn every_figure_is_read() {
+        let profile = parse(Path::new("bench.toml"), SOUND).expect("sound");
+        assert_eq!((profile.max_force_n, profile.max_stiffness_n_m, profile.period_us()), (5.0, 900.0, 500));
+        assert_eq!(profile.mechanism.damping, Some(Damping { n_s_m: 0.5, measured: false }));
+        assert_eq!((profile.mechanism.coulomb_n, profile.mechanism.encoder_quantum_m), (Some(0.1), None));
+        assert_eq!((profile.position_delay_us, profile.force_delay_us), (0, 40));
+        assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
+        assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
+        // The device's y is the model's x.
+        assert_eq!(profile.workspace.to_model_m([0.0, 0.01, 0.0]), [0.02, 0.0, 0.05]);
+    }
+
+    #[track_caller]
+    fn refuses(from: &str, to: &str, line: usize, what: &str, mend: &str) {
+        assert!(SOUND.contains(from));
+        let text = SOUND.replacen(from, to, 1);
+        let error = parse(Path::new("bench.toml"), &text).expect_err("planted fault").to_string();
+        assert!(error.starts_with(&format!("bench.toml:{line}: ")), "{error}");
+        let (said, mended) = error.split_once("; ").expect("a what and a mend");
+        assert!(said.contains(what) && mended.contains(mend) && !error.contains('\n'), "{error}");
+    }
+
+    #[test]
+    fn every_fault_has_its_line_and_its_mend() {
+        refuses("coulomb_n", "coulomb", 10, "unknown key `coulomb`", "coulomb_n");
+        refuses("[link]", "[links]", 12, "unknown key `links`", "link");
+        refuses("measured = false", "measurd = false", 9, "unknown key `measurd`", "measured");
+        refuses(", measured = false", "", 9, "`measured` is missing", "add");
+        refuses("rate_hz = 2000.0\n", "", 3, "`rate_hz` is missing", "add `rate_hz`");
+        refuses("5.0", "0", 4, "`max_force_n` = 0", "above zero");
+        refuses("5.0", "nan", 4, "`max_force_n` = NaN", "above zero");
+        refuses("900.0", "\"stiff\"", 5, "invalid type", "expected type");
+        refuses("2000.0", "50", 6, "`rate_hz` = 50", "100 to 10000 Hz");
+        refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
+        refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
+        refuses("half_m =", "radius_m = 0.1\nhalf_m =", 15, "[workspace]", "`radius_m`, or `half_m`");
+        refuses("0.1, 0.2", "0.1, 0.0", 16, "`half_m`", "above zero");
+        refuses("[1, 0, 0]]", "[-1, 0, 0]]", 19, "`axes` is no rotation", "right-handed");
+        refuses("[0, 1, 0],", "[0, 2, 0],", 19, "`axes` is no rotation", "unit length");
+        refuses("scale = 2", "scale = 0", 20, "`scale` = 0", "above zero");
+        refuses("0.0, 0.05", "0.0, inf", 21, "`model_origin_m`", "finite");
+        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 24, "`coulomb_n` is assumed", "remove it");
+        refuses("\"bench\"", "\"\"", 1, "the name is empty", "name the device");
+        refuses("[limits]", "[limits", 3, "not valid TOML", "correct the syntax");
+    }
+}

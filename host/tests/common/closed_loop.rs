@@ -1,0 +1,206 @@
+//! Hand, device and controller as a closed loop on virtual time. Included by path where needed, also by the tests across the crates.
+#![allow(dead_code)]
+
+use palpate_core::{Config, Controller, Method, Organ, Phase, State, vec3};
+use palpate_host::Device;
+use palpate_host::device::hand::HandConfig;
+use palpate_host::device::palpation::{Palpation, RandomConfig};
+use palpate_host::device::profile::Profile;
+use palpate_host::device::script::Script;
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand, Work};
+
+/// Whether the profile's stiffness cap is on. Everything else stays as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Cap {
+    On,
+    Off,
+}
+
+/// The controller as `palpate run` sets it for a profile.
+pub(crate) fn config(profile: &Profile, method: Method, cap: Cap) -> Config {
+    let mut config = Config::new(method);
+    profile.tighten(&mut config.limits);
+    if cap == Cap::Off {
+        // Looked for and never reached.
+        config.limits.max_stiffness_n_m = 1e9;
+    }
+    config
+}
+
+/// The same device without Coulomb friction, which would hold still what shakes a little.
+pub(crate) fn frictionless(profile: &Profile) -> Profile {
+    let mut smooth = profile.clone();
+    smooth.mechanism.coulomb_n = None;
+    smooth.assumed.coulomb_n = 0.0;
+    smooth
+}
+
+/// A hand that rests on the handle: 4.4 N s/m, about what the lightest whole-hand grip brings; it neither pushes on nor trembles.
+pub(crate) const RELAXED: HandConfig =
+    HandConfig { mass_kg: 0.1, stiffness_n_m: 300.0, damping_ratio: 0.4, ..HandConfig::LIGHT };
+
+/// A press, a hold and the way back.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Held {
+    /// Largest stiffness of the organ as the hand would feel it without a cap, N/m.
+    pub(crate) stiffest_n_m: f32,
+    /// What the forces were scaled by.
+    pub(crate) share: f32,
+    /// Peak to peak of the hand's position in the device's frame over the last second of the hold (or before a fault), m.
+    pub(crate) peak_to_peak_m: f32,
+    /// Energy the hand got out of the device in that second, J.
+    pub(crate) hold_j: f64,
+    /// Energy over the whole, from free to free, J.
+    pub(crate) cycle_j: f64,
+    /// Largest force for the hand, N.
+    pub(crate) peak_n: f32,
+    /// Phase at the end.
+    pub(crate) phase: Phase,
+}
+
+const HOLD_S: f32 = 4.0;
+
+/// Whether the motors are made to knock against the hand: what then shakes on does so by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Knock {
+    /// 3 N for 10 ms, a second into the hold.
+    Once,
+    Never,
+}
+
+const KNOCK_N: f32 = 3.0;
+const KNOCK_S: core::ops::Range<f32> = 2.0..2.01;
+
+/// A hand on the device of a profile presses a node of an organ, is knocked against or not, holds still, and lets go.
+pub(crate) fn hold(
+    organ: &Organ<'_>,
+    method: Method,
+    space: usize,
+    depth_m: f32,
+    (hand, profile): (HandConfig, &Profile),
+    cap: Cap,
+    knock: Knock,
+) -> Held {
+    let controller = Controller::new(organ, config(profile, method, cap)).expect("has the method");
+    let node = &organ.spaces[space];
+    let script = Script::press_and_hold(node.rest_position_m, node.outward_normal, depth_m, HOLD_S);
+    let config = SimulatedConfig { hand, ..SimulatedConfig::on(profile) };
+    let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), config);
+    let period_us = u64::from(profile.period_us());
+    let ticks = |seconds: f32| (seconds * 1e6) as u64 / period_us;
+    let last_second = ticks(HOLD_S)..ticks(1.0 + HOLD_S);
+    let mut held = Held {
+        stiffest_n_m: controller.stiffest_n_m() * profile.workspace.scale,
+        share: controller.force_share(),
+        peak_to_peak_m: 0.0,
+        hold_j: 0.0,
+        cycle_j: 0.0,
+        peak_n: 0.0,
+        phase: Phase::Active,
+    };
+    let (mut state, mut force_n) = (State::new(), vec3::ZERO);
+    state.arm();
+    let mut recent = Vec::new();
+    let knocked = ticks(KNOCK_S.start)..ticks(KNOCK_S.end);
+    let knock_n = vec3::scale(node.outward_normal, if knock == Knock::Once { KNOCK_N } else { 0.0 });
+    let mut work_before = Work::default();
+    for tick in 0..ticks(3.0 + HOLD_S) {
+        let now_us = tick * period_us;
+        let given_n = if knocked.contains(&tick) { vec3::add(force_n, knock_n) } else { force_n };
+        let sample = hand.exchange(now_us, given_n).expect("never fails").expect("always samples");
+        let command = controller.tick(&mut state, now_us, Some(&sample));
+        force_n = command.hand_force_n;
+        assert!(vec3::is_finite(force_n) && vec3::is_finite(hand.device_position_m()), "tick {tick}");
+        held.peak_n = held.peak_n.max(vec3::norm(force_n));
+        held.phase = command.phase;
+        if tick < last_second.end {
+            recent.push(hand.device_position_m());
+        }
+        if tick == last_second.start {
+            work_before = hand.work();
+        }
+        if tick + 1 == last_second.end {
+            held.hold_j = hand.work().of_device_j() - work_before.of_device_j();
+        }
+        if command.phase != Phase::Active {
+            break;
+        }
+    }
+    held.cycle_j = hand.work().of_device_j();
+    let last = &recent[recent.len().saturating_sub(ticks(1.0) as usize)..];
+    for axis in 0..3 {
+        let along = || last.iter().map(|position_m| position_m[axis]);
+        let range_m = along().fold(f32::MIN, f32::max) - along().fold(f32::MAX, f32::min);
+        held.peak_to_peak_m = held.peak_to_peak_m.max(range_m);
+    }
+    held
+}
+
+/// Energy that a device with delay and steps may give the hand in one touch, J: a tenth of what a shaking one does, and less than lifting a
+/// hand by 3 mm takes.
+pub(crate) const MOST_GIVEN_J: f64 = 5e-3;
+
+/// Palpation at random.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Palpated {
+    /// Touches.
+    pub(crate) contacts: u64,
+    /// Ticks in touch.
+    pub(crate) engaged_ticks: u64,
+    /// Largest force for the hand, N.
+    pub(crate) peak_n: f32,
+    /// Largest energy that the device as a whole gave the hand in one touch, J.
+    pub(crate) most_given_j: f64,
+    /// Phase at the end.
+    pub(crate) phase: Phase,
+    /// Where the hand was at the end, bit for bit.
+    pub(crate) position_bits: [u32; 3],
+}
+
+/// A hand on the device of a profile palpates at random.
+pub(crate) fn palpate(
+    organ: &Organ<'_>,
+    method: Method,
+    (hand, profile): (HandConfig, &Profile),
+    (seed, seconds): (u64, f32),
+    cap: Cap,
+) -> Palpated {
+    let controller = Controller::new(organ, config(profile, method, cap)).expect("has the method");
+    let random = Some(RandomConfig::new(seed));
+    let config = SimulatedConfig { hand, random, ..SimulatedConfig::on(profile) };
+    let mut hand = SimulatedHand::new(organ, config);
+    let period_us = u64::from(profile.period_us());
+    let mut found = Palpated {
+        contacts: 0,
+        engaged_ticks: 0,
+        peak_n: 0.0,
+        most_given_j: f64::MIN,
+        phase: Phase::Active,
+        position_bits: [0; 3],
+    };
+    let (mut state, mut force_n) = (State::new(), vec3::ZERO);
+    state.arm();
+    let (mut engaged, mut work_at_touch_j) = (false, 0.0);
+    for tick in 0..(seconds * 1e6) as u64 / period_us {
+        let now_us = tick * period_us;
+        let sample = hand.exchange(now_us, force_n).expect("never fails").expect("always samples");
+        let command = controller.tick(&mut state, now_us, Some(&sample));
+        force_n = command.hand_force_n;
+        assert!(vec3::is_finite(force_n) && vec3::is_finite(hand.device_position_m()), "tick {tick}");
+        found.peak_n = found.peak_n.max(vec3::norm(force_n));
+        let work_j = hand.work().of_device_j();
+        match (engaged, command.engaged.is_some()) {
+            (false, true) => (found.contacts, work_at_touch_j) = (found.contacts + 1, work_j),
+            (true, false) => found.most_given_j = found.most_given_j.max(work_j - work_at_touch_j),
+            _ => {}
+        }
+        engaged = command.engaged.is_some();
+        found.engaged_ticks += u64::from(engaged);
+        found.phase = command.phase;
+        if command.phase != Phase::Active {
+            break;
+        }
+    }
+    found.position_bits = hand.device_position_m().map(f32::to_bits);
+    found
+}

@@ -1,0 +1,77 @@
+//! The device a scene is made for: a force limit, or the profile that has it.
+//!
+//! Only the force limit is read of a profile; the host reads, and checks, the rest of it.
+
+use std::path::Path;
+
+use toml::Spanned;
+
+use super::file::{DeviceTable, Place};
+use super::resolve::positive;
+use crate::error::{InputError, nearest_word};
+
+#[path = "../../../assets/devices/bundled.rs"]
+mod bundled;
+
+/// What matters here of a profile.
+#[derive(Debug, serde::Deserialize)]
+struct ProfileFile {
+    limits: LimitsTable,
+}
+
+#[derive(Debug, serde::Deserialize)]
+struct LimitsTable {
+    max_force_n: Spanned<f64>,
+}
+
+/// Force beyond which configurations are terminating; infinite without a device.
+pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) -> Result<f64, InputError> {
+    let Some(device) = device else { return Ok(f64::INFINITY) };
+    let DeviceTable { max_force_n, profile } = device.get_ref();
+    let named = profile.as_ref().map(|name| of_profile(place, name).map(|force_n| (name, force_n)));
+    match (max_force_n, named.transpose()?) {
+        (None, None) => {
+            let mend = "add `max_force_n`, or the `profile` of a device";
+            Err(place.error(device.span(), "`max_force_n` is missing", mend))
+        }
+        (None, Some((_, force_n))) => Ok(force_n),
+        (Some(given), named) => {
+            let given_n = positive(place, "max_force_n", given)?;
+            match named {
+                Some((name, force_n)) if given_n > force_n => {
+                    let what = format!(
+                        "`max_force_n` = {given_n} is beyond the {force_n} N of \"{}\"",
+                        name.get_ref()
+                    );
+                    let mend = format!("give {force_n} or less, or leave it out");
+                    Err(place.error(given.span(), what, mend))
+                }
+                _ => Ok(given_n),
+            }
+        }
+    }
+}
+
+/// The force limit of a bundled profile, or of a file beside the scene.
+fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> {
+    let word = name.get_ref();
+    if word.ends_with(".toml") {
+        let path = place.relative(word);
+        let text = std::fs::read_to_string(&path).map_err(|error| InputError::unreadable(&path, &error))?;
+        return force_in(Place { path, text });
+    }
+    let bundled = bundled::PROFILES.into_iter().find(|(known, _)| known == word);
+    let Some((_, text)) = bundled else {
+        let names = bundled::PROFILES.map(|(known, _)| known);
+        let guess = nearest_word(word, names).map(|guess| format!("did you mean \"{guess}\"? "));
+        let mend =
+            format!("{}({}, or a file that ends in .toml)", guess.unwrap_or_default(), names.join(", "));
+        return Err(place.error(name.span(), format!("no device profile \"{word}\""), mend));
+    };
+    force_in(Place { path: Path::new(word).to_path_buf(), text: text.to_owned() })
+}
+
+fn force_in(profile: Place) -> Result<f64, InputError> {
+    let file: ProfileFile = toml::from_str(&profile.text).map_err(|error| profile.explain(&error))?;
+    positive(&profile, "max_force_n", &file.limits.max_force_n)
+}

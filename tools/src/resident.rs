@@ -1,0 +1,58 @@
+//! How much memory this process holds, so that a long session shows whether it grows.
+
+use std::fmt;
+
+use palpate_host::TickRecord;
+
+/// Every ring of a session has been written through by then: what grows later has no reason to, us.
+const SETTLED_US: u64 = 20_000_000;
+
+/// Resident memory at three points of a session, kB; `None` where the system does not say.
+#[derive(Debug)]
+pub(crate) struct Resident {
+    start_kb: Option<u64>,
+    settled_kb: Option<u64>,
+    end_kb: Option<u64>,
+}
+
+impl Resident {
+    /// At the start.
+    pub(crate) fn start() -> Self {
+        Self { start_kb: resident_kb(), settled_kb: None, end_kb: None }
+    }
+
+    /// With every record, off the loop.
+    pub(crate) fn take(&mut self, record: &TickRecord) {
+        if self.settled_kb.is_none() && record.t_us >= SETTLED_US {
+            self.settled_kb = resident_kb();
+        }
+    }
+
+    /// At the end.
+    pub(crate) fn end(mut self) -> Self {
+        self.end_kb = resident_kb();
+        self
+    }
+}
+
+impl fmt::Display for Resident {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let part = |f: &mut fmt::Formatter<'_>, kb: Option<u64>, when: &str| match kb {
+            Some(kb) => write!(f, " {:.1} MB {when}", kb as f64 / 1024.0),
+            None => Ok(()),
+        };
+        if self.end_kb.is_none() {
+            return f.write_str("memory       this system does not say");
+        }
+        f.write_str("memory      ")?;
+        part(f, self.start_kb, "at the start,")?;
+        part(f, self.settled_kb, "after 20 s,")?;
+        part(f, self.end_kb, "at the end")
+    }
+}
+
+fn resident_kb() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
