@@ -3,11 +3,12 @@
 use crate::device::{Device, DeviceInfo};
 use crate::instructions::Instructions;
 use crate::rt::thread::spawn;
+use crate::rt::watchdog::{self, DEFAULT_LIMIT_MS};
 use crate::rt::{
-    Controls, HapticLoop, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock, Outputs,
-    TickRecord,
+    Controls, HapticLoop, Heartbeat, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock,
+    Outputs, TickRecord, Watchdog,
 };
-use crate::sys::{RtReport, RtRequest};
+use crate::sys::{Policy, RtReport, RtRequest};
 use crate::viewer::{FrameWriter, Live, Renderer, RendererConfig, ViewWindow, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -15,6 +16,7 @@ use core::time::Duration;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Controller, Coverage, Organ, Phase, vec3};
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// Longest pause between two looks at the queue.
@@ -57,6 +59,10 @@ pub struct SessionOptions {
     pub queue_ticks: usize,
     /// What to show.
     pub view: View,
+    /// Standstill of the loop after which the watchdog zeroes the device, ms; never less than the age at which a sample is a fault.
+    pub watchdog_ms: u32,
+    /// What the operating system granted, as soon as it is known: before the first tick.
+    pub granted: Arc<OnceLock<RtReport>>,
 }
 
 impl Default for SessionOptions {
@@ -68,6 +74,8 @@ impl Default for SessionOptions {
             // Sixteen seconds: longer than any frame or file write.
             queue_ticks: 16_384,
             view: View::Nothing,
+            watchdog_ms: DEFAULT_LIMIT_MS,
+            granted: Arc::default(),
         }
     }
 }
@@ -153,6 +161,23 @@ impl TouchFigures {
     }
 }
 
+/// What the watchdog of a session came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WatchdogFigures {
+    /// Standstill it allowed, ms.
+    pub limit_ms: u32,
+    /// Policy it ran with.
+    pub policy: Policy,
+    /// Times it took the force away.
+    pub fired: u64,
+}
+
+impl fmt::Display for WatchdogFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "after {} ms, {}; fired {} times", self.limit_ms, self.policy, self.fired)
+    }
+}
+
 /// What a session came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSummary {
@@ -166,6 +191,8 @@ pub struct SessionSummary {
     pub force_share: f32,
     /// What the operating system granted.
     pub real_time: RtReport,
+    /// The watchdog, where the device has a second way to its motors.
+    pub watchdog: Option<WatchdogFigures>,
     /// Why it ended.
     pub end: LoopEnd,
     /// Phase at the end.
@@ -215,6 +242,10 @@ impl fmt::Display for SessionSummary {
         }
         writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
+        match &self.watchdog {
+            Some(watchdog) => writeln!(f, "watchdog     {watchdog}")?,
+            None => writeln!(f, "watchdog     none: the device has no second way to its motors")?,
+        }
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
         write!(
@@ -260,7 +291,7 @@ impl fmt::Display for SessionSummary {
 pub fn run_session<D: Device, const N: usize>(
     organ: &Organ<'_, N>,
     config: Config,
-    device: D,
+    mut device: D,
     options: &SessionOptions,
     stop: &AtomicBool,
     mut on_record: impl FnMut(&TickRecord),
@@ -270,6 +301,11 @@ pub fn run_session<D: Device, const N: usize>(
     let periods = periods(options)?;
     let mut screen = Screen::open(organ, &config, &options.view)?;
     let info = device.info();
+    let emergency_stop = device.emergency_stop();
+    let heartbeat = Heartbeat::default();
+    // A loop that comes back after the watchdog has fired must find its sample stale.
+    let stale_ms = config.limits.stale_fault_us.div_ceil(1_000);
+    let watchdog_ms = options.watchdog_ms.max(u32::try_from(stale_ms).unwrap_or(u32::MAX));
     let (producer, mut records) = rtrb::RingBuffer::new(options.queue_ticks.max(1));
     let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let controls = Controls::default();
@@ -281,10 +317,17 @@ pub fn run_session<D: Device, const N: usize>(
         // Whatever happens on this side, the other one must end, or the scope would wait for ever.
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
-        let haptic = HapticLoop::new(controller, device, MonotonicClock, options.haptic, &controls, outputs);
+        let haptic = HapticLoop::new(controller, device, MonotonicClock, options.haptic, &controls, outputs)
+            .watched(&heartbeat);
         let instructions = haptic.instructions();
-        let handle =
-            spawn(scope, haptic, options.real_time, &ended_here, periods).map_err(SessionError::Thread)?;
+        let (real_time, granted) = (options.real_time, &*options.granted);
+        let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
+        let handle = handle.map_err(SessionError::Thread)?;
+        let watching = emergency_stop.map(|path| {
+            let watchdog = Watchdog::new(&heartbeat, path, u64::from(watchdog_ms) * 1_000_000);
+            watchdog::spawn(scope, watchdog, MonotonicClock, real_time.fifo_priority)
+        });
+        let watching = watching.transpose().map_err(SessionError::Thread)?;
         let mut drain = |live: &mut Live| {
             while let Ok(record) = records.pop() {
                 touch.take(&record);
@@ -305,10 +348,14 @@ pub fn run_session<D: Device, const N: usize>(
         }
         let joined = handle.join().map_err(|_| SessionError::LoopPanicked)?;
         drain(&mut live);
-        Ok((instructions, joined))
+        // The loop has ended its heartbeat, so the watchdog ends too.
+        let policy = watching.map(|watching| watching.join().unwrap_or(Policy::Other));
+        Ok((instructions, policy, joined))
     });
-    let (instructions, (real_time, outcome)) = joined?;
-    Ok(summary(info, instructions, felt, real_time, outcome, touch, &screen))
+    let (instructions, policy, (real_time, outcome)) = joined?;
+    let fired = heartbeat.fired();
+    let watchdog = policy.map(|policy| WatchdogFigures { limit_ms: watchdog_ms, policy, fired });
+    Ok(SessionSummary { watchdog, ..summary(info, instructions, felt, real_time, outcome, touch, &screen) })
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -336,6 +383,7 @@ fn summary(
         stiffest_n_m,
         force_share,
         real_time,
+        watchdog: None,
         end: outcome.end,
         phase: outcome.phase,
         ticks: outcome.ticks,

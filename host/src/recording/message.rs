@@ -29,6 +29,8 @@ struct Message<'m> {
     fault: Option<&'m str>,
     clamped: bool,
     compute_ns: u64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device_ns: Option<u64>,
     lateness_ns: u64,
     skipped_periods: u64,
 }
@@ -105,6 +107,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
         fault,
         clamped: record.clamped,
         compute_ns: record.compute_ns,
+        device_ns: record.device_ns,
         lateness_ns: record.lateness_ns,
         skipped_periods: record.skipped_periods,
     };
@@ -149,6 +152,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         phase,
         clamped: message.clamped,
         compute_ns: message.compute_ns,
+        device_ns: message.device_ns,
         lateness_ns: message.lateness_ns,
         skipped_periods: message.skipped_periods,
     })
@@ -175,6 +179,7 @@ pub(super) mod tests {
             phase: Phase::SafeZero(Fault::Overspeed),
             clamped: true,
             compute_ns: 9_001,
+            device_ns: Some(8_000),
             lateness_ns: 401,
             skipped_periods: 3,
         }
@@ -297,6 +302,15 @@ pub(super) mod tests {
         let mut other = all;
         other["tick"] = "one".into();
         assert!(fits(&schema, &other).is_err());
+    }
+
+    /// Recordings from before the device's time was kept apart.
+    #[test]
+    fn a_message_without_the_device_time_is_read() {
+        let older = text(&full()).replace(r#""device_ns":8000,"#, "");
+        assert!(!older.contains("device_ns"));
+        let record = decode(older.as_bytes()).expect("as good as ever");
+        assert_eq!(record, TickRecord { device_ns: None, ..full() });
     }
 
     #[test]

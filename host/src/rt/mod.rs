@@ -2,12 +2,18 @@
 
 pub mod clock;
 pub mod haptic_loop;
+pub mod histogram;
 pub mod latency;
+pub mod pace;
 pub mod thread;
+pub mod watchdog;
 
 pub use clock::{Clock, MonotonicClock, VirtualClock};
 pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
-pub use latency::{LatencyRecorder, LatencyReport, Percentiles};
+pub use histogram::{HistogramRow, Histograms, Quantity};
+pub use latency::{LatencyRecorder, LatencyReport, Miss, Percentiles, TickTimes};
+pub use pace::{Paced, Paces, pace};
+pub use watchdog::{Heartbeat, Watchdog};
 
 use palpate_core::{Coverage, Phase, Sample, Vec3, vec3};
 
@@ -53,6 +59,8 @@ pub struct TickRecord {
     pub clamped: bool,
     /// Device exchange and controller together, ns.
     pub compute_ns: u64,
+    /// The device's part of it, ns; not known of a tick recorded before this was kept.
+    pub device_ns: Option<u64>,
     /// Start of the tick after its deadline, ns.
     pub lateness_ns: u64,
     /// Deadlines skipped so far.
@@ -75,6 +83,7 @@ impl TickRecord {
         phase: Phase::Disarmed,
         clamped: false,
         compute_ns: 0,
+        device_ns: None,
         lateness_ns: 0,
         skipped_periods: 0,
     };
