@@ -1,6 +1,7 @@
 //! One session from start to report: haptic thread, viewer and record stream together.
 
 use crate::device::{Device, DeviceInfo};
+use crate::doctor::{Probe, Surroundings};
 use crate::instructions::Instructions;
 use crate::rt::thread::spawn;
 use crate::rt::watchdog::{self, DEFAULT_LIMIT_MS};
@@ -191,6 +192,8 @@ pub struct SessionSummary {
     pub force_share: f32,
     /// What the operating system granted.
     pub real_time: RtReport,
+    /// Kernel and CPUs.
+    pub surroundings: Surroundings,
     /// The watchdog, where the device has a second way to its motors.
     pub watchdog: Option<WatchdogFigures>,
     /// Why it ended.
@@ -242,6 +245,7 @@ impl fmt::Display for SessionSummary {
         }
         writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
+        writeln!(f, "{}", self.surroundings)?;
         match &self.watchdog {
             Some(watchdog) => writeln!(f, "watchdog     {watchdog}")?,
             None => writeln!(f, "watchdog     none: the device has no second way to its motors")?,
@@ -382,6 +386,7 @@ fn summary(
         instructions,
         stiffest_n_m,
         force_share,
+        surroundings: Surroundings::of(&Probe::system(), real_time.cpu),
         real_time,
         watchdog: None,
         end: outcome.end,

@@ -106,7 +106,7 @@ pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
         Ok(file) => (Outcome::Granted, Some(file)),
         Err(error) => {
             let os_code = error.raw_os_error().unwrap_or(0);
-            let advice = "allow writing to /dev/cpu_dma_latency (host/deploy/99-palpate.rules)";
+            let advice = "allow writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
             (Outcome::Refused { os_code, advice }, None)
         }
     }

@@ -127,6 +127,36 @@ impl fmt::Display for RtReport {
     }
 }
 
+impl RtReport {
+    /// The whole of it in one line, for the start of a session.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let mut line = format!("haptic thread: {}", self.policy);
+        if let Some(cpu) = self.cpu {
+            line.push_str(&format!(", CPU {cpu}"));
+        }
+        let asked = [
+            ("SCHED_FIFO", self.scheduler),
+            ("memory lock", self.memory),
+            ("CPU pinning", self.affinity),
+            ("CPUs awake", self.awake),
+        ];
+        let named = |wanted: fn(&Outcome) -> bool| -> String {
+            let names = asked.iter().filter(|(_, outcome)| wanted(outcome)).map(|(name, _)| *name);
+            names.collect::<Vec<_>>().join(", ")
+        };
+        let granted = named(|outcome| outcome.is_granted());
+        let refused = named(|outcome| matches!(outcome, Outcome::Refused { .. }));
+        if !granted.is_empty() {
+            line.push_str(&format!("; granted: {granted}"));
+        }
+        if !refused.is_empty() {
+            line.push_str(&format!("; refused: {refused} (palpate doctor says how to mend it)"));
+        }
+        line
+    }
+}
+
 /// Makes the requests for the calling thread; memory is locked and CPUs are awake for as long as the guard lives.
 #[must_use]
 pub fn enter_real_time(request: &RtRequest) -> (RtReport, Held) {
@@ -204,6 +234,8 @@ mod tests {
             assert!(!report.scheduler.is_granted() && !report.affinity.is_granted());
             let text = report.to_string();
             assert!(text.contains("rtprio") && text.contains("taskset"), "{text}");
+            let line = report.line();
+            assert!(line.contains("refused: SCHED_FIFO, CPU pinning") && !line.contains("memory"), "{line}");
         })
         .join()
         .expect("the thread ends");

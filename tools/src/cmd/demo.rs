@@ -21,6 +21,7 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
+use crate::timing::Timing;
 use crate::touch;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -234,8 +235,14 @@ fn palpate(
     // The tour touches every active node once in the time there is.
     let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
     let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
-    let show =
-        touch::Show { seconds: Some(args.seconds), headless: args.headless, pictures: frames, record: None };
+    let show = touch::Show {
+        seconds: Some(args.seconds),
+        headless: args.headless,
+        rate_hz: touch::HEADLESS_RATE_HZ,
+        pictures: frames,
+        record: None,
+        timing: Timing::default(),
+    };
     let mut visits = Vec::new();
     let touched = touch::run(
         organ,

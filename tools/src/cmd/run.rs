@@ -17,6 +17,7 @@ use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
 use crate::output;
+use crate::timing::Timing;
 use crate::touch;
 use crate::workbench::stop_flag;
 
@@ -45,15 +46,28 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
+    /// Frames a second without a window; 0 for none
+    #[arg(long, value_name = "HZ", default_value_t = touch::HEADLESS_RATE_HZ, value_parser = frame_rate)]
+    frame_rate: f32,
     /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
     #[arg(long)]
     uncertified: bool,
     /// Record every tick to this file (MCAP), which must not be there yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
+    /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
+    #[arg(long, value_name = "FILE.csv")]
+    histograms: Option<PathBuf>,
+    #[command(flatten)]
+    timing: Timing,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
+}
+
+fn frame_rate(text: &str) -> Result<f32, String> {
+    let rate_hz: f32 = text.parse().map_err(|_| "not a number".to_string())?;
+    if (0.0..=1000.0).contains(&rate_hz) { Ok(rate_hz) } else { Err("not within 0 and 1000".into()) }
 }
 
 fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure> {
@@ -103,6 +117,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let show = show(args, record);
     let touched = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
+    if let Some(path) = &args.histograms {
+        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        output::histograms(path, &touched.summary.latency)?;
+    }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
         output::line(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
@@ -114,14 +132,21 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
-    touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures, record }
+    touch::Show {
+        seconds: args.seconds,
+        headless: args.headless,
+        rate_hz: args.frame_rate,
+        pictures: &args.pictures,
+        record,
+        timing: args.timing,
+    }
 }
 
 /// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
 fn run_replay(args: &Args, file: &BlobFile, organ: &Organ<'_>, path: &Path) -> Result<(), Failure> {
-    if args.record.is_some() || args.seconds.is_some() {
+    if args.record.is_some() || args.seconds.is_some() || args.histograms.is_some() {
         return Err(Failure::input(
-            "a replay is as long as its recording and is not recorded again: leave --seconds and --record out",
+            "a replay is as long as its recording, has no timing and is not recorded again: leave --seconds, --histograms and --record out",
         ));
     }
     let stop = stop_flag()?;
