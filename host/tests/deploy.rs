@@ -92,8 +92,11 @@ fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
     assert!(unit(&SERVICE.replace("[Service]", "[Services]")).is_err());
 }
 
+/// Key, operator and value.
+type Token<'t> = (&'t str, &'t str, &'t str);
+
 /// One `KEY{attribute}operator"value"` of a rule; what is wrong with it otherwise.
-fn token(text: &str) -> Result<(&str, &str, &str), String> {
+fn token(text: &str) -> Result<Token<'_>, String> {
     let wrong = || format!("no match or assignment: {text}");
     let at = text.find(['=', '!', '+']).ok_or_else(wrong)?;
     let (key, rest) = text.split_at(at);
@@ -115,7 +118,7 @@ fn token(text: &str) -> Result<(&str, &str, &str), String> {
     Ok((key, operator, value))
 }
 
-fn rules(text: &str) -> Result<Vec<Vec<(&str, &str, &str)>>, String> {
+fn rules(text: &str) -> Result<Vec<Vec<Token<'_>>>, String> {
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
     lines.map(|line| line.split(", ").map(token).collect()).collect()
 }

@@ -43,6 +43,7 @@ fn pictures(organ: &Organ<'_>, picture: RendererConfig, at: &[u64]) -> Vec<(Tick
             phase: command.phase,
             clamped: command.clamped,
             compute_ns: begun.elapsed().as_nanos() as u64,
+            device_ns: None,
             lateness_ns: 400,
             skipped_periods: 0,
         };

@@ -1,6 +1,6 @@
 //! The loop's CPU: its frequency, its sleep, and who else is on it.
 
-use super::Verdict::{Bad, Better, Ok};
+use super::Verdict::{Bad, Better, Good};
 use super::probe::{Probe, cpus, list_of};
 use super::{Check, Verdict};
 
@@ -27,12 +27,12 @@ pub(super) fn governor(probe: &Probe, cpu: usize) -> Check {
         return Check::new(NAME, Verdict::Unknown, found);
     };
     if own == "performance" && others.is_empty() {
-        return Check::new(NAME, Ok, "performance on every CPU");
+        return Check::new(NAME, Good, "performance on every CPU");
     }
     let mend = ["$ apt install linux-cpupower && cpupower frequency-set -g performance"];
     if own == "performance" {
         let found = format!("performance on CPU {cpu}; not on CPU {}", list_of(&others));
-        return Check::new(NAME, Ok, found);
+        return Check::new(NAME, Good, found);
     }
     let found =
         format!("{own} on CPU {cpu}: it runs slow after every sleep (not performance: {})", list_of(&others));
@@ -57,13 +57,14 @@ pub(super) fn idle(probe: &Probe, cpu: usize) -> Check {
     };
     let found = format!("deepest state {name} takes {latency_us} us to leave");
     match probe.may_write(HOLD) {
-        _ if *latency_us <= LONG_EXIT_US => Check::new(NAME, Ok, found),
-        Some(true) => Check::new(NAME, Ok, format!("{found}; the loop forbids it while it runs ({HOLD})")),
+        _ if *latency_us <= LONG_EXIT_US => Check::new(NAME, Good, found),
+        Some(true) => Check::new(NAME, Good, format!("{found}; the loop forbids it while it runs ({HOLD})")),
         may => {
             let why = if may.is_none() { "is not there" } else { "may not be written" };
             Check::new(NAME, Better, format!("{found}, and {HOLD} {why}")).mend([
                 "allow it to the loop (group realtime), or keep the CPU awake by hand:",
-                "$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/ && udevadm control --reload",
+                "$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/",
+                "$ udevadm control --reload",
                 "$ udevadm trigger --name-match=cpu_dma_latency",
                 &format!("$ cpupower -c {cpu} idle-set -D {LONG_EXIT_US}"),
             ])
@@ -95,7 +96,11 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
     ];
     let missing: Vec<&str> = given.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
     if missing.is_empty() {
-        return Check::new(NAME, Ok, format!("CPU {cpu} is the loop's alone, if it is pinned (--cpu {cpu})"));
+        return Check::new(
+            NAME,
+            Good,
+            format!("CPU {cpu} is the loop's alone, if it is pinned (--cpu {cpu})"),
+        );
     }
     let rest: Vec<usize> = online.iter().copied().filter(|other| *other != cpu).collect();
     let wanted = format!(
@@ -137,7 +142,7 @@ pub(super) fn interrupts(probe: &Probe, cpu: usize) -> Check {
         })
         .collect();
     if here.is_empty() {
-        return Check::new(NAME, Ok, format!("none of {} goes to CPU {cpu}, no irqbalance", numbers.len()));
+        return Check::new(NAME, Good, format!("none of {} goes to CPU {cpu}, no irqbalance", numbers.len()));
     }
     let names: Vec<&str> = here.iter().take(8).map(|name| name.as_str()).collect();
     let more = if here.len() > names.len() { ", ..." } else { "" };
@@ -155,7 +160,7 @@ pub(super) fn siblings(probe: &Probe, cpu: usize) -> Check {
     let Some(list) = probe.read(&path) else { return Check::unknown(NAME, &path) };
     let others: Vec<usize> = cpus(&list).into_iter().filter(|other| *other != cpu).collect();
     if others.is_empty() {
-        return Check::new(NAME, Ok, format!("CPU {cpu} is a core of its own"));
+        return Check::new(NAME, Good, format!("CPU {cpu} is a core of its own"));
     }
     let others_list = list_of(&others);
     let check = Check::new(NAME, Better, format!("CPU {cpu} shares its core with CPU {others_list}"));
@@ -169,7 +174,7 @@ pub(super) fn load(probe: &Probe) -> Check {
     const NAME: &str = "load";
     const PATH: &str = "/proc/loadavg";
     let averages = probe.read(PATH).unwrap_or_default();
-    let Some(Result::Ok(load)) = averages.split_whitespace().next().map(str::parse::<f64>) else {
+    let Some(Ok(load)) = averages.split_whitespace().next().map(str::parse::<f64>) else {
         return Check::unknown(NAME, PATH);
     };
     let count = probe.online().len().max(1);
@@ -178,5 +183,5 @@ pub(super) fn load(probe: &Probe) -> Check {
         return Check::new(NAME, Better, found)
             .mend(["see what else runs; what was measured now was measured beside it", "$ top"]);
     }
-    Check::new(NAME, Ok, found)
+    Check::new(NAME, Good, found)
 }

@@ -1,7 +1,7 @@
 //! The kernel: preemption, timers, throttling, and whether there is another one below it.
 
 use super::Check;
-use super::Verdict::{Bad, Better, Ok};
+use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 
 /// How far the kernel can be interrupted.
@@ -54,7 +54,7 @@ pub(super) fn preemption(probe: &Probe) -> Check {
     let install = format!("$ apt install linux-image-rt-{architecture} && reboot");
     let mended = |check: Check, why| check.mend([why, &install]);
     match preemption {
-        Preemption::RealTime => Check::new(NAME, Ok, found),
+        Preemption::RealTime => Check::new(NAME, Good, found),
         Preemption::Full => mended(
             Check::new(NAME, Better, found),
             "a real-time kernel bounds the rare long delays (on Debian):",
@@ -77,7 +77,7 @@ pub(super) fn virtual_machine(probe: &Probe) -> Check {
             Check::new(NAME, Better, "a virtual machine: its host decides when this kernel runs at all");
         return check.mend(["run the loop on the bare PC; nothing set in here bounds what the host does"]);
     }
-    Check::new(NAME, Ok, "no hypervisor")
+    Check::new(NAME, Good, "no hypervisor")
 }
 
 pub(super) fn timers(probe: &Probe) -> Check {
@@ -97,7 +97,7 @@ pub(super) fn timers(probe: &Probe) -> Check {
             "reading this clock takes microseconds; see why the kernel gave the TSC up:",
             "$ dmesg | grep -i -e tsc -e clocksource",
         ]),
-        _ => Check::new(NAME, Ok, found),
+        _ => Check::new(NAME, Good, found),
     }
 }
 
@@ -107,12 +107,12 @@ pub(super) fn throttling(probe: &Probe) -> Check {
     let Some(runtime_us) = probe.number::<i64>(PATH) else { return Check::unknown(NAME, PATH) };
     let period_us = probe.number::<i64>("/proc/sys/kernel/sched_rt_period_us").unwrap_or(1_000_000).max(1);
     if runtime_us < 0 {
-        return Check::new(NAME, Ok, "off: a loop that runs wild takes its CPU for good");
+        return Check::new(NAME, Good, "off: a loop that runs wild takes its CPU for good");
     }
     let share = runtime_us as f64 / period_us as f64;
     let found = format!("real-time threads get at most {:.0} % of a CPU", 100.0 * share);
     if share < 0.5 {
         return Check::new(NAME, Bad, found).mend(["$ sysctl -w kernel.sched_rt_runtime_us=950000"]);
     }
-    Check::new(NAME, Ok, format!("{found}; the loop needs a tenth, and the rest is a safety net"))
+    Check::new(NAME, Good, format!("{found}; the loop needs a tenth, and the rest is a safety net"))
 }

@@ -30,7 +30,7 @@ impl Measurement {
         match (wake.p99_ns, wake.p999_ns) {
             _ if wake.count == 0 => Verdict::Unknown,
             (p99_ns, _) if p99_ns > OUT_OF_REACH_NS => Verdict::Bad,
-            (p99_ns, p999_ns) if p99_ns <= GOOD_NS.0 && p999_ns <= GOOD_NS.1 => Verdict::Ok,
+            (p99_ns, p999_ns) if p99_ns <= GOOD_NS.0 && p999_ns <= GOOD_NS.1 => Verdict::Good,
             _ => Verdict::Better,
         }
     }
@@ -122,9 +122,12 @@ mod tests {
 
     #[test]
     fn the_verdict_follows_the_lateness() {
-        for (late_ns, verdict) in
-            [(0, Verdict::Ok), (40_000, Verdict::Ok), (900_000, Verdict::Better), (1_100_000, Verdict::Bad)]
-        {
+        for (late_ns, verdict) in [
+            (0, Verdict::Good),
+            (40_000, Verdict::Good),
+            (900_000, Verdict::Better),
+            (1_100_000, Verdict::Bad),
+        ] {
             assert_eq!(measured(late_ns).verdict(), verdict, "{late_ns}");
         }
         let late = measured(2_500_000).latency;

@@ -25,7 +25,8 @@ use serde::Serialize;
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Nothing to do.
-    Ok,
+    #[serde(rename = "ok")]
+    Good,
     /// The loop runs, but would run better.
     Better,
     /// In the way of 1 kHz, or of the device.
@@ -39,7 +40,7 @@ impl Verdict {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Ok => "ok",
+            Self::Good => "ok",
             Self::Better => "better",
             Self::Bad => "bad",
             Self::Unknown => "unknown",

@@ -1,7 +1,7 @@
 //! Haptic devices on USB and serial ports: may this user open them, and do they answer at once?
 
 use super::Check;
-use super::Verdict::{Bad, Better, Ok};
+use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 
 /// USB devices we know, by vendor and product.
@@ -35,12 +35,12 @@ pub(super) fn usb(probe: &Probe) -> Vec<Check> {
                     .mend([&format!("$ echo on > {BASE}/{device}/power/control"), "or for good:"])
                     .mend(RULES)
             }
-            Some(true) => Check::new(NAME, Ok, format!("{name} at {node}")),
+            Some(true) => Check::new(NAME, Good, format!("{name} at {node}")),
         });
     }
     if checks.is_empty() {
         let found = if probe.is_there(BASE) { "no known haptic device" } else { "no USB on this PC" };
-        checks.push(Check::new(NAME, Ok, found));
+        checks.push(Check::new(NAME, Good, found));
     }
     checks
 }
@@ -63,13 +63,15 @@ pub(super) fn serial(probe: &Probe) -> Vec<Check> {
                         .mend([&format!("$ echo 1 > {timer}"), "or for good:"])
                         .mend(RULES)
                 }
-                (Some(true), Some(ms)) => Check::new(NAME, Ok, format!("{node}, FTDI latency timer {ms} ms")),
-                (Some(true), None) => Check::new(NAME, Ok, node),
+                (Some(true), Some(ms)) => {
+                    Check::new(NAME, Good, format!("{node}, FTDI latency timer {ms} ms"))
+                }
+                (Some(true), None) => Check::new(NAME, Good, node),
             }
         })
         .collect();
     if checks.is_empty() {
-        checks.push(Check::new(NAME, Ok, "no USB serial port"));
+        checks.push(Check::new(NAME, Good, "no USB serial port"));
     }
     checks
 }

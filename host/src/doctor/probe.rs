@@ -125,7 +125,7 @@ pub(super) fn cpus(list: &str) -> Vec<usize> {
     let mut all = Vec::new();
     for part in list.split(',') {
         let (from, to) = part.split_once('-').unwrap_or((part, part));
-        if let (Ok(from), Ok(to)) = (from.trim().parse(), to.trim().parse()) {
+        if let (Ok(from), Ok(to)) = (from.trim().parse::<usize>(), to.trim().parse::<usize>()) {
             // No PC has more; a damaged file must not fill the memory.
             all.extend((from..=to).take(4_096));
         }

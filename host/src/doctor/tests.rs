@@ -110,7 +110,7 @@ fn a_good_pc_has_nothing_to_mend() {
     let checks = good().checks();
     assert_eq!(checks.len(), 15);
     for check in &checks {
-        assert_eq!((check.verdict, check.mend.len()), (Verdict::Ok, 0), "{check}");
+        assert_eq!((check.verdict, check.mend.len()), (Verdict::Good, 0), "{check}");
     }
 }
 
@@ -180,7 +180,7 @@ fn each_ill_is_found_by_its_own_check() {
         assert_eq!(ill.verdict, verdict, "{path} = {text}: {ill}");
         assert!(ill.mend.iter().any(|line| line.contains(mend)), "{mend} in {ill}");
         let others: Vec<&Check> =
-            checks.iter().filter(|check| check.name != name && check.verdict != Verdict::Ok).collect();
+            checks.iter().filter(|check| check.name != name && check.verdict != Verdict::Good).collect();
         assert!(others.is_empty(), "{path} = {text} makes {others:?}");
     }
 }
@@ -201,7 +201,7 @@ fn what_this_user_may_not_open_is_bad() {
         use std::os::unix::fs::MetadataExt;
         let group = pc.path(path).metadata().expect("there").gid();
         pc.write("/proc/self/status", &STATUS.replace("4243", &group.to_string()));
-        assert_eq!(named(&pc.checks(), name).verdict, Verdict::Ok, "{path}");
+        assert_eq!(named(&pc.checks(), name).verdict, Verdict::Good, "{path}");
     }
 }
 
@@ -213,11 +213,11 @@ fn capabilities_stand_for_limits() {
     // CAP_SYS_NICE and CAP_IPC_LOCK.
     pc.write("/proc/self/status", &STATUS.replace("CapEff:\t0000000000000000", "CapEff:\t0000000000804000"));
     for name in ["priority", "memory", "swap"] {
-        assert_eq!(named(&pc.checks(), name).verdict, Verdict::Ok);
+        assert_eq!(named(&pc.checks(), name).verdict, Verdict::Good);
     }
     // The watchdog must get one more than the loop.
     pc.write("/proc/self/status", STATUS);
-    for (limit, verdict) in [("50", Verdict::Bad), ("51", Verdict::Ok)] {
+    for (limit, verdict) in [("50", Verdict::Bad), ("51", Verdict::Good)] {
         pc.write("/proc/self/limits", &limits(limit, "unlimited"));
         assert_eq!(named(&pc.checks(), "priority").verdict, verdict);
     }
@@ -227,7 +227,7 @@ fn capabilities_stand_for_limits() {
 fn swap_matters_only_where_memory_cannot_be_locked() {
     let pc = good();
     pc.write("/proc/swaps", "Filename\tType\n/dev/sda2 partition 1 0 -2\n");
-    assert_eq!(named(&pc.checks(), "swap").verdict, Verdict::Ok);
+    assert_eq!(named(&pc.checks(), "swap").verdict, Verdict::Good);
     pc.write("/proc/self/limits", &limits("95", "8388608"));
     assert_eq!(named(&pc.checks(), "swap").verdict, Verdict::Better);
 }
@@ -240,7 +240,7 @@ fn where_nothing_can_be_read_nothing_is_claimed() {
     assert_eq!(checks.len(), 15);
     for check in &checks {
         // No USB and no serial port is nothing to mend.
-        let expected = if matches!(check.name, "usb" | "serial") { Verdict::Ok } else { Verdict::Unknown };
+        let expected = if matches!(check.name, "usb" | "serial") { Verdict::Good } else { Verdict::Unknown };
         assert_eq!((check.verdict, check.mend.len()), (expected, 0), "{check}");
     }
 }

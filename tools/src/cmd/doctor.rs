@@ -105,7 +105,7 @@ fn print(
         output::line(format!(
             "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/real-time.md",
             checks.len(),
-            count(Verdict::Ok)
+            count(Verdict::Good)
         ))?;
     }
     Ok(())
