@@ -522,8 +522,10 @@ impl Screen {
 mod tests {
     use super::*;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
+    use crate::device::{DeviceError, EmergencyStop};
     use crate::synthetic::{self, Shape};
-    use palpate_core::Method;
+    use core::sync::atomic::AtomicU64;
+    use palpate_core::{Fault, Method, Sample, Vec3};
 
     fn options(seconds: f64) -> SessionOptions {
         SessionOptions {
@@ -593,6 +595,67 @@ mod tests {
             });
             assert!(matches!(refused, Err(SessionError::Viewer(ViewerError::NoDisplay(_)))));
         }
+    }
+
+    /// Hangs in its 30th exchange until somebody takes the force away past it.
+    struct Hanging {
+        calls: u64,
+        zeros: Arc<AtomicU64>,
+    }
+
+    struct Path(Arc<AtomicU64>);
+
+    impl EmergencyStop for Path {
+        fn zero(&mut self) -> Result<(), DeviceError> {
+            self.0.fetch_add(1, Ordering::SeqCst);
+            Ok(())
+        }
+    }
+
+    impl Device for Hanging {
+        fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
+            self.calls += 1;
+            let begun = Instant::now();
+            while self.calls == 30 && self.zeros.load(Ordering::SeqCst) == 0 {
+                assert!(begun.elapsed() < Duration::from_secs(20), "nobody came");
+                std::thread::yield_now();
+            }
+            Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
+        }
+
+        fn stop(&mut self) {}
+
+        fn info(&self) -> DeviceInfo {
+            DeviceInfo {
+                name: "hanging".into(),
+                self_arming: true,
+                max_force_n: 8.0,
+                max_stiffness_n_m: 1e3,
+                resolution_m: 0.0,
+            }
+        }
+
+        fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+            Some(Box::new(Path(Arc::clone(&self.zeros))))
+        }
+    }
+
+    /// In a box, as the command line has it.
+    #[test]
+    fn a_session_watches_a_device_with_a_second_way() {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let zeros = Arc::new(AtomicU64::new(0));
+        let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros: Arc::clone(&zeros) });
+        let (config, options) = (Config::new(Method::Hybrid), options(0.2));
+        let stop = AtomicBool::new(false);
+        let summary = run_session(&organ, config, device, &options, &stop, |_| ()).expect("it runs");
+        let watchdog = summary.watchdog.expect("it was watched");
+        assert!(watchdog.fired >= 1 && watchdog.limit_ms == DEFAULT_LIMIT_MS, "{watchdog}");
+        assert!(zeros.load(Ordering::SeqCst) >= 1);
+        assert_eq!(summary.phase, Phase::SafeZero(Fault::Stale), "it does not go on by itself");
+        assert_eq!(options.granted.get(), Some(&summary.real_time));
+        assert!(summary.to_string().contains("watchdog     after 20 ms"), "{summary}");
     }
 
     #[test]

@@ -148,9 +148,10 @@ pub(super) fn interrupts(probe: &Probe, cpu: usize) -> Check {
     let more = if here.len() > names.len() { ", ..." } else { "" };
     let found =
         format!("{} of {} go to CPU {cpu} (number {}{more})", here.len(), numbers.len(), names.join(", "));
+    let elsewhere = probe.online().into_iter().find(|other| *other != cpu).unwrap_or(0);
     Check::new(NAME, Better, found).mend([
         "boot with irqaffinity= (see isolation), or move one that fires often in /proc/interrupts:",
-        "$ echo 0 > /proc/irq/NUMBER/smp_affinity_list",
+        &format!("$ echo {elsewhere} > /proc/irq/NUMBER/smp_affinity_list"),
     ])
 }
 

@@ -628,6 +628,13 @@ mod tests {
         }
         assert!(run.forces[stall + 1..2_500].iter().all(|force| *force == vec3::ZERO));
         assert_eq!(run.outcome.phase, Phase::Active, "after reset and arm");
+
+        // And it is told that the device took the time, not the controller.
+        let report = run.outcome.latency.report();
+        let worst = report.worst.first().expect("deadlines were missed");
+        assert_eq!((worst.tick, worst.times.device_ns, worst.times.compute_ns), (1_499, 62_000_000, 0));
+        assert_eq!(worst.late_ns, 61_000_000);
+        assert!(report.device.max_ns > 61_000_000 && report.compute.max_ns == 0, "{report}");
     }
 
     #[test]
