@@ -38,6 +38,8 @@ pub(crate) struct Show<'p> {
     pub record: Option<Record<'p>>,
     /// When the loop runs.
     pub timing: Timing,
+    /// Standstill of the loop after which the watchdog zeroes the device, ms.
+    pub watchdog_ms: u32,
 }
 
 impl Show<'_> {
@@ -132,6 +134,7 @@ pub(crate) fn run<D: Device>(
     let mut options =
         SessionOptions { seconds: show.seconds, view: show.view(), ..SessionOptions::default() };
     (options.haptic, options.real_time) = (show.timing.haptic(), show.timing.request());
+    options.watchdog_ms = show.watchdog_ms;
     let granted = Arc::clone(&options.granted);
     let mut moved = false;
     loop {

@@ -10,6 +10,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_precompute::blob_writer::{PackOptions, write_atomically};
 use palpate_precompute::configuration_space::{Store, TagCounts, with_threads};
 use palpate_precompute::held_out::Draw;
@@ -242,6 +243,7 @@ fn palpate(
         pictures: frames,
         record: None,
         timing: Timing::default(),
+        watchdog_ms: DEFAULT_LIMIT_MS,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

@@ -9,6 +9,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
+use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
 
@@ -60,6 +61,9 @@ pub(crate) struct Args {
     histograms: Option<PathBuf>,
     #[command(flatten)]
     timing: Timing,
+    /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms at which a sample is stale
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
+    watchdog_ms: u32,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -139,6 +143,7 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         pictures: &args.pictures,
         record,
         timing: args.timing,
+        watchdog_ms: args.watchdog_ms,
     }
 }
 
