@@ -7,10 +7,14 @@ mod synthetic;
 
 use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Vec3, vec3};
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
+use palpate_host::device::EmergencyStop;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::workspace::Workspace;
-use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::{DeviceError, DeviceErrorKind};
+use palpate_host::rt::watchdog::Look;
+use palpate_host::rt::{
+    Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock, Watchdog,
+};
+use palpate_host::{Device, DeviceError, DeviceErrorKind};
 use serialport::{SerialPort, TTYPort};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -46,17 +50,27 @@ struct Bench<'l, 'o> {
     device: EmulatedPolhem,
     link: Faulty<PtyTransport>,
     driver_end: TTYPort,
+    second_path: Option<Box<dyn EmergencyStop>>,
     index: u64,
 }
 
 impl<'l, 'o> Bench<'l, 'o> {
     fn new(organ: &'o Organ<'o>, clock: &'l VirtualClock, controls: &'l Controls) -> Self {
+        Self::watched(organ, clock, controls, None)
+    }
+
+    fn watched(
+        organ: &'o Organ<'o>,
+        clock: &'l VirtualClock,
+        controls: &'l Controls,
+        heartbeat: Option<&'l Heartbeat>,
+    ) -> Self {
         let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
         let driver_end = driver.try_clone_native().expect("a second handle");
         let (mut link, mut device) =
             (Faulty::new(link, Faults::default(), 11), EmulatedPolhem::new(pressing()));
         let woken = AtomicBool::new(false);
-        let polhem = std::thread::scope(|scope| {
+        let mut polhem = std::thread::scope(|scope| {
             scope.spawn(|| {
                 while !woken.load(Ordering::Relaxed) {
                     device.poll(0, &mut link).expect("the terminal is open");
@@ -72,8 +86,13 @@ impl<'l, 'o> Bench<'l, 'o> {
         let (producer, records) = rtrb::RingBuffer::new(10_000);
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
         let outputs = Outputs { records: producer, latest };
-        let haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
-        Self { haptic, clock, records, device, link, driver_end, index: 0 }
+        // As a session does it: through whatever boxes the driver is in.
+        let second_path = (&mut polhem as &mut dyn Device).emergency_stop();
+        let mut haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
+        if let Some(heartbeat) = heartbeat {
+            haptic = haptic.watched(heartbeat);
+        }
+        Self { haptic, clock, records, device, link, driver_end, second_path, index: 0 }
     }
 
     fn now_us(&self) -> u64 {
@@ -206,6 +225,52 @@ fn a_silent_link_latches_zero_until_reset_and_armed() {
     });
 }
 
+/// The loop stands still for 60 ms while the hand leans on the organ; only the watchdog lives.
+#[test]
+fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let (clock, controls, heartbeat) = (VirtualClock::default(), Controls::default(), Heartbeat::default());
+    let mut bench = Bench::watched(&organ, &clock, &controls, Some(&heartbeat));
+    let path = bench.second_path.take().expect("a serial port has a second handle");
+    let mut watchdog = Watchdog::new(&heartbeat, path, 20_000_000);
+    controls.arm();
+    for _ in 0..1_400 {
+        bench.step().expect("the device is there");
+        assert_eq!(watchdog.look(clock.now_ns()), Look::Well);
+    }
+    assert!(bench.device.force_n()[2] > 1.0, "the hand leans on the organ");
+
+    let mut zeroed_after_ms = None;
+    for ms in 1..=60 {
+        bench.index += 1;
+        clock.wait_until(bench.now_us() * 1_000, 0);
+        if watchdog.look(clock.now_ns()) == Look::Zeroed {
+            bench.serve();
+            zeroed_after_ms.get_or_insert(ms);
+        }
+        // The emulated device has no watchdog of its own: whatever takes its force away is ours.
+        assert_eq!(bench.device.force_n() == vec3::ZERO, zeroed_after_ms.is_some(), "{ms} ms");
+    }
+    assert_eq!((zeroed_after_ms, heartbeat.fired()), (Some(20), 1));
+
+    // The loop comes back. It is not told by anybody but the heartbeat; the device answers as if nothing had been.
+    let mut after = Vec::new();
+    for _ in 0..300 {
+        after.push(bench.step().expect("the device is there"));
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "not for a single tick");
+    }
+    assert!(after.iter().all(|record| record.phase == Phase::SafeZero(Fault::Stale)));
+    assert_eq!(bench.device.refused(), 0, "the two handles do not mix their lines");
+
+    controls.reset();
+    controls.arm();
+    let again = bench.run(900);
+    assert_safe(&again);
+    assert!(again.iter().all(|record| record.phase == Phase::Active));
+    assert_eq!(watchdog.look(clock.now_ns()), Look::Well);
+}
+
 #[test]
 fn single_faults_are_ridden_out() {
     for (name, faults) in [
@@ -258,7 +323,7 @@ fn a_link_that_is_always_late_is_stale() {
             assert!(records.iter().all(|record| record.engaged.is_none()), "never on old data");
             assert_eq!(
                 records.last().map(|record| record.phase),
-                Some(Phase::SafeZero(Fault::Stale)),
+                Some(Phase::SafeZero(Fault::Watchdog)),
                 "{delay_us}"
             );
         });
@@ -289,7 +354,6 @@ fn a_device_that_never_wakes_is_a_timeout() {
 /// What the tests above rely on: the force on the emulated motors is what the host sent, axis by axis.
 #[test]
 fn forces_arrive_on_the_right_axes() {
-    use palpate_host::Device;
     let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
     let mut link = Faulty::new(link, Faults::default(), 1);
     let mut device = EmulatedPolhem::new(Handle::new(Vec::new()));

@@ -19,6 +19,7 @@
 pub mod blob_file;
 pub mod deformation;
 pub mod device;
+pub mod doctor;
 pub mod instructions;
 pub mod model;
 pub mod recording;

@@ -1,15 +1,17 @@
 //! One session from start to report: haptic thread, viewer and record stream together.
 
 use crate::device::{Device, DeviceInfo};
+use crate::doctor::{Probe, Surroundings};
 use crate::instructions::Instructions;
 use crate::model::{self, TouchMemory};
 use crate::rt::haptic_loop::MOST_MODELS;
 use crate::rt::thread::spawn;
+use crate::rt::watchdog::{self, DEFAULT_LIMIT_MS};
 use crate::rt::{
-    Controls, HapticLoop, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock, Outputs,
-    TickRecord,
+    Controls, HapticLoop, Heartbeat, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock,
+    Outputs, TickRecord, Watchdog,
 };
-use crate::sys::{RtReport, RtRequest};
+use crate::sys::{Policy, RtReport, RtRequest};
 use crate::viewer::{FrameWriter, Live, Renderer, RendererConfig, ViewWindow, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -17,6 +19,7 @@ use core::time::Duration;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Coverage, Organ, Phase, Vec3, vec3};
 use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 /// Longest pause between two looks at the queue.
@@ -61,6 +64,10 @@ pub struct SessionOptions {
     pub view: View,
     /// Go on to the next of several organs each time this has passed.
     pub change_every: Option<Duration>,
+    /// Standstill of the loop after which the watchdog zeroes the device, ms; never less than the age at which a sample is a fault.
+    pub watchdog_ms: u32,
+    /// What the operating system granted, as soon as it is known: before the first tick.
+    pub granted: Arc<OnceLock<RtReport>>,
 }
 
 impl Default for SessionOptions {
@@ -73,6 +80,8 @@ impl Default for SessionOptions {
             queue_ticks: 16_384,
             view: View::Nothing,
             change_every: None,
+            watchdog_ms: DEFAULT_LIMIT_MS,
+            granted: Arc::default(),
         }
     }
 }
@@ -174,6 +183,23 @@ impl TouchFigures {
     }
 }
 
+/// What the watchdog of a session came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WatchdogFigures {
+    /// Standstill it allowed, ms.
+    pub limit_ms: u32,
+    /// Policy it ran with.
+    pub policy: Policy,
+    /// Times it took the force away.
+    pub fired: u64,
+}
+
+impl fmt::Display for WatchdogFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "after {} ms, {}; fired {} times", self.limit_ms, self.policy, self.fired)
+    }
+}
+
 /// What a session came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSummary {
@@ -187,6 +213,10 @@ pub struct SessionSummary {
     pub force_share: f32,
     /// What the operating system granted.
     pub real_time: RtReport,
+    /// Kernel and CPUs.
+    pub surroundings: Surroundings,
+    /// The watchdog, where the device has a second way to its motors.
+    pub watchdog: Option<WatchdogFigures>,
     /// Why it ended.
     pub end: LoopEnd,
     /// Phase at the end.
@@ -236,6 +266,11 @@ impl fmt::Display for SessionSummary {
         }
         writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
+        writeln!(f, "{}", self.surroundings)?;
+        match &self.watchdog {
+            Some(watchdog) => writeln!(f, "watchdog     {watchdog}")?,
+            None => writeln!(f, "watchdog     none: the device has no second way to its motors")?,
+        }
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
         write!(
@@ -290,7 +325,7 @@ impl fmt::Display for SessionSummary {
 pub fn run_session<D: Device, const N: usize>(
     organs: &[&Organ<'_, N>],
     config: Config,
-    device: D,
+    mut device: D,
     options: &SessionOptions,
     stop: &AtomicBool,
     mut on_record: impl FnMut(&TickRecord),
@@ -305,6 +340,11 @@ pub fn run_session<D: Device, const N: usize>(
     let periods = periods(options)?;
     let mut screen = Screen::open(organ, &config, &options.view)?;
     let info = device.info();
+    let emergency_stop = device.emergency_stop();
+    let heartbeat = Heartbeat::default();
+    // A loop that comes back after the watchdog has fired must find its sample stale.
+    let stale_ms = config.limits.stale_fault_us.div_ceil(1_000);
+    let watchdog_ms = options.watchdog_ms.max(u32::try_from(stale_ms).unwrap_or(u32::MAX));
     let (producer, mut records) = rtrb::RingBuffer::new(options.queue_ticks.max(1));
     let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let controls = Controls::default();
@@ -317,10 +357,17 @@ pub fn run_session<D: Device, const N: usize>(
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
         let haptic =
-            HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs);
+            HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
+                .watched(&heartbeat);
         let instructions = haptic.instructions();
-        let handle =
-            spawn(scope, haptic, options.real_time, &ended_here, periods).map_err(SessionError::Thread)?;
+        let (real_time, granted) = (options.real_time, &*options.granted);
+        let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
+        let handle = handle.map_err(SessionError::Thread)?;
+        let watching = emergency_stop.map(|path| {
+            let watchdog = Watchdog::new(&heartbeat, path, u64::from(watchdog_ms) * 1_000_000);
+            watchdog::spawn(scope, watchdog, MonotonicClock, real_time.fifo_priority)
+        });
+        let watching = watching.transpose().map_err(SessionError::Thread)?;
         let mut drain = |live: &mut Live| {
             while let Ok(record) = records.pop() {
                 touch.take(&record);
@@ -347,10 +394,14 @@ pub fn run_session<D: Device, const N: usize>(
         }
         let joined = handle.join().map_err(|_| SessionError::LoopPanicked)?;
         drain(&mut live);
-        Ok((instructions, joined))
+        // The loop has ended its heartbeat, so the watchdog ends too.
+        let policy = watching.map(|watching| watching.join().unwrap_or(Policy::Other));
+        Ok((instructions, policy, joined))
     });
-    let (instructions, (real_time, outcome)) = joined?;
-    Ok(summary(info, instructions, felt, real_time, outcome, touch, &screen))
+    let (instructions, policy, (real_time, outcome)) = joined?;
+    let fired = heartbeat.fired();
+    let watchdog = policy.map(|policy| WatchdogFigures { limit_ms: watchdog_ms, policy, fired });
+    Ok(SessionSummary { watchdog, ..summary(info, instructions, felt, real_time, outcome, touch, &screen) })
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -377,7 +428,9 @@ fn summary(
         instructions,
         stiffest_n_m,
         force_share,
+        surroundings: Surroundings::of(&Probe::system(), real_time.cpu),
         real_time,
+        watchdog: None,
         end: outcome.end,
         phase: outcome.phase,
         ticks: outcome.ticks,
@@ -515,8 +568,10 @@ impl Screen {
 mod tests {
     use super::*;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
+    use crate::device::{DeviceError, EmergencyStop};
     use crate::synthetic::{self, Shape};
-    use palpate_core::Method;
+    use core::sync::atomic::AtomicU64;
+    use palpate_core::{Fault, Method, Sample, Vec3};
 
     fn options(seconds: f64) -> SessionOptions {
         SessionOptions {
@@ -586,6 +641,67 @@ mod tests {
             });
             assert!(matches!(refused, Err(SessionError::Viewer(ViewerError::NoDisplay(_)))));
         }
+    }
+
+    /// Hangs in its 30th exchange until somebody takes the force away past it.
+    struct Hanging {
+        calls: u64,
+        zeros: Arc<AtomicU64>,
+    }
+
+    struct Path(Arc<AtomicU64>);
+
+    impl EmergencyStop for Path {
+        fn zero(&mut self) -> Result<(), DeviceError> {
+            self.0.fetch_add(1, Ordering::SeqCst);
+            Ok(())
+        }
+    }
+
+    impl Device for Hanging {
+        fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
+            self.calls += 1;
+            let begun = Instant::now();
+            while self.calls == 30 && self.zeros.load(Ordering::SeqCst) == 0 {
+                assert!(begun.elapsed() < Duration::from_secs(20), "nobody came");
+                std::thread::yield_now();
+            }
+            Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
+        }
+
+        fn stop(&mut self) {}
+
+        fn info(&self) -> DeviceInfo {
+            DeviceInfo {
+                name: "hanging".into(),
+                self_arming: true,
+                max_force_n: 8.0,
+                max_stiffness_n_m: 1e3,
+                resolution_m: 0.0,
+            }
+        }
+
+        fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+            Some(Box::new(Path(Arc::clone(&self.zeros))))
+        }
+    }
+
+    /// In a box, as the command line has it.
+    #[test]
+    fn a_session_watches_a_device_with_a_second_way() {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let zeros = Arc::new(AtomicU64::new(0));
+        let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros: Arc::clone(&zeros) });
+        let (config, options) = (Config::new(Method::Hybrid), options(0.2));
+        let stop = AtomicBool::new(false);
+        let summary = run_session(&[&organ], config, device, &options, &stop, |_| ()).expect("it runs");
+        let watchdog = summary.watchdog.expect("it was watched");
+        assert!(watchdog.fired >= 1 && watchdog.limit_ms == DEFAULT_LIMIT_MS, "{watchdog}");
+        assert!(zeros.load(Ordering::SeqCst) >= 1);
+        assert_eq!(summary.phase, Phase::SafeZero(Fault::Watchdog), "it does not go on by itself");
+        assert_eq!(options.granted.get(), Some(&summary.real_time));
+        assert!(summary.to_string().contains("watchdog     after 20 ms"), "{summary}");
     }
 
     #[test]

@@ -3,7 +3,9 @@
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use palpate_core::{Config, Controller, Method, Organ, Phase};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
-use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::rt::{
+    Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock,
+};
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -24,7 +26,9 @@ fn a_million_ticks_without_an_allocation() {
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         let clock = VirtualClock::default();
         let outputs = Outputs { records, latest };
-        let mut haptic = HapticLoop::new(controller, hand, &clock, LoopConfig::default(), &controls, outputs);
+        let heartbeat = Heartbeat::default();
+        let haptic = HapticLoop::new(controller, hand, &clock, LoopConfig::default(), &controls, outputs);
+        let mut haptic = haptic.watched(&heartbeat);
         let mut engaged = 0;
         assert_no_alloc(|| {
             for index in 0..150_000_u64 {

@@ -34,6 +34,7 @@ fn pictures(organ: &Organ<'_>, picture: RendererConfig, at: &[u64]) -> Vec<(Tick
             t_us: now_us,
             sample,
             compute_ns: begun.elapsed().as_nanos() as u64,
+            device_ns: None,
             lateness_ns: 400,
             ..TickRecord::of(&command)
         };

@@ -89,8 +89,9 @@ fn half_an_hour_neither_drifts_nor_grows() {
     assert!(minutes.iter().map(|sum| sum.work_j).sum::<f64>() < -0.1, "what a grasp let go is lost");
     // Nothing has a trend: both halves are alike within what chance does to some three hundred touches.
     let halves = minutes.split_at(minutes.len() / 2);
-    let mean = |half: &[Minute], of: fn(&Minute) -> f64| half.iter().map(of).sum::<f64>() / half.len() as f64;
-    let of: [(&str, fn(&Minute) -> f64); 3] = [
+    type Figure = fn(&Minute) -> f64;
+    let mean = |half: &[Minute], of: Figure| half.iter().map(of).sum::<f64>() / half.len() as f64;
+    let of: [(&str, Figure); 3] = [
         ("contacts", |m| m.contacts as f64),
         ("ticks in touch", |m| m.engaged_ticks as f64),
         ("work", |m| m.work_j),

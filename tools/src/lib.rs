@@ -14,6 +14,7 @@ mod failure;
 mod output;
 mod progress;
 mod resident;
+mod timing;
 mod touch;
 mod truth;
 mod workbench;
@@ -45,6 +46,7 @@ enum Command {
     Inspect(cmd::inspect::Args),
     Report(cmd::report::Args),
     Run(cmd::run::Args),
+    Doctor(cmd::doctor::Args),
     Bench(cmd::bench::Args),
 }
 
@@ -66,6 +68,7 @@ pub fn palpate() -> ExitCode {
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
+        Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
     };
     match done {

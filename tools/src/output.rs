@@ -2,7 +2,9 @@
 //! quietly.
 
 use std::io::{ErrorKind, Write};
+use std::path::Path;
 
+use palpate_host::rt::LatencyReport;
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -24,4 +26,9 @@ pub(crate) fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, Failure> {
         writer.serialize(row).map_err(Failure::work)?;
     }
     writer.into_inner().map_err(Failure::work)
+}
+
+/// The histograms of a run: `quantity,ns,count,share`, one row for each bin that is not empty.
+pub(crate) fn histograms(path: &Path, latency: &LatencyReport) -> Result<(), Failure> {
+    std::fs::write(path, csv(&latency.histograms.rows())?).map_err(|error| Failure::file(path, &error))
 }

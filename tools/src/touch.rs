@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, SystemTime};
 
@@ -15,9 +16,10 @@ use palpate_host::viewer::{RendererConfig, ViewerError};
 use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
 
 use crate::failure::Failure;
+use crate::timing::Timing;
 
 /// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
-const HEADLESS_RATE_HZ: f32 = 2.0;
+pub(crate) const HEADLESS_RATE_HZ: f32 = 2.0;
 
 /// Room for the hand round the organ, m.
 const WORKSPACE_MARGIN_M: f32 = 0.3;
@@ -29,6 +31,8 @@ pub(crate) struct Show<'p> {
     pub seconds: Option<f64>,
     /// PNG frames instead of a window.
     pub headless: bool,
+    /// Frames a second of these; 0 for none.
+    pub rate_hz: f32,
     /// Where frames and screenshots go.
     pub pictures: &'p Path,
     /// What is recorded, if anything.
@@ -39,14 +43,21 @@ pub(crate) struct Show<'p> {
     pub change_every: Option<Duration>,
     /// What the device can do, where that is known: cycle, limits and workspace are its.
     pub profile: Option<&'p Profile>,
+    /// When the loop runs.
+    pub timing: Timing,
+    /// Standstill of the loop after which the watchdog zeroes the device, ms.
+    pub watchdog_ms: u32,
 }
 
 impl Show<'_> {
     /// PNG frames.
     pub(crate) fn frames(&self) -> View {
+        if self.rate_hz == 0.0 {
+            return View::Nothing;
+        }
         View::Frames {
             directory: self.pictures.to_path_buf(),
-            rate_hz: HEADLESS_RATE_HZ,
+            rate_hz: self.rate_hz,
             picture: RendererConfig::still(),
         }
     }
@@ -133,11 +144,15 @@ pub(crate) fn run<D: Device>(
         seconds: show.seconds,
         view: show.view(),
         change_every: show.change_every,
+        haptic: show.timing.haptic(),
+        real_time: show.timing.request(),
+        watchdog_ms: show.watchdog_ms,
         ..SessionOptions::default()
     };
     if let Some(profile) = show.profile {
         options.haptic.period_us = profile.period_us();
     }
+    let granted = Arc::clone(&options.granted);
     let mut moved = false;
     loop {
         let device = device()?;
@@ -155,6 +170,10 @@ pub(crate) fn run<D: Device>(
         let record = show.record.map(|record| record.start(organ, config, &options, info));
         let mut recorder = record.transpose()?;
         let ended = run_session(organs, config, device, &options, stop, |record| {
+            if let (false, Some(report)) = (moved, granted.get()) {
+                // Now, not at the end: a hand should not be put to a loop that was refused what it needs.
+                eprintln!("palpate: {}", report.line());
+            }
             moved = true;
             if let Some(recorder) = &mut recorder {
                 recorder.take(record);

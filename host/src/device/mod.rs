@@ -177,6 +177,19 @@ pub trait Device: Send {
     fn state(&self) -> DeviceState {
         DeviceState::Homed
     }
+
+    /// A second way to the motors, for the watchdog. Asked for once, before the loop begins.
+    ///
+    /// `None` for what has no motors, and for a device that cannot be reached past an exchange that hangs.
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        None
+    }
+}
+
+/// Takes the force away from another thread than the one that exchanges, and whatever that one is doing.
+pub trait EmergencyStop: Send {
+    /// Sends zero force, now, without waiting for the device or for its owner.
+    fn zero(&mut self) -> Result<(), DeviceError>;
 }
 
 impl<D: Device + ?Sized> Device for Box<D> {
@@ -195,6 +208,10 @@ impl<D: Device + ?Sized> Device for Box<D> {
     fn state(&self) -> DeviceState {
         (**self).state()
     }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        (**self).emergency_stop()
+    }
 }
 
 impl<D: Device + ?Sized> Device for &mut D {
@@ -212,6 +229,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn state(&self) -> DeviceState {
         (**self).state()
+    }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        (**self).emergency_stop()
     }
 }
 

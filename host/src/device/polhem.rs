@@ -8,10 +8,12 @@
 //! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
 use super::workspace::Workspace;
-use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
+use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
 use palpate_core::{Sample, Vec3};
 use serialport::{ClearBuffer, SerialPort};
 use std::io::{Read, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Length of a line either way, newline included.
@@ -56,6 +58,24 @@ pub struct Polhem {
     pending: Pending,
     /// The last request carried a force.
     rendering: bool,
+    /// Somebody else has sent a request on this line.
+    disturbed: Arc<AtomicBool>,
+}
+
+/// The same port on a second handle. The kernel does not mix the bytes of two writes of a line's length.
+struct SecondHandle {
+    port: Box<dyn SerialPort>,
+    disturbed: Arc<AtomicBool>,
+}
+
+impl EmergencyStop for SecondHandle {
+    fn zero(&mut self) -> Result<(), DeviceError> {
+        self.disturbed.store(true, Ordering::Release);
+        let zero = request([0.0; 3], 0.0);
+        // Twice: should the loop hang in the middle of a line, the first one only resynchronises the device.
+        let first = self.port.write_all(&zero);
+        self.port.write_all(&zero).and(first).map_err(DeviceError::from)
+    }
 }
 
 /// Send times of the requests without an answer, oldest first.
@@ -136,8 +156,14 @@ impl Polhem {
     /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
-        let mut device =
-            Self { port, config, line: LineBuffer::default(), pending: Pending::default(), rendering: false };
+        let mut device = Self {
+            port,
+            config,
+            line: LineBuffer::default(),
+            pending: Pending::default(),
+            rendering: false,
+            disturbed: Arc::default(),
+        };
         device.wake()?;
         // From here on what cannot go at once is a fault of the link, not something to wait for.
         device.port.set_timeout(Duration::ZERO).map_err(from_serial)?;
@@ -209,6 +235,10 @@ impl Polhem {
 
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let received = self.receive(now_us)?;
+        if self.disturbed.swap(false, Ordering::Acquire) {
+            // Its replies are no answers to ours: silence first.
+            self.pending.pausing_since_us = Some(now_us);
+        }
         if self.pending.ends_pause(now_us) {
             self.line = LineBuffer::default();
             self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
@@ -261,6 +291,11 @@ impl Device for Polhem {
             // The protocol rounds to micrometres; the mechanism is coarser and not known.
             resolution_m: 1e-6,
         }
+    }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        let port = self.port.try_clone().ok()?;
+        Some(Box::new(SecondHandle { port, disturbed: Arc::clone(&self.disturbed) }))
     }
 }
 

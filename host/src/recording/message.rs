@@ -16,6 +16,7 @@ struct Message<'m> {
     #[serde(skip_serializing_if = "Option::is_none")]
     sample: Option<SampleMessage>,
     device: &'m str,
+    zeroed: bool,
     reset: bool,
     arm: bool,
     disarm: bool,
@@ -36,6 +37,8 @@ struct Message<'m> {
     hand_work_j: f32,
     damped: bool,
     compute_ns: u64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device_ns: Option<u64>,
     lateness_ns: u64,
     skipped_periods: u64,
 }
@@ -98,7 +101,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
         Phase::Active => (ACTIVE, None),
         Phase::SafeZero(fault) => (SAFE_ZERO, Some(fault.name())),
     };
-    let Applied { reset, arm, disarm } = record.applied;
+    let Applied { zeroed, reset, arm, disarm } = record.applied;
     let message = Message {
         tick: record.tick,
         t_us: record.t_us,
@@ -108,6 +111,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
             buttons: sample.buttons,
         }),
         device: record.device.name(),
+        zeroed,
         reset,
         arm,
         disarm,
@@ -126,6 +130,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
         hand_work_j: record.hand_work_j,
         damped: record.damped,
         compute_ns: record.compute_ns,
+        device_ns: record.device_ns,
         lateness_ns: record.lateness_ns,
         skipped_periods: record.skipped_periods,
     };
@@ -164,7 +169,12 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         t_us: message.t_us,
         sample: message.sample.map(sample).transpose()?,
         device: device.ok_or_else(|| format!("no state of a device `{}`", message.device))?,
-        applied: Applied { reset: message.reset, arm: message.arm, disarm: message.disarm },
+        applied: Applied {
+            zeroed: message.zeroed,
+            reset: message.reset,
+            arm: message.arm,
+            disarm: message.disarm,
+        },
         model: message.model,
         hip_m: vector(message.hip_m, "hip_m")?,
         displacement_m: vector(message.displacement_m, "displacement_m")?,
@@ -179,6 +189,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         hand_work_j: message.hand_work_j,
         damped: message.damped,
         compute_ns: message.compute_ns,
+        device_ns: message.device_ns,
         lateness_ns: message.lateness_ns,
         skipped_periods: message.skipped_periods,
     })
@@ -196,7 +207,7 @@ pub(super) mod tests {
             t_us: 1_234_056,
             sample: Some(Sample { t_us: 1_234_001, position_m: [0.1, -0.2, 1.0e-9], buttons: 5 }),
             device: DeviceState::Unhomed,
-            applied: Applied { reset: true, arm: false, disarm: true },
+            applied: Applied { zeroed: true, reset: true, arm: false, disarm: true },
             model: 3,
             hip_m: [0.1, -0.0, 0.3],
             displacement_m: [0.001, 0.002, -0.003],
@@ -215,6 +226,7 @@ pub(super) mod tests {
             hand_work_j: -1.0 / 3.0,
             damped: true,
             compute_ns: 9_001,
+            device_ns: Some(8_000),
             lateness_ns: 401,
             skipped_periods: 3,
         }
@@ -337,6 +349,15 @@ pub(super) mod tests {
         let mut other = all;
         other["tick"] = "one".into();
         assert!(fits(&schema, &other).is_err());
+    }
+
+    /// Recordings from before the device's time was kept apart.
+    #[test]
+    fn a_message_without_the_device_time_is_read() {
+        let older = text(&full()).replace(r#""device_ns":8000,"#, "");
+        assert!(!older.contains("device_ns"));
+        let record = decode(older.as_bytes()).expect("as good as ever");
+        assert_eq!(record, TickRecord { device_ns: None, ..full() });
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The loop's clock: absolute waits on the real one, or a virtual one that tests turn by hand.
 
 use crate::sys;
-use std::cell::Cell;
+use core::sync::atomic::{AtomicU64, Ordering};
 
 /// Time source of the haptic loop, in nanoseconds from an arbitrary origin.
 pub trait Clock {
@@ -48,23 +48,23 @@ impl Clock for MonotonicClock {
 /// A clock that jumps to each deadline at once: a run of any length in as much time as the computing takes.
 #[derive(Debug, Default)]
 pub struct VirtualClock {
-    now_ns: Cell<u64>,
+    now_ns: AtomicU64,
 }
 
 impl VirtualClock {
     /// Moves time on, as a delay of the operating system would.
     pub fn advance_ns(&self, by_ns: u64) {
-        self.now_ns.set(self.now_ns.get() + by_ns);
+        self.now_ns.fetch_add(by_ns, Ordering::Relaxed);
     }
 }
 
 impl Clock for VirtualClock {
     fn now_ns(&self) -> u64 {
-        self.now_ns.get()
+        self.now_ns.load(Ordering::Relaxed)
     }
 
     fn wait_until(&self, deadline_ns: u64, _spin_ns: u64) {
-        self.now_ns.set(self.now_ns.get().max(deadline_ns));
+        self.now_ns.fetch_max(deadline_ns, Ordering::Relaxed);
     }
 }
 

@@ -4,7 +4,9 @@
 //! loop skip what has passed: the hand gets a gap, never a burst of ticks that pretend to be a millisecond apart.
 
 use super::clock::Clock;
-use super::latency::LatencyRecorder;
+use super::latency::{LatencyRecorder, TickTimes};
+use super::pace::{Paced, Paces, pace};
+use super::watchdog::Heartbeat;
 use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
@@ -40,12 +42,14 @@ pub struct Controls {
     disarm: AtomicBool,
     reset: AtomicBool,
     model: AtomicU8,
+    /// Only a replay asks for it: a watchdog has fired.
+    zeroed: AtomicBool,
 }
 
 impl Default for Controls {
     fn default() -> Self {
         let no = || AtomicBool::new(false);
-        Self { arm: no(), disarm: no(), reset: no(), model: AtomicU8::new(NO_MODEL) }
+        Self { arm: no(), disarm: no(), reset: no(), model: AtomicU8::new(NO_MODEL), zeroed: no() }
     }
 }
 
@@ -75,15 +79,22 @@ impl Controls {
         self.reset.store(applied.reset, Ordering::Relaxed);
         self.arm.store(applied.arm, Ordering::Relaxed);
         self.disarm.store(applied.disarm, Ordering::Relaxed);
+        self.zeroed.store(applied.zeroed, Ordering::Relaxed);
     }
 
-    /// Disarming goes last, so that it wins over whatever was asked in the same tick. A device that is not ready is not armed.
-    fn apply(&self, state: &mut State, ready: bool) -> Applied {
+    /// Disarming goes last, so that it wins over whatever was asked in the same tick. A device that is not ready is not armed, and no key
+    /// that was pressed while the loop stood still arms or resets.
+    fn apply(&self, state: &mut State, ready: bool, zeroed: bool) -> Applied {
+        let zeroed = self.zeroed.swap(false, Ordering::Relaxed) || zeroed;
         let applied = Applied {
-            reset: self.reset.swap(false, Ordering::Relaxed),
-            arm: self.arm.swap(false, Ordering::Relaxed) && ready,
+            zeroed,
+            reset: self.reset.swap(false, Ordering::Relaxed) && !zeroed,
+            arm: self.arm.swap(false, Ordering::Relaxed) && ready && !zeroed,
             disarm: self.disarm.swap(false, Ordering::Relaxed),
         };
+        if applied.zeroed {
+            state.trip(Fault::Watchdog);
+        }
         if applied.reset {
             state.reset();
         }
@@ -185,6 +196,27 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
     dropped_records: u64,
     device_errors: u64,
     last_device_error: Option<DeviceError>,
+    heartbeat: Option<&'l Heartbeat>,
+    /// Firings of the watchdog that this loop has answered with a fault.
+    answered_firings: u64,
+}
+
+impl<D: Device, C: Clock, const N: usize> Paced for HapticLoop<'_, '_, '_, D, C, N> {
+    type Clock = C;
+    type Error = DeviceError;
+
+    fn clock(&self) -> &C {
+        &self.clock
+    }
+
+    fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), DeviceError> {
+        HapticLoop::tick(self, index, origin_ns, deadline_ns)
+    }
+
+    fn overrun(&mut self, index: u64, skipped: u64, late_ns: u64) {
+        self.latency.record_overrun(index, skipped, late_ns);
+        self.skipped_periods += skipped;
+    }
 }
 
 impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, C, N> {
@@ -245,7 +277,28 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             dropped_records: 0,
             device_errors: 0,
             last_device_error: None,
+            heartbeat: None,
+            answered_firings: 0,
         }
+    }
+
+    /// Lets a watchdog see every tick. Its limit must not be shorter than the age at which a sample is a fault.
+    #[must_use]
+    pub const fn watched(mut self, heartbeat: &'l Heartbeat) -> Self {
+        self.heartbeat = Some(heartbeat);
+        self
+    }
+
+    /// What its watchdog sees.
+    pub(super) const fn heartbeat(&self) -> Option<&'l Heartbeat> {
+        self.heartbeat
+    }
+
+    /// Beats; true if the watchdog has zeroed the device since the last tick.
+    fn was_zeroed(&mut self) -> bool {
+        let Some(heartbeat) = self.heartbeat else { return false };
+        let fired = heartbeat.beat(self.ticks + 1);
+        core::mem::replace(&mut self.answered_firings, fired) != fired
     }
 
     /// The instructions the force is interpolated with.
@@ -281,34 +334,21 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     }
 
     fn run_periods(&mut self, stop: &AtomicBool, periods: u64) -> LoopEnd {
-        let period_ns = u64::from(self.config.period_us.max(1)) * 1_000;
-        let spin_ns = u64::from(self.config.spin_us) * 1_000;
-        let origin_ns = self.clock.now_ns() + period_ns;
-        let mut index = 0;
-        while index < periods {
-            if stop.load(Ordering::Relaxed) {
-                return LoopEnd::Stopped;
-            }
-            let deadline_ns = origin_ns + index * period_ns;
-            self.clock.wait_until(deadline_ns, spin_ns);
-            if let Err(error) = self.tick(index, origin_ns, deadline_ns) {
-                return LoopEnd::DeviceLost(error);
-            }
-            // The last deadline of this run that is not in the future any more.
-            let passed = ((self.clock.now_ns() - origin_ns) / period_ns).min(periods - 1);
-            if passed > index {
-                self.latency.record_overrun(index, passed - index);
-                self.skipped_periods += passed - index;
-            }
-            index = passed.max(index) + 1;
+        match pace(self, self.config, stop, periods) {
+            Paces::Completed => LoopEnd::Completed,
+            Paces::Stopped => LoopEnd::Stopped,
+            Paces::Failed(error) => LoopEnd::DeviceLost(error),
         }
-        LoopEnd::Completed
     }
 
     /// One tick: exchange, control, hand on. An error is one after which the device is gone.
     pub fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), DeviceError> {
         let start_ns = self.clock.now_ns();
         let now_us = start_ns.saturating_sub(origin_ns) / 1_000;
+        let was_zeroed = self.was_zeroed();
+        if was_zeroed {
+            self.hand_force_n = vec3::ZERO;
+        }
         let sample = match self.device.0.exchange(now_us, self.hand_force_n) {
             Ok(sample) => sample,
             Err(error) => {
@@ -320,17 +360,18 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
                 None
             }
         };
+        let exchanged_ns = self.clock.now_ns();
         let device = self.device.0.state();
         let ready = device == DeviceState::Homed;
         if !ready {
             self.state.trip(Fault::NotReady);
         }
-        let applied = self.controls.apply(&mut self.state, ready);
+        let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
         self.change_model();
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
-            if pressed_now && ready {
+            if pressed_now && ready && !applied.zeroed {
                 self.state.arm();
             }
         }
@@ -341,10 +382,12 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             });
         self.hand_force_n = command.hand_force_n;
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
-        let compute_ns = self.clock.now_ns() - start_ns;
+        let end_ns = self.clock.now_ns();
+        let (device_ns, compute_ns) = (exchanged_ns - start_ns, end_ns - start_ns);
 
         self.ticks += 1;
-        self.latency.record(lateness_ns, compute_ns);
+        let controller_ns = end_ns - exchanged_ns;
+        self.latency.record(TickTimes { wake_ns: lateness_ns, device_ns, compute_ns: controller_ns });
         let record = TickRecord {
             tick: index,
             t_us: now_us,
@@ -353,6 +396,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             applied,
             model: self.model as u8,
             compute_ns,
+            device_ns: Some(device_ns),
             lateness_ns,
             skipped_periods: self.skipped_periods,
             ..TickRecord::of(&command)
@@ -368,12 +412,13 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::{DeviceErrorKind, DeviceInfo};
+    use crate::device::{DeviceErrorKind, DeviceInfo, EmergencyStop};
     use crate::rt::clock::VirtualClock;
+    use crate::rt::watchdog::Watchdog;
     use crate::synthetic::{self, Shape};
     use palpate_core::{Config, Fault, Method, Organ, Sample};
-    use std::sync::Mutex;
     use std::sync::atomic::AtomicU64;
+    use std::sync::{Arc, Mutex};
 
     type Forces = Mutex<Vec<Vec3>>;
 
@@ -419,24 +464,26 @@ mod tests {
         forces: Vec<Vec3>,
     }
 
-    struct Bench {
+    struct Bench<'h> {
         periods: u64,
         config: LoopConfig,
         self_arming: bool,
         queue: usize,
+        heartbeat: Option<&'h Heartbeat>,
     }
 
-    impl Default for Bench {
+    impl Default for Bench<'_> {
         fn default() -> Self {
-            Self { periods: 3_000, config: LoopConfig::default(), self_arming: true, queue: 100_000 }
+            let config = LoopConfig::default();
+            Self { periods: 3_000, config, self_arming: true, queue: 100_000, heartbeat: None }
         }
     }
 
-    impl Bench {
+    impl<'h> Bench<'h> {
         fn run(
             &self,
             clock: impl Clock,
-            controls: &Controls,
+            controls: &'h Controls,
             stop: &AtomicBool,
             each: impl FnMut(u64) -> Result<bool, DeviceError> + Send,
         ) -> Run {
@@ -455,7 +502,10 @@ mod tests {
                 calls: 0,
             };
             let outputs = Outputs { records, latest };
-            let haptic = HapticLoop::new(controller, device, clock, self.config, controls, outputs);
+            let mut haptic = HapticLoop::new(controller, device, clock, self.config, controls, outputs);
+            if let Some(heartbeat) = self.heartbeat {
+                haptic = haptic.watched(heartbeat);
+            }
             let outcome = haptic.run(stop, self.periods);
             let records = core::iter::from_fn(|| drained.pop().ok()).collect();
             Run { outcome, records, forces: forces.into_inner().expect("one thread") }
@@ -591,6 +641,73 @@ mod tests {
             assert_eq!(record.hand_force_n, vec3::ZERO);
         }
         assert_eq!(run.outcome.phase, Phase::Active);
+    }
+
+    /// Zeroes go into the same list as the loop's own forces.
+    struct SecondPath(Arc<Mutex<Vec<u64>>>, Arc<AtomicU64>);
+
+    impl EmergencyStop for SecondPath {
+        fn zero(&mut self) -> Result<(), DeviceError> {
+            self.0.lock().expect("one thread").push(self.1.load(Ordering::Relaxed));
+            Ok(())
+        }
+    }
+
+    /// Tick 1,500 hangs in its exchange for 60 ms of virtual time, in which the watchdog looks each 2 ms.
+    #[test]
+    fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
+        let (heartbeat, controls, clock) =
+            (Heartbeat::default(), Controls::default(), VirtualClock::default());
+        let (zeros, now_ns) = (Arc::default(), Arc::new(AtomicU64::new(0)));
+        let path = SecondPath(Arc::clone(&zeros), Arc::clone(&now_ns));
+        let mut watchdog = Watchdog::new(&heartbeat, Box::new(path), 20_000_000);
+        let mut stalled_at_ns = 0;
+        let bench = Bench { heartbeat: Some(&heartbeat), ..Bench::default() };
+        let run = bench.run(&clock, &controls, &AtomicBool::new(false), |call| {
+            let stall_ns = if call == 1_500 { 60_000_000 } else { 0 };
+            if stall_ns > 0 {
+                stalled_at_ns = clock.now_ns();
+            }
+            if call == 1_501 {
+                // Keys pressed while everything hung, found by the first tick after it, count for nothing.
+                controls.reset();
+                controls.arm();
+            }
+            for _ in 0..=stall_ns / 2_000_000 {
+                now_ns.store(clock.now_ns(), Ordering::Relaxed);
+                watchdog.look(clock.now_ns());
+                clock.advance_ns(if stall_ns > 0 { 2_000_000 } else { 0 });
+            }
+            if call == 2_500 {
+                controls.reset();
+                controls.arm();
+            }
+            Ok(true)
+        });
+        let zeros = zeros.lock().expect("one thread").clone();
+        let after_ms: Vec<u64> = zeros.iter().map(|at_ns| (at_ns - stalled_at_ns) / 1_000_000).collect();
+        assert_eq!(after_ms, [20, 40, 60], "zero within the limit, and again while it lasts");
+        assert_eq!(heartbeat.fired(), 1);
+
+        let stall = run.records.iter().position(|record| record.compute_ns > 50_000_000).expect("it hung");
+        assert!(vec3::norm(run.records[stall - 1].hand_force_n) > 0.5, "there was a force to take away");
+        // The exchange after the stall does not send the force that was computed before it.
+        assert_eq!(run.forces[stall + 1], vec3::ZERO);
+        let latched = &run.records[stall + 1..2_499];
+        assert!(latched.len() > 900);
+        for record in latched {
+            assert_eq!(record.phase, Phase::SafeZero(Fault::Watchdog), "{record:?}");
+            assert_eq!(record.hand_force_n, vec3::ZERO);
+        }
+        assert!(run.forces[stall + 1..2_500].iter().all(|force| *force == vec3::ZERO));
+        assert_eq!(run.outcome.phase, Phase::Active, "after reset and arm");
+
+        // And it is told that the device took the time, not the controller.
+        let report = run.outcome.latency.report();
+        let worst = report.worst.first().expect("deadlines were missed");
+        assert_eq!((worst.tick, worst.times.device_ns, worst.times.compute_ns), (1_499, 62_000_000, 0));
+        assert_eq!(worst.late_ns, 61_000_000);
+        assert!(report.device.max_ns > 61_000_000 && report.compute.max_ns == 0, "{report}");
     }
 
     #[test]

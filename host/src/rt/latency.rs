@@ -1,21 +1,46 @@
-//! How late the loop wakes and how long a tick computes: preallocated histograms, and the deadlines it missed.
+//! How late the loop wakes, how long device and controller take: preallocated histograms, and the deadlines it missed.
 
+use super::histogram::{Histograms, Quantity};
 use core::fmt;
 use hdrhistogram::Histogram;
 
-/// Longest value kept apart; anything longer counts as this (a stall of more than ten seconds is its own story).
-const LONGEST_NS: u64 = 10_000_000_000;
-/// How many tick numbers of missed deadlines are kept.
+/// How many missed deadlines are kept, of the first ones and of the worst ones.
 pub const KEPT_MISSES: usize = 16;
+
+/// What one tick cost, in nanoseconds.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct TickTimes {
+    /// Start of the tick after its deadline.
+    pub wake_ns: u64,
+    /// Exchange with the device.
+    pub device_ns: u64,
+    /// Requests and controller.
+    pub compute_ns: u64,
+}
+
+/// A tick that ended after the next deadline had passed, and what it spent its time on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Miss {
+    /// Number of the tick.
+    pub tick: u64,
+    /// Deadlines at which therefore no tick ran.
+    pub skipped: u64,
+    /// From the first deadline that passed to the end of the tick.
+    pub late_ns: u64,
+    /// Its own times: which of them is large says who was late.
+    pub times: TickTimes,
+}
 
 /// Recorder used inside the loop. Every method is allocation-free after `new`.
 #[derive(Debug, Clone)]
 pub struct LatencyRecorder {
-    wake: Histogram<u64>,
-    compute: Histogram<u64>,
+    histograms: Histograms,
     overruns: u64,
     skipped_periods: u64,
-    first_overruns: [u64; KEPT_MISSES],
+    last: TickTimes,
+    first: [Miss; KEPT_MISSES],
+    /// The first [`KEPT_MISSES`] fill it, then each worse one takes the place of the least bad.
+    worst: [Miss; KEPT_MISSES],
 }
 
 impl Default for LatencyRecorder {
@@ -25,29 +50,37 @@ impl Default for LatencyRecorder {
 }
 
 impl LatencyRecorder {
-    /// Allocates both histograms, three significant digits from 1 ns to 10 s.
+    /// Allocates the histograms.
     #[must_use]
     pub fn new() -> Self {
-        let empty = Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("the bounds are constants and valid");
         Self {
-            wake: empty.clone(),
-            compute: empty,
+            histograms: Histograms::new(),
             overruns: 0,
             skipped_periods: 0,
-            first_overruns: [0; KEPT_MISSES],
+            last: TickTimes::default(),
+            first: [Miss::default(); KEPT_MISSES],
+            worst: [Miss::default(); KEPT_MISSES],
         }
     }
 
     /// Records one tick.
-    pub fn record(&mut self, lateness_ns: u64, compute_ns: u64) {
-        self.wake.saturating_record(lateness_ns);
-        self.compute.saturating_record(compute_ns);
+    pub fn record(&mut self, times: TickTimes) {
+        self.last = times;
+        self.histograms.record(times);
     }
 
-    /// Records that after `tick` this many deadlines had already passed and were skipped.
-    pub fn record_overrun(&mut self, tick: u64, skipped: u64) {
-        if let Some(slot) = self.first_overruns.get_mut(self.overruns as usize) {
-            *slot = tick;
+    /// Records that after `tick`, the last one recorded, `skipped` deadlines had already passed, the first of them `late_ns` ago.
+    pub fn record_overrun(&mut self, tick: u64, skipped: u64, late_ns: u64) {
+        let miss = Miss { tick, skipped, late_ns, times: self.last };
+        match (self.first.get_mut(self.overruns as usize), self.worst.get_mut(self.overruns as usize)) {
+            (Some(first), Some(worst)) => (*first, *worst) = (miss, miss),
+            _ => {
+                // The least bad one, the latest of several: of two that are as bad the earlier stays.
+                let least = self.worst.iter_mut().rev().min_by_key(|kept| kept.late_ns);
+                if let Some(least) = least.filter(|least| least.late_ns < late_ns) {
+                    *least = miss;
+                }
+            }
         }
         self.overruns += 1;
         self.skipped_periods += skipped;
@@ -56,26 +89,20 @@ impl LatencyRecorder {
     /// The figures so far.
     #[must_use]
     pub fn report(&self) -> LatencyReport {
-        let kept = self.first_overruns.len().min(self.overruns as usize);
+        let kept = self.first.len().min(self.overruns as usize);
+        let mut worst = self.worst[..kept].to_vec();
+        worst.sort_by_key(|miss| (core::cmp::Reverse(miss.late_ns), miss.tick));
+        let of = |quantity| Percentiles::of(self.histograms.of(quantity));
         LatencyReport {
-            wake: Percentiles::of(&self.wake),
-            compute: Percentiles::of(&self.compute),
+            wake: of(Quantity::Wake),
+            device: of(Quantity::Device),
+            compute: of(Quantity::Compute),
             overruns: self.overruns,
             skipped_periods: self.skipped_periods,
-            first_overruns: self.first_overruns[..kept].to_vec(),
+            first_overruns: self.first[..kept].iter().map(|miss| miss.tick).collect(),
+            worst,
+            histograms: self.histograms.clone(),
         }
-    }
-
-    /// Wake-up lateness, for whoever wants more than percentiles.
-    #[must_use]
-    pub fn wake_histogram(&self) -> &Histogram<u64> {
-        &self.wake
-    }
-
-    /// Compute time of a tick (device exchange and controller).
-    #[must_use]
-    pub fn compute_histogram(&self) -> &Histogram<u64> {
-        &self.compute
     }
 }
 
@@ -124,11 +151,13 @@ impl fmt::Display for Percentiles {
 }
 
 /// What a run's timing came to.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct LatencyReport {
     /// Wake-up lateness against the deadline.
     pub wake: Percentiles,
-    /// Compute time of a tick.
+    /// Exchange with the device.
+    pub device: Percentiles,
+    /// The controller's tick, without the device.
     pub compute: Percentiles,
     /// Ticks that ended after the next deadline had passed.
     pub overruns: u64,
@@ -136,12 +165,17 @@ pub struct LatencyReport {
     pub skipped_periods: u64,
     /// Tick numbers of the first overruns.
     pub first_overruns: Vec<u64>,
+    /// The worst overruns, the worst first.
+    pub worst: Vec<Miss>,
+    /// All of it.
+    pub histograms: Histograms,
 }
 
 impl fmt::Display for LatencyReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "ticks        {}", self.wake.count)?;
         writeln!(f, "wake-up late {}", self.wake)?;
+        writeln!(f, "device       {}", self.device)?;
         writeln!(f, "compute      {}", self.compute)?;
         write!(f, "missed       {} deadlines in {} overruns", self.skipped_periods, self.overruns)?;
         if let Some((first, rest)) = self.first_overruns.split_first() {
@@ -150,19 +184,35 @@ impl fmt::Display for LatencyReport {
                 write!(f, ", {tick}")?;
             }
         }
+        if let Some(Miss { tick, late_ns, times, .. }) = self.worst.first() {
+            let ms = |ns: &u64| *ns as f64 * 1e-6;
+            write!(
+                f,
+                "\nworst miss   tick {tick}: {:.2} ms past the next deadline (woken {:.2} ms late, device {:.2} ms, compute {:.2} ms)",
+                ms(late_ns),
+                ms(&times.wake_ns),
+                ms(&times.device_ns),
+                ms(&times.compute_ns)
+            )?;
+        }
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::histogram::LONGEST_NS;
     use super::*;
+
+    fn times(wake_ns: u64, device_ns: u64, compute_ns: u64) -> TickTimes {
+        TickTimes { wake_ns, device_ns, compute_ns }
+    }
 
     #[test]
     fn percentiles_of_a_known_distribution() {
         let mut recorder = LatencyRecorder::new();
         for i in 1..=1000_u64 {
-            recorder.record(i * 1_000, 500);
+            recorder.record(times(i * 1_000, 7_000, 500));
         }
         let report = recorder.report();
         assert_eq!(report.wake.count, 1000);
@@ -176,6 +226,7 @@ mod tests {
             assert!((found as f64 - expected).abs() <= 1.5e-3 * expected, "{found} against {expected}");
         }
         assert!((report.compute.mean_ns - 500.0).abs() < 1.0);
+        assert!((report.device.mean_ns - 7_000.0).abs() < 10.0, "the device's time is not the controller's");
         assert_eq!(report.overruns, 0);
     }
 
@@ -183,7 +234,7 @@ mod tests {
     fn overruns_keep_the_first_tick_numbers_and_count_the_rest() {
         let mut recorder = LatencyRecorder::new();
         for i in 0..40 {
-            recorder.record_overrun(100 + i, 2);
+            recorder.record_overrun(100 + i, 2, 1);
         }
         let report = recorder.report();
         assert_eq!((report.overruns, report.skipped_periods), (40, 80));
@@ -191,10 +242,33 @@ mod tests {
         assert!(report.to_string().contains("first after tick 100, 101"));
     }
 
+    /// In any order of lateness: the sixteen worst, the worst first, each with what its own tick took.
+    #[test]
+    fn the_worst_overruns_are_kept_with_what_took_the_time() {
+        let mut recorder = LatencyRecorder::new();
+        let late_ns = |i: u64| 1 + (i * 37) % 100;
+        for i in 0..100 {
+            recorder.record(times(i, 2 * i, 3 * i));
+            recorder.record_overrun(i, 1, late_ns(i));
+        }
+        let report = recorder.report();
+        let kept: Vec<u64> = report.worst.iter().map(|miss| miss.late_ns).collect();
+        assert_eq!(kept, (85..=100).rev().collect::<Vec<u64>>());
+        for miss in &report.worst {
+            assert_eq!(miss.late_ns, late_ns(miss.tick));
+            assert_eq!(miss.times, times(miss.tick, 2 * miss.tick, 3 * miss.tick));
+        }
+        // Of those that are as bad the earliest stay.
+        let mut same = LatencyRecorder::new();
+        (0..30).for_each(|i| same.record_overrun(i, 1, 5));
+        let ticks: Vec<u64> = same.report().worst.iter().map(|miss| miss.tick).collect();
+        assert_eq!(ticks, (0..16).collect::<Vec<u64>>());
+    }
+
     #[test]
     fn a_value_beyond_the_range_is_kept_at_the_top() {
         let mut recorder = LatencyRecorder::new();
-        recorder.record(u64::MAX, 0);
+        recorder.record(times(u64::MAX, 0, 0));
         assert!(recorder.report().wake.max_ns >= LONGEST_NS);
     }
 }

@@ -2,14 +2,20 @@
 
 pub mod clock;
 pub mod haptic_loop;
+pub mod histogram;
 pub mod latency;
+pub mod pace;
 pub mod state;
 pub mod thread;
+pub mod watchdog;
 
 pub use clock::{Clock, MonotonicClock, VirtualClock};
 pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
-pub use latency::{LatencyRecorder, LatencyReport, Percentiles};
+pub use histogram::{HistogramRow, Histograms, Quantity};
+pub use latency::{LatencyRecorder, LatencyReport, Miss, Percentiles, TickTimes};
+pub use pace::{Paced, Paces, pace};
 pub use state::SessionState;
+pub use watchdog::{Heartbeat, Watchdog};
 
 use crate::device::DeviceState;
 use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
@@ -19,6 +25,8 @@ use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
 /// A press of the arming button is not in it: it follows from the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Applied {
+    /// The watchdog had zeroed the device since the last tick.
+    pub zeroed: bool,
     /// A latched fault was cleared.
     pub reset: bool,
     /// Rendering was asked for.
@@ -68,6 +76,8 @@ pub struct TickRecord {
     pub damped: bool,
     /// Device exchange and controller together, ns.
     pub compute_ns: u64,
+    /// The device's part of it, ns; not known of a tick recorded before this was kept.
+    pub device_ns: Option<u64>,
     /// Start of the tick after its deadline, ns.
     pub lateness_ns: u64,
     /// Deadlines skipped so far.
@@ -101,7 +111,7 @@ impl TickRecord {
         t_us: 0,
         sample: None,
         device: DeviceState::Disconnected,
-        applied: Applied { reset: false, arm: false, disarm: false },
+        applied: Applied { zeroed: false, reset: false, arm: false, disarm: false },
         model: 0,
         hip_m: vec3::ZERO,
         displacement_m: vec3::ZERO,
@@ -116,6 +126,7 @@ impl TickRecord {
         hand_work_j: 0.0,
         damped: false,
         compute_ns: 0,
+        device_ns: None,
         lateness_ns: 0,
         skipped_periods: 0,
     };

@@ -2,28 +2,35 @@
 
 use super::clock::Clock;
 use super::haptic_loop::{HapticLoop, LoopOutcome};
+use super::watchdog::EndOnDrop;
 use crate::device::Device;
 use crate::sys::{self, RtReport, RtRequest};
 use core::sync::atomic::AtomicBool;
 use std::io;
+use std::sync::OnceLock;
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
 /// Starts the loop on its own thread inside a scope, so that organ and flags need only outlive the scope.
 ///
-/// A panic in the loop unwinds through it, which stops the device, and reaches the caller through the handle.
+/// What the operating system granted is in `granted` before the first tick. A panic in the loop unwinds through it, which stops the
+/// device, ends the heartbeat of a watched loop, and reaches the caller through the handle.
 pub fn spawn<'scope, D, C, const N: usize>(
     scope: &'scope Scope<'scope, '_>,
     haptic: HapticLoop<'scope, 'scope, 'scope, D, C, N>,
     request: RtRequest,
     stop: &'scope AtomicBool,
     periods: u64,
+    granted: &'scope OnceLock<RtReport>,
 ) -> io::Result<ScopedJoinHandle<'scope, (RtReport, LoopOutcome)>>
 where
     D: Device + 'scope,
     C: Clock + Send + 'scope,
 {
     Builder::new().name("palpate-haptic".into()).spawn_scoped(scope, move || {
+        let _end = EndOnDrop(haptic.heartbeat());
         let (report, _memory_lock) = sys::enter_real_time(&request);
+        // Set once: a second thread with the same cell leaves the first answer.
+        let _ = granted.set(report);
         (report, haptic.run(stop, periods))
     })
 }
@@ -72,6 +79,7 @@ mod tests {
         let (records, _drained) = rtrb::RingBuffer::new(1_000);
         let (latest, _seen) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
         let (controls, stop) = (Controls::default(), AtomicBool::new(false));
+        let granted = OnceLock::new();
         std::thread::scope(|scope| {
             let device = Falling { stops, panics_at, calls: 0 };
             let haptic = HapticLoop::new(
@@ -82,7 +90,8 @@ mod tests {
                 &controls,
                 Outputs { records, latest },
             );
-            let handle = spawn(scope, haptic, RtRequest::nothing(), &stop, 40).expect("a thread starts");
+            let handle =
+                spawn(scope, haptic, RtRequest::nothing(), &stop, 40, &granted).expect("a thread starts");
             handle.join().map(|(_, outcome)| outcome)
         })
     }

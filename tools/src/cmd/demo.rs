@@ -10,6 +10,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_precompute::blob_writer::{PackOptions, write_atomically};
 use palpate_precompute::configuration_space::{Store, TagCounts, with_threads};
 use palpate_precompute::held_out::Draw;
@@ -21,6 +22,7 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
+use crate::timing::Timing;
 use crate::touch;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -242,6 +244,11 @@ fn palpate(
         friction: None,
         change_every: None,
         profile: None,
+        rate_hz: touch::HEADLESS_RATE_HZ,
+        pictures: frames,
+        record: None,
+        timing: Timing::default(),
+        watchdog_ms: DEFAULT_LIMIT_MS,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

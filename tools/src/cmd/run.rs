@@ -12,6 +12,7 @@ use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
+use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
 
@@ -21,6 +22,7 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::output;
 use crate::resident::Resident;
+use crate::timing::Timing;
 use crate::touch;
 use crate::workbench::stop_flag;
 
@@ -56,6 +58,9 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
+    /// Frames a second without a window; 0 for none
+    #[arg(long, value_name = "HZ", default_value_t = touch::HEADLESS_RATE_HZ, value_parser = frame_rate)]
+    frame_rate: f32,
     /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
     #[arg(long)]
     uncertified: bool,
@@ -68,6 +73,14 @@ pub(crate) struct Args {
     /// With several blobs: go on to the next each time so many seconds have passed
     #[arg(long, value_name = "S", value_parser = seconds)]
     change_every: Option<Duration>,
+    /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
+    #[arg(long, value_name = "FILE.csv")]
+    histograms: Option<PathBuf>,
+    #[command(flatten)]
+    timing: Timing,
+    /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms at which a sample is stale
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
+    watchdog_ms: u32,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -79,6 +92,11 @@ fn friction(text: &str) -> Result<f32, String> {
         Ok(mu) if mu >= 0.0 => Ok(mu),
         _ => Err("a number from 0, or stick".into()),
     }
+}
+
+fn frame_rate(text: &str) -> Result<f32, String> {
+    let rate_hz: f32 = text.parse().map_err(|_| "not a number".to_string())?;
+    if (0.0..=1000.0).contains(&rate_hz) { Ok(rate_hz) } else { Err("not within 0 and 1000".into()) }
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -179,6 +197,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ))?;
     }
     output::line(resident.end())?;
+    if let Some(path) = &args.histograms {
+        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        output::histograms(path, &touched.summary.latency)?;
+    }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
         output::line(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
@@ -198,6 +220,11 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         friction: args.friction,
         change_every: args.change_every,
         profile: None,
+        rate_hz: args.frame_rate,
+        pictures: &args.pictures,
+        record,
+        timing: args.timing,
+        watchdog_ms: args.watchdog_ms,
     }
 }
 
@@ -208,10 +235,12 @@ fn run_replay(
     blob_blake3: &[String],
     path: &Path,
 ) -> Result<(), Failure> {
-    if args.record.is_some() || args.seconds.is_some() || args.profile.is_some() {
+    if [args.record.is_some(), args.seconds.is_some(), args.profile.is_some(), args.histograms.is_some()]
+        .contains(&true)
+    {
         return Err(Failure::input(
-            "a replay is as long as its recording, has its limits, and is not recorded again: leave --seconds, --profile and \
-             --record out",
+            "a replay is as long as its recording, has its limits and no timing, and is not recorded again: leave --seconds, --profile, \
+             --histograms and --record out",
         ));
     }
     let stop = stop_flag()?;

@@ -105,7 +105,7 @@ impl Profile {
 
     /// The timing of a session with this device: the cycle that 99 % of the ticks kept to, and the delay that goes with it.
     ///
-    /// `report` knows lateness and compute time, not how long the link takes: that is the profile's.
+    /// `report` knows lateness, exchange and compute time, not how long the link takes: that is the profile's.
     #[must_use]
     pub fn measured(&self, report: &LatencyReport) -> Timing {
         let ticks = report.wake.count.max(1);
@@ -117,7 +117,8 @@ impl Profile {
         };
         let late_s = report.wake.p99_ns as f32 * 1e-9;
         let cycle_s = (1.0 + skips) * self.period_us() as f32 * 1e-6 + late_s;
-        let delay_s = cycle_s + report.compute.p99_ns as f32 * 1e-9 + self.link_delay_s();
+        let busy_ns = report.device.p99_ns + report.compute.p99_ns;
+        let delay_s = cycle_s + busy_ns as f32 * 1e-9 + self.link_delay_s();
         Timing { cycle_s, delay_s }
     }
 
@@ -172,7 +173,7 @@ impl fmt::Display for CapVerdict {
 mod tests {
     use super::*;
     use crate::device::profile::Damping;
-    use crate::rt::Percentiles;
+    use crate::rt::{LatencyRecorder, Percentiles};
 
     fn simulated() -> Profile {
         Profile::bundled("simulated").expect("bundled")
@@ -213,12 +214,15 @@ mod tests {
 
     fn report(late_ns: u64, compute_ns: u64, overruns: u64) -> LatencyReport {
         let at = |p99_ns| Percentiles { count: 10_000, p99_ns, ..Percentiles::default() };
+        let empty = LatencyRecorder::new().report();
         LatencyReport {
             wake: at(late_ns),
-            compute: at(compute_ns),
+            // Half of it the device's.
+            device: at(compute_ns / 2),
+            compute: at(compute_ns / 2),
             overruns,
             skipped_periods: 2 * overruns,
-            first_overruns: Vec::new(),
+            ..empty
         }
     }
 

@@ -167,6 +167,7 @@ struct Row<'r> {
     arm: u8,
     disarm: u8,
     compute_ns: u64,
+    device_ns: Option<u64>,
     lateness_ns: u64,
     skipped_periods: u64,
 }
@@ -216,6 +217,7 @@ impl<'r> Row<'r> {
             arm: record.applied.arm.into(),
             disarm: record.applied.disarm.into(),
             compute_ns: record.compute_ns,
+            device_ns: record.device_ns,
             lateness_ns: record.lateness_ns,
             skipped_periods: record.skipped_periods,
         }

@@ -1,0 +1,77 @@
+//! Haptic devices on USB and serial ports: may this user open them, and do they answer at once?
+
+use super::Check;
+use super::Verdict::{Bad, Better, Good};
+use super::probe::Probe;
+
+/// USB devices we know, by vendor and product.
+const KNOWN: [(&str, &str, &str); 1] = [("0403", "cb48", "Novint Falcon")];
+
+const RULES: [&str; 2] =
+    ["$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
+
+/// One check for each known device; one that says so if there is none.
+pub(super) fn usb(probe: &Probe) -> Vec<Check> {
+    const NAME: &str = "usb";
+    const BASE: &str = "/sys/bus/usb/devices";
+    let mut checks = Vec::new();
+    for device in probe.list(BASE) {
+        let of = |file: &str| probe.read(&format!("{BASE}/{device}/{file}"));
+        let (vendor, product) = (of("idVendor").unwrap_or_default(), of("idProduct").unwrap_or_default());
+        let known = KNOWN
+            .iter()
+            .find(|(v, p, _)| v.eq_ignore_ascii_case(&vendor) && p.eq_ignore_ascii_case(&product));
+        let Some((_, _, name)) = known else { continue };
+        let number = |file: &str| of(file).and_then(|text| text.parse::<u32>().ok()).unwrap_or(0);
+        let node = format!("/dev/bus/usb/{:03}/{:03}", number("busnum"), number("devnum"));
+        let sleeps = of("power/control").as_deref() == Some("auto");
+        checks.push(match probe.may_write(&node) {
+            Some(false) => {
+                Check::new(NAME, Bad, format!("{name} at {node}, which this user may not open")).mend(RULES)
+            }
+            None => Check::unknown(NAME, &node),
+            Some(true) if sleeps => {
+                Check::new(NAME, Better, format!("{name} at {node} may be put to sleep (autosuspend)"))
+                    .mend([&format!("$ echo on > {BASE}/{device}/power/control"), "or for good:"])
+                    .mend(RULES)
+            }
+            Some(true) => Check::new(NAME, Good, format!("{name} at {node}")),
+        });
+    }
+    if checks.is_empty() {
+        let found = if probe.is_there(BASE) { "no known haptic device" } else { "no USB on this PC" };
+        checks.push(Check::new(NAME, Good, found));
+    }
+    checks
+}
+
+/// One check for each USB serial port; one that says so if there is none.
+pub(super) fn serial(probe: &Probe) -> Vec<Check> {
+    const NAME: &str = "serial";
+    let ports = probe.list("/sys/class/tty").into_iter();
+    let mut checks: Vec<Check> = ports
+        .filter(|port| port.starts_with("ttyUSB") || port.starts_with("ttyACM"))
+        .map(|port| {
+            let node = format!("/dev/{port}");
+            let timer = format!("/sys/bus/usb-serial/devices/{port}/latency_timer");
+            match (probe.may_write(&node), probe.number::<u32>(&timer)) {
+                (None, _) => Check::unknown(NAME, &node),
+                (Some(false), _) => Check::new(NAME, Bad, format!("{node}, which this user may not open"))
+                    .mend(["$ usermod -aG dialout USER", "then log in again"]),
+                (Some(true), Some(ms)) if ms > 1 => {
+                    Check::new(NAME, Bad, format!("{node}: its FTDI chip holds replies back for {ms} ms"))
+                        .mend([&format!("$ echo 1 > {timer}"), "or for good:"])
+                        .mend(RULES)
+                }
+                (Some(true), Some(ms)) => {
+                    Check::new(NAME, Good, format!("{node}, FTDI latency timer {ms} ms"))
+                }
+                (Some(true), None) => Check::new(NAME, Good, node),
+            }
+        })
+        .collect();
+    if checks.is_empty() {
+        checks.push(Check::new(NAME, Good, "no USB serial port"));
+    }
+    checks
+}

@@ -1,0 +1,150 @@
+//! The requests on Linux.
+
+use super::{Outcome, Policy};
+use nix::errno::Errno;
+use nix::libc;
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
+use nix::sys::resource::{Resource, getrlimit};
+use nix::time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock_nanosleep};
+use nix::unistd::Pid;
+use std::fs::File;
+use std::io::Write;
+
+const CALLING_THREAD: Pid = Pid::from_raw(0);
+
+fn refused(errno: Errno, advice: &'static str) -> Outcome {
+    Outcome::Refused { os_code: errno as i32, advice }
+}
+
+fn is_root() -> bool {
+    // SAFETY: geteuid takes nothing, cannot fail and touches no memory of ours.
+    unsafe { libc::geteuid() == 0 }
+}
+
+/// Locks present pages, and future ones where no finite limit applies.
+///
+/// With a finite RLIMIT_MEMLOCK, MCL_FUTURE would make a later allocation of the viewer fail, which aborts the
+/// process: worse than a page fault. So an ordinary user gets the present pages only.
+pub(super) fn lock_memory(wanted: bool) -> Outcome {
+    if !wanted {
+        return Outcome::NotAsked;
+    }
+    let unlimited = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft == libc::RLIM_INFINITY);
+    let flags = if unlimited || is_root() {
+        MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE
+    } else {
+        MlockAllFlags::MCL_CURRENT
+    };
+    match mlockall(flags) {
+        Ok(()) => Outcome::Granted,
+        Err(errno) => refused(errno, "raise memlock in /etc/security/limits.conf (memlock unlimited)"),
+    }
+}
+
+pub(super) fn unlock_memory() {
+    // Failure only means that pages stay resident until the process ends.
+    let _ = munlockall();
+}
+
+pub(super) fn pin_to_cpu(cpu: usize) -> Outcome {
+    let advice = "choose a CPU this process may use (see taskset -p)";
+    let mut set = CpuSet::new();
+    if let Err(errno) = set.set(cpu).and_then(|()| sched_setaffinity(CALLING_THREAD, &set)) {
+        return refused(errno, advice);
+    }
+    match sched_getaffinity(CALLING_THREAD).and_then(|set| set.is_set(cpu)) {
+        Ok(true) => Outcome::Granted,
+        Ok(false) => refused(Errno::EINVAL, advice),
+        Err(errno) => refused(errno, advice),
+    }
+}
+
+pub(super) fn set_fifo(priority: i32) -> Outcome {
+    let advice = "raise rtprio in /etc/security/limits.conf (rtprio 80) or give CAP_SYS_NICE";
+    let parameters = libc::sched_param { sched_priority: priority };
+    // RESET_ON_FORK: a thread started from this one must not silently run as FIFO too.
+    // SAFETY: `parameters` outlives the call, and pid 0 means the calling thread.
+    let answer =
+        unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameters) };
+    if answer != 0 {
+        return refused(Errno::last(), advice);
+    }
+    match current_policy() {
+        Policy::Fifo(read_back) if read_back == priority => Outcome::Granted,
+        _ => refused(Errno::EINVAL, advice),
+    }
+}
+
+pub(super) fn current_policy() -> Policy {
+    // SAFETY: no pointer is passed; pid 0 means the calling thread.
+    let policy = unsafe { libc::sched_getscheduler(0) } & !libc::SCHED_RESET_ON_FORK;
+    let mut parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: `parameters` is a valid place for the answer and outlives the call.
+    let answer = unsafe { libc::sched_getparam(0, &mut parameters) };
+    match (answer, policy) {
+        (0, libc::SCHED_FIFO) => Policy::Fifo(parameters.sched_priority),
+        (0, libc::SCHED_RR) => Policy::RoundRobin(parameters.sched_priority),
+        _ => Policy::Other,
+    }
+}
+
+pub(super) fn shorten_timer_slack() -> Outcome {
+    // SAFETY: PR_SET_TIMERSLACK takes one integer and touches the calling thread only.
+    match unsafe { libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong) } {
+        0 => Outcome::Granted,
+        _ => refused(Errno::last(), "needs a Linux kernel with PR_SET_TIMERSLACK"),
+    }
+}
+
+/// Keeps every CPU of the machine out of sleep states that take time to leave, for as long as the file is open.
+///
+/// Documentation/power/pm_qos_interface.rst: a 32-bit number of microseconds, held until the file is closed.
+pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
+    let opened = File::options().write(true).open("/dev/cpu_dma_latency");
+    match opened.and_then(|mut file| file.write_all(&0_i32.to_ne_bytes()).map(|()| file)) {
+        Ok(file) => (Outcome::Granted, Some(file)),
+        Err(error) => {
+            let os_code = error.raw_os_error().unwrap_or(0);
+            let advice = "allow writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
+            (Outcome::Refused { os_code, advice }, None)
+        }
+    }
+}
+
+/// Resolution of the clock that the loop sleeps by; 1 ns with high-resolution timers, a kernel tick without.
+#[must_use]
+pub fn timer_resolution_ns() -> Option<u64> {
+    let resolution = clock_getres(ClockId::CLOCK_MONOTONIC).ok()?;
+    Some(resolution.tv_sec() as u64 * 1_000_000_000 + resolution.tv_nsec() as u64)
+}
+
+/// CPUs the calling thread may run on.
+#[must_use]
+pub fn allowed_cpus() -> Vec<usize> {
+    let set = sched_getaffinity(CALLING_THREAD);
+    set.map_or_else(
+        |_| Vec::new(),
+        |set| (0..CpuSet::count()).filter(|cpu| set.is_set(*cpu) == Ok(true)).collect(),
+    )
+}
+
+/// CLOCK_MONOTONIC in nanoseconds.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let time = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("CLOCK_MONOTONIC exists on every Linux");
+    time.tv_sec() as u64 * 1_000_000_000 + time.tv_nsec() as u64
+}
+
+/// Sleeps until an absolute CLOCK_MONOTONIC time; returns at once if it has passed.
+///
+/// Absolute, so that a late wake-up does not shift the deadlines after it, and an interrupted sleep just resumes.
+pub fn sleep_until_ns(deadline_ns: u64) {
+    let request = nix::sys::time::TimeSpec::new(
+        (deadline_ns / 1_000_000_000) as libc::time_t,
+        (deadline_ns % 1_000_000_000) as libc::c_long,
+    );
+    while let Err(Errno::EINTR) =
+        clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &request)
+    {}
+}

@@ -1,0 +1,156 @@
+//! The files of `host/deploy`: no key that systemd, udev or PAM would skip with a warning that nobody reads.
+
+use palpate_host::sys::DEFAULT_FIFO_PRIORITY;
+use std::collections::BTreeMap;
+
+const SERVICE: &str = include_str!("../deploy/palpate@.service");
+const RULES: &str = include_str!("../deploy/70-palpate.rules");
+const LIMITS: &str = include_str!("../deploy/palpate-limits.conf");
+
+/// The keys of systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and systemd.resource-control(5) that are used.
+const KEYS: [(&str, &[&str]); 3] = [
+    ("Unit", &["Description", "Documentation", "After", "ConditionPathExists"]),
+    (
+        "Service",
+        &[
+            "Type",
+            "User",
+            "SupplementaryGroups",
+            "WorkingDirectory",
+            "StateDirectory",
+            "Environment",
+            "EnvironmentFile",
+            "ExecStartPre",
+            "ExecStart",
+            "KillSignal",
+            "TimeoutStopSec",
+            "Restart",
+            "LimitRTPRIO",
+            "LimitMEMLOCK",
+            "CPUAffinity",
+            "Nice",
+            "OOMScoreAdjust",
+            "NoNewPrivileges",
+            "ProtectSystem",
+            "ProtectHome",
+            "PrivateTmp",
+            "ProtectKernelModules",
+            "ProtectKernelTunables",
+            "ProtectControlGroups",
+            "RestrictAddressFamilies",
+            "RestrictNamespaces",
+            "LockPersonality",
+            "SystemCallArchitectures",
+            "DevicePolicy",
+            "DeviceAllow",
+        ],
+    ),
+    ("Install", &["WantedBy"]),
+];
+
+/// Keys and values by section; what is wrong with a line otherwise.
+fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
+    let mut section = String::new();
+    let mut entries: BTreeMap<_, Vec<String>> = BTreeMap::new();
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#')) {
+        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            section = name.into();
+            continue;
+        }
+        let (key, value) = line.split_once('=').ok_or_else(|| format!("no key: {line}"))?;
+        let known = KEYS.iter().find(|(name, _)| *name == section).map(|(_, keys)| *keys);
+        let known = known.ok_or_else(|| format!("no section [{section}]"))?;
+        if !known.contains(&key) || value.is_empty() {
+            return Err(format!("[{section}] {line}"));
+        }
+        entries.entry((section.clone(), key.into())).or_default().push(value.into());
+    }
+    Ok(entries)
+}
+
+#[test]
+fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
+    let entries = unit(SERVICE).expect("every line is known");
+    let one = |key: &str| entries[&("Service".to_string(), key.to_string())].join(" ");
+    assert_eq!((one("Restart").as_str(), one("KillSignal").as_str()), ("no", "SIGINT"));
+    let priority: i32 = one("LimitRTPRIO").parse().expect("a number");
+    assert!(
+        priority > DEFAULT_FIFO_PRIORITY
+            && one("Environment").contains(&format!("FIFO={DEFAULT_FIFO_PRIORITY}"))
+    );
+    assert_eq!(one("LimitMEMLOCK"), "infinity");
+    // The options are those of the command line.
+    for command in [one("ExecStart"), one("ExecStartPre")] {
+        for option in command.split_whitespace().filter(|word| word.starts_with("--")) {
+            assert!(
+                ["--headless", "--device", "--cpu", "--fifo", "--measure"].contains(&option),
+                "{option} of {command}"
+            );
+        }
+    }
+    assert!(unit(&SERVICE.replace("LimitRTPRIO", "LimitRTPrio")).is_err());
+    assert!(unit(&SERVICE.replace("[Service]", "[Services]")).is_err());
+}
+
+/// Key, operator and value.
+type Token<'t> = (&'t str, &'t str, &'t str);
+
+/// One `KEY{attribute}operator"value"` of a rule; what is wrong with it otherwise.
+fn token(text: &str) -> Result<Token<'_>, String> {
+    let wrong = || format!("no match or assignment: {text}");
+    let at = text.find(['=', '!', '+']).ok_or_else(wrong)?;
+    let (key, rest) = text.split_at(at);
+    let (operator, value) = rest.split_at(rest.find('"').ok_or_else(wrong)?);
+    let value = value.strip_prefix('"').and_then(|v| v.strip_suffix('"')).ok_or_else(wrong)?;
+    let (name, attribute) = key.split_once('{').unwrap_or((key, "}"));
+    let matches = ["ACTION", "SUBSYSTEM", "KERNEL", "DRIVER", "ATTRS"];
+    let assigned = ["GROUP", "MODE", "TAG", "SYMLINK"];
+    let allowed: &[&str] = match name {
+        _ if matches.contains(&name) => &["==", "!="],
+        _ if assigned.contains(&name) => &["=", "+="],
+        "ATTR" | "ENV" => &["==", "!=", "="],
+        _ => return Err(format!("no key {name}")),
+    };
+    let bare = ["ACTION", "SUBSYSTEM", "KERNEL", "DRIVER", "GROUP", "MODE", "TAG", "SYMLINK"].contains(&name);
+    if !allowed.contains(&operator) || bare == key.contains('{') || !attribute.ends_with('}') {
+        return Err(wrong());
+    }
+    Ok((key, operator, value))
+}
+
+fn rules(text: &str) -> Result<Vec<Vec<Token<'_>>>, String> {
+    let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    lines.map(|line| line.split(", ").map(token).collect()).collect()
+}
+
+#[test]
+fn every_rule_matches_something_and_assigns_something() {
+    let rules_read = rules(RULES).expect("every token is known");
+    assert_eq!(rules_read.len(), 5);
+    for rule in &rules_read {
+        assert!(rule.contains(&("ACTION", "!=", "remove")), "{rule:?}");
+        assert!(rule.iter().filter(|(_, operator, _)| *operator == "==").count() >= 2, "{rule:?}");
+        assert!(rule.iter().any(|(_, operator, _)| matches!(*operator, "=" | "+=")), "{rule:?}");
+    }
+    let falcon = rules_read.iter().find(|rule| rule.contains(&("ATTR{idProduct}", "==", "cb48")));
+    assert!(falcon.expect("the Falcon").contains(&("TAG", "+=", "uaccess")));
+    for (from, to) in [("SUBSYSTEM==", "SUBSYSTEMX=="), ("MODE=\"0660\"", "MODE=0660"), ("GROUP=", "GROUP==")]
+    {
+        assert!(rules(&RULES.replace(from, to)).is_err(), "{to}");
+    }
+}
+
+#[test]
+fn the_limits_are_four_columns_and_reach_the_watchdogs_priority() {
+    let lines: Vec<Vec<&str>> = LIMITS
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| line.split_whitespace().collect())
+        .collect();
+    for line in &lines {
+        assert!(line.len() == 4 && line[0] == "@realtime" && line[1] == "-", "{line:?}");
+    }
+    let value = |item: &str| lines.iter().find(|line| line[2] == item).map(|line| line[3]).expect(item);
+    assert!(value("rtprio").parse::<i32>().expect("a number") > DEFAULT_FIFO_PRIORITY);
+    assert_eq!(value("memlock"), "unlimited");
+}

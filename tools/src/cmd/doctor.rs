@@ -1,0 +1,128 @@
+//! `palpate doctor`: what of this PC stands in the way of 1 kHz, and how to mend it.
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_host::doctor::{Check, Measurement, Probe, Surroundings, Verdict, examine, loop_cpu, measure};
+use palpate_host::rt::{LatencyReport, Percentiles};
+use serde_json::json;
+
+use crate::failure::Failure;
+use crate::output;
+use crate::timing::Timing;
+use crate::workbench::stop_flag;
+
+/// What of this PC stands in the way of 1 kHz, and how to mend it.
+///
+/// Looks at kernel, rights, CPUs and ports, in order of importance, changes nothing, and measures how late the loop wakes with what this
+/// user is granted. Exit code 0 also where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Seconds to measure; 0 only looks
+    #[arg(long, default_value_t = 2.0)]
+    seconds: f64,
+    /// Only measure, for this many seconds
+    #[arg(long, value_name = "SECONDS", conflicts_with = "seconds")]
+    measure: Option<f64>,
+    /// Write the histogram of the measurement to this file
+    #[arg(long, value_name = "FILE.csv")]
+    histograms: Option<PathBuf>,
+    /// Figures as JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    timing: Timing,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let seconds = args.measure.unwrap_or(args.seconds);
+    if !(0.0..=1e6).contains(&seconds) {
+        return Err(Failure::input(format!("{seconds} is no time to measure for, in seconds")));
+    }
+    let probe = Probe::system();
+    let cpu = loop_cpu(&probe, args.timing.cpu);
+    let request = args.timing.request();
+    let priority = request.fifo_priority.unwrap_or(palpate_host::sys::DEFAULT_FIFO_PRIORITY);
+    // Looked at first: the load is that before the measurement.
+    let checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
+    let measured = if seconds > 0.0 {
+        let stop = stop_flag()?;
+        let measured = measure(seconds, args.timing.haptic(), request, &stop);
+        Some(measured.map_err(|error| Failure::work(format!("cannot start the measuring thread: {error}")))?)
+    } else {
+        None
+    };
+    let surroundings = Surroundings::of(&probe, args.timing.cpu);
+    if args.json {
+        let figures = json!({
+            "cpu": cpu, "kernel": surroundings.kernel, "governor": surroundings.governor,
+            "isolated": surroundings.isolated, "checks": checks, "measured": measured.as_ref().map(figures),
+        });
+        output::line(format!("{figures:#}"))?;
+    } else {
+        print(&checks, cpu, measured.as_ref(), &surroundings)?;
+    }
+    if let (Some(path), Some(measured)) = (&args.histograms, &measured) {
+        output::histograms(path, &measured.latency)?;
+    }
+    match measured {
+        Some(measured) if measured.verdict() == Verdict::Bad => Err(Failure::work(format!(
+            "1 kHz is out of reach: one wake-up of a hundred is {:.1} ms late or more",
+            measured.latency.wake.p99_ns as f64 * 1e-6
+        ))),
+        _ => Ok(()),
+    }
+}
+
+fn print(
+    checks: &[Check],
+    cpu: usize,
+    measured: Option<&Measurement>,
+    surroundings: &Surroundings,
+) -> Result<(), Failure> {
+    if !checks.is_empty() {
+        output::line(format!("{:<9} {:<13} found; what to do, for a loop on CPU {cpu}", "", "what"))?;
+    }
+    for check in checks {
+        output::line(check)?;
+    }
+    if let Some(measured) = measured {
+        let LatencyReport { wake, overruns, skipped_periods, .. } = &measured.latency;
+        let seconds = (wake.count + skipped_periods) as f64 * f64::from(measured.config.period_us) * 1e-6;
+        output::line(format!(
+            "\nmeasured for {seconds:.1} s: {}\n\n{}\n{surroundings}\nperiod       {} us, the last {} us of it spun\n\
+             wake-up late {wake}\nmissed       {skipped_periods} deadlines in {overruns} overruns",
+            measured.verdict().name(),
+            measured.real_time,
+            measured.config.period_us,
+            measured.config.spin_us,
+        ))?;
+    }
+    let count = |verdict| checks.iter().filter(|check| check.verdict == verdict).count();
+    if !checks.is_empty() {
+        let (bad, better, unknown) = (count(Verdict::Bad), count(Verdict::Better), count(Verdict::Unknown));
+        output::line(format!(
+            "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/real-time.md",
+            checks.len(),
+            count(Verdict::Good)
+        ))?;
+    }
+    Ok(())
+}
+
+fn figures(measured: &Measurement) -> serde_json::Value {
+    let Measurement { config, real_time, latency } = measured;
+    json!({
+        "verdict": measured.verdict(), "period_us": config.period_us, "spin_us": config.spin_us,
+        "scheduler": real_time.scheduler.to_string(), "policy": real_time.policy.to_string(),
+        "memory_lock": real_time.memory.to_string(), "cpu_pinning": real_time.affinity.to_string(),
+        "cpus_awake": real_time.awake.to_string(), "lateness_ns": percentiles(&latency.wake),
+        "missed_deadlines": latency.skipped_periods, "overruns": latency.overruns,
+        "worst": latency.worst.iter().map(|miss| json!({ "tick": miss.tick, "late_ns": miss.late_ns })).collect::<Vec<_>>(),
+    })
+}
+
+fn percentiles(of: &Percentiles) -> serde_json::Value {
+    json!({ "count": of.count, "mean": of.mean_ns, "p50": of.p50_ns, "p99": of.p99_ns, "p999": of.p999_ns, "max": of.max_ns })
+}

@@ -1,0 +1,65 @@
+//! Options of the loop's timing, shared by `run` and `doctor`.
+
+use clap::Args as ClapArgs;
+use palpate_host::rt::LoopConfig;
+use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, RtRequest};
+
+const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
+
+/// When the loop runs and what it asks of the operating system. Whatever is refused is reported and the loop runs without it.
+#[derive(Debug, Clone, Copy, ClapArgs)]
+pub(crate) struct Timing {
+    /// Pin the haptic thread to this CPU; if not given the kernel chooses
+    #[arg(long, value_name = "N", help_heading = "Timing")]
+    pub cpu: Option<usize>,
+    /// SCHED_FIFO priority of the haptic thread, 1 to 98; 0 asks for ordinary scheduling
+    #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
+          value_parser = clap::value_parser!(i32).range(0..=98))]
+    pub fifo: i32,
+    /// The last part of every wait that is spun instead of slept, us
+    #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
+    pub spin_us: u32,
+    /// Time between two ticks, us
+    #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.period_us,
+          value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    pub period_us: u32,
+}
+
+impl Default for Timing {
+    fn default() -> Self {
+        Self {
+            cpu: None,
+            fifo: DEFAULT_FIFO_PRIORITY,
+            spin_us: DEFAULT.spin_us,
+            period_us: DEFAULT.period_us,
+        }
+    }
+}
+
+impl Timing {
+    /// What to ask of the operating system.
+    pub(crate) fn request(&self) -> RtRequest {
+        RtRequest {
+            fifo_priority: Some(self.fifo).filter(|priority| *priority > 0),
+            cpu: self.cpu,
+            ..RtRequest::default()
+        }
+    }
+
+    /// Period and spin.
+    pub(crate) fn haptic(&self) -> LoopConfig {
+        LoopConfig { period_us: self.period_us, spin_us: self.spin_us, ..LoopConfig::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_options_it_is_what_the_host_does_by_itself() {
+        assert_eq!(Timing::default().haptic(), LoopConfig::default());
+        assert_eq!(Timing::default().request(), RtRequest::default());
+        assert_eq!(Timing { fifo: 0, ..Timing::default() }.request().fifo_priority, None);
+    }
+}
