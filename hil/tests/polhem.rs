@@ -323,7 +323,7 @@ fn a_link_that_is_always_late_is_stale() {
             assert!(records.iter().all(|record| record.engaged.is_none()), "never on old data");
             assert_eq!(
                 records.last().map(|record| record.phase),
-                Some(Phase::SafeZero(Fault::Watchdog)),
+                Some(Phase::SafeZero(Fault::Stale)),
                 "{delay_us}"
             );
         });
