@@ -14,6 +14,7 @@ pub mod palette;
 pub mod raster;
 pub mod renderer;
 pub mod scene;
+pub mod screen;
 pub mod shade;
 pub mod shapes;
 pub mod smooth;
@@ -24,6 +25,7 @@ pub use frames::FrameWriter;
 pub use image::Image;
 pub use live::Live;
 pub use renderer::{Renderer, RendererConfig};
+pub use screen::View;
 pub use window::{ViewWindow, WindowEvents};
 
 use core::fmt;
