@@ -12,7 +12,6 @@ use crate::viewer::screen::DRAIN_PAUSE;
 use crate::viewer::{Live, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
-use core::time::Duration;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Controller, Coverage, Organ, Phase, vec3};
 
