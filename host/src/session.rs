@@ -282,6 +282,7 @@ pub fn run_session<D: Device, const N: usize>(
         Ok((instructions, joined))
     });
     let (instructions, (real_time, outcome)) = joined?;
+    screen.finish()?;
     Ok(summary(info, instructions, felt, real_time, outcome, touch, &screen))
 }
 
@@ -401,7 +402,8 @@ mod tests {
         let refused = run(&options(f64::NAN), &AtomicBool::new(false), |_| panic!("no tick may run"));
         assert!(matches!(refused, Err(SessionError::Seconds(_))));
         if std::env::var_os("DISPLAY").is_none() {
-            let view = View::Window { screenshots: PathBuf::new(), picture: RendererConfig::live() };
+            let picture = RendererConfig::live();
+            let view = View::Window { screenshots: PathBuf::new(), picture, mouse: None };
             let refused = run(&SessionOptions { view, ..options(1.0) }, &AtomicBool::new(false), |_| {
                 panic!("no tick may run");
             });

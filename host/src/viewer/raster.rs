@@ -226,9 +226,9 @@ impl Raster {
                 if (value[0] | value[1] | value[2]) >= 0 {
                     entered = true;
                     let weight = [
-                        value[0] as f32 * (scale * a.inverse_depth),
-                        value[1] as f32 * (scale * b.inverse_depth),
-                        value[2] as f32 * (scale * c.inverse_depth),
+                        (value[0] + edges[0].bias) as f32 * (scale * a.inverse_depth),
+                        (value[1] + edges[1].bias) as f32 * (scale * b.inverse_depth),
+                        (value[2] + edges[2].bias) as f32 * (scale * c.inverse_depth),
                     ];
                     let inverse_depth = weight[0] + weight[1] + weight[2];
                     if inverse_depth > cell.inverse_depth {
@@ -263,6 +263,9 @@ struct Edge {
     start: i64,
     step_x: i64,
     step_y: i64,
+    /// What `start` is too low by: 1 on all edges but top and left ones, so that a sample exactly on a shared edge belongs to one
+    /// triangle only.
+    bias: i64,
 }
 
 impl Edge {
@@ -271,8 +274,8 @@ impl Edge {
         let value = dx * (start.1 - from.y) - dy * (start.0 - from.x);
         let sub = SUBPIXELS as i64;
         let top_or_left = dy < 0 || (dy == 0 && dx > 0);
-        // One less on the other edges: a sample exactly on a shared edge belongs to one triangle only.
-        Self { start: value - i64::from(!top_or_left), step_x: -dy * sub, step_y: dx * sub }
+        let bias = i64::from(!top_or_left);
+        Self { start: value - bias, step_x: -dy * sub, step_y: dx * sub, bias }
     }
 }
 

@@ -1,6 +1,7 @@
 //! One renderer for window and files: organ and record in, picture out.
 
 use super::camera::{OrbitCamera, Projection};
+use super::hand::Seen;
 use super::image::Image;
 use super::live::Live;
 use super::overlay::{Captions, Overlay};
@@ -68,11 +69,27 @@ pub struct Layers {
     pub ghost: bool,
     /// How far the touched node can be taken.
     pub reach: bool,
+    /// The keys.
+    pub help: Help,
+}
+
+/// How much is said about the keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Help {
+    /// Nothing, as in a file.
+    #[default]
+    Absent,
+    /// Which key shows them.
+    Hint,
+    /// All of them.
+    Keys,
+    /// And how the mouse moves the tool.
+    KeysAndHand,
 }
 
 impl Default for Layers {
     fn default() -> Self {
-        Self { ghost: true, reach: false }
+        Self { ghost: true, reach: false, help: Help::Absent }
     }
 }
 
@@ -80,6 +97,7 @@ impl Default for Layers {
 #[derive(Debug)]
 pub struct Renderer {
     camera: OrbitCamera,
+    home: OrbitCamera,
     raster: Raster,
     shader: Shader,
     scene: Scene,
@@ -104,6 +122,7 @@ impl Renderer {
         Self {
             raster: Raster::new(width, height, samples, &camera.projection(width, height)),
             camera,
+            home: camera,
             shader: Shader::new(),
             scene,
             surface,
@@ -125,6 +144,16 @@ impl Renderer {
     /// The camera, to be turned by the user.
     pub const fn camera_mut(&mut self) -> &mut OrbitCamera {
         &mut self.camera
+    }
+
+    /// Back to the view it began with.
+    pub const fn reset_view(&mut self) {
+        self.camera = self.home;
+    }
+
+    /// What the cursor can point at.
+    pub(super) fn view(&self) -> Seen<'_> {
+        Seen { projection: self.projection(), surface: &self.surface }
     }
 
     /// The last picture.
@@ -167,12 +196,16 @@ impl Renderer {
             let scale_m = self.full_scale_m;
             self.scene.draw_ghost(&self.raster, &projection, &self.surface, scale_m, &mut self.image);
         }
+        if self.layers.reach {
+            self.scene.draw_reach((&self.raster, &projection), organ, record, &mut self.image);
+        }
         self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
         let view = (&self.raster, &projection);
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
         self.overlay.draw_names(&mut self.image, &self.captions, &self.names_at);
         let legend = (self.scene.map(), self.full_scale_m);
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
+        self.overlay.draw_help(&mut self.image, self.layers.help);
         self.times.overlay = watch.lap();
         &self.image
     }

@@ -4,6 +4,7 @@ use super::camera::Projection;
 use super::image::{Image, StrokeMask};
 use super::palette::{ColourMap, linear};
 use super::raster::{Raster, Vertex};
+use super::reach::Reach;
 use super::shade::Material;
 use super::shapes::Shapes;
 use super::smooth::Smooth;
@@ -11,7 +12,7 @@ use super::viewpoint;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
-use palpate_core::{Organ, vec3};
+use palpate_core::{Organ, Space, vec3};
 
 /// Colour of the force, here and in the overlay.
 pub const FORCE_COLOUR: u32 = 0x57_d2ea;
@@ -57,6 +58,7 @@ pub struct Scene {
     vertices: Vec<Vertex>,
     shapes: Shapes,
     mask: StrokeMask,
+    reach: Reach,
 }
 
 impl Scene {
@@ -83,6 +85,7 @@ impl Scene {
             vertices: Vec::new(),
             shapes: Shapes::default(),
             mask: StrokeMask::default(),
+            reach: Reach::default(),
         }
     }
 
@@ -224,6 +227,25 @@ impl Scene {
             });
         }
         self.mask.paint(image, GHOST_COLOUR, 0.62);
+    }
+
+    /// Outlines how far the touched node can be taken, or the one nearest to a free tool.
+    pub fn draw_reach<const N: usize>(
+        &mut self,
+        view: (&Raster, &Projection),
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        image: &mut Image,
+    ) {
+        let away = |space: &Space<'_>| vec3::distance(space.rest_position_m, record.hip_m);
+        let engaged = record.engaged.map(usize::from);
+        let nearest = || {
+            (0..organ.spaces.len()).min_by(|a, b| away(&organ.spaces[*a]).total_cmp(&away(&organ.spaces[*b])))
+        };
+        let shown = engaged.or_else(nearest).and_then(|index| Some((index, organ.spaces.get(index)?)));
+        if let Some(shown) = shown {
+            self.reach.draw(shown, view, image);
+        }
     }
 
     /// Pixel of each active node that is neither hidden nor being touched.

@@ -1,6 +1,8 @@
 //! The viewer of a session: a window, files, or nothing, paced by the calling thread.
 
-use super::{FrameWriter, Live, Renderer, RendererConfig, ViewWindow, ViewerError};
+use super::desk::Desk;
+use super::{FrameWriter, GifWriter, Live, Renderer, RendererConfig, ViewerError};
+use crate::device::mouse::MouseHandle;
 use crate::rt::{Controls, TickRecord};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -26,26 +28,42 @@ pub enum View {
         /// Size and fineness.
         picture: RendererConfig,
     },
+    /// An animated GIF.
+    Gif {
+        /// The file; what is there is lost.
+        file: PathBuf,
+        /// Frames a second; slower if drawing takes longer.
+        rate_hz: f32,
+        /// Size and fineness.
+        picture: RendererConfig,
+    },
     /// A window.
     Window {
-        /// Where screenshots go.
+        /// Where screenshots and films go.
         screenshots: PathBuf,
         /// Size and fineness.
         picture: RendererConfig,
+        /// Moves the tool of this mouse device.
+        mouse: Option<MouseHandle>,
     },
 }
 
 /// The viewer of a session, whichever kind it is.
 pub(crate) struct Screen {
     renderer: Option<Renderer>,
-    window: Option<ViewWindow>,
-    /// Frames, or screenshots of a window.
-    frames: Option<FrameWriter>,
-    screenshots: Option<PathBuf>,
+    output: Output,
     interval: Duration,
     due: Instant,
     drawn: u64,
     drawing: Duration,
+}
+
+/// Where the pictures go.
+enum Output {
+    Nothing,
+    Frames(FrameWriter),
+    Gif(GifWriter),
+    Window(Box<Desk>),
 }
 
 impl Screen {
@@ -54,32 +72,26 @@ impl Screen {
         config: &Config,
         view: &View,
     ) -> Result<Self, ViewerError> {
-        let mut screen = Self {
-            renderer: None,
-            window: None,
-            frames: None,
-            screenshots: None,
-            interval: Duration::MAX,
-            due: Instant::now(),
-            drawn: 0,
-            drawing: Duration::ZERO,
-        };
-        match view {
-            View::Nothing => {}
+        let renderer = |picture: &RendererConfig| Some(Renderer::new(organ, config.method, *picture));
+        let interval = |rate_hz: f32| Duration::from_secs_f32(rate_hz.clamp(0.01, 1000.0).recip());
+        let (output, interval, renderer) = match view {
+            View::Nothing => (Output::Nothing, Duration::MAX, None),
             View::Frames { directory, rate_hz, picture } => {
-                screen.interval = Duration::from_secs_f32(rate_hz.clamp(0.01, 1000.0).recip());
-                screen.frames = Some(FrameWriter::new(directory)?);
-                screen.renderer = Some(Renderer::new(organ, config.method, *picture));
+                (Output::Frames(FrameWriter::new(directory)?), interval(*rate_hz), renderer(picture))
             }
-            View::Window { screenshots, picture } => {
-                screen.interval = Duration::from_micros(33_333);
+            View::Gif { file, rate_hz, picture } => {
+                (Output::Gif(GifWriter::create(file)?), interval(*rate_hz), renderer(picture))
+            }
+            View::Window { screenshots, picture, mouse } => {
                 let title = format!("palpate \u{2013} {}", organ.scene);
-                screen.window = Some(ViewWindow::open(&title, picture.width, picture.height)?);
-                screen.screenshots = Some(screenshots.clone());
-                screen.renderer = Some(Renderer::new(organ, config.method, *picture));
+                let desk = Desk::open(&title, screenshots, *picture, mouse.clone())?;
+                let mut renderer = Renderer::new(organ, config.method, *picture);
+                renderer.layers_mut().help = desk.help();
+                (Output::Window(Box::new(desk)), interval(30.0), Some(renderer))
             }
-        }
-        Ok(screen)
+        };
+        let (due, drawing) = (Instant::now(), Duration::ZERO);
+        Ok(Self { renderer, output, interval, due, drawn: 0, drawing })
     }
 
     /// Mean time to draw a frame, ms; 0 without frames.
@@ -89,7 +101,12 @@ impl Screen {
 
     /// Frames written so far.
     pub(crate) fn frames_written(&self) -> u64 {
-        self.frames.as_ref().map_or(0, FrameWriter::written)
+        match &self.output {
+            Output::Nothing => 0,
+            Output::Frames(frames) => frames.written(),
+            Output::Gif(film) => film.written(),
+            Output::Window(desk) => desk.written(),
+        }
     }
 
     pub(crate) fn is_due(&self) -> bool {
@@ -113,34 +130,39 @@ impl Screen {
         renderer.render(organ, record, live);
         self.drawing += begun.elapsed();
         self.drawn += 1;
-        let mut wanted = self.window.is_none();
-        if let Some(window) = &mut self.window {
-            let image = renderer.image().clone();
-            let events = window.show(&image, renderer.camera_mut())?;
-            wanted = events.screenshot;
-            if events.arm {
-                controls.arm();
-            }
-            if events.disarm {
-                controls.disarm();
-            }
-            if events.reset {
-                controls.reset();
-            }
-            if events.quit {
-                end.store(true, Ordering::Relaxed);
-            }
-        }
-        if wanted {
-            if let (None, Some(directory)) = (&self.frames, &self.screenshots) {
-                self.frames = Some(FrameWriter::new(directory)?);
-            }
-            if let Some(frames) = &mut self.frames {
+        match &mut self.output {
+            Output::Nothing => {}
+            Output::Frames(frames) => {
                 frames.write(renderer.image())?;
+            }
+            Output::Gif(film) => film.write(renderer.image(), record.t_us)?,
+            Output::Window(desk) => {
+                let events = desk.show(renderer, organ, record)?;
+                if events.arm {
+                    controls.arm();
+                }
+                if events.disarm {
+                    controls.disarm();
+                }
+                if events.reset {
+                    controls.reset();
+                }
+                if events.quit {
+                    end.store(true, Ordering::Relaxed);
+                }
             }
         }
         // From now, not from the time it was due: a slow frame is followed by a pause, not by a rush.
         self.due = (self.due + self.interval).max(Instant::now());
         Ok(())
+    }
+
+    /// Ends a film; without this it ends too, but nobody hears of a full disk.
+    pub(crate) fn finish(&mut self) -> Result<(), ViewerError> {
+        match &mut self.output {
+            Output::Gif(film) => Ok(film.finish()?),
+            Output::Window(desk) => desk.finish(),
+            Output::Nothing | Output::Frames(_) => Ok(()),
+        }
     }
 }
