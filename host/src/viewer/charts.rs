@@ -108,7 +108,8 @@ impl Charts {
     ) {
         for pair in Self::points(frame, live, share).windows(2) {
             for x in pair[0][0].round() as i32..pair[1][0].round() as i32 {
-                let t = (x as f32 - pair[0][0]) / (pair[1][0] - pair[0][0]).max(1e-3);
+                // A column is up to half a pixel beside its points: no steeper than they are.
+                let t = ((x as f32 - pair[0][0]) / (pair[1][0] - pair[0][0]).max(1e-3)).clamp(0.0, 1.0);
                 let y = pair[0][1] + (pair[1][1] - pair[0][1]) * t;
                 image.fill_rect(x, y.ceil() as i32, 1, (frame.bottom - y.ceil()) as i32, colour, 0.13);
             }

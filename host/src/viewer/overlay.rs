@@ -7,7 +7,7 @@ use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{ColourMap, packed};
 use super::renderer::Help;
-use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
+use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MOST_NAMES, magnitudes};
 use crate::rt::TickRecord;
 use glam::Vec2;
 use palpate_core::Phase;
@@ -18,9 +18,6 @@ pub(super) const FAINT: u32 = 0x5a_6572;
 const GOOD: u32 = 0x7f_d8a6;
 pub(super) const WAITING: u32 = 0xf0_c268;
 const BAD: u32 = 0xff_6f61;
-
-/// Most active nodes that are named in the picture.
-const MOST_NAMES: usize = 24;
 
 /// What the overlay says that no record carries.
 #[derive(Debug, Clone, Default)]
@@ -57,6 +54,7 @@ impl Overlay {
         self.draw_title(image, captions, scale);
         self.draw_figures(image, captions, record, scale);
         self.draw_legend(image, map, full_scale_m, scale);
+        self.draw_fault(image, record, scale);
         self.charts.draw(image, &mut self.face, live);
         self.draw_timing(image, record, live, scale);
     }
@@ -112,7 +110,7 @@ impl Overlay {
         let (phase, colour) = match record.phase {
             Phase::Active => ("active".to_owned(), GOOD),
             Phase::Disarmed => ("disarmed".to_owned(), WAITING),
-            Phase::SafeZero(fault) => (format!("safe zero: {}", fault.name()), BAD),
+            Phase::SafeZero(_) => ("safe zero".to_owned(), BAD),
         };
         let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
         let rows = [
@@ -128,6 +126,27 @@ impl Overlay {
             self.text(image, value, right, y, Align::Right, style);
             self.text(image, name, right - 150.0 * scale, y, Align::Left, label);
         }
+    }
+
+    /// Nobody may have to look for the reason why the force is gone.
+    fn draw_fault(&mut self, image: &mut Image, record: &TickRecord, scale: f32) {
+        let Phase::SafeZero(fault) = record.phase else { return };
+        let middle = 0.5 * image.width() as f32;
+        let name = fault.name();
+        let style = TextStyle::new(15.0 * scale, BAD).weight(0.12);
+        let width = self.face.width_px(name, style.height_px).max(300.0 * scale) + 56.0 * scale;
+        let (left, top) = ((middle - 0.5 * width) as i32, (22.0 * scale) as i32);
+        image.fill_rect(left, top, width as i32, (56.0 * scale) as i32, 0x2a_0d0b, 0.85);
+        self.text(image, name, middle, 46.0 * scale, Align::Centre, style);
+        let hint = TextStyle::new(9.5 * scale, BRIGHT);
+        self.text(
+            image,
+            "the force is zero \u{b7} R resets, then A arms",
+            middle,
+            68.0 * scale,
+            Align::Centre,
+            hint,
+        );
     }
 
     /// A large number with a small unit behind it, right-aligned.

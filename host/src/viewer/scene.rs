@@ -30,6 +30,8 @@ const LEAST_GHOST: f32 = 0.06;
 /// Strength of the ghost's mesh against its outline.
 const GHOST_MESH: f32 = 0.42;
 
+/// Most active nodes that are named in the picture, and drawn large.
+pub(super) const MOST_NAMES: usize = 24;
 /// Edges shorter than this, in pixels of a picture 720 high, are not drawn as a mesh; twice as long ones are in full.
 const FINEST_MESH_PX: f32 = 12.0;
 
@@ -124,6 +126,8 @@ impl Scene {
         raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
         let unit = self.radius_m;
+        // Many of them must leave the organ to be seen.
+        let marker = if organ.spaces.len() > MOST_NAMES { 0.014 } else { 0.018 };
         for (i, space) in organ.spaces.iter().enumerate() {
             let engaged = record.engaged.is_some_and(|index| usize::from(index) == i);
             if engaged {
@@ -131,7 +135,7 @@ impl Scene {
             }
             let rest = Vec3::from_array(space.rest_position_m);
             let moved = self.active_point(surface, i).unwrap_or(rest);
-            self.shapes.sphere(raster, moved, 0.018 * unit, linear(ACTIVE_COLOUR), Material::Plain);
+            self.shapes.sphere(raster, moved, marker * unit, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
         self.shapes.sphere(raster, hip, 0.030 * unit, linear(0xdd_e6ee), Material::Polished);

@@ -4,7 +4,9 @@ use super::ViewerError;
 use super::image::Image;
 use super::navigation::Pointer;
 use glam::Vec2;
-use minifb::{Key, KeyRepeat, MouseButton, MouseMode, Window, WindowOptions};
+use minifb::{InputCallback, Key, MouseButton, MouseMode, Window, WindowOptions};
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// What the user asked for since the last frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -31,9 +33,26 @@ pub struct WindowEvents {
     pub film: bool,
 }
 
+/// Keys that went down since the last frame, also those that are up again: a tap may be shorter than a frame.
+#[derive(Debug, Clone, Default)]
+struct Taps(Rc<RefCell<Vec<Key>>>);
+
+impl InputCallback for Taps {
+    fn add_char(&mut self, _: u32) {}
+
+    fn set_key_state(&mut self, key: Key, is_down: bool) {
+        if is_down {
+            self.0.borrow_mut().push(key);
+        }
+    }
+}
+
 /// The window.
 pub struct ViewWindow {
     window: Window,
+    taps: Taps,
+    /// Keys that were down when the last frame was shown: what repeats while it is held is not pressed again.
+    held: Vec<Key>,
 }
 
 impl ViewWindow {
@@ -44,7 +63,9 @@ impl ViewWindow {
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
         // The session paces itself by the frame rate it was asked for.
         window.set_target_fps(0);
-        Ok(Self { window })
+        let taps = Taps::default();
+        window.set_input_callback(Box::new(taps.clone()));
+        Ok(Self { window, taps, held: Vec::new() })
     }
 
     /// Shows a picture of the size the window was opened with; returns what was pressed, and the mouse.
@@ -52,7 +73,8 @@ impl ViewWindow {
         self.window
             .update_with_buffer(image.pixels(), image.width(), image.height())
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
-        let pressed = |key| self.window.is_key_pressed(key, KeyRepeat::No);
+        let taps = self.taps.0.take();
+        let pressed = |key| taps.contains(&key) && !self.held.contains(&key);
         let events = WindowEvents {
             quit: !self.window.is_open() || pressed(Key::Escape),
             screenshot: pressed(Key::Space),
@@ -65,6 +87,7 @@ impl ViewWindow {
             reach: pressed(Key::G),
             film: pressed(Key::V),
         };
+        self.held = self.window.get_keys();
         Ok((events, self.pointer()))
     }
 
