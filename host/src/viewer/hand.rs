@@ -182,11 +182,7 @@ fn dragged(projection: &Projection, plane_m: Vec3, (from_px, to_px): (Vec2, Vec2
 }
 
 /// The active node nearest to a pixel among those that nothing hides.
-pub(super) fn nearest_node<const N: usize>(
-    seen: &Seen<'_>,
-    organ: &Organ<'_, N>,
-    at_px: Vec2,
-) -> Option<usize> {
+fn nearest_node<const N: usize>(seen: &Seen<'_>, organ: &Organ<'_, N>, at_px: Vec2) -> Option<usize> {
     let mut near: Vec<(f32, usize, Vec2, Vec3)> = organ
         .spaces
         .iter()

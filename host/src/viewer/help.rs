@@ -6,8 +6,7 @@ use super::overlay::{BRIGHT, MUTED};
 use super::renderer::Help;
 
 /// What every window understands: keys and what they do.
-const KEYS: [[&str; 2]; 14] = [
-    ["left drag", "turn"],
+const KEYS: &[[&str; 2]] = &[
     ["right drag", "pan (or shift + left)"],
     ["wheel", "zoom"],
     ["Home or 0", "view as at first"],
@@ -20,33 +19,34 @@ const KEYS: [[&str; 2]; 14] = [
     ["V", "film (GIF), on and off"],
     ["H", "this help"],
     ["Esc", "end"],
-    ["", ""],
 ];
 
-/// With the mouse as the device.
-const HAND: [[&str; 2]; 5] = [
+/// The left button of the mouse, if that is not the device.
+const TURN: &[[&str; 2]] = &[["left drag", "turn"]];
+
+/// And if it is.
+const HAND: &[[&str; 2]] = &[
     ["left on organ", "push, drag"],
-    ["ctrl or E", "grasp while held"],
+    ["ctrl or E", "grasp, then pull"],
     ["wheel or W, S", "deeper, back"],
     ["left beside", "turn"],
-    ["", ""],
 ];
 
 /// Lays the help over the picture; sizes are for a picture 720 pixels high.
 pub(super) fn draw(image: &mut Image, face: &mut Typeface, help: Help) {
     let scale = image.height() as f32 / 720.0;
     let style = TextStyle::new(8.5 * scale, MUTED);
-    let hand = match help {
+    let left_button = match help {
         Help::Absent => return,
         Help::Hint => {
             let (x, y) = (image.width() as f32 - 40.0 * scale, image.height() as f32 - 16.0 * scale);
             face.draw(image, "H: keys", x, y, Align::Right, style);
             return;
         }
-        Help::Keys => false,
-        Help::KeysAndHand => true,
+        Help::Keys => TURN,
+        Help::KeysAndHand => HAND,
     };
-    let rows = || HAND.iter().filter(|_| hand).chain(&KEYS).filter(|[key, _]| !key.is_empty());
+    let rows = || left_button.iter().chain(KEYS);
     let line = 18.5 * scale;
     let (left, top) = (40.0 * scale, 118.0 * scale);
     let height = line * rows().count() as f32 + 12.0 * scale;
@@ -73,10 +73,10 @@ mod tests {
     #[test]
     fn the_help_is_there_when_asked_for_and_fits() {
         let face = Typeface::new();
-        for [_, action] in KEYS.iter().chain(&HAND) {
+        for [_, action] in KEYS.iter().chain(HAND).chain(TURN) {
             assert!(face.width_px(action, 8.5) < 126.0, "{action}: {}", face.width_px(action, 8.5));
         }
-        for [key, _] in KEYS.iter().chain(&HAND) {
+        for [key, _] in KEYS.iter().chain(HAND).chain(TURN) {
             assert!(face.width_px(key, 8.5) < 84.0, "{key}: {}", face.width_px(key, 8.5));
         }
         let drawn = |help| {

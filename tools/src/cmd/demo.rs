@@ -234,8 +234,14 @@ fn palpate(
     // The tour touches every active node once in the time there is.
     let strokes = StrokeConfig { seconds_per_node: args.seconds as f32 / nodes, ..StrokeConfig::default() };
     let hand = SimulatedConfig { strokes, ..SimulatedConfig::default() };
-    let show =
-        touch::Show { seconds: Some(args.seconds), headless: args.headless, pictures: frames, record: None };
+    let show = touch::Show {
+        seconds: Some(args.seconds),
+        headless: args.headless,
+        pictures: frames,
+        record: None,
+        gif: None,
+        mouse: None,
+    };
     let mut visits = Vec::new();
     let touched = touch::run(
         organ,

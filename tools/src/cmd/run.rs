@@ -5,7 +5,8 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ};
+use palpate_core::{Method, Organ, vec3};
+use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
@@ -32,7 +33,7 @@ use crate::workbench::stop_flag;
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
-    /// The device: sim (a simulated hand), polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
+    /// The device: sim (a simulated hand), mouse (drags the organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
     /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
@@ -45,6 +46,9 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
+    /// With --headless: an animated GIF instead of PNG frames; what is there is lost
+    #[arg(long, value_name = "FILE.gif", requires = "headless")]
+    gif: Option<PathBuf>,
     /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
     #[arg(long)]
     uncertified: bool,
@@ -56,6 +60,20 @@ pub(crate) struct Args {
     pictures: PathBuf,
 }
 
+/// Height above the first active node at which the mouse's tool begins, m.
+const MOUSE_HEIGHT_M: f32 = 0.03;
+
+/// The mouse device and the window's end of it.
+fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Failure> {
+    if args.headless {
+        return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
+    }
+    let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
+        vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, MOUSE_HEIGHT_M))
+    });
+    Ok(mouse(start_m, MouseConfig::default()))
+}
+
 fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure> {
     match name.split_once(':') {
         None if name == "sim" => Ok(Box::new(SimulatedHand::new(organ, SimulatedConfig::default()))),
@@ -65,7 +83,9 @@ fn open_device(name: &str, organ: &Organ<'_>) -> Result<Box<dyn Device>, Failure
                 device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
             ))
         }
-        _ => Err(Failure::input(format!("no device `{name}`; choose sim, polhem:PORT or replay:FILE.mcap"))),
+        _ => Err(Failure::input(format!(
+            "no device `{name}`; choose sim, mouse, polhem:PORT or replay:FILE.mcap"
+        ))),
     }
 }
 
@@ -100,8 +120,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let blob_blake3 = file.blake3();
     let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
     let stop = stop_flag()?;
-    let show = show(args, record);
-    let touched = touch::run(&organ, method, show, &stop, || open_device(&args.device, &organ), |_| ())?;
+    let (handle, mut tool) = match args.device.as_str() {
+        "mouse" => open_mouse(args, &organ).map(|(handle, tool)| (Some(handle), Some(tool)))?,
+        _ => (None, None),
+    };
+    let show = touch::Show { mouse: handle.as_ref(), ..show(args, record) };
+    let device = || match tool.take() {
+        Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
+        None => open_device(&args.device, &organ),
+    };
+    let touched = touch::run(&organ, method, show, &stop, device, |_| ())?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
@@ -114,7 +142,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
-    touch::Show { seconds: args.seconds, headless: args.headless, pictures: &args.pictures, record }
+    touch::Show {
+        seconds: args.seconds,
+        headless: args.headless,
+        pictures: &args.pictures,
+        record,
+        gif: args.gif.as_deref(),
+        mouse: None,
+    }
 }
 
 /// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
