@@ -190,7 +190,7 @@ fn many_active_nodes_do_not_cover_the_organ() {
         rows.map(|row| row.windows(2).filter(|pair| !is_white(&pair[0]) && is_white(&pair[1])).count()).sum()
     };
     assert!(runs(&image) > runs(&few_image) + 300, "{} {}", runs(&image), runs(&few_image));
-    assert!(count(&image, red) > count(&few_image, red) / 2, "{}", count(&image, red));
+    assert!(count(&image, red) > 40_000, "{}", count(&image, red));
 }
 
 /// Where the reference picture is: a pressed organ, small enough for a repository.
