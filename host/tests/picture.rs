@@ -51,7 +51,6 @@ fn shots(organ: &Organ<'_>, at: &[u64]) -> Vec<Shot> {
             // A calm machine with a hiccup now and then.
             lateness_ns: if tick % 700 == 300 { 180_000 } else { 2_000 + 40 * (tick % 13) },
             skipped_periods: 0,
-            ..TickRecord::NOTHING
         };
         live.take(&record);
         if at.contains(&tick) {

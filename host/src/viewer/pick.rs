@@ -25,8 +25,8 @@ pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
         let towards = -direction.dot(normal);
-        // Also refuses a NaN and a triangle without area.
-        if !(towards > 0.0) {
+        // A triangle without area too; a NaN is left for below.
+        if towards <= 0.0 {
             continue;
         }
         let from_a = origin_m - a;

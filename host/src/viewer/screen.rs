@@ -62,7 +62,7 @@ pub(crate) struct Screen {
 enum Output {
     Nothing,
     Frames(FrameWriter),
-    Gif(GifWriter),
+    Gif(Box<GifWriter>),
     Window(Box<Desk>),
 }
 
@@ -80,7 +80,7 @@ impl Screen {
                 (Output::Frames(FrameWriter::new(directory)?), interval(*rate_hz), renderer(picture))
             }
             View::Gif { file, rate_hz, picture } => {
-                (Output::Gif(GifWriter::create(file)?), interval(*rate_hz), renderer(picture))
+                (Output::Gif(Box::new(GifWriter::create(file)?)), interval(*rate_hz), renderer(picture))
             }
             View::Window { screenshots, picture, mouse } => {
                 let title = format!("palpate \u{2013} {}", organ.scene);
