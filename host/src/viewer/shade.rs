@@ -164,6 +164,11 @@ impl Shader {
                     let ray = Vec3::new(ray_x + lane as f32 * to_ray, ray_y, -1.0);
                     shade(surfel, -ray.normalize(), lights)
                 };
+                if factor == 1 {
+                    // Not read before it is written: the sum below would wait for its own last store.
+                    self.row[first + lane] = Pixel { light: own, samples: 1 };
+                    continue;
+                }
                 let pixel = &mut self.row[(first + lane) / factor];
                 pixel.light += own;
                 pixel.samples += 1;
