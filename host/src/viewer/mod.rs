@@ -12,6 +12,7 @@ pub mod frames;
 mod hand;
 mod help;
 pub mod image;
+mod lanes;
 pub mod live;
 pub mod navigation;
 mod occlusion;

@@ -1,6 +1,7 @@
 //! Light: one warm key, one cool fill, sky and ground, a rim, a wet highlight, and occlusion from the depth buffer.
 
 use super::image::Image;
+use super::lanes::{LANES, Lanes, dot, unit};
 use super::palette::{linear, linear_from_srgb, srgb_from_linear};
 use super::raster::{Raster, Surfel};
 use glam::Vec3;
@@ -9,8 +10,6 @@ use glam::Vec3;
 const ENCODE_STEPS: usize = 4096;
 /// Steps a unit of the root: the table ends at 16 times white, beyond which nothing changes any more.
 const STEPS_PER_ROOT: f32 = 1024.0;
-/// Samples that are shaded at once.
-const LANES: usize = 8;
 /// Thresholds of a 4 by 4 ordered dither: a dark gradient in 8 bits shows bands without it.
 const DITHER: [[f32; 4]; 4] =
     [[0.0, 8.0, 2.0, 10.0], [12.0, 4.0, 14.0, 6.0], [3.0, 11.0, 1.0, 9.0], [15.0, 7.0, 13.0, 5.0]];
@@ -309,89 +308,6 @@ fn shade_tissue(surfels: &[Surfel], (ray_x, ray_y, step): (f32, f32, f32), light
             Lanes::of(KEY_COLOUR[colour]) * diffuse + Lanes::of(FILL_COLOUR[colour]) * filled + hemisphere;
         albedo[colour] * lit + Lanes::of(KEY_COLOUR[colour]) * gloss + Lanes::of(RIM_COLOUR[colour]) * rim
     })
-}
-
-#[inline(always)]
-fn dot(a: [Lanes; 3], b: [Lanes; 3]) -> Lanes {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-fn unit(a: [Lanes; 3]) -> [Lanes; 3] {
-    let inverse = Lanes::of(1.0) / dot(a, a).at_least(1e-30).root();
-    [a[0] * inverse, a[1] * inverse, a[2] * inverse]
-}
-
-/// Numbers side by side; every operation is a loop that the compiler turns into vector instructions.
-#[derive(Debug, Clone, Copy)]
-struct Lanes([f32; LANES]);
-
-impl Lanes {
-    #[inline(always)]
-    fn of(value: f32) -> Self {
-        Self([value; LANES])
-    }
-
-    #[inline(always)]
-    fn map2(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        let mut out = [0.0; LANES];
-        for lane in 0..LANES {
-            out[lane] = f(self.0[lane], other.0[lane]);
-        }
-        Self(out)
-    }
-
-    #[inline(always)]
-    fn root(self) -> Self {
-        self.map2(self, |a, _| a.sqrt())
-    }
-
-    /// One instruction, unlike `f32::max`, which must not pass a NaN on.
-    #[inline(always)]
-    fn at_least(self, least: f32) -> Self {
-        self.map2(Self::of(least), |a, b| if a > b { a } else { b })
-    }
-
-    #[inline(always)]
-    fn at_most(self, most: f32) -> Self {
-        self.map2(Self::of(most), |a, b| if a < b { a } else { b })
-    }
-}
-
-impl core::ops::Add for Lanes {
-    type Output = Self;
-
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.map2(other, |a, b| a + b)
-    }
-}
-
-impl core::ops::Sub for Lanes {
-    type Output = Self;
-
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.map2(other, |a, b| a - b)
-    }
-}
-
-impl core::ops::Mul for Lanes {
-    type Output = Self;
-
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.map2(other, |a, b| a * b)
-    }
-}
-
-impl core::ops::Div for Lanes {
-    type Output = Self;
-
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        self.map2(other, |a, b| a / b)
-    }
 }
 
 /// Light that leaves one sample towards the eye.
