@@ -320,7 +320,7 @@ impl Show {
     fn open<const N: usize>(organ: &Organ<'_, N>, config: &Config, view: &View) -> Result<Self, ViewerError> {
         let pace = match view {
             View::Nothing => Pace::Free,
-            View::Frames { rate_hz, .. } => {
+            View::Frames { rate_hz, .. } | View::Gif { rate_hz, .. } => {
                 Pace::Frames { interval_us: (1e6 / rate_hz.clamp(0.01, 1000.0)) as u64, due_us: 0 }
             }
             View::Window { .. } => Pace::Real(Instant::now()),

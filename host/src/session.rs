@@ -12,42 +12,17 @@ use crate::rt::{
     Outputs, TickRecord, Watchdog,
 };
 use crate::sys::{Policy, RtReport, RtRequest};
-use crate::viewer::{FrameWriter, Live, Renderer, RendererConfig, ViewWindow, ViewerError};
+use crate::viewer::screen::DRAIN_PAUSE;
+use crate::viewer::{Live, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Coverage, Organ, Phase, Vec3, vec3};
-use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
-use std::time::Instant;
 
-/// Longest pause between two looks at the queue.
-const DRAIN_PAUSE: Duration = Duration::from_millis(5);
-
-/// What to show while the session runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub enum View {
-    /// Nothing.
-    #[default]
-    Nothing,
-    /// PNG frames.
-    Frames {
-        /// Where to.
-        directory: PathBuf,
-        /// Frames a second; slower if drawing takes longer.
-        rate_hz: f32,
-        /// Size and fineness.
-        picture: RendererConfig,
-    },
-    /// A window.
-    Window {
-        /// Where screenshots go.
-        screenshots: PathBuf,
-        /// Size and fineness.
-        picture: RendererConfig,
-    },
-}
+pub(crate) use crate::viewer::screen::Screen;
+pub use crate::viewer::screen::View;
 
 /// How a session runs.
 #[derive(Debug, Clone, PartialEq)]
@@ -399,6 +374,7 @@ pub fn run_session<D: Device, const N: usize>(
         Ok((instructions, policy, joined))
     });
     let (instructions, policy, (real_time, outcome)) = joined?;
+    screen.finish()?;
     let fired = heartbeat.fired();
     let watchdog = policy.map(|policy| WatchdogFigures { limit_ms: watchdog_ms, policy, fired });
     Ok(SessionSummary { watchdog, ..summary(info, instructions, felt, real_time, outcome, touch, &screen) })
@@ -439,11 +415,7 @@ fn summary(
         device_errors: outcome.device_errors,
         touch,
         frames_written: screen.frames_written(),
-        mean_frame_ms: if screen.drawn == 0 {
-            0.0
-        } else {
-            1e3 * screen.drawing.as_secs_f32() / screen.drawn as f32
-        },
+        mean_frame_ms: screen.mean_frame_ms(),
     }
 }
 
@@ -455,123 +427,17 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// The viewer of a session, whichever kind it is.
-pub(crate) struct Screen {
-    renderer: Option<Renderer>,
-    window: Option<ViewWindow>,
-    /// Frames, or screenshots of a window.
-    frames: Option<FrameWriter>,
-    screenshots: Option<PathBuf>,
-    interval: Duration,
-    due: Instant,
-    drawn: u64,
-    drawing: Duration,
-}
-
-impl Screen {
-    pub(crate) fn open<const N: usize>(
-        organ: &Organ<'_, N>,
-        config: &Config,
-        view: &View,
-    ) -> Result<Self, ViewerError> {
-        let mut screen = Self {
-            renderer: None,
-            window: None,
-            frames: None,
-            screenshots: None,
-            interval: Duration::MAX,
-            due: Instant::now(),
-            drawn: 0,
-            drawing: Duration::ZERO,
-        };
-        match view {
-            View::Nothing => {}
-            View::Frames { directory, rate_hz, picture } => {
-                screen.interval = Duration::from_secs_f32(rate_hz.clamp(0.01, 1000.0).recip());
-                screen.frames = Some(FrameWriter::new(directory)?);
-                screen.renderer = Some(Renderer::new(organ, config.method, *picture));
-            }
-            View::Window { screenshots, picture } => {
-                screen.interval = Duration::from_micros(33_333);
-                let title = format!("palpate \u{2013} {}", organ.scene);
-                screen.window = Some(ViewWindow::open(&title, picture.width, picture.height)?);
-                screen.screenshots = Some(screenshots.clone());
-                screen.renderer = Some(Renderer::new(organ, config.method, *picture));
-            }
-        }
-        Ok(screen)
-    }
-
-    /// Frames written so far.
-    pub(crate) fn frames_written(&self) -> u64 {
-        self.frames.as_ref().map_or(0, FrameWriter::written)
-    }
-
-    pub(crate) fn is_due(&self) -> bool {
-        self.renderer.is_some() && Instant::now() >= self.due
-    }
-
-    pub(crate) fn time_left(&self) -> Duration {
-        if self.renderer.is_some() { self.due.saturating_duration_since(Instant::now()) } else { DRAIN_PAUSE }
-    }
-
-    pub(crate) fn show<const N: usize>(
-        &mut self,
-        organ: &Organ<'_, N>,
-        record: &TickRecord,
-        live: &mut Live,
-        controls: &Controls,
-        end: &AtomicBool,
-    ) -> Result<(), ViewerError> {
-        let Some(renderer) = &mut self.renderer else { return Ok(()) };
-        let begun = Instant::now();
-        renderer.render(organ, record, live);
-        self.drawing += begun.elapsed();
-        self.drawn += 1;
-        let mut wanted = self.window.is_none();
-        if let Some(window) = &mut self.window {
-            let image = renderer.image().clone();
-            let events = window.show(&image, renderer.camera_mut())?;
-            wanted = events.screenshot;
-            if events.arm {
-                controls.arm();
-            }
-            if events.disarm {
-                controls.disarm();
-            }
-            if events.reset {
-                controls.reset();
-            }
-            if events.next_model {
-                // One beyond the last is the first again.
-                controls.select(record.model + 1);
-            }
-            if events.quit {
-                end.store(true, Ordering::Relaxed);
-            }
-        }
-        if wanted {
-            if let (None, Some(directory)) = (&self.frames, &self.screenshots) {
-                self.frames = Some(FrameWriter::new(directory)?);
-            }
-            if let Some(frames) = &mut self.frames {
-                frames.write(renderer.image())?;
-            }
-        }
-        // From now, not from the time it was due: a slow frame is followed by a pause, not by a rush.
-        self.due = (self.due + self.interval).max(Instant::now());
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::device::simulated::{SimulatedConfig, SimulatedHand};
     use crate::device::{DeviceError, EmergencyStop};
     use crate::synthetic::{self, Shape};
+    use crate::viewer::RendererConfig;
     use core::sync::atomic::AtomicU64;
     use palpate_core::{Fault, Method, Sample, Vec3};
+    use std::path::PathBuf;
+    use std::time::Instant;
 
     fn options(seconds: f64) -> SessionOptions {
         SessionOptions {
@@ -635,7 +501,8 @@ mod tests {
         let refused = run(&options(f64::NAN), &AtomicBool::new(false), |_| panic!("no tick may run"));
         assert!(matches!(refused, Err(SessionError::Seconds(_))));
         if std::env::var_os("DISPLAY").is_none() {
-            let view = View::Window { screenshots: PathBuf::new(), picture: RendererConfig::live() };
+            let picture = RendererConfig::live();
+            let view = View::Window { screenshots: PathBuf::new(), picture, mouse: None };
             let refused = run(&SessionOptions { view, ..options(1.0) }, &AtomicBool::new(false), |_| {
                 panic!("no tick may run");
             });

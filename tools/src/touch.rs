@@ -8,6 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, SystemTime};
 
 use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
 use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
@@ -20,6 +21,14 @@ use crate::timing::Timing;
 
 /// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
 pub(crate) const HEADLESS_RATE_HZ: f32 = 2.0;
+/// Frames a second of a film: motion is seen, and ten seconds stay below 5 MB.
+const FILM_RATE_HZ: f32 = 12.5;
+/// Size of a film.
+const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, samples: 2 };
+
+/// Why there is no mouse device.
+pub(crate) const MOUSE_NEEDS_WINDOW: &str =
+    "the mouse device needs a window, and there is none: use a display and no --headless, or --device sim";
 
 /// Room for the hand round the organ, m.
 const WORKSPACE_MARGIN_M: f32 = 0.3;
@@ -47,13 +56,20 @@ pub(crate) struct Show<'p> {
     pub timing: Timing,
     /// Standstill of the loop after which the watchdog zeroes the device, ms.
     pub watchdog_ms: u32,
+    /// A film instead of PNG frames.
+    pub gif: Option<&'p Path>,
+    /// The window moves the tool of this mouse device.
+    pub mouse: Option<&'p MouseHandle>,
 }
 
 impl Show<'_> {
-    /// PNG frames.
+    /// PNG frames, or a film if asked for.
     pub(crate) fn frames(&self) -> View {
         if self.rate_hz == 0.0 {
             return View::Nothing;
+        }
+        if let Some(file) = self.gif {
+            return View::Gif { file: file.to_path_buf(), rate_hz: FILM_RATE_HZ, picture: FILM_PICTURE };
         }
         View::Frames {
             directory: self.pictures.to_path_buf(),
@@ -67,7 +83,11 @@ impl Show<'_> {
         if self.headless {
             self.frames()
         } else {
-            View::Window { screenshots: self.pictures.to_path_buf(), picture: RendererConfig::live() }
+            View::Window {
+                screenshots: self.pictures.to_path_buf(),
+                picture: RendererConfig::live(),
+                mouse: self.mouse.cloned(),
+            }
         }
     }
 }
@@ -187,6 +207,9 @@ pub(crate) fn run<D: Device>(
             std::fs::remove_file(record.path).map_err(|error| Failure::file(record.path, &error))?;
         }
         match ended {
+            Err(SessionError::Viewer(ViewerError::NoDisplay(_))) if show.mouse.is_some() && !moved => {
+                return Err(Failure::input(MOUSE_NEEDS_WINDOW));
+            }
             Err(SessionError::Viewer(ViewerError::NoDisplay(error)))
                 if matches!(options.view, View::Window { .. }) && !moved =>
             {

@@ -5,6 +5,7 @@
 
 pub mod hand;
 pub mod impedance;
+pub mod mouse;
 pub mod palpation;
 pub mod polhem;
 pub mod profile;

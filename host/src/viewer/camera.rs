@@ -51,6 +51,14 @@ impl OrbitCamera {
             (self.elevation_rad + elevation_rad).clamp(-MAX_ELEVATION_RAD, MAX_ELEVATION_RAD);
     }
 
+    /// Shifts the picture by so many pixels of one `height_px` high: what is at the target's depth follows the cursor.
+    pub fn pan(&mut self, by_px: Vec2, height_px: usize) {
+        let projection = self.projection(height_px, height_px);
+        let metres_per_px = self.distance_m / projection.focal_px;
+        let (right, up) = (projection.to_eye.row(0), projection.to_eye.row(1));
+        self.target_m += (up * by_px.y - right * by_px.x) * metres_per_px;
+    }
+
     /// Moves nearer (factor < 1) or further.
     pub fn zoom(&mut self, factor: f32) {
         self.distance_m *= factor.clamp(0.2, 5.0);
@@ -122,6 +130,13 @@ impl Projection {
         Some((pixel, inverse_depth))
     }
 
+    /// Where the ray through a pixel begins, m, and its unit direction.
+    #[must_use]
+    pub fn ray(&self, pixel: Vec2) -> (Vec3, Vec3) {
+        let across = (pixel - self.centre_px) / self.focal_px;
+        (self.eye_m, self.to_eye.transpose() * Vec3::new(across.x, -across.y, -1.0).normalize())
+    }
+
     /// The same camera for a picture `factor` times as fine.
     #[must_use]
     pub fn refined(&self, factor: usize) -> Self {
@@ -156,6 +171,18 @@ mod tests {
         // The cone touching the ball has a half angle whose sine is radius / distance.
         let edge_px = projection.focal_px * (0.1 / camera.distance_m).asin().tan();
         assert!((edge_px - 240.0).abs() < 1.0, "{edge_px}");
+    }
+
+    #[test]
+    fn the_ray_through_a_pixel_is_what_the_pixel_shows() {
+        let projection = camera().projection(640, 480);
+        for pixel in [Vec2::new(320.0, 240.0), Vec2::new(11.0, 470.0), Vec2::new(600.5, 3.25)] {
+            let (origin_m, direction) = projection.ray(pixel);
+            for along_m in [0.1, 0.5, 2.0] {
+                let (back, _) = projection.project(origin_m + direction * along_m).expect("in front");
+                assert!((back - pixel).length() < 0.01, "{pixel} {back}");
+            }
+        }
     }
 
     #[test]

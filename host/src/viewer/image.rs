@@ -44,6 +44,24 @@ impl Image {
         if x < self.width { self.pixels.get(y * self.width + x).copied() } else { None }
     }
 
+    /// Half as wide and high: each pixel the mean of four, channel by channel as stored.
+    #[must_use]
+    pub fn halved(&self) -> Self {
+        let mut half = Self::new(self.width / 2, self.height / 2);
+        for y in 0..half.height {
+            let [above, below] =
+                [2 * y, 2 * y + 1].map(|row| &self.pixels[row * self.width..(row + 1) * self.width]);
+            for x in 0..half.width {
+                let four = [above[2 * x], above[2 * x + 1], below[2 * x], below[2 * x + 1]];
+                // Two channels at a time, with room for the sum of four in between; 2 rounds to the nearest.
+                let red_blue: u32 = four.iter().map(|pixel| pixel & 0xff_00ff).sum::<u32>() + 0x02_0002;
+                let green: u32 = four.iter().map(|pixel| pixel >> 8 & 0xff).sum::<u32>() + 2;
+                half.pixels[y * half.width + x] = (red_blue >> 2 & 0xff_00ff) | (green >> 2) << 8;
+            }
+        }
+        half
+    }
+
     /// Lays `colour` over one pixel; outside the picture nothing happens.
     pub fn blend(&mut self, x: i32, y: i32, colour: u32, alpha: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
@@ -116,9 +134,17 @@ impl StrokeMask {
             first..last
         };
         let columns = span(from[0], to[0], self.left, self.width);
+        // Half the width of the stroke along a row, and how far its middle moves from row to row.
+        let length = length_squared.sqrt();
+        let steep = along[1].abs() > 1e-3 * length;
+        let (half_row, per_row) =
+            if steep { (reach * length / along[1].abs(), along[0] / along[1]) } else { (f32::INFINITY, 0.0) };
         for y in span(from[1], to[1], self.top, self.height) {
             let row = (y - self.top) as usize * self.width;
-            for x in columns.clone() {
+            let middle = from[0] + (y as f32 + 0.5 - from[1]) * per_row;
+            let first = columns.start.max((middle - half_row).floor() as i32);
+            let last = columns.end.min((middle + half_row).ceil() as i32);
+            for x in first..last {
                 let offset = [x as f32 + 0.5 - from[0], y as f32 + 0.5 - from[1]];
                 let t = if length_squared > 0.0 {
                     ((offset[0] * along[0] + offset[1] * along[1]) / length_squared).clamp(0.0, 1.0)
@@ -177,6 +203,16 @@ mod tests {
     }
 
     #[test]
+    fn a_halved_picture_has_the_means() {
+        let mut image = Image::new(5, 3);
+        image.pixels_mut()[..2].copy_from_slice(&[0x00_0000, 0xff_ff00]);
+        image.pixels_mut()[5..7].copy_from_slice(&[0x00_ff00, 0x00_ff10]);
+        let half = image.halved();
+        assert_eq!((half.width(), half.height()), (2, 1));
+        assert_eq!(half.pixels(), [0x40_bf04, 0]);
+    }
+
+    #[test]
     fn marks_outside_the_picture_are_ignored() {
         let mut image = Image::new(4, 3);
         image.fill_rect(-5, -5, 20, 20, 0xff_ffff, 1.0);
@@ -196,6 +232,33 @@ mod tests {
         assert_eq!(image.pixel(5, 2), Some(0));
         assert_eq!(image.pixel(5, 4), Some(0));
         assert_eq!(image.pixel(11, 3), Some(0));
+    }
+
+    /// Only part of each row is looked at: that must leave nothing out, whatever the slope.
+    #[test]
+    fn a_stroke_covers_every_pixel_near_its_line() {
+        for (from, to) in [
+            ([3.0, 4.0], [33.0, 21.0]),
+            ([30.0, 2.0], [6.0, 27.0]),
+            ([20.0, 2.0], [20.01, 28.0]),
+            ([4.0, 15.0], [35.0, 15.02]),
+            ([12.0, 12.0], [12.0, 12.0]),
+        ] {
+            let mut mask = StrokeMask::default();
+            mask.reset(0, 0, 40, 30);
+            mask.segment(from, to, 1.5, 1.0);
+            let along = [to[0] - from[0], to[1] - from[1]];
+            let squared = (along[0] * along[0] + along[1] * along[1]).max(1e-9);
+            for (_, y, row) in mask.rows() {
+                for (x, coverage) in row.iter().enumerate() {
+                    let offset = [x as f32 + 0.5 - from[0], y as f32 + 0.5 - from[1]];
+                    let t = ((offset[0] * along[0] + offset[1] * along[1]) / squared).clamp(0.0, 1.0);
+                    let distance = (offset[0] - t * along[0]).hypot(offset[1] - t * along[1]);
+                    let expected = (2.0 - distance).clamp(0.0, 1.0);
+                    assert!((coverage - expected).abs() < 1e-3, "{from:?} {to:?}: {x} {y} {coverage}");
+                }
+            }
+        }
     }
 
     #[test]

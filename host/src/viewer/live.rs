@@ -1,4 +1,4 @@
-//! Running figures for the overlay, kept from the drained records: force history, recent timing.
+//! Running figures for the overlay, kept from the drained records: history of force and lateness, recent timing.
 
 use crate::rt::TickRecord;
 use palpate_core::vec3;
@@ -11,11 +11,40 @@ pub const SPAN_US: u64 = 8_000_000;
 /// Ticks the timing figures look back on.
 const RECENT_TICKS: usize = 1_000;
 
+/// The worst of one point of the strip charts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moment {
+    /// Largest |h|, N.
+    pub reaction_n: f32,
+    /// Largest force for the hand, N.
+    pub hand_force_n: f32,
+    /// Latest start of a tick after its deadline, ns.
+    pub lateness_ns: u64,
+}
+
+impl Moment {
+    fn of(record: &TickRecord) -> Self {
+        Self {
+            reaction_n: vec3::norm(record.reaction_n),
+            hand_force_n: vec3::norm(record.hand_force_n),
+            lateness_ns: record.lateness_ns,
+        }
+    }
+
+    fn or_worse(self, other: Self) -> Self {
+        Self {
+            reaction_n: self.reaction_n.max(other.reaction_n),
+            hand_force_n: self.hand_force_n.max(other.hand_force_n),
+            lateness_ns: self.lateness_ns.max(other.lateness_ns),
+        }
+    }
+}
+
 /// What the overlay shows besides the newest record.
 #[derive(Debug, Clone)]
 pub struct Live {
-    /// (bin number, largest |h| in it).
-    bins: VecDeque<(u64, f32)>,
+    /// (bin number, the worst in it).
+    bins: VecDeque<(u64, Moment)>,
     compute_ns: VecDeque<u64>,
     lateness_ns: VecDeque<u64>,
     scratch: Vec<u64>,
@@ -43,16 +72,16 @@ impl Live {
 
     /// Takes one record, in order.
     pub fn take(&mut self, record: &TickRecord) {
-        let force_n = vec3::norm(record.reaction_n);
+        let moment = Moment::of(record);
         let bin = record.t_us / BIN_US;
         match self.bins.back_mut() {
-            Some((last, largest)) if *last == bin => *largest = largest.max(force_n),
-            _ => self.bins.push_back((bin, force_n)),
+            Some((last, worst)) if *last == bin => *worst = worst.or_worse(moment),
+            _ => self.bins.push_back((bin, moment)),
         }
         while self.bins.front().is_some_and(|(first, _)| (bin - first) * BIN_US > SPAN_US) {
             self.bins.pop_front();
         }
-        self.peak_n = self.peak_n.max(force_n);
+        self.peak_n = self.peak_n.max(moment.reaction_n);
         for (recent, value) in
             [(&mut self.compute_ns, record.compute_ns), (&mut self.lateness_ns, record.lateness_ns)]
         {
@@ -63,10 +92,10 @@ impl Live {
         }
     }
 
-    /// Points of the strip chart: (seconds before now, |h| in N), oldest first.
-    pub fn history(&self) -> impl Iterator<Item = (f32, f32)> {
+    /// Points of the strip charts with their age in seconds, oldest first.
+    pub fn history(&self) -> impl Iterator<Item = (f32, &Moment)> {
         let newest = self.bins.back().map_or(0, |(bin, _)| *bin);
-        self.bins.iter().map(move |(bin, force_n)| ((newest - bin) as f32 * BIN_US as f32 * 1e-6, *force_n))
+        self.bins.iter().map(move |(bin, moment)| ((newest - bin) as f32 * BIN_US as f32 * 1e-6, moment))
     }
 
     /// Largest |h| of the whole run, N.
@@ -116,7 +145,8 @@ mod tests {
         for tick in 0..30_000 {
             live.take(&record(tick, if tick == 29_990 { 7.0 } else { 1.0 }));
         }
-        let points: Vec<(f32, f32)> = live.history().collect();
+        let points: Vec<(f32, f32)> =
+            live.history().map(|(age_s, moment)| (age_s, moment.reaction_n)).collect();
         assert!(points.len() <= (SPAN_US / BIN_US) as usize + 1);
         assert!(points[0].0 <= 8.0 && points[0].0 > 7.9);
         assert_eq!(points.last(), Some(&(0.0, 7.0)));

@@ -2,28 +2,41 @@
 //!
 //! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic thread never waits for it.
 
+pub mod animation;
 pub mod camera;
+mod charts;
 pub mod comparison;
+mod desk;
 pub mod font;
 pub mod frames;
+mod hand;
+mod help;
 pub mod image;
+mod lanes;
 pub mod live;
+pub mod navigation;
 mod occlusion;
 pub mod overlay;
 pub mod palette;
+pub mod pick;
+mod quantise;
 pub mod raster;
+mod reach;
 pub mod renderer;
 pub mod scene;
+pub mod screen;
 pub mod shade;
 pub mod shapes;
 pub mod smooth;
 pub mod viewpoint;
 pub mod window;
 
+pub use animation::GifWriter;
 pub use frames::FrameWriter;
 pub use image::Image;
 pub use live::Live;
-pub use renderer::{Renderer, RendererConfig};
+pub use renderer::{Help, Layers, Renderer, RendererConfig};
+pub use screen::View;
 pub use window::{ViewWindow, WindowEvents};
 
 use core::fmt;

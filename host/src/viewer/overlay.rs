@@ -1,23 +1,23 @@
-//! Figures over the picture: force, displacement, method and phase, timing, colour legend, strip chart of |h|.
+//! Figures over the picture: force, displacement, method and phase, timing, colour legend, strip charts.
 
+use super::charts::Charts;
 use super::font::{Align, TextStyle, Typeface};
+use super::help;
 use super::image::{Image, StrokeMask};
-use super::live::{Live, SPAN_US};
+use super::live::Live;
 use super::palette::{ColourMap, packed};
-use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, magnitudes};
-use crate::rt::TickRecord;
+use super::renderer::Help;
+use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MOST_NAMES, magnitudes};
+use crate::rt::{SessionState, TickRecord};
 use glam::Vec2;
 use palpate_core::Phase;
 
-const BRIGHT: u32 = 0xed_f1f5;
-const MUTED: u32 = 0x93_9eab;
-const FAINT: u32 = 0x5a_6572;
+pub(super) const BRIGHT: u32 = 0xed_f1f5;
+pub(super) const MUTED: u32 = 0x93_9eab;
+pub(super) const FAINT: u32 = 0x5a_6572;
 const GOOD: u32 = 0x7f_d8a6;
-const WAITING: u32 = 0xf0_c268;
+pub(super) const WAITING: u32 = 0xf0_c268;
 const BAD: u32 = 0xff_6f61;
-
-/// Most active nodes that are named in the picture.
-const MOST_NAMES: usize = 24;
 
 /// What the overlay says that no record carries.
 #[derive(Debug, Clone, Default)]
@@ -37,8 +37,7 @@ pub struct Captions {
 pub struct Overlay {
     face: Typeface,
     mask: StrokeMask,
-    /// Top of the chart's scale, N; grows at once, never shrinks.
-    chart_top_n: f32,
+    charts: Charts,
 }
 
 impl Overlay {
@@ -55,8 +54,14 @@ impl Overlay {
         self.draw_title(image, captions, scale);
         self.draw_figures(image, captions, record, scale);
         self.draw_legend(image, map, full_scale_m, scale);
-        self.draw_chart(image, live, scale);
+        self.draw_fault(image, record, scale);
+        self.charts.draw(image, &mut self.face, live);
         self.draw_timing(image, record, live, scale);
+    }
+
+    /// Lays the keys over the picture.
+    pub fn draw_help(&mut self, image: &mut Image, help: Help) {
+        help::draw(image, &mut self.face, help);
     }
 
     /// Writes the names of the active nodes beside them; `at` gives the pixel of each that is to be seen.
@@ -102,10 +107,10 @@ impl Overlay {
         self.figure(image, &format!("{:.1}", displacement_m * 1e3), "mm", (right, y), 22.0 * scale, BRIGHT);
 
         let touching = record.engaged.and_then(|index| captions.spaces.get(usize::from(index)));
-        let (phase, colour) = match record.phase {
-            Phase::Active => ("active".to_owned(), GOOD),
-            Phase::Disarmed => ("disarmed".to_owned(), WAITING),
-            Phase::SafeZero(fault) => (format!("safe zero: {}", fault.name()), BAD),
+        let (phase, colour) = match SessionState::of(record) {
+            SessionState::SafeZero(_) => ("safe zero".to_owned(), BAD),
+            state if state.has_force() => (state.to_string(), GOOD),
+            state => (state.to_string(), WAITING),
         };
         let coverage = record.coverage.map_or("\u{2013}", |coverage| coverage.name());
         let rows = [
@@ -121,6 +126,27 @@ impl Overlay {
             self.text(image, value, right, y, Align::Right, style);
             self.text(image, name, right - 150.0 * scale, y, Align::Left, label);
         }
+    }
+
+    /// Nobody may have to look for the reason why the force is gone.
+    fn draw_fault(&mut self, image: &mut Image, record: &TickRecord, scale: f32) {
+        let Phase::SafeZero(fault) = record.phase else { return };
+        let middle = 0.5 * image.width() as f32;
+        let name = fault.name();
+        let style = TextStyle::new(15.0 * scale, BAD).weight(0.12);
+        let width = self.face.width_px(name, style.height_px).max(300.0 * scale) + 56.0 * scale;
+        let (left, top) = ((middle - 0.5 * width) as i32, (22.0 * scale) as i32);
+        image.fill_rect(left, top, width as i32, (56.0 * scale) as i32, 0x2a_0d0b, 0.85);
+        self.text(image, name, middle, 46.0 * scale, Align::Centre, style);
+        let hint = TextStyle::new(9.5 * scale, BRIGHT);
+        self.text(
+            image,
+            "the force is zero \u{b7} R resets, then A arms",
+            middle,
+            68.0 * scale,
+            Align::Centre,
+            hint,
+        );
     }
 
     /// A large number with a small unit behind it, right-aligned.
@@ -187,49 +213,6 @@ impl Overlay {
         self.mask.paint(image, colour, 1.0);
     }
 
-    fn draw_chart(&mut self, image: &mut Image, live: &Live, scale: f32) {
-        let (left, width, height) = (40.0 * scale, 380.0 * scale, 78.0 * scale);
-        let bottom = image.height() as f32 - 56.0 * scale;
-        self.chart_top_n = chart_top(live.peak_n()).max(self.chart_top_n);
-        let top_n = self.chart_top_n;
-        for share in [0.0, 0.5, 1.0] {
-            let y = (bottom - height * share) as i32;
-            let alpha = if share == 0.0 { 0.9 } else { 0.35 };
-            image.fill_rect(left as i32, y, width as i32, (scale.round() as i32).max(1), FAINT, alpha);
-            let label = TextStyle::new(8.5 * scale, MUTED);
-            let value = top_n * share;
-            let text = if value.fract() == 0.0 { format!("{value:.0}") } else { format!("{value:.1}") };
-            self.text(image, &text, left + width + 10.0 * scale, y as f32 + 4.5 * scale, Align::Left, label);
-        }
-        let span_s = SPAN_US as f32 * 1e-6;
-        let points: Vec<[f32; 2]> = live
-            .history()
-            .map(|(age_s, force_n)| {
-                [left + width * (1.0 - age_s / span_s), bottom - height * (force_n / top_n).min(1.0)]
-            })
-            .collect();
-        for pair in points.windows(2) {
-            let columns = pair[0][0].round() as i32..pair[1][0].round() as i32;
-            for x in columns {
-                let t = (x as f32 - pair[0][0]) / (pair[1][0] - pair[0][0]).max(1e-3);
-                let y = pair[0][1] + (pair[1][1] - pair[0][1]) * t;
-                image.fill_rect(x, y.ceil() as i32, 1, (bottom - y.ceil()) as i32, FORCE_COLOUR, 0.13);
-            }
-        }
-        self.mask.reset(
-            left as i32 - 4,
-            (bottom - height) as i32 - 4,
-            width as usize + 12,
-            height as usize + 12,
-        );
-        self.mask.polyline(&points, 0.8 * scale);
-        self.mask.paint(image, FORCE_COLOUR, 1.0);
-        let label = TextStyle::new(9.5 * scale, MUTED);
-        self.text(image, "|h|, N", left, bottom - height - 14.0 * scale, Align::Left, label);
-        let span = format!("last {span_s:.0} s");
-        self.text(image, &span, left + width, bottom - height - 14.0 * scale, Align::Right, label);
-    }
-
     fn draw_timing(&mut self, image: &mut Image, record: &TickRecord, live: &mut Live, scale: f32) {
         let (x, y) = (40.0 * scale, image.height() as f32 - 26.0 * scale);
         let text = format!(
@@ -254,14 +237,6 @@ fn legend_steps(full_mm: f32) -> u32 {
         })
         .unwrap_or(full_mm);
     (full_mm / step_mm).round().max(1.0) as u32
-}
-
-/// Round top of the chart above a peak: 1, 2, 4, 6, 8, 10, 20 .. N.
-fn chart_top(peak_n: f32) -> f32 {
-    [1.0, 2.0, 4.0, 6.0, 8.0, 10.0, 20.0, 40.0, 100.0]
-        .into_iter()
-        .find(|top| peak_n <= 0.97 * top)
-        .unwrap_or(1000.0)
 }
 
 #[cfg(test)]
@@ -301,14 +276,6 @@ mod tests {
         let marks = [5.0, 10.0, 15.0, 20.0, 25.0, 50.0, 100.0].map(legend_steps);
         assert_eq!(marks, [5, 5, 3, 4, 5, 5, 5]);
         assert_eq!(legend_steps(0.0), 1);
-    }
-
-    #[test]
-    fn the_chart_has_room_above_its_peak() {
-        assert_eq!(chart_top(0.0), 1.0);
-        assert_eq!(chart_top(3.99), 6.0);
-        assert_eq!(chart_top(7.5), 8.0);
-        assert_eq!(chart_top(5000.0), 1000.0);
     }
 
     /// Every size down to a thumbnail: nothing may index outside the picture.

@@ -59,7 +59,7 @@ impl Bounds {
 }
 
 /// A vertex after projection.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 struct Projected {
     /// Sub-pixel position.
     x: i64,
@@ -78,6 +78,8 @@ pub struct Raster {
     surfels: Vec<Surfel>,
     drawn: Bounds,
     projection: Projection,
+    /// Scratch.
+    corners: Vec<Option<Projected>>,
 }
 
 impl Raster {
@@ -92,6 +94,7 @@ impl Raster {
             surfels: vec![EMPTY; width * height * factor * factor],
             drawn: Bounds::NOTHING,
             projection: projection.refined(factor),
+            corners: Vec::new(),
         }
     }
 
@@ -152,13 +155,16 @@ impl Raster {
     ///
     /// Triangles that cross the near plane are dropped, not clipped: the orbit camera stays outside the scene.
     pub fn draw(&mut self, vertices: &[Vertex], triangles: &[[u32; 3]], material: Material) {
-        let corners: Vec<Option<Projected>> = vertices.iter().map(|vertex| self.project(vertex)).collect();
+        let mut corners = core::mem::take(&mut self.corners);
+        corners.clear();
+        corners.extend(vertices.iter().map(|vertex| self.project(vertex)));
         for triangle in triangles {
-            let corner = |i: usize| corners.get(triangle[i] as usize).copied().flatten();
+            let corner = |i: usize| corners.get(triangle[i] as usize).and_then(Option::as_ref);
             if let (Some(a), Some(b), Some(c)) = (corner(0), corner(1), corner(2)) {
-                self.fill(&a, &b, &c, material);
+                self.fill(a, b, c, material);
             }
         }
+        self.corners = corners;
     }
 
     fn project(&self, vertex: &Vertex) -> Option<Projected> {
@@ -195,26 +201,38 @@ impl Raster {
         }
         let start = (left * sub + sub / 2, top * sub + sub / 2);
         let edges = [Edge::new(b, c, start), Edge::new(c, a, start), Edge::new(a, b, start)];
+        let bounds =
+            Bounds { left: left as usize, top: top as usize, right: right as usize, bottom: bottom as usize };
         let scale = (area as f32).recip();
+        self.fill_rows(&edges, scale, [a, b, c], &bounds, material);
+        self.drawn.include(bounds);
+    }
+
+    fn fill_rows(
+        &mut self,
+        edges: &[Edge; 3],
+        scale: f32,
+        [a, b, c]: [&Projected; 3],
+        bounds: &Bounds,
+        material: Material,
+    ) {
         let stride = self.sample_width();
-        for row in 0..bottom - top {
-            let mut value = edges.map(|edge| edge.start + edge.step_y * row);
-            let base = (top + row) as usize * stride;
-            let cells = &mut self.surfels[base + left as usize..base + right as usize];
+        for (row, y) in (bounds.top..bounds.bottom).enumerate() {
+            let mut value = edges.map(|edge| edge.start + edge.step_y * row as i64);
+            let cells = &mut self.surfels[y * stride + bounds.left..y * stride + bounds.right];
+            let mut entered = false;
             for cell in cells {
-                // All three at or above their threshold means inside.
-                if value[0] >= edges[0].threshold
-                    && value[1] >= edges[1].threshold
-                    && value[2] >= edges[2].threshold
-                {
-                    let weight = [value[0] as f32 * scale, value[1] as f32 * scale, value[2] as f32 * scale];
-                    let (wa, wb, wc) = (
-                        weight[0] * a.inverse_depth,
-                        weight[1] * b.inverse_depth,
-                        weight[2] * c.inverse_depth,
-                    );
-                    let inverse_depth = wa + wb + wc;
+                // Inside of all three edges: no value has its sign bit.
+                if (value[0] | value[1] | value[2]) >= 0 {
+                    entered = true;
+                    let weight = [
+                        (value[0] + edges[0].bias) as f32 * (scale * a.inverse_depth),
+                        (value[1] + edges[1].bias) as f32 * (scale * b.inverse_depth),
+                        (value[2] + edges[2].bias) as f32 * (scale * c.inverse_depth),
+                    ];
+                    let inverse_depth = weight[0] + weight[1] + weight[2];
                     if inverse_depth > cell.inverse_depth {
+                        let [wa, wb, wc] = weight;
                         let depth = inverse_depth.recip();
                         *cell = Surfel {
                             inverse_depth,
@@ -223,18 +241,14 @@ impl Raster {
                             material,
                         };
                     }
+                } else if entered {
+                    break;
                 }
-                for (value, edge) in value.iter_mut().zip(&edges) {
+                for (value, edge) in value.iter_mut().zip(edges) {
                     *value += edge.step_x;
                 }
             }
         }
-        self.drawn.include(Bounds {
-            left: left as usize,
-            top: top as usize,
-            right: right as usize,
-            bottom: bottom as usize,
-        });
     }
 
     /// Shades what is visible over the background.
@@ -243,14 +257,15 @@ impl Raster {
     }
 }
 
-/// Edge function of one side: positive inside, stepped by whole pixels.
+/// Edge function of one side: not negative inside, stepped by whole pixels.
 #[derive(Clone, Copy)]
 struct Edge {
     start: i64,
     step_x: i64,
     step_y: i64,
-    /// 0 for a top or left edge, 1 otherwise: a sample exactly on a shared edge belongs to one triangle only.
-    threshold: i64,
+    /// What `start` is too low by: 1 on all edges but top and left ones, so that a sample exactly on a shared edge belongs to one
+    /// triangle only.
+    bias: i64,
 }
 
 impl Edge {
@@ -259,7 +274,8 @@ impl Edge {
         let value = dx * (start.1 - from.y) - dy * (start.0 - from.x);
         let sub = SUBPIXELS as i64;
         let top_or_left = dy < 0 || (dy == 0 && dx > 0);
-        Self { start: value, step_x: -dy * sub, step_y: dx * sub, threshold: i64::from(!top_or_left) }
+        let bias = i64::from(!top_or_left);
+        Self { start: value - bias, step_x: -dy * sub, step_y: dx * sub, bias }
     }
 }
 

@@ -1,6 +1,7 @@
 //! One renderer for window and files: organ and record in, picture out.
 
 use super::camera::{OrbitCamera, Projection};
+use super::hand::Seen;
 use super::image::Image;
 use super::live::Live;
 use super::overlay::{Captions, Overlay};
@@ -10,8 +11,10 @@ use super::shade::Shader;
 use super::viewpoint;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
+use core::time::Duration;
 use glam::Vec2;
 use palpate_core::{Method, Organ};
+use std::time::Instant;
 
 /// Size and fineness of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,10 +41,63 @@ impl RendererConfig {
     }
 }
 
+/// Where the time of one frame went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FrameTimes {
+    /// Displacements, positions and normals of the surface.
+    pub deformation: Duration,
+    /// Triangles into the geometry buffer.
+    pub raster: Duration,
+    /// Light and background.
+    pub shading: Duration,
+    /// Lines, names, charts and figures.
+    pub overlay: Duration,
+}
+
+impl FrameTimes {
+    /// All of it.
+    #[must_use]
+    pub fn total(&self) -> Duration {
+        self.deformation + self.raster + self.shading + self.overlay
+    }
+}
+
+/// What is drawn besides organ, tool and figures; each is switched by a key in the window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Layers {
+    /// The organ's shape at rest, where it differs from the present one.
+    pub ghost: bool,
+    /// How far the touched node can be taken.
+    pub reach: bool,
+    /// The keys.
+    pub help: Help,
+}
+
+/// How much is said about the keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Help {
+    /// Nothing, as in a file.
+    #[default]
+    Absent,
+    /// Which key shows them.
+    Hint,
+    /// All of them.
+    Keys,
+    /// And how the mouse moves the tool.
+    KeysAndHand,
+}
+
+impl Default for Layers {
+    fn default() -> Self {
+        Self { ghost: true, reach: false, help: Help::Absent }
+    }
+}
+
 /// Draws an organ, the tool and the figures; every buffer is reused.
 #[derive(Debug)]
 pub struct Renderer {
     camera: OrbitCamera,
+    home: OrbitCamera,
     raster: Raster,
     shader: Shader,
     scene: Scene,
@@ -51,6 +107,8 @@ pub struct Renderer {
     image: Image,
     full_scale_m: f32,
     names_at: Vec<Option<Vec2>>,
+    layers: Layers,
+    times: FrameTimes,
 }
 
 impl Renderer {
@@ -64,6 +122,7 @@ impl Renderer {
         Self {
             raster: Raster::new(width, height, samples, &camera.projection(width, height)),
             camera,
+            home: camera,
             shader: Shader::new(),
             scene,
             surface,
@@ -77,6 +136,8 @@ impl Renderer {
             image: Image::new(width, height),
             full_scale_m: nice_scale_m(0.0),
             names_at: Vec::new(),
+            layers: Layers::default(),
+            times: FrameTimes::default(),
         }
     }
 
@@ -85,10 +146,31 @@ impl Renderer {
         &mut self.camera
     }
 
+    /// Back to the view it began with.
+    pub const fn reset_view(&mut self) {
+        self.camera = self.home;
+    }
+
+    /// What the cursor can point at.
+    pub(super) fn view(&self) -> Seen<'_> {
+        Seen { projection: self.projection(), surface: &self.surface }
+    }
+
     /// The last picture.
     #[must_use]
     pub const fn image(&self) -> &Image {
         &self.image
+    }
+
+    /// What is drawn besides organ, tool and figures.
+    pub const fn layers_mut(&mut self) -> &mut Layers {
+        &mut self.layers
+    }
+
+    /// Where the time of the last frame went.
+    #[must_use]
+    pub const fn times(&self) -> FrameTimes {
+        self.times
     }
 
     /// Draws the state of one tick.
@@ -98,22 +180,45 @@ impl Renderer {
         record: &TickRecord,
         live: &mut Live,
     ) -> &Image {
-        self.surface.update(organ, &record.shares, record.displacement_m);
-        // The scale only grows: colours of one run stay comparable, and do not flicker.
-        self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
+        let mut watch = Stopwatch(Instant::now());
+        // Another model of the organ may be under the hand now.
+        if self.captions.law != organ.law.as_str() {
+            self.captions.law = organ.law.as_str().into();
+        }
+        self.deform(organ, record);
+        self.times.deformation = watch.lap();
+
         let projection = self.projection();
         self.raster.begin(&projection);
         self.scene.draw_solids(&mut self.raster, organ, &self.surface, record, self.full_scale_m);
+        self.times.raster = watch.lap();
+
         self.raster.resolve(&mut self.shader, &mut self.image);
-        let scale_m = self.full_scale_m;
-        self.scene.draw_ghost(&self.raster, &projection, &self.surface, scale_m, &mut self.image);
+        self.times.shading = watch.lap();
+
+        if self.layers.ghost {
+            let scale_m = self.full_scale_m;
+            self.scene.draw_ghost(&self.raster, &projection, &self.surface, scale_m, &mut self.image);
+        }
+        if self.layers.reach {
+            self.scene.draw_reach((&self.raster, &projection), organ, record, &mut self.image);
+        }
         self.scene.draw_hidden_tool(&self.raster, &projection, record, &mut self.image);
         let view = (&self.raster, &projection);
         self.scene.visible_nodes(organ, view, &self.surface, record, &mut self.names_at);
         self.overlay.draw_names(&mut self.image, &self.captions, &self.names_at);
         let legend = (self.scene.map(), self.full_scale_m);
         self.overlay.draw(&mut self.image, &self.captions, record, live, legend);
+        self.overlay.draw_help(&mut self.image, self.layers.help);
+        self.times.overlay = watch.lap();
         &self.image
+    }
+
+    /// Takes the surface to the configuration of a tick.
+    fn deform<const N: usize>(&mut self, organ: &Organ<'_, N>, record: &TickRecord) {
+        self.surface.update(organ, &record.shares, record.displacement_m);
+        // The scale only grows: colours of one run stay comparable, and do not flicker.
+        self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
     }
 
     /// The organ sits a little left of and above the middle: figures are on the right, the chart below.
@@ -122,5 +227,15 @@ impl Renderer {
         projection.centre_px.x -= 0.045 * self.image.width() as f32;
         projection.centre_px.y -= 0.045 * self.image.height() as f32;
         projection
+    }
+}
+
+/// Time from lap to lap.
+struct Stopwatch(Instant);
+
+impl Stopwatch {
+    fn lap(&mut self) -> Duration {
+        let now = Instant::now();
+        now - core::mem::replace(&mut self.0, now)
     }
 }

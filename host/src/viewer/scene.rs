@@ -4,6 +4,7 @@ use super::camera::Projection;
 use super::image::{Image, StrokeMask};
 use super::palette::{ColourMap, linear};
 use super::raster::{Raster, Vertex};
+use super::reach::Reach;
 use super::shade::Material;
 use super::shapes::Shapes;
 use super::smooth::Smooth;
@@ -11,7 +12,7 @@ use super::viewpoint;
 use crate::deformation::Deformation;
 use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
-use palpate_core::{Organ, vec3};
+use palpate_core::{Organ, Space, vec3};
 
 /// Colour of the force, here and in the overlay.
 pub const FORCE_COLOUR: u32 = 0x57_d2ea;
@@ -24,8 +25,15 @@ const GHOST_COLOUR: u32 = 0xdf_e9f2;
 /// Below this the force arrow would be all head, N.
 const LEAST_FORCE_N: f32 = 0.02;
 
+/// Displacement from which on the ghost is drawn, in shares of the colour map's full scale.
+const LEAST_GHOST: f32 = 0.06;
 /// Strength of the ghost's mesh against its outline.
 const GHOST_MESH: f32 = 0.42;
+
+/// Most active nodes that are named in the picture, and drawn large.
+pub(super) const MOST_NAMES: usize = 24;
+/// Edges shorter than this, in pixels of a picture 720 high, are not drawn as a mesh; twice as long ones are in full.
+const FINEST_MESH_PX: f32 = 12.0;
 
 /// Edge of a surface.
 #[derive(Debug, Clone, Copy)]
@@ -42,10 +50,17 @@ pub struct Scene {
     edges: Vec<Edge>,
     smooth: Smooth,
     fixed: Vec<bool>,
+    /// Irregularity of the tissue's colour at each vertex.
+    mottle: Vec<f32>,
+    /// Surface vertex of each active node.
+    active: Vec<Option<usize>>,
+    /// Mean length of an edge, m.
+    edge_m: f32,
     map: ColourMap,
     vertices: Vec<Vertex>,
     shapes: Shapes,
     mask: StrokeMask,
+    reach: Reach,
 }
 
 impl Scene {
@@ -53,15 +68,26 @@ impl Scene {
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation) -> Self {
         let (_, radius_m) = viewpoint::bounds(rest);
+        let edges = edges(organ.surface.triangles, rest.rest_m());
+        let length_m = |edge: &Edge| {
+            let [a, b] = edge.ends.map(|vertex| rest.rest_m()[vertex as usize]);
+            a.distance(b)
+        };
+        let active =
+            organ.spaces.iter().map(|space| organ.surface.node.iter().position(|n| *n == space.node));
         Self {
             radius_m,
-            edges: edges(organ.surface.triangles, rest.rest_m()),
+            edge_m: edges.iter().map(length_m).sum::<f32>() / edges.len().max(1) as f32,
+            edges,
+            mottle: rest.rest_m().iter().map(|rest_m| mottle(*rest_m)).collect(),
+            active: active.collect(),
             smooth: Smooth::new(organ.surface.triangles, rest.rest_m().len()),
             fixed: organ.surface.fixed.iter().map(|fixed| *fixed != 0).collect(),
             map: ColourMap::new(),
             vertices: Vec::new(),
             shapes: Shapes::default(),
             mask: StrokeMask::default(),
+            reach: Reach::default(),
         }
     }
 
@@ -69,6 +95,13 @@ impl Scene {
     #[must_use]
     pub const fn map(&self) -> &ColourMap {
         &self.map
+    }
+
+    /// Where the surface now has an active node.
+    #[must_use]
+    pub fn active_point(&self, surface: &Deformation, space: usize) -> Option<Vec3> {
+        let vertex = self.active.get(space).copied().flatten()?;
+        surface.position_m().get(vertex).copied()
     }
 
     /// Draws all solids. `full_scale_m` is the displacement at the bright end of the colour map.
@@ -84,8 +117,7 @@ impl Scene {
         self.vertices.clear();
         self.vertices.extend(surface.position_m().iter().zip(surface.normal()).enumerate().map(
             |(i, (&position_m, &normal))| {
-                let own =
-                    self.map.linear(surface.magnitude_m(i) / full_scale_m) * mottle(surface.rest_m()[i]);
+                let own = self.map.linear(surface.magnitude_m(i) / full_scale_m) * self.mottle[i];
                 let albedo = if self.fixed.get(i) == Some(&true) { fixed } else { own };
                 Vertex { position_m, normal, albedo }
             },
@@ -94,14 +126,16 @@ impl Scene {
         raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
         let unit = self.radius_m;
+        // Many of them must leave the organ to be seen.
+        let marker = if organ.spaces.len() > MOST_NAMES { 0.014 } else { 0.018 };
         for (i, space) in organ.spaces.iter().enumerate() {
             let engaged = record.engaged.is_some_and(|index| usize::from(index) == i);
             if engaged {
                 continue;
             }
             let rest = Vec3::from_array(space.rest_position_m);
-            let moved = surface_point(surface, organ.surface.node, space.node).unwrap_or(rest);
-            self.shapes.sphere(raster, moved, 0.018 * unit, linear(ACTIVE_COLOUR), Material::Plain);
+            let moved = self.active_point(surface, i).unwrap_or(rest);
+            self.shapes.sphere(raster, moved, marker * unit, linear(ACTIVE_COLOUR), Material::Plain);
         }
         let hip = Vec3::from_array(record.hip_m);
         self.shapes.sphere(raster, hip, 0.030 * unit, linear(0xdd_e6ee), Material::Polished);
@@ -151,9 +185,15 @@ impl Scene {
             return;
         }
         let line = (image.height() as f32 / 720.0).max(0.6);
-        self.mask.reset(0, 0, image.width(), image.height());
+        let (left, top, width, height) = moved_box(projection, surface, full_scale_m, image);
+        self.mask.reset(left, top, width, height);
+        // A mesh too fine for the picture would cover the organ; its outline stays.
+        let distance_m = projection.eye_m.distance(surface.rest_m().first().copied().unwrap_or_default());
+        let edge_px = self.edge_m * projection.focal_px / distance_m.max(1e-6) / line;
+        let mesh = GHOST_MESH * ((edge_px - FINEST_MESH_PX) / FINEST_MESH_PX).clamp(0.0, 1.0);
         let weight_of = |vertex: u32| {
-            let t = ((surface.magnitude_m(vertex as usize) / full_scale_m - 0.06) / 0.30).clamp(0.0, 1.0);
+            let t =
+                ((surface.magnitude_m(vertex as usize) / full_scale_m - LEAST_GHOST) / 0.30).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };
         for edge in &self.edges {
@@ -162,14 +202,22 @@ impl Scene {
                 continue;
             }
             let [a, b] = edge.ends.map(|vertex| surface.rest_m()[vertex as usize]);
+            let [one, other] = edge.normals.map(|normal| normal.dot(projection.eye_m - a) > 0.0);
+            let outline = one != other;
+            // What faces away is behind the ghost itself.
+            let strength = match (outline, one) {
+                (true, _) => 1.0,
+                (false, true) => mesh,
+                (false, false) => 0.0,
+            };
+            if strength <= 0.0 {
+                continue;
+            }
             let (Some((from, near_from)), Some((to, near_to))) =
                 (projection.project(a), projection.project(b))
             else {
                 continue;
             };
-            let [one, other] = edge.normals.map(|normal| normal.dot(projection.eye_m - a) > 0.0);
-            let outline = one != other;
-            let strength = if outline { 1.0 } else { GHOST_MESH };
             self.mask.segment_where(from.to_array(), to.to_array(), 0.45 * line, |x, y, t| {
                 let inverse_depth = near_from + (near_to - near_from) * t;
                 let weight = strength * (weight_a + (weight_b - weight_a) * t);
@@ -185,6 +233,25 @@ impl Scene {
         self.mask.paint(image, GHOST_COLOUR, 0.62);
     }
 
+    /// Outlines how far the touched node can be taken, or the one nearest to a free tool.
+    pub fn draw_reach<const N: usize>(
+        &mut self,
+        view: (&Raster, &Projection),
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        image: &mut Image,
+    ) {
+        let away = |space: &Space<'_>| vec3::distance(space.rest_position_m, record.hip_m);
+        let engaged = record.engaged.map(usize::from);
+        let nearest = || {
+            (0..organ.spaces.len()).min_by(|a, b| away(&organ.spaces[*a]).total_cmp(&away(&organ.spaces[*b])))
+        };
+        let shown = engaged.or_else(nearest).and_then(|index| Some((index, organ.spaces.get(index)?)));
+        if let Some(shown) = shown {
+            self.reach.draw(shown, view, image);
+        }
+    }
+
     /// Pixel of each active node that is neither hidden nor being touched.
     pub fn visible_nodes<const N: usize>(
         &self,
@@ -197,8 +264,7 @@ impl Scene {
         found.clear();
         found.extend(organ.spaces.iter().enumerate().map(|(i, space)| {
             let touched = record.engaged.is_some_and(|index| usize::from(index) == i);
-            let place = surface_point(surface, organ.surface.node, space.node)
-                .unwrap_or(Vec3::from_array(space.rest_position_m));
+            let place = self.active_point(surface, i).unwrap_or(Vec3::from_array(space.rest_position_m));
             let (pixel, inverse_depth) = projection.project(place)?;
             let front = raster.inverse_depth_at(pixel.x as i32, pixel.y as i32);
             let hidden = front > 0.0 && front.recip() < inverse_depth.recip() - 0.05 * self.radius_m;
@@ -238,6 +304,31 @@ impl Scene {
     }
 }
 
+/// Rectangle of the picture that holds the rest shape where it has moved visibly: left, top, width, height.
+fn moved_box(
+    projection: &Projection,
+    surface: &Deformation,
+    full_scale_m: f32,
+    image: &Image,
+) -> (i32, i32, usize, usize) {
+    let places = surface.rest_m().iter().enumerate();
+    let moved = places.filter(|(i, _)| surface.magnitude_m(*i) > LEAST_GHOST * full_scale_m);
+    let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
+    for (pixel, _) in moved.filter_map(|(_, place)| projection.project(*place)) {
+        (low, high) = (low.min(pixel), high.max(pixel));
+    }
+    let size = Vec2::new(image.width() as f32, image.height() as f32);
+    // Edges reach beyond the last vertex that has moved, by a neighbour; strokes have a width.
+    let margin = Vec2::splat(0.05 * size.y);
+    let (low, high) = ((low - margin).max(Vec2::ZERO), (high + margin).min(size));
+    if low.cmplt(high).all() {
+        let (extent, corner) = ((high - low).ceil(), low.floor());
+        (corner.x as i32, corner.y as i32, extent.x as usize, extent.y as usize)
+    } else {
+        (0, 0, 0, 0)
+    }
+}
+
 /// Every edge once, with the normals of its two triangles.
 pub(super) fn edges(triangles: &[[u32; 3]], position_m: &[Vec3]) -> Vec<Edge> {
     let mut sides: Vec<([u32; 2], Vec3)> = triangles
@@ -253,12 +344,6 @@ pub(super) fn edges(triangles: &[[u32; 3]], position_m: &[Vec3]) -> Vec<Edge> {
         .chunk_by(|(one, _), (other, _)| one == other)
         .map(|same| Edge { ends: same[0].0, normals: [same[0].1, same[same.len() - 1].1] })
         .collect()
-}
-
-/// Where the surface now has a mesh node.
-fn surface_point(surface: &Deformation, nodes: &[u32], node: u32) -> Option<Vec3> {
-    let vertex = nodes.iter().position(|&candidate| candidate == node)?;
-    surface.position_m().get(vertex).copied()
 }
 
 /// Slight irregularity of the tissue's colour, fixed to the material: smooth waves of unrelated lengths, 1 on average.

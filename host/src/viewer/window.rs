@@ -1,14 +1,12 @@
-//! A window at 30 Hz with mouse orbit; without a display a clean error.
+//! A window at 30 Hz with its mouse and keys; without a display a clean error.
 
 use super::ViewerError;
-use super::camera::OrbitCamera;
 use super::image::Image;
-use minifb::{Key, KeyRepeat, MouseButton, MouseMode, Window, WindowOptions};
-
-/// Radians a pixel of mouse drag.
-const ORBIT_RAD_PER_PX: f32 = 0.006;
-/// Zoom factor a step of the wheel.
-const ZOOM_PER_STEP: f32 = 0.93;
+use super::navigation::Pointer;
+use glam::Vec2;
+use minifb::{InputCallback, Key, MouseButton, MouseMode, Window, WindowOptions};
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// What the user asked for since the last frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,12 +23,38 @@ pub struct WindowEvents {
     pub reset: bool,
     /// N: the next of several models.
     pub next_model: bool,
+    /// Home or 0: the view as at first.
+    pub home: bool,
+    /// H: help on and off.
+    pub help: bool,
+    /// T: shape at rest on and off.
+    pub ghost: bool,
+    /// G: reachable region on and off.
+    pub reach: bool,
+    /// V: film on and off.
+    pub film: bool,
+}
+
+/// Keys that went down since the last frame, also those that are up again: a tap may be shorter than a frame.
+#[derive(Debug, Clone, Default)]
+struct Taps(Rc<RefCell<Vec<Key>>>);
+
+impl InputCallback for Taps {
+    fn add_char(&mut self, _: u32) {}
+
+    fn set_key_state(&mut self, key: Key, is_down: bool) {
+        if is_down {
+            self.0.borrow_mut().push(key);
+        }
+    }
 }
 
 /// The window.
 pub struct ViewWindow {
     window: Window,
-    drag_from: Option<(f32, f32)>,
+    taps: Taps,
+    /// Keys that were down when the last frame was shown: what repeats while it is held is not pressed again.
+    held: Vec<Key>,
 }
 
 impl ViewWindow {
@@ -41,42 +65,54 @@ impl ViewWindow {
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
         // The session paces itself by the frame rate it was asked for.
         window.set_target_fps(0);
-        Ok(Self { window, drag_from: None })
+        let taps = Taps::default();
+        window.set_input_callback(Box::new(taps.clone()));
+        Ok(Self { window, taps, held: Vec::new() })
     }
 
-    /// Shows a picture of the size the window was opened with, turns the camera, and returns what was pressed.
-    pub fn show(&mut self, image: &Image, camera: &mut OrbitCamera) -> Result<WindowEvents, ViewerError> {
+    /// Shows a picture of the size the window was opened with; returns what was pressed, and the mouse.
+    pub fn show(&mut self, image: &Image) -> Result<(WindowEvents, Pointer), ViewerError> {
         self.window
             .update_with_buffer(image.pixels(), image.width(), image.height())
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
-        self.turn(camera);
-        let pressed = |key| self.window.is_key_pressed(key, KeyRepeat::No);
-        Ok(WindowEvents {
+        let taps = self.taps.0.take();
+        let pressed = |key| taps.contains(&key) && !self.held.contains(&key);
+        let events = WindowEvents {
             quit: !self.window.is_open() || pressed(Key::Escape),
             screenshot: pressed(Key::Space),
             arm: pressed(Key::A),
             disarm: pressed(Key::D),
             reset: pressed(Key::R),
+            home: pressed(Key::Home) || pressed(Key::Key0) || pressed(Key::NumPad0),
+            help: pressed(Key::H),
+            ghost: pressed(Key::T),
+            reach: pressed(Key::G),
+            film: pressed(Key::V),
             next_model: pressed(Key::N),
-        })
+        };
+        self.held = self.window.get_keys();
+        Ok((events, self.pointer()))
     }
 
-    fn turn(&mut self, camera: &mut OrbitCamera) {
-        let here = self.window.get_mouse_pos(MouseMode::Pass);
-        let held = self.window.get_mouse_down(MouseButton::Left);
-        if let (Some((x, y)), Some((from_x, from_y)), true) = (here, self.drag_from, held) {
-            camera.orbit((from_x - x) * ORBIT_RAD_PER_PX, (y - from_y) * ORBIT_RAD_PER_PX);
-        }
-        self.drag_from = if held { here } else { None };
-        if let Some((_, steps)) = self.window.get_scroll_wheel() {
-            camera.zoom(ZOOM_PER_STEP.powf(steps.clamp(-5.0, 5.0)));
+    fn pointer(&self) -> Pointer {
+        let held = |keys: [Key; 2]| keys.into_iter().any(|key| self.window.is_key_down(key));
+        let down = |button| self.window.get_mouse_down(button);
+        let deeper = |key: Key| f32::from(u8::from(self.window.is_key_down(key)));
+        Pointer {
+            at_px: self.window.get_mouse_pos(MouseMode::Pass).map(|(x, y)| Vec2::new(x, y)),
+            left: down(MouseButton::Left),
+            other: down(MouseButton::Right) || down(MouseButton::Middle),
+            shift: held([Key::LeftShift, Key::RightShift]),
+            grasp: held([Key::LeftCtrl, Key::RightCtrl]) || self.window.is_key_down(Key::E),
+            wheel: self.window.get_scroll_wheel().map_or(0.0, |(_, steps)| steps),
+            deeper: deeper(Key::W) - deeper(Key::S),
         }
     }
 }
 
 impl core::fmt::Debug for ViewWindow {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("ViewWindow").field("drag_from", &self.drag_from).finish_non_exhaustive()
+        f.debug_struct("ViewWindow").finish_non_exhaustive()
     }
 }
 

@@ -249,6 +249,8 @@ fn palpate(
         record: None,
         timing: Timing::default(),
         watchdog_ms: DEFAULT_LIMIT_MS,
+        gif: None,
+        mouse: None,
     };
     let mut visits = Vec::new();
     let touched = touch::run(

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ};
+use palpate_core::{Method, Organ, vec3};
+use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
@@ -40,8 +41,8 @@ pub(crate) struct Args {
     blob: PathBuf,
     /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step in the force
     more: Vec<PathBuf>,
-    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), polhem:PORT (Polhem / WoodenHaptics
-    /// on a serial port), or replay:FILE.mcap (a recording)
+    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the organ in the window),
+    /// polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
     /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7,
@@ -61,6 +62,9 @@ pub(crate) struct Args {
     /// Frames a second without a window; 0 for none
     #[arg(long, value_name = "HZ", default_value_t = touch::HEADLESS_RATE_HZ, value_parser = frame_rate)]
     frame_rate: f32,
+    /// With --headless: an animated GIF instead of PNG frames; what is there is lost
+    #[arg(long, value_name = "FILE.gif", requires = "headless")]
+    gif: Option<PathBuf>,
     /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
     #[arg(long)]
     uncertified: bool,
@@ -104,6 +108,20 @@ fn seconds(text: &str) -> Result<Duration, String> {
     seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).ok_or_else(|| "seconds, at least 0.01".into())
 }
 
+/// Height above the first active node at which the mouse's tool begins, m.
+const MOUSE_HEIGHT_M: f32 = 0.03;
+
+/// The mouse device and the window's end of it.
+fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Failure> {
+    if args.headless {
+        return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
+    }
+    let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
+        vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, MOUSE_HEIGHT_M))
+    });
+    Ok(mouse(start_m, MouseConfig::default()))
+}
+
 /// The profile that was asked for, or that of the device.
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     let own = args.device.starts_with("polhem:").then_some("polhem");
@@ -136,7 +154,7 @@ fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Resu
             ))
         }
         _ => Err(Failure::input(format!(
-            "no device `{name}`; choose sim, sim:random:SEED, polhem:PORT or replay:FILE.mcap"
+            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT or replay:FILE.mcap"
         ))),
     }
 }
@@ -184,9 +202,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
     let profile = profile(args)?;
     let stop = stop_flag()?;
-    let show = touch::Show { profile: profile.as_ref(), ..show(args, record) };
+    let (handle, mut tool) = match args.device.as_str() {
+        "mouse" => open_mouse(args, organs[0]).map(|(handle, tool)| (Some(handle), Some(tool)))?,
+        _ => (None, None),
+    };
+    let show = touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, record) };
     let mut resident = Resident::start();
-    let open = || open_device(&args.device, organs[0], profile.as_ref());
+    let open = || match tool.take() {
+        Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
+        None => open_device(&args.device, organs[0], profile.as_ref()),
+    };
     let touched = touch::run(&organs, method, show, &stop, open, |record| resident.take(record))?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let Some(profile) = &profile {
@@ -225,6 +250,8 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         record,
         timing: args.timing,
         watchdog_ms: args.watchdog_ms,
+        gif: args.gif.as_deref(),
+        mouse: None,
     }
 }
 

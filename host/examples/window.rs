@@ -1,0 +1,40 @@
+//! A window on a synthetic organ: what `palpate run` opens, without a blob.
+//!
+//!     cargo run --release -p palpate-host --example window -- [sim|mouse] [SECONDS] [FOLDER]
+//!
+//! A simulated hand or the mouse as the device; screenshots and films go into the folder. tests/viewer/check-window drives it under
+//! a virtual X server.
+
+#[path = "../tests/common/synthetic.rs"]
+mod synthetic;
+
+use core::sync::atomic::AtomicBool;
+use palpate_core::{Config, Method, Organ, vec3};
+use palpate_host::device::mouse::{MouseConfig, mouse};
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::session::View;
+use palpate_host::viewer::RendererConfig;
+use palpate_host::{Device, SessionOptions, run_session};
+
+fn main() -> Result<(), Box<dyn core::error::Error>> {
+    let mut words = std::env::args().skip(1);
+    let device = words.next().unwrap_or_else(|| "sim".into());
+    let seconds = words.next().map(|word| word.parse()).transpose()?;
+    let screenshots = words.next().unwrap_or_else(|| "palpate-frames".into()).into();
+
+    let blob = synthetic::organ(&synthetic::Shape { subdivisions: 4, ..Default::default() });
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob))?;
+    let space = &organ.spaces[0];
+    let start_m = vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, 0.03));
+    let (handle, mouse) = mouse(start_m, MouseConfig::default());
+    let (device, mouse): (Box<dyn Device>, _) = match device.as_str() {
+        "sim" => (Box::new(SimulatedHand::new(&organ, SimulatedConfig::default())), None),
+        "mouse" => (Box::new(mouse), Some(handle)),
+        other => return Err(format!("no device `{other}`; choose sim or mouse").into()),
+    };
+    let view = View::Window { screenshots, picture: RendererConfig::live(), mouse };
+    let options = SessionOptions { seconds, view, ..SessionOptions::default() };
+    let config = Config::new(Method::Tricubic);
+    println!("{}", run_session(&[&organ], config, device, &options, &AtomicBool::new(false), |_| ())?);
+    Ok(())
+}

@@ -1,0 +1,121 @@
+//! Judges what tests/viewer/check-window has left in a folder: the program's own screenshots, the X server's screen at the same
+//! moments, and a film.
+//!
+//! One line a check; exit code 1 if one fails.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+type Failure = Box<dyn core::error::Error>;
+
+/// The part of the picture with the organ and without what moves by itself: charts and timing.
+const ORGAN: [usize; 4] = [300, 30, 900, 550];
+/// The part with the keys.
+const HELP: [usize; 4] = [28, 106, 250, 420];
+
+fn main() -> Result<(), Failure> {
+    let folder = std::env::args_os().nth(1).ok_or("give the folder")?;
+    let folder = Path::new(&folder);
+    let shot = |number: u32| png(&folder.join(format!("frame_{number:06}.png")));
+    let (rest, pressed, without) = (shot(0)?, shot(1)?, shot(2)?);
+    let mut failed = 0;
+    let mut check = |what: &str, found: String, passes: bool| {
+        println!("{}  {what}: {found}", if passes { "ok    " } else { "FAILED" });
+        failed += u32::from(!passes);
+    };
+    let size = |picture: &Picture| format!("{} x {}", picture.width, picture.pixels.len() / picture.width);
+    check("size of the screenshot", size(&rest), size(&rest) == "1280 x 720");
+
+    // What the program drew is what the screen shows.
+    for (name, own, most) in [("rest", &rest, 0), ("pressed", &pressed, 3_000)] {
+        let screen = xwd(&folder.join(format!("{name}.xwd")))?;
+        let off = own.differing(&screen, ORGAN, if most == 0 { 0 } else { 8 });
+        check(&format!("{name}: pixels that differ on the screen"), off.to_string(), off <= most);
+    }
+
+    let red = |[r, g, b]: [i32; 3]| r > 60 && r > 2 * g && r > 2 * b;
+    let yellow = |[r, g, b]: [i32; 3]| r > 200 && g > 140 && r - b > 60;
+    let cyan = |[r, g, b]: [i32; 3]| b > 150 && g > 130 && b - r > 60;
+    let found = rest.count(ORGAN, red);
+    check("rest: red pixels of the organ", found.to_string(), found > 50_000);
+    let found = rest.count(ORGAN, cyan);
+    check("rest: no force", found.to_string(), found < 50);
+    let found = [&rest, &pressed].map(|picture| picture.count(ORGAN, yellow));
+    check(
+        "pressed: pixels that glow",
+        format!("{} (at rest {})", found[1], found[0]),
+        found[1] > found[0] + 1_000,
+    );
+    let found = pressed.count(ORGAN, cyan);
+    check("pressed: pixels of the force", found.to_string(), found > 300);
+    let found = pressed.differing(&without, HELP, 8);
+    check("H: pixels that change where the keys are", found.to_string(), found > 5_000);
+
+    let (frames, length_cs) = film(&folder.join("film_000.gif"))?;
+    check("V: frames of the film", format!("{frames} in {} s", f64::from(length_cs) / 100.0), frames >= 4);
+    if failed > 0 { Err(format!("{failed} checks failed").into()) } else { Ok(()) }
+}
+
+struct Picture {
+    width: usize,
+    pixels: Vec<[i32; 3]>,
+}
+
+impl Picture {
+    fn inside(&self, [left, top, right, bottom]: [usize; 4]) -> impl Iterator<Item = [i32; 3]> + '_ {
+        self.pixels
+            .chunks(self.width)
+            .take(bottom)
+            .skip(top)
+            .flat_map(move |row| row[left..right].iter().copied())
+    }
+
+    fn count(&self, part: [usize; 4], is: impl Fn([i32; 3]) -> bool) -> usize {
+        self.inside(part).filter(|pixel| is(*pixel)).count()
+    }
+
+    fn differing(&self, other: &Self, part: [usize; 4], slack: i32) -> usize {
+        let off =
+            |(a, b): &([i32; 3], [i32; 3])| (0..3).any(|channel| (a[channel] - b[channel]).abs() > slack);
+        self.inside(part).zip(other.inside(part)).filter(off).count()
+    }
+}
+
+fn png(path: &Path) -> Result<Picture, Failure> {
+    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut reader = png::Decoder::new(BufReader::new(file)).read_info()?;
+    let mut bytes = vec![0; reader.output_buffer_size().ok_or("too large")?];
+    let info = reader.next_frame(&mut bytes)?;
+    let pixels = bytes.chunks_exact(3).map(|rgb| [0, 1, 2].map(|channel| i32::from(rgb[channel]))).collect();
+    Ok(Picture { width: info.width as usize, pixels })
+}
+
+/// The dump of a screen: a big-endian header (XWDFile.h), then colours, then blue, green, red, unused for each pixel.
+fn xwd(path: &Path) -> Result<Picture, Failure> {
+    let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let field = |index: usize| -> Result<usize, Failure> {
+        let four: [u8; 4] = bytes.get(4 * index..4 * index + 4).ok_or("a short dump")?.try_into()?;
+        Ok(u32::from_be_bytes(four) as usize)
+    };
+    let (header, width, height, line, colours) = (field(0)?, field(4)?, field(5)?, field(12)?, field(19)?);
+    if field(11)? != 32 {
+        return Err("a screen of 24 bits in 32 is needed".into());
+    }
+    let start = header + 12 * colours;
+    let rows = bytes.get(start..start + line * height).ok_or("a short dump")?.chunks_exact(line);
+    let pixel = |bgr: &[u8]| [2, 1, 0].map(|channel| i32::from(bgr[channel]));
+    Ok(Picture { width, pixels: rows.flat_map(|row| row[..4 * width].chunks_exact(4).map(pixel)).collect() })
+}
+
+/// Frames of a film and how long they stand, in hundredths of a second.
+fn film(path: &Path) -> Result<(usize, u32), Failure> {
+    let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut decoder = gif::DecodeOptions::new().read_info(BufReader::new(file))?;
+    let (mut frames, mut length_cs) = (0, 0);
+    while let Some(frame) = decoder.read_next_frame()? {
+        frames += 1;
+        length_cs += u32::from(frame.delay);
+    }
+    Ok((frames, length_cs))
+}

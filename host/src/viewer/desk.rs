@@ -1,0 +1,140 @@
+//! What stands round a window: navigation, keys, screenshots and films.
+
+use super::hand::ScreenHand;
+use super::navigation::Navigation;
+use super::renderer::Help;
+use super::{FrameWriter, GifWriter, Renderer, RendererConfig, ViewWindow, ViewerError, WindowEvents};
+use crate::device::mouse::MouseHandle;
+use crate::rt::TickRecord;
+use core::time::Duration;
+use palpate_core::Organ;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Time between two pictures of a film.
+const FILM_INTERVAL: Duration = Duration::from_millis(80);
+/// Colour of the mark that a film is being made.
+const FILM_COLOUR: u32 = 0xff_4a3d;
+
+/// A window and everything its keys and its mouse do.
+pub(super) struct Desk {
+    window: ViewWindow,
+    navigation: Navigation,
+    /// Moves the tool, if the mouse is the device.
+    hand: Option<ScreenHand>,
+    directory: PathBuf,
+    screenshots: Option<FrameWriter>,
+    film: Option<Film>,
+    films: u64,
+}
+
+struct Film {
+    writer: GifWriter,
+    due: Instant,
+}
+
+impl Desk {
+    pub(super) fn open(
+        title: &str,
+        directory: &Path,
+        picture: RendererConfig,
+        mouse: Option<MouseHandle>,
+    ) -> Result<Self, ViewerError> {
+        Ok(Self {
+            window: ViewWindow::open(title, picture.width, picture.height)?,
+            navigation: Navigation::default(),
+            hand: mouse.map(ScreenHand::new),
+            directory: directory.to_owned(),
+            screenshots: None,
+            film: None,
+            films: 0,
+        })
+    }
+
+    /// The help to begin with.
+    pub(super) const fn help(&self) -> Help {
+        if self.hand.is_some() { Help::KeysAndHand } else { Help::Keys }
+    }
+
+    /// Screenshots and films so far.
+    pub(super) fn written(&self) -> u64 {
+        self.films + self.screenshots.as_ref().map_or(0, FrameWriter::written)
+    }
+
+    /// Shows the renderer's picture and does what the user asks for; returns what is for the session.
+    pub(super) fn show<const N: usize>(
+        &mut self,
+        renderer: &mut Renderer,
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+    ) -> Result<WindowEvents, ViewerError> {
+        self.add_to_film(renderer, record)?;
+        let (events, pointer) = if self.film.is_some() {
+            // The mark is for the eye at the window, not for the film.
+            let mut marked = renderer.image().clone();
+            let size = marked.height() as i32 / 60;
+            marked.fill_rect(marked.width() as i32 / 2, size, size, size, FILM_COLOUR, 1.0);
+            self.window.show(&marked)?
+        } else {
+            self.window.show(renderer.image())?
+        };
+        if events.screenshot {
+            let writer = match &mut self.screenshots {
+                Some(writer) => writer,
+                none => none.insert(FrameWriter::new(&self.directory)?),
+            };
+            writer.write(renderer.image())?;
+        }
+        if events.film {
+            self.switch_film()?;
+        }
+        let taken =
+            self.hand.as_mut().is_some_and(|hand| hand.update(&renderer.view(), organ, &pointer, record));
+        let height_px = renderer.image().height();
+        self.navigation.update(&pointer, taken, renderer.camera_mut(), height_px);
+        if events.home {
+            renderer.reset_view();
+        }
+        let help = self.help();
+        let layers = renderer.layers_mut();
+        layers.ghost ^= events.ghost;
+        layers.reach ^= events.reach;
+        if events.help {
+            layers.help = if layers.help == help { Help::Hint } else { help };
+        }
+        Ok(events)
+    }
+
+    /// Ends a film that is being made.
+    pub(super) fn finish(&mut self) -> Result<(), ViewerError> {
+        match self.film.take() {
+            Some(mut film) => Ok(film.writer.finish()?),
+            None => Ok(()),
+        }
+    }
+
+    fn switch_film(&mut self) -> Result<(), ViewerError> {
+        if self.film.is_some() {
+            return self.finish();
+        }
+        std::fs::create_dir_all(&self.directory)?;
+        // Never over one that is there.
+        let path = (self.films..).map(|number| self.directory.join(format!("film_{number:03}.gif")));
+        let free = path.take(1000).find(|path| !path.exists());
+        let path = free.ok_or_else(|| io::Error::from(io::ErrorKind::AlreadyExists))?;
+        self.film = Some(Film { writer: GifWriter::create(&path)?, due: Instant::now() });
+        self.films += 1;
+        Ok(())
+    }
+
+    fn add_to_film(&mut self, renderer: &Renderer, record: &TickRecord) -> Result<(), ViewerError> {
+        let Some(film) = &mut self.film else { return Ok(()) };
+        let now = Instant::now();
+        if now >= film.due {
+            film.due = (film.due + FILM_INTERVAL).max(now);
+            film.writer.write(&renderer.image().halved(), record.t_us)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,90 @@
+//! The keys, on the picture of a window.
+
+use super::font::{Align, TextStyle, Typeface};
+use super::image::Image;
+use super::overlay::{BRIGHT, MUTED};
+use super::renderer::Help;
+
+/// What every window understands: keys and what they do.
+const KEYS: &[[&str; 2]] = &[
+    ["right drag", "pan (or shift + left)"],
+    ["wheel", "zoom"],
+    ["Home or 0", "view as at first"],
+    ["A", "arm"],
+    ["D", "disarm"],
+    ["R", "reset a fault"],
+    ["T", "shape at rest"],
+    ["G", "reachable region"],
+    ["Space", "picture (PNG)"],
+    ["V", "film (GIF), on and off"],
+    ["H", "this help"],
+    ["Esc", "end"],
+];
+
+/// The left button of the mouse, if that is not the device.
+const TURN: &[[&str; 2]] = &[["left drag", "turn"]];
+
+/// And if it is.
+const HAND: &[[&str; 2]] = &[
+    ["left on organ", "push, drag"],
+    ["ctrl or E", "grasp, then pull"],
+    ["wheel or W, S", "deeper, back"],
+    ["left beside", "turn"],
+];
+
+/// Lays the help over the picture; sizes are for a picture 720 pixels high.
+pub(super) fn draw(image: &mut Image, face: &mut Typeface, help: Help) {
+    let scale = image.height() as f32 / 720.0;
+    let style = TextStyle::new(8.5 * scale, MUTED);
+    let left_button = match help {
+        Help::Absent => return,
+        Help::Hint => {
+            let (x, y) = (image.width() as f32 - 40.0 * scale, image.height() as f32 - 16.0 * scale);
+            face.draw(image, "H: keys", x, y, Align::Right, style);
+            return;
+        }
+        Help::Keys => TURN,
+        Help::KeysAndHand => HAND,
+    };
+    let rows = || left_button.iter().chain(KEYS);
+    let line = 18.5 * scale;
+    let (left, top) = (40.0 * scale, 118.0 * scale);
+    let height = line * rows().count() as f32 + 12.0 * scale;
+    let edge = 12.0 * scale;
+    image.fill_rect(
+        (left - edge) as i32,
+        (top - edge) as i32,
+        (226.0 * scale) as i32,
+        height as i32,
+        0x0d_1116,
+        0.55,
+    );
+    for (row, [key, action]) in rows().enumerate() {
+        let y = top + 8.0 * scale + line * row as f32;
+        face.draw(image, key, left, y, Align::Left, TextStyle { colour: BRIGHT, ..style });
+        face.draw(image, action, left + 88.0 * scale, y, Align::Left, style);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_is_there_when_asked_for_and_fits() {
+        let face = Typeface::new();
+        for [_, action] in KEYS.iter().chain(HAND).chain(TURN) {
+            assert!(face.width_px(action, 8.5) < 126.0, "{action}: {}", face.width_px(action, 8.5));
+        }
+        for [key, _] in KEYS.iter().chain(HAND).chain(TURN) {
+            assert!(face.width_px(key, 8.5) < 84.0, "{key}: {}", face.width_px(key, 8.5));
+        }
+        let drawn = |help| {
+            let mut image = Image::new(1280, 720);
+            draw(&mut image, &mut Typeface::new(), help);
+            image.pixels().iter().filter(|pixel| **pixel != 0).count()
+        };
+        let [absent, hint, keys, hand] = [Help::Absent, Help::Hint, Help::Keys, Help::KeysAndHand].map(drawn);
+        assert!(absent == 0 && hint > 20 && keys > 20 * hint && hand > keys, "{hint} {keys} {hand}");
+    }
+}

@@ -1,0 +1,113 @@
+//! What is under the cursor: a ray through a pixel against the surface as it is now.
+
+use glam::Vec3;
+
+/// Where a ray meets a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// The place, m.
+    pub point_m: Vec3,
+    /// Outward unit normal of the triangle.
+    pub normal: Vec3,
+    /// Distance from where the ray begins, m.
+    pub distance_m: f32,
+}
+
+/// First triangle that a ray meets from outside.
+///
+/// Every triangle is tried (Moeller and Trumbore 1997): at 30 Hz that is cheaper than keeping a tree of a surface that moves.
+#[must_use]
+pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (Vec3, Vec3)) -> Option<Hit> {
+    let mut best: Option<(f32, Vec3)> = None;
+    for triangle in triangles {
+        let corner = |i: usize| position_m.get(triangle[i] as usize).copied();
+        let (Some(a), Some(b), Some(c)) = (corner(0), corner(1), corner(2)) else { continue };
+        let (ab, ac) = (b - a, c - a);
+        let normal = ab.cross(ac);
+        let towards = -direction.dot(normal);
+        // A triangle without area too; a NaN is left for below.
+        if towards <= 0.0 {
+            continue;
+        }
+        let from_a = origin_m - a;
+        let distance = from_a.dot(normal);
+        let across = from_a.cross(direction);
+        let (u, v) = (ac.dot(across), -ab.dot(across));
+        // All over the same positive number: no division before it is a hit. NaN fails every comparison.
+        let inside = u >= 0.0 && v >= 0.0 && u + v <= towards && distance >= 0.0;
+        let distance_m = distance / towards;
+        if inside && best.is_none_or(|(nearest_m, _)| distance_m < nearest_m) {
+            best = Some((distance_m, normal));
+        }
+    }
+    best.map(|(distance_m, normal)| Hit {
+        point_m: origin_m + direction * distance_m,
+        normal: normal.normalize_or_zero(),
+        distance_m,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::deformation::Deformation;
+    use crate::synthetic::{self, Shape};
+    use crate::viewer::camera::OrbitCamera;
+    use crate::viewer::raster::{Raster, Vertex};
+    use crate::viewer::shade::Material;
+    use glam::Vec2;
+    use palpate_core::Organ;
+    use palpate_core::Share;
+
+    /// The rasteriser says what is to be seen at a pixel: the ray through that pixel must end there.
+    #[test]
+    fn a_ray_through_a_pixel_hits_what_is_drawn_there() {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let mut surface = Deformation::at_rest(&organ);
+        let whole = [Share { space: 0, weight: 1.0 }, Share::default(), Share::default()];
+        surface.update(&organ, &whole, [0.0, -0.02, 0.01]);
+        let camera = OrbitCamera::framing(Vec3::ZERO, 0.12, Vec3::new(0.3, -0.9, 0.5), Vec3::Z);
+        let projection = camera.projection(320, 240);
+        let mut raster = Raster::new(320, 240, 1, &projection);
+        let vertex = |(position_m, normal): (&Vec3, &Vec3)| Vertex {
+            position_m: *position_m,
+            normal: *normal,
+            albedo: Vec3::ONE,
+        };
+        let vertices: Vec<Vertex> = surface.position_m().iter().zip(surface.normal()).map(vertex).collect();
+        raster.draw(&vertices, organ.surface.triangles, Material::Plain);
+        let (mut hits, mut misses) = (0, 0);
+        for (x, y) in (0..240).step_by(7).flat_map(|y| (0..320).step_by(7).map(move |x| (x, y))) {
+            let ray = projection.ray(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
+            let drawn = raster.inverse_depth_at(x, y);
+            match hit(surface.position_m(), organ.surface.triangles, ray) {
+                Some(hit) => {
+                    hits += 1;
+                    let depth_m = -projection.eye_point(hit.point_m).z;
+                    // Vertices snap to a sixteenth of a pixel, which at a grazing angle is some depth.
+                    let slack_m = 0.4e-3 / -hit.normal.dot(ray.1);
+                    assert!(drawn > 0.0 && (depth_m - drawn.recip()).abs() < slack_m, "{x} {y}: {depth_m}");
+                    assert!(hit.normal.dot(ray.1) < 0.0);
+                }
+                None => {
+                    misses += 1;
+                    assert!(drawn == 0.0, "{x} {y} is drawn but not hit");
+                }
+            }
+        }
+        assert!(hits > 200 && misses > 200, "{hits} {misses}");
+    }
+
+    #[test]
+    fn a_surface_behind_the_eye_or_seen_from_inside_is_not_hit() {
+        let corners = [Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+        let faces = [[0, 1, 2]];
+        assert!(hit(&corners, &faces, (Vec3::Z, -Vec3::Z)).is_some());
+        assert!(hit(&corners, &faces, (Vec3::Z, Vec3::Z)).is_none());
+        assert!(hit(&corners, &faces, (-Vec3::Z, Vec3::Z)).is_none(), "from inside");
+        assert!(hit(&corners, &faces, (Vec3::new(3.0, 0.0, 1.0), -Vec3::Z)).is_none());
+        assert!(hit(&corners, &faces, (Vec3::NAN, -Vec3::Z)).is_none());
+        assert!(hit(&corners, &[[0, 1, 9]], (Vec3::Z, -Vec3::Z)).is_none());
+    }
+}

@@ -1,0 +1,172 @@
+//! The viewer of a session: a window, files, or nothing, paced by the calling thread.
+
+use super::desk::Desk;
+use super::{FrameWriter, GifWriter, Live, Renderer, RendererConfig, ViewerError};
+use crate::device::mouse::MouseHandle;
+use crate::rt::{Controls, TickRecord};
+use core::sync::atomic::{AtomicBool, Ordering};
+use core::time::Duration;
+use palpate_core::{Config, Organ};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Longest pause between two looks at the queue.
+pub(crate) const DRAIN_PAUSE: Duration = Duration::from_millis(5);
+
+/// What to show while the session runs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum View {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// PNG frames.
+    Frames {
+        /// Where to.
+        directory: PathBuf,
+        /// Frames a second; slower if drawing takes longer.
+        rate_hz: f32,
+        /// Size and fineness.
+        picture: RendererConfig,
+    },
+    /// An animated GIF.
+    Gif {
+        /// The file; what is there is lost.
+        file: PathBuf,
+        /// Frames a second; slower if drawing takes longer.
+        rate_hz: f32,
+        /// Size and fineness.
+        picture: RendererConfig,
+    },
+    /// A window.
+    Window {
+        /// Where screenshots and films go.
+        screenshots: PathBuf,
+        /// Size and fineness.
+        picture: RendererConfig,
+        /// Moves the tool of this mouse device.
+        mouse: Option<MouseHandle>,
+    },
+}
+
+/// The viewer of a session, whichever kind it is.
+pub(crate) struct Screen {
+    renderer: Option<Renderer>,
+    output: Output,
+    interval: Duration,
+    due: Instant,
+    drawn: u64,
+    drawing: Duration,
+}
+
+/// Where the pictures go.
+enum Output {
+    Nothing,
+    Frames(FrameWriter),
+    Gif(Box<GifWriter>),
+    Window(Box<Desk>),
+}
+
+impl Screen {
+    pub(crate) fn open<const N: usize>(
+        organ: &Organ<'_, N>,
+        config: &Config,
+        view: &View,
+    ) -> Result<Self, ViewerError> {
+        let renderer = |picture: &RendererConfig| Some(Renderer::new(organ, config.method, *picture));
+        let interval = |rate_hz: f32| Duration::from_secs_f32(rate_hz.clamp(0.01, 1000.0).recip());
+        let (output, interval, renderer) = match view {
+            View::Nothing => (Output::Nothing, Duration::MAX, None),
+            View::Frames { directory, rate_hz, picture } => {
+                (Output::Frames(FrameWriter::new(directory)?), interval(*rate_hz), renderer(picture))
+            }
+            View::Gif { file, rate_hz, picture } => {
+                (Output::Gif(Box::new(GifWriter::create(file)?)), interval(*rate_hz), renderer(picture))
+            }
+            View::Window { screenshots, picture, mouse } => {
+                let title = format!("palpate \u{2013} {}", organ.scene);
+                let desk = Desk::open(&title, screenshots, *picture, mouse.clone())?;
+                let mut renderer = Renderer::new(organ, config.method, *picture);
+                renderer.layers_mut().help = desk.help();
+                (Output::Window(Box::new(desk)), interval(30.0), Some(renderer))
+            }
+        };
+        let (due, drawing) = (Instant::now(), Duration::ZERO);
+        Ok(Self { renderer, output, interval, due, drawn: 0, drawing })
+    }
+
+    /// Mean time to draw a frame, ms; 0 without frames.
+    pub(crate) fn mean_frame_ms(&self) -> f32 {
+        if self.drawn == 0 { 0.0 } else { 1e3 * self.drawing.as_secs_f32() / self.drawn as f32 }
+    }
+
+    /// Frames written so far.
+    pub(crate) fn frames_written(&self) -> u64 {
+        match &self.output {
+            Output::Nothing => 0,
+            Output::Frames(frames) => frames.written(),
+            Output::Gif(film) => film.written(),
+            Output::Window(desk) => desk.written(),
+        }
+    }
+
+    pub(crate) fn is_due(&self) -> bool {
+        self.renderer.is_some() && Instant::now() >= self.due
+    }
+
+    pub(crate) fn time_left(&self) -> Duration {
+        if self.renderer.is_some() { self.due.saturating_duration_since(Instant::now()) } else { DRAIN_PAUSE }
+    }
+
+    pub(crate) fn show<const N: usize>(
+        &mut self,
+        organ: &Organ<'_, N>,
+        record: &TickRecord,
+        live: &mut Live,
+        controls: &Controls,
+        end: &AtomicBool,
+    ) -> Result<(), ViewerError> {
+        let Some(renderer) = &mut self.renderer else { return Ok(()) };
+        let begun = Instant::now();
+        renderer.render(organ, record, live);
+        self.drawing += begun.elapsed();
+        self.drawn += 1;
+        match &mut self.output {
+            Output::Nothing => {}
+            Output::Frames(frames) => {
+                frames.write(renderer.image())?;
+            }
+            Output::Gif(film) => film.write(renderer.image(), record.t_us)?,
+            Output::Window(desk) => {
+                let events = desk.show(renderer, organ, record)?;
+                if events.arm {
+                    controls.arm();
+                }
+                if events.disarm {
+                    controls.disarm();
+                }
+                if events.reset {
+                    controls.reset();
+                }
+                if events.next_model {
+                    // One beyond the last is the first again.
+                    controls.select(record.model + 1);
+                }
+                if events.quit {
+                    end.store(true, Ordering::Relaxed);
+                }
+            }
+        }
+        // From now, not from the time it was due: a slow frame is followed by a pause, not by a rush.
+        self.due = (self.due + self.interval).max(Instant::now());
+        Ok(())
+    }
+
+    /// Ends a film; without this it ends too, but nobody hears of a full disk.
+    pub(crate) fn finish(&mut self) -> Result<(), ViewerError> {
+        match &mut self.output {
+            Output::Gif(film) => Ok(film.finish()?),
+            Output::Window(desk) => desk.finish(),
+            Output::Nothing | Output::Frames(_) => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! A session without a window that is made into a film: what `palpate run --headless --gif` does.
+//!
+//! With PALPATE_PICTURES set to a directory ten seconds are left there as `film.gif`, at the command's size and rate.
+
+#[path = "common/synthetic.rs"]
+mod synthetic;
+
+use core::sync::atomic::AtomicBool;
+use palpate_core::{Config, Method, Organ};
+use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::session::View;
+use palpate_host::sys::RtRequest;
+use palpate_host::viewer::RendererConfig;
+use palpate_host::{SessionOptions, run_session};
+use std::fs::File;
+use std::path::PathBuf;
+
+#[test]
+fn a_headless_session_becomes_a_film_in_its_own_time() {
+    let blob = synthetic::organ(&synthetic::Shape { subdivisions: 4, ..synthetic::Shape::default() });
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let (file, seconds, picture) = match std::env::var_os("PALPATE_PICTURES") {
+        Some(kept) => {
+            let picture = RendererConfig { width: 800, height: 450, samples: 2 };
+            (PathBuf::from(kept).join("film.gif"), 10.0, picture)
+        }
+        None => {
+            (directory.path().join("film.gif"), 1.5, RendererConfig { width: 320, height: 180, samples: 1 })
+        }
+    };
+    let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+    let options = SessionOptions {
+        seconds: Some(seconds),
+        real_time: RtRequest::nothing(),
+        view: View::Gif { file: file.clone(), rate_hz: 12.5, picture },
+        ..SessionOptions::default()
+    };
+    let config = Config::new(Method::Tricubic);
+    let summary =
+        run_session(&[&organ], config, hand, &options, &AtomicBool::new(false), |_| ()).expect("it runs");
+
+    let mut decoder =
+        gif::DecodeOptions::new().read_info(File::open(&file).expect("written")).expect("a GIF");
+    assert_eq!(
+        (usize::from(decoder.width()), usize::from(decoder.height())),
+        (picture.width, picture.height)
+    );
+    let mut delays_cs = Vec::new();
+    while let Some(frame) = decoder.read_next_frame().expect("sound") {
+        delays_cs.push(u32::from(frame.delay));
+    }
+    assert!(delays_cs.len() >= 3 && delays_cs.len() as u64 == summary.frames_written, "{delays_cs:?}");
+    // The last frame stands for half a second; the others together as long as there were ticks between first and last.
+    let between_cs: u32 = delays_cs[..delays_cs.len() - 1].iter().sum();
+    assert!(f64::from(between_cs) <= 100.0 * seconds + 2.0 * delays_cs.len() as f64, "{delays_cs:?}");
+}
