@@ -9,6 +9,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
+use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
@@ -69,6 +70,29 @@ pub(crate) struct Args {
     pictures: PathBuf,
 }
 
+/// The worst deadline misses, and which part of their tick took the time.
+fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
+    if worst.is_empty() {
+        return Ok(());
+    }
+    output::line(format!(
+        "\nworst misses {:>9} {:>9} {:>12} {:>12} {:>12}  (ms)",
+        "tick", "late by", "woken late", "device", "controller"
+    ))?;
+    for Miss { tick, late_ns, times, .. } in worst {
+        let ms = |ns: u64| ns as f64 * 1e-6;
+        output::line(format!(
+            "{:22} {:>9.3} {:>12.3} {:>12.3} {:>12.3}",
+            tick,
+            ms(*late_ns),
+            ms(times.wake_ns),
+            ms(times.device_ns),
+            ms(times.compute_ns)
+        ))?;
+    }
+    Ok(())
+}
+
 fn frame_rate(text: &str) -> Result<f32, String> {
     let rate_hz: f32 = text.parse().map_err(|_| "not a number".to_string())?;
     if (0.0..=1000.0).contains(&rate_hz) { Ok(rate_hz) } else { Err("not within 0 and 1000".into()) }
@@ -123,6 +147,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let Some(path) = &args.histograms {
         output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        print_misses(&touched.summary.latency.worst)?;
         output::histograms(path, &touched.summary.latency)?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
