@@ -174,10 +174,13 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
 
 /// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
 fn run_replay(args: &Args, file: &BlobFile, organ: &Organ<'_>, path: &Path) -> Result<(), Failure> {
-    if args.record.is_some() || args.seconds.is_some() || args.histograms.is_some() {
+    if args.record.is_some() || args.seconds.is_some() {
         return Err(Failure::input(
-            "a replay is as long as its recording, has no timing and is not recorded again: leave --seconds, --histograms and --record out",
+            "a replay is as long as its recording and is not recorded again: leave --seconds and --record out",
         ));
+    }
+    if args.histograms.is_some() {
+        return Err(Failure::input("a replay has no timing of its own: leave --histograms out"));
     }
     let stop = stop_flag()?;
     let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
