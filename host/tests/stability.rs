@@ -7,7 +7,9 @@ mod synthetic;
 
 use closed_loop::{Cap, Held, Knock, MOST_GIVEN_J, RELAXED, frictionless, hold, palpate};
 use palpate_core::stiffness::stable_n_m;
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, vec3};
+use palpate_core::{
+    Config, Controller, Method, Organ, PassivityConfig, Phase, Sample, Space, State, Vec3, vec3,
+};
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
 
@@ -42,9 +44,10 @@ impl Hand {
 }
 
 /// Peak to peak of the hand's height over the last second of six, and the share that the forces were scaled by.
-fn shaking_m(organ: &Organ<'_>, cap_n_m: f32, workspace_scale: f32) -> (f32, f32) {
+fn shaking_m(organ: &Organ<'_>, cap_n_m: f32, workspace_scale: f32, guard: PassivityConfig) -> (f32, f32) {
     let space: &Space<'_> = &organ.spaces[0];
     let mut config = Config::new(Method::Trilinear);
+    config.passivity = PassivityConfig { workspace_scale, ..guard };
     config.limits.max_stiffness_n_m = cap_n_m / workspace_scale;
     // The limits that would hide what the stiffness does.
     config.limits.max_force_n = 1e3;
@@ -72,6 +75,22 @@ fn shaking_m(organ: &Organ<'_>, cap_n_m: f32, workspace_scale: f32) -> (f32, f32
     (high_m - low_m, controller.force_share())
 }
 
+/// No guard on energy.
+const UNGUARDED: PassivityConfig =
+    PassivityConfig { margin_j: 0.0, max_damping_n_s_m: 0.0, fault_j: f32::INFINITY, workspace_scale: 1.0 };
+
+/// Where the cap is wrong by a factor, because the device's damping is not what its profile says, the guard holds the hand.
+#[test]
+fn the_guard_on_energy_stills_what_the_cap_lets_through() {
+    let shape = synthetic::Shape { stiffness_n_m: 1_500.0, hardening_m: 0.1, ..synthetic::Shape::default() };
+    let blob = synthetic::organ(&shape);
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let (free_m, _) = shaking_m(&organ, 1e9, 1.0, UNGUARDED);
+    let (guarded_m, _) = shaking_m(&organ, 1e9, 1.0, PassivityConfig::default());
+    println!("peak to peak: {:.3} mm without a guard, {:.3} mm with it", 1e3 * free_m, 1e3 * guarded_m);
+    assert!(free_m > 0.02 && guarded_m < 4.0 * COUNT_M, "{free_m} m, {guarded_m} m");
+}
+
 #[test]
 fn a_stiff_organ_shakes_without_the_cap_and_not_with_it() {
     let shape = synthetic::Shape { stiffness_n_m: 1_500.0, hardening_m: 0.1, ..synthetic::Shape::default() };
@@ -80,8 +99,8 @@ fn a_stiff_organ_shakes_without_the_cap_and_not_with_it() {
     let cap_n_m = stable_n_m(DAMPING_NS_M, 0.0, CYCLE_S, DELAY_S);
     assert!((700.0..900.0).contains(&cap_n_m), "{cap_n_m} N/m");
 
-    let (capped_m, share) = shaking_m(&organ, cap_n_m, 1.0);
-    let (free_m, whole) = shaking_m(&organ, 1e9, 1.0);
+    let (capped_m, share) = shaking_m(&organ, cap_n_m, 1.0, UNGUARDED);
+    let (free_m, whole) = shaking_m(&organ, 1e9, 1.0, UNGUARDED);
     println!(
         "peak to peak: {:.3} mm with the cap ({share:.2} of the force), {:.3} mm without",
         1e3 * capped_m,
@@ -98,11 +117,11 @@ fn a_stiff_organ_shakes_without_the_cap_and_not_with_it() {
         ..synthetic::Shape::default()
     });
     let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&soft)).expect("a sound blob");
-    let (small_m, share) = shaking_m(&organ, cap_n_m, 1.0);
+    let (small_m, share) = shaking_m(&organ, cap_n_m, 1.0, UNGUARDED);
     assert!(small_m < 4.0 * COUNT_M && share == 1.0, "500 N/m need no cap: {small_m} m, {share}");
-    let (scaled_m, share) = shaking_m(&organ, cap_n_m, 3.0);
+    let (scaled_m, share) = shaking_m(&organ, cap_n_m, 3.0, UNGUARDED);
     assert!(scaled_m < 4.0 * COUNT_M && share < 0.6, "{scaled_m} m, {share}");
-    let (free_m, _) = shaking_m(&organ, 1e9, 3.0);
+    let (free_m, _) = shaking_m(&organ, 1e9, 3.0, UNGUARDED);
     assert!(free_m > 20.0 * COUNT_M, "{free_m} m");
 }
 

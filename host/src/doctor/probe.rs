@@ -109,7 +109,7 @@ impl Probe {
         None
     }
 
-    /// Where a link leads, by its last part.
+    /// Whether there is a file or folder of that name.
     pub(super) fn is_there(&self, path: &str) -> bool {
         Path::exists(&self.at(path))
     }

@@ -185,6 +185,18 @@ fn each_ill_is_found_by_its_own_check() {
     }
 }
 
+/// Older kernels list no isolated CPUs; the command line has flags before its list.
+#[test]
+fn isolation_is_read_from_the_command_line_too() {
+    let pc = good();
+    std::fs::remove_file(pc.path("/sys/devices/system/cpu/isolated")).expect("it was there");
+    assert_eq!(named(&pc.checks(), "isolation").verdict, Verdict::Good);
+    pc.write("/proc/cmdline", "quiet isolcpus=domain,managed_irq,2 nohz_full=3 rcu_nocbs=all");
+    let checks = pc.checks();
+    let found = &named(&checks, "isolation").found;
+    assert!(found.contains("isolcpus") && !found.contains("rcu_nocbs"), "{found}");
+}
+
 #[test]
 fn what_this_user_may_not_open_is_bad() {
     for (path, name, verdict, mend) in [

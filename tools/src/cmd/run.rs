@@ -13,6 +13,7 @@ use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
+use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
@@ -96,6 +97,29 @@ fn friction(text: &str) -> Result<f32, String> {
         Ok(mu) if mu >= 0.0 => Ok(mu),
         _ => Err("a number from 0, or stick".into()),
     }
+}
+
+/// The worst deadline misses, and which part of their tick took the time.
+fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
+    if worst.is_empty() {
+        return Ok(());
+    }
+    output::line(format!(
+        "\nworst misses {:>9} {:>9} {:>12} {:>12} {:>12}  (ms)",
+        "tick", "late by", "woken late", "device", "controller"
+    ))?;
+    for Miss { tick, late_ns, times, .. } in worst {
+        let ms = |ns: u64| ns as f64 * 1e-6;
+        output::line(format!(
+            "{:22} {:>9.3} {:>12.3} {:>12.3} {:>12.3}",
+            tick,
+            ms(*late_ns),
+            ms(times.wake_ns),
+            ms(times.device_ns),
+            ms(times.compute_ns)
+        ))?;
+    }
+    Ok(())
 }
 
 fn frame_rate(text: &str) -> Result<f32, String> {
@@ -224,6 +248,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     output::line(resident.end())?;
     if let Some(path) = &args.histograms {
         output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+        print_misses(&touched.summary.latency.worst)?;
         output::histograms(path, &touched.summary.latency)?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
@@ -262,13 +287,14 @@ fn run_replay(
     blob_blake3: &[String],
     path: &Path,
 ) -> Result<(), Failure> {
-    if [args.record.is_some(), args.seconds.is_some(), args.profile.is_some(), args.histograms.is_some()]
-        .contains(&true)
-    {
+    if args.record.is_some() || args.seconds.is_some() || args.profile.is_some() {
         return Err(Failure::input(
-            "a replay is as long as its recording, has its limits and no timing, and is not recorded again: leave --seconds, --profile, \
-             --histograms and --record out",
+            "a replay is as long as its recording, has its limits, and is not recorded again: leave --seconds, --profile and \
+             --record out",
         ));
+    }
+    if args.histograms.is_some() {
+        return Err(Failure::input("a replay has no timing of its own: leave --histograms out"));
     }
     let stop = stop_flag()?;
     let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
