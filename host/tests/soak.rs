@@ -24,6 +24,9 @@ struct Minute {
     peak_n: f32,
 }
 
+/// One of them.
+type Figure = fn(&Minute) -> f64;
+
 /// Resident memory of this process, kB; `None` where the system does not say.
 fn resident_kb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
@@ -89,7 +92,6 @@ fn half_an_hour_neither_drifts_nor_grows() {
     assert!(minutes.iter().map(|sum| sum.work_j).sum::<f64>() < -0.1, "what a grasp let go is lost");
     // Nothing has a trend: both halves are alike within what chance does to some three hundred touches.
     let halves = minutes.split_at(minutes.len() / 2);
-    type Figure = fn(&Minute) -> f64;
     let mean = |half: &[Minute], of: Figure| half.iter().map(of).sum::<f64>() / half.len() as f64;
     let of: [(&str, Figure); 3] = [
         ("contacts", |m| m.contacts as f64),

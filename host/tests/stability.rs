@@ -203,7 +203,7 @@ fn a_hand_at_rest_does_not_shake_on_any_bundled_device_however_stiff_the_organ()
 /// The formulas at work: the device's own damping is enough, whoever holds it.
 #[test]
 fn where_damping_is_stated_the_cap_stands_without_a_hand_and_without_friction() {
-    with_organ(2_500.0, |organ| {
+    with_organ(4_000.0, |organ| {
         let profile = Profile::bundled("simulated").expect("bundled");
         let smooth = frictionless(&profile);
         assert_eq!(smooth.cap(), profile.cap(), "its friction does not limit it");
@@ -241,7 +241,7 @@ fn a_minute_of_random_palpation_on_every_bundled_device_is_safe_and_stable() {
 /// What the one above would see of a loop that is not stable.
 #[test]
 fn random_palpation_without_the_cap_is_found_out() {
-    with_organ(1_500.0, |organ| {
+    with_organ(4_000.0, |organ| {
         let profile = Profile::bundled("omega").expect("bundled");
         let found = palpate(organ, Method::Trilinear, (HandConfig::LIGHT, &profile), (3, 60.0), Cap::Off);
         println!("without the cap: {found:?}");

@@ -96,7 +96,6 @@ pub struct Impedance {
     forces: DelayLine<Vec3>,
     /// Held until the next tick sends another.
     command_n: Vec3,
-    motor_n: Vec3,
     reading: Reading,
 }
 
@@ -110,7 +109,6 @@ impl Impedance {
             positions: DelayLine::new(steps(config.position_delay_us), reading),
             forces: DelayLine::new(steps(config.force_delay_us), vec3::ZERO),
             command_n: vec3::ZERO,
-            motor_n: vec3::ZERO,
             reading,
             config,
         }
@@ -134,11 +132,7 @@ impl Impedance {
         let (held_n, _) = palpate_core::limit::clamp_force(arrived_n, self.config.max_force_n);
         // Towards zero, so that a step never lifts the force over the limit.
         let quantum_n = self.config.motor_quantum_n;
-        self.motor_n = match quantum_n > 0.0 {
-            true => held_n.map(|newtons| (newtons / quantum_n).trunc() * quantum_n),
-            false => held_n,
-        };
-        self.motor_n
+        if quantum_n > 0.0 { held_n.map(|newtons| (newtons / quantum_n).trunc() * quantum_n) } else { held_n }
     }
 
     /// Takes note of where the handle is after this step, and what is pressed.

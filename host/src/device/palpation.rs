@@ -55,14 +55,14 @@ const MOST_MOTIONS: usize = 9;
 
 /// Touch after touch: any active node, from any direction within a cone, to any depth, dragged, pulled or left alone.
 ///
-/// Planned one touch ahead in a fixed array, so that it runs in the tick, without end.
+/// Planned one touch ahead in an array that is allocated once, so that it runs in the tick, without end.
 #[derive(Debug, Clone)]
 pub struct RandomPalpation {
     config: RandomConfig,
     nodes: Box<[(Vec3, Vec3)]>,
     centre_m: Vec3,
     random: SplitMix,
-    motions: [Segment; MOST_MOTIONS],
+    motions: Box<[Segment; MOST_MOTIONS]>,
     planned: usize,
     current: usize,
     elapsed_s: f32,
@@ -89,7 +89,7 @@ impl RandomPalpation {
         };
         Self {
             random: SplitMix(config.seed),
-            motions: [still; MOST_MOTIONS],
+            motions: Box::new([still; MOST_MOTIONS]),
             planned: 1,
             current: 0,
             elapsed_s: 0.0,
