@@ -245,8 +245,6 @@ fn palpate(
         change_every: None,
         profile: None,
         rate_hz: touch::HEADLESS_RATE_HZ,
-        pictures: frames,
-        record: None,
         timing: Timing::default(),
         watchdog_ms: DEFAULT_LIMIT_MS,
         gif: None,

@@ -271,8 +271,6 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         change_every: args.change_every,
         profile: None,
         rate_hz: args.frame_rate,
-        pictures: &args.pictures,
-        record,
         timing: args.timing,
         watchdog_ms: args.watchdog_ms,
         gif: args.gif.as_deref(),
