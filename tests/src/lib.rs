@@ -1,6 +1,7 @@
 //! Fixtures shared by the tests across the crates: small bodies with known answers.
 #![forbid(unsafe_code)]
 
+pub mod coarse_blob;
 pub mod space_bench;
 
 use std::fmt::Write;

@@ -8,21 +8,15 @@
 mod closed_loop;
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::thread::available_parallelism;
 
 use closed_loop::{Cap, Knock, MOST_GIVEN_J, RELAXED, frictionless, hold, palpate};
 use palpate_core::{Method, Organ, Phase};
 use palpate_host::BlobFile;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
-use palpate_precompute::configuration_space::{
-    Expansion, SpaceGrid, Store, StoreIdentity, Workshop, with_threads,
-};
+use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::scene::Scene;
-use palpate_precompute::solve::Problem;
+use palpate_tests::coarse_blob::coarse_blob;
 
 /// Exact gradients of an energy: what the tables gain or lose round a closed way is not the method's.
 const METHOD: Method = Method::Energy;
@@ -48,41 +42,7 @@ fn blob(path: &Path) -> BlobFile {
     let scene = Scene::load(path).expect("sound").resolve().expect("sound");
     let cells = if scene.mesh.nodes_m.len() < 1_000 { 2.0 } else { 1.0 };
     let grid = SpaceGrid::new(0.02, 0.02 * cells).expect("the grid is valid");
-    let identity = StoreIdentity {
-        scene_name: scene.name.clone(),
-        scene: scene.text.clone(),
-        content_hash: "coarse".into(),
-        mesh_hash: scene.mesh.content_hash(),
-        law: "as in the scene".into(),
-        max_force_n: scene.max_force_n,
-        spacing_m: grid.spacing_m,
-        radius_m: grid.radius_m,
-        visual: false,
-        displacement_bound: scene.displacement_bound,
-        complete_cells: true,
-        increments: None,
-    };
-    let folder = tempfile::tempdir().expect("a folder for the store");
-    let active: Vec<(String, u32)> =
-        scene.active.iter().map(|active| (active.name.clone(), active.node)).collect();
-    let file = folder.path().join("coarse.space");
-    let store = Store::create_or_resume(&file, &identity, &scene.mesh, &scene.fixed, &active);
-    let store = store.expect("the store opens");
-    let body = Arc::new(scene.body().expect("a body"));
-    let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
-    let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
-    let workshop = Workshop::new(move |active| problems[active].clone(), grid, scene.max_force_n, None);
-    let expansion = Expansion { actives: (0..active.len()).collect(), grid, complete_cells: true };
-    let threads = available_parallelism().map_or(1, std::num::NonZero::get);
-    let counts = with_threads(&Arc::new(workshop), threads, |crew| {
-        expansion.run(&store, crew, &AtomicBool::new(false), |_| ())
-    });
-    for count in counts.expect("the run ends") {
-        assert!(count.solved() >= 20, "{}: {count:?}", path.display());
-    }
-    let options = PackOptions { methods: &[METHOD], intermediate: false, threads };
-    let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
-    BlobFile::of(&bytes)
+    coarse_blob(&scene, grid, METHOD)
 }
 
 /// A knock and nothing else may be seen of the hand: its motion at rest is less than a step of the encoder, with or without friction.

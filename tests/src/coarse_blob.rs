@@ -1,0 +1,57 @@
+//! Blobs of real scenes on grids coarse enough for a test.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::thread::available_parallelism;
+
+use palpate_core::Method;
+use palpate_host::BlobFile;
+use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::configuration_space::{
+    Expansion, SpaceGrid, Store, StoreIdentity, Workshop, with_threads,
+};
+use palpate_precompute::scene::ResolvedScene;
+use palpate_precompute::solve::Problem;
+
+/// Solves every active node of a scene on this grid and packs it for one method, without displacements.
+///
+/// # Panics
+///
+/// If anything does not come out as it should: a test then has nothing to stand on.
+pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> BlobFile {
+    let identity = StoreIdentity {
+        scene_name: scene.name.clone(),
+        scene: scene.text.clone(),
+        content_hash: "coarse".into(),
+        mesh_hash: scene.mesh.content_hash(),
+        law: "as in the scene".into(),
+        max_force_n: scene.max_force_n,
+        spacing_m: grid.spacing_m,
+        radius_m: grid.radius_m,
+        visual: false,
+        displacement_bound: scene.displacement_bound,
+        complete_cells: true,
+        increments: None,
+    };
+    let folder = tempfile::tempdir().expect("a folder for the store");
+    let active: Vec<(String, u32)> =
+        scene.active.iter().map(|active| (active.name.clone(), active.node)).collect();
+    let file = folder.path().join("coarse.space");
+    let store = Store::create_or_resume(&file, &identity, &scene.mesh, &scene.fixed, &active);
+    let store = store.expect("the store opens");
+    let body = Arc::new(scene.body().expect("a body"));
+    let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
+    let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
+    let workshop = Workshop::new(move |active| problems[active].clone(), grid, scene.max_force_n, None);
+    let expansion = Expansion { actives: (0..active.len()).collect(), grid, complete_cells: true };
+    let threads = available_parallelism().map_or(1, std::num::NonZero::get);
+    let counts = with_threads(&Arc::new(workshop), threads, |crew| {
+        expansion.run(&store, crew, &AtomicBool::new(false), |_| ())
+    });
+    for count in counts.expect("the run ends") {
+        assert!(count.solved() >= 20, "{}: {count:?}", scene.name);
+    }
+    let options = PackOptions { methods: &[method], intermediate: false, threads };
+    let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
+    BlobFile::of(&bytes)
+}

@@ -1,0 +1,120 @@
+//! Strokes over a patch of active nodes of the bundled liver: the force changes little from tick to tick, whatever the tool does.
+
+use std::path::Path;
+
+use palpate_core::{
+    Config, ContactConfig, Controller, Method, Organ, Phase, Sample, State, TouchSurface, Vec3, vec3,
+};
+use palpate_host::session::TouchFigures;
+use palpate_host::{TickRecord, sliding};
+use palpate_precompute::configuration_space::SpaceGrid;
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::scene::{ActiveNode, Scene};
+use palpate_tests::coarse_blob::coarse_blob;
+
+/// Reach of the patch round A1, m.
+const PATCH_M: f64 = 0.026;
+/// How deep the tool presses, m.
+const DEPTH_M: f32 = 0.008;
+/// How fast it goes, m/s.
+const SPEED_M_S: f32 = 0.1;
+
+/// What a stroke came to.
+struct Stroke {
+    figures: TouchFigures,
+    /// Largest force of the first tick in touch, N.
+    first_n: f32,
+    work_j: f64,
+}
+
+/// Along straight lines through these points, at one speed, a sample a millisecond.
+fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(usize) -> u32) -> Stroke {
+    let mut state = State::new();
+    state.arm();
+    let mut stroke = Stroke { figures: TouchFigures::default(), first_n: 0.0, work_j: 0.0 };
+    let (mut tick, mut before) = (0_u64, (vec3::ZERO, through[0]));
+    let mut was_engaged = false;
+    for (leg, ends) in through.windows(2).enumerate() {
+        let steps = (vec3::distance(ends[0], ends[1]) / (SPEED_M_S * 1e-3)).ceil().max(1.0) as usize;
+        for step in 1..=steps {
+            let way = vec3::scale(vec3::sub(ends[1], ends[0]), step as f32 / steps as f32);
+            let position_m = vec3::add(ends[0], way);
+            tick += 1;
+            let sample = Sample { t_us: tick * 1_000, position_m, buttons: buttons(leg) };
+            let command = controller.tick(&mut state, tick * 1_000, Some(&sample));
+            assert_eq!(command.phase, Phase::Active, "{command:?}");
+            stroke.figures.take(&TickRecord { tick, ..TickRecord::of(&command) });
+            if command.engaged.is_some() && !was_engaged {
+                stroke.first_n = stroke.first_n.max(vec3::norm(command.reaction_n));
+            }
+            was_engaged = command.engaged.is_some();
+            stroke.work_j += f64::from(vec3::dot(before.0, vec3::sub(position_m, before.1)));
+            before = (command.hand_force_n, position_m);
+        }
+    }
+    stroke
+}
+
+#[test]
+fn strokes_over_the_liver_do_not_jump() {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
+    let mut scene = Scene::load(&assets).expect("sound").resolve().expect("sound");
+    let centre = scene.mesh.nodes_m[scene.active[0].node as usize];
+    let surface = Surface::of(&scene.mesh);
+    let near = |node: &&u32| {
+        let apart = (0..3).map(|i| (scene.mesh.nodes_m[**node as usize][i] - centre[i]).powi(2)).sum::<f64>();
+        apart.sqrt() < PATCH_M
+    };
+    scene.active = (surface.nodes.iter().filter(near))
+        .map(|&node| ActiveNode { name: format!("P{node}"), node, patch: Vec::new() })
+        .collect();
+    let file = coarse_blob(&scene, SpaceGrid::new(0.01, 0.02).expect("valid"), Method::Energy);
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let mut memory = vec![0; TouchSurface::words(&organ)];
+    let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
+
+    let report = sliding::report(&organ, &touch_surface, Method::Energy, ContactConfig::default().friction);
+    println!("{} active nodes; {report}", organ.spaces.len());
+    assert!(report.triangles >= 6 && report.edges >= 12, "{report:?}");
+    assert!(report.seam_n < 1e-4 && report.energy_j > 1e-4, "{report:?}");
+    assert!(report.friction_share < 1.0, "sliding would give energy: {report:?}");
+
+    println!("stroke            step mN  first mN  peak N  contacts  work mJ  given mJ");
+    for (name, friction) in [("slide", 0.3), ("slide, slippery", 0.05), ("stick", f32::INFINITY)] {
+        let mut config = Config::new(Method::Energy);
+        config.limits.ramp_s = 0.0;
+        config.contact.friction = friction;
+        let controller = Controller::new(&organ, config).expect("packed").on_surface(Some(touch_surface));
+        let (mut worst, mut first_n, mut work_j, mut contacts) = (TouchFigures::default(), 0.0_f32, 0.0, 0);
+        let mut most_given_j = f64::MIN;
+        for (i, from) in organ.spaces.iter().enumerate() {
+            let to = &organ.spaces[(i + 3) % organ.spaces.len()];
+            let at = |space: &palpate_core::Space<'_>, height_m: f32| {
+                vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, height_m))
+            };
+            // In over one node, along under load to another, out there.
+            let way = [at(from, 0.004), at(from, -DEPTH_M), at(to, -DEPTH_M), at(to, 0.004)];
+            let found = stroke(&controller, &way, |_| 0);
+            worst.largest_step_n = worst.largest_step_n.max(found.figures.largest_step_n);
+            worst.peak_hand_force_n = worst.peak_hand_force_n.max(found.figures.peak_hand_force_n);
+            contacts += found.figures.contacts;
+            first_n = first_n.max(found.first_n);
+            work_j += found.work_j;
+            most_given_j = most_given_j.max(found.work_j);
+        }
+        println!(
+            "{name:16} {:8.1} {:9.1} {:7.2} {contacts:9} {:8.2} {:9.3}",
+            1e3 * worst.largest_step_n,
+            1e3 * first_n,
+            worst.peak_hand_force_n,
+            1e3 * work_j,
+            1e3 * most_given_j
+        );
+        // 0.1 mm a tick at what the liver is at its stiffest, and what a release fades by.
+        assert!(worst.peak_hand_force_n > 1.0 && worst.largest_step_n < 0.3, "{name}: {worst:?}");
+        // The first tick below the surface: at most 0.1 mm deep.
+        assert!(first_n < 0.15, "{name}: {first_n} N");
+        assert!(contacts as usize >= organ.spaces.len() / 2, "{name}: {contacts}");
+        assert!(work_j < 0.0 && most_given_j < 5e-3, "{name}: {work_j} J, {most_given_j} J");
+    }
+}
