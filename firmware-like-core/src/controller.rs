@@ -176,8 +176,6 @@ pub struct State {
     contact: Contact,
     passivity: Passivity,
     fade: Fade,
-    /// The force before the slew limit.
-    wanted_n: Vec3,
     /// The next force comes from another organ.
     handed_over: bool,
     last: Command,
@@ -201,7 +199,6 @@ impl State {
             contact: Contact::new(),
             passivity: Passivity::new(),
             fade: Fade::new(),
-            wanted_n: vec3::ZERO,
             handed_over: false,
             last: Command::zero(Phase::Disarmed, vec3::ZERO),
         }
@@ -447,14 +444,14 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let capped_n = vec3::scale(model.reaction_n, -self.force_share);
         let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
         let wanted_n = vec3::add(vec3::scale(clamped_n, share), damping_n);
-        // What ends otherwise than at no force: a slip, a button, another organ.
+        // What ends otherwise than at no force (a slip, a button, another organ) goes on from what the hand feels: after a gap that is nothing.
         if state.handed_over || (model.engaged.is_none() && state.last.engaged.is_some()) {
-            state.fade.begin(now_us, vec3::sub(state.wanted_n, wanted_n));
+            state.fade.begin(now_us, vec3::sub(state.last.hand_force_n, wanted_n));
             state.handed_over = false;
         }
-        state.wanted_n = vec3::add(wanted_n, state.fade.rest_n(now_us, limits.fade_s));
+        let bridged_n = vec3::add(wanted_n, state.fade.rest_n(now_us, limits.fade_s));
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
-        let slewed_n = limit::slew(state.last.hand_force_n, state.wanted_n, step_n);
+        let slewed_n = limit::slew(state.last.hand_force_n, bridged_n, step_n);
         // The slew stays inside the ball but for rounding; this makes the limit exact.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);

@@ -311,6 +311,24 @@ fn letting_go_fades() {
     assert_eq!(force_n, vec3::ZERO);
 }
 
+/// A device that was silent while it was let go gets no force back when it speaks again.
+#[test]
+fn nothing_fades_after_a_gap_at_zero() {
+    bench!(bench, ball(|_| 1.0, 162), 0.3);
+    let out = |metres: f32| [0.0, 0.0, RADIUS_M + metres];
+    for step in 0..105 {
+        bench.at_with(out(1e-3 + 1e-4 * (step as f32 - 5.0).max(0.0)), u32::from(step > 5));
+    }
+    for _ in 0..6 {
+        bench.now_us += 1_000;
+        bench.controller.tick(&mut bench.state, bench.now_us, None);
+    }
+    for _ in 0..40 {
+        let command = bench.at_with(out(0.0109), 0);
+        assert_eq!((command.engaged, command.hand_force_n), (None, vec3::ZERO));
+    }
+}
+
 /// A grasp slips off beyond the grid or beyond what the device holds, and a press is needed to take hold again.
 #[test]
 fn a_grasp_slips_at_its_limits() {

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, vec3};
@@ -202,6 +202,7 @@ pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let begun = Instant::now();
     let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
     let files = paths.iter().map(|path| blob::load(path)).collect::<Result<Vec<_>, _>>()?;
     let each = || paths.iter().zip(&files);
@@ -236,13 +237,24 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
         None => open_device(&args.device, organs[0], profile.as_ref()),
     };
-    let touched = touch::run(&organs, method, show, &stop, open, |record| resident.take(record))?;
+    let mut ready = None;
+    let touched = touch::run(&organs, method, show, &stop, open, |record| {
+        ready.get_or_insert_with(|| begun.elapsed());
+        resident.take(record);
+    })?;
     output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let Some(profile) = &profile {
         output::line(format!(
             "profile      {}: {}",
             profile.name,
             profile.verdict(&touched.summary.latency)
+        ))?;
+    }
+    if let Some(ready) = ready {
+        let megabytes = files.iter().map(|file| file.bytes().len()).sum::<usize>() as f64 * 1e-6;
+        output::line(format!(
+            "start        {:.2} s from {megabytes:.1} MB to the first tick",
+            ready.as_secs_f64()
         ))?;
     }
     output::line(resident.end())?;
