@@ -9,7 +9,9 @@ use palpate_core::link::{
     Device, DeviceInfo, DeviceMessage, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, encode,
 };
 use palpate_core::profile::{Limits, PcOrgan};
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3, flags, vec3};
+use palpate_core::{
+    Config, Controller, Method, Organ, Phase, Sample, Space, State, TouchSurface, Vec3, flags, vec3,
+};
 
 /// Bytes at an address divisible by 8.
 fn aligned(bytes: &[u8]) -> Vec<u64> {
@@ -106,17 +108,40 @@ static GOLDEN: LazyLock<Box<PcOrgan<'static>>> = LazyLock::new(|| {
     Box::new(PcOrgan::read(&bytemuck::cast_slice(words)[..bytes.len()]).expect("the golden blob is good"))
 });
 
+/// The golden organ with its one space at the 200 surface vertices that are nearest to it: what slides, slides over them.
+static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = LazyLock::new(|| {
+    let mut organ = GOLDEN.clone();
+    let one = organ.spaces[0].clone();
+    let [x, y, z] = organ.surface.position_m;
+    let at = |vertex: usize| [x[vertex], y[vertex], z[vertex]];
+    let mut vertices: Vec<usize> = (0..x.len()).collect();
+    let apart = |vertex: &usize| vec3::distance(at(*vertex), one.rest_position_m);
+    vertices.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+    organ.spaces.clear();
+    for vertex in vertices.into_iter().take(200) {
+        let node = organ.surface.node[vertex];
+        let space = Space { node, rest_position_m: at(vertex), ..one.clone() };
+        organ.spaces.push(space).expect("256 fit");
+    }
+    let memory: &'static mut [u32] = vec![0; TouchSurface::words(&organ)].leak();
+    let surface = TouchSurface::new(&organ, memory).expect("the golden blob has a surface");
+    (organ, surface)
+});
+
 /// Any samples at any times: finite, within the limit, zero after a fault until it is reset and armed.
 pub(crate) fn tick(data: &[u8]) {
-    let organ: &PcOrgan<'static> = &GOLDEN;
+    let (everywhere, surface) = &*EVERYWHERE;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
+    let organ: &PcOrgan<'static> = if contact & 8 == 0 { &GOLDEN } else { everywhere };
     let mut config = Config::new(Method::ALL[usize::from(method) % Method::ALL.len()]);
+    config.contact.friction = if contact & 16 == 0 { 0.3 } else { 0.0 };
     config.limits.max_speed_m_s = if contact & 1 == 0 { 2.0 } else { 1e30 };
     config.limits.max_position_m = if contact & 2 == 0 { 0.5 } else { 1e30 };
     // Looking for the stiffest place would take longer than all that is asked here.
     config.limits.max_stiffness_n_m = f32::MAX;
     config.limits.ramp_s = if contact & 4 == 0 { 0.0 } else { 0.5 };
     let controller = Controller::new(organ, config).expect("the golden blob has every method");
+    let controller = controller.on_surface((contact & 8 != 0).then_some(*surface));
     let node_m = organ.spaces[0].rest_position_m;
     let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);
     state.arm();
@@ -133,6 +158,8 @@ pub(crate) fn tick(data: &[u8]) {
         let t_us = now_us.wrapping_add(1000).wrapping_sub(u64::from(age) * 100);
         let sample = Sample { t_us, position_m, buttons: buttons.into() };
         match kind >> 2 {
+            58 => state.hand_over(true),
+            59 => state.hand_over(false),
             60 => {
                 state.reset();
                 latched = false;

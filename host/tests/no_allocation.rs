@@ -1,8 +1,9 @@
 //! Nothing in the tick's path allocates: exchange, controller, histogram, queue and hand-over, over more than 10^6 ticks, 150,000 a method.
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
-use palpate_core::{Config, Controller, Method, Organ, Phase};
+use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{
     Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock,
 };
@@ -18,7 +19,10 @@ fn a_million_ticks_without_an_allocation() {
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
     let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a sound blob");
     for method in Method::ALL {
-        let controller = Controller::new(&organ, Config::new(method)).expect("has the method");
+        // With the surface, and two models that take turns.
+        let mut memory = TouchMemory::default();
+        let controllers = model::controllers(&[&organ, &organ], Config::new(method), &mut memory);
+        let controllers = controllers.expect("has the method");
         // Both ways of the queue: it fills up, and then every push is refused.
         let (records, mut drained) = rtrb::RingBuffer::new(60_000);
         let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
@@ -27,13 +31,17 @@ fn a_million_ticks_without_an_allocation() {
         let clock = VirtualClock::default();
         let outputs = Outputs { records, latest };
         let heartbeat = Heartbeat::default();
-        let haptic = HapticLoop::new(controller, hand, &clock, LoopConfig::default(), &controls, outputs);
+        let config = LoopConfig::default();
+        let haptic = HapticLoop::of_models(&controllers, hand, &clock, config, &controls, outputs);
         let mut haptic = haptic.watched(&heartbeat);
         let mut engaged = 0;
         assert_no_alloc(|| {
             for index in 0..150_000_u64 {
                 let deadline_ns = index * 1_000_000;
                 clock.wait_until(deadline_ns, 0);
+                if index % 997 == 0 {
+                    controls.select((index / 997 % 2) as u8);
+                }
                 haptic.tick(index, 0, deadline_ns).expect("the simulated hand never fails");
                 let record = newest.read();
                 assert!(record.tick == index && record.phase == Phase::Active);

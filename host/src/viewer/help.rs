@@ -13,6 +13,7 @@ const KEYS: &[[&str; 2]] = &[
     ["A", "arm"],
     ["D", "disarm"],
     ["R", "reset a fault"],
+    ["N", "next model, if any"],
     ["T", "shape at rest"],
     ["G", "reachable region"],
     ["Space", "picture (PNG)"],
