@@ -145,7 +145,10 @@ fn what_cannot_be_replayed_is_refused_in_one_line() {
     std::fs::write(&other, "not an MCAP file").expect("writable");
     refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "no recording of Palpate"]);
     let replay = device(&recording);
-    refused(&["run", BLOB, "--device", &replay, "--seconds", "1"], &["leave --seconds and --record out"]);
+    refused(
+        &["run", BLOB, "--device", &replay, "--seconds", "1"],
+        &["leave --seconds, --profile and --record out"],
+    );
     let mut bytes = std::fs::read(&recording).expect("there");
     let middle = bytes.len() / 2;
     let digit = middle + bytes[middle..].iter().position(u8::is_ascii_digit).expect("numbers");
