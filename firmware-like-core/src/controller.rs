@@ -332,16 +332,10 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         match (0..u16::MAX).zip(&organ.spaces).find(|(_, space)| !space.has(method)) {
             Some((space, _)) => Err(ControllerError::MissingMethod { method, space }),
             None => {
-                let stiffest = |space| stiffness::stiffest_n_m(space, method);
                 let capped = limits.max_stiffness_n_m < f32::MAX;
-                let spaces = organ.spaces.iter().filter(|_| capped);
-                let stiffest_n_m = spaces.map(stiffest).fold(0.0, f32::max);
-                // Infinite is far too stiff, and no organ that moves.
-                let force_share = if stiffest_n_m > limits.max_stiffness_n_m {
-                    limits.max_stiffness_n_m / stiffest_n_m
-                } else {
-                    1.0
-                };
+                let spaces = if capped { organ.spaces.as_slice() } else { &[] };
+                let (cap_n_m, limit_n) = (limits.max_stiffness_n_m, limits.max_force_n);
+                let (stiffest_n_m, force_share) = stiffness::share(spaces, method, cap_n_m, limit_n);
                 Ok(Self { organ, surface: None, config, stiffest_n_m, force_share })
             }
         }

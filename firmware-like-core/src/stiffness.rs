@@ -10,11 +10,11 @@
 //! Where an organ is stiffer than that, every force for the hand is scaled by one factor below 1, the same for all its spaces: nothing
 //! jumps at a hand-over, a conservative force stays one, and the organ feels softer as a whole, which the caller is told.
 
-use crate::flags::{SMOOTH, SOLVED, TERMINATING};
+use crate::flags::{SMOOTH, SOLVED};
 use crate::math;
 use crate::method::Method;
 use crate::table::Space;
-use crate::vec3::Vec3;
+use crate::vec3::{Vec3, ZERO, norm};
 
 /// Largest stiffness at which a device is passive, N/m: 2 (b - |B|) / T. Not positive where B is larger than b.
 pub fn passive_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32) -> f32 {
@@ -26,25 +26,51 @@ pub fn stable_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32, de
     (damping_ns_m + virtual_damping_ns_m) / (0.5 * cycle_s + delay_s)
 }
 
+/// Bands of force that are looked at, at most: each is stiffer than the one before, or the last.
+const MOST_BANDS: usize = 16;
+
 /// Grid points that radial basis functions are asked at, at most: each of them costs a pass over all centres.
 const RADIAL_POINTS: usize = 2_000;
 
-/// Largest stiffness of a space by a method, N/m: the largest singular value of dh/dd over the solved grid points within the force limit and
-/// away from folds. 0 if the method is not in the blob.
+/// Largest stiffness of a space by a method, N/m: the largest singular value of dh/dd over the solved grid points away from folds with
+/// `above_n` < |h| <= `to_n`. 0 if there is none, or the method is not in the blob.
 ///
 /// At folds the body jumps: no stiffness says how that feels, and the slew limit stands there. For start-up, not for the tick.
-pub fn stiffest_n_m(space: &Space<'_>, method: Method) -> f32 {
+pub fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) -> f32 {
     let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
     let stride = if radial { space.flags.len().div_ceil(RADIAL_POINTS).max(1) } else { 1 };
-    let counts = |bits: u8| bits & (SOLVED | SMOOTH | TERMINATING) == SOLVED | SMOOTH;
+    let counts = |bits: u8| bits & (SOLVED | SMOOTH) == SOLVED | SMOOTH;
     let points = space.flags.iter().enumerate().filter(|(_, bits)| counts(**bits)).step_by(stride);
     let stiffness = |(slot, _): (usize, &u8)| {
         let displacement_m = space.lattice.displacement_m(space.lattice.ijk(slot));
-        space
-            .estimate(method, displacement_m)
-            .map_or(0.0, |found| largest_singular_value(&found.stiffness_n_m))
+        let within = |h: Vec3| (above_n..=to_n).contains(&norm(h)) && norm(h) != above_n;
+        // The force first: it costs a fraction of its slopes.
+        let force_n = space.force(method, displacement_m).map_or(ZERO, |answer| answer.force_n);
+        let found = if within(force_n) { space.estimate(method, displacement_m) } else { None };
+        found.map_or(0.0, |found| largest_singular_value(&found.stiffness_n_m))
     };
     points.map(stiffness).fold(0.0, f32::max)
+}
+
+/// Largest stiffness that a hand reaches, N/m, and the share that every force is to be scaled by so that it is felt as `cap_n_m` at most.
+///
+/// A force that is scaled down lets the hand go deeper before the largest force stops it, to |h| = limit / share, where tissue is
+/// stiffer still. So the band that this opens is looked at too, until it opens no more.
+pub fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n: f32) -> (f32, f32) {
+    let (mut stiffest_n_m, mut share) = (0.0_f32, 1.0_f32);
+    let mut band_n = (-1.0_f32, limit_n);
+    for _ in 0..MOST_BANDS {
+        let within = |space| self::stiffest_n_m(space, method, band_n);
+        stiffest_n_m = spaces.iter().map(within).fold(stiffest_n_m, f32::max);
+        // Infinite is far too stiff, and no organ that moves.
+        share = if stiffest_n_m > cap_n_m { cap_n_m / stiffest_n_m } else { 1.0 };
+        let reached_n = if share > 0.0 { limit_n / share } else { f32::MAX };
+        if reached_n <= band_n.1 {
+            break;
+        }
+        band_n = (band_n.1, reached_n);
+    }
+    (stiffest_n_m, share)
 }
 
 /// From above, by less than 1 %: trace(M^128)^(1/128) with M = A^T A, whose root is the singular value.

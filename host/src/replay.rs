@@ -7,7 +7,7 @@
 //! force, not what that hand would have done.
 
 use crate::device::replay::{Answer, ReplayDevice};
-use crate::model::{self, TouchMemory};
+use crate::model::{self, ModelError, TouchMemory};
 use crate::recording::{Recording, RecordingError};
 use crate::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
 use crate::session::{Screen, TouchFigures, View};
@@ -15,7 +15,6 @@ use crate::viewer::{Live, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
-use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Method, Organ, Vec3, vec3};
 use std::io::Read;
 use std::time::Instant;
@@ -30,8 +29,8 @@ pub enum ReplayError {
         /// Its scene.
         scene: String,
     },
-    /// The controller refused organ or configuration.
-    Controller(ControllerError),
+    /// These organs cannot be rendered, or not together, or not with this configuration.
+    Model(ModelError),
     /// The recording is damaged.
     Recording(RecordingError),
     /// Nothing to show on, or a frame was not written.
@@ -49,7 +48,7 @@ impl fmt::Display for ReplayError {
                     short.join("..., ")
                 )
             }
-            Self::Controller(error) => error.fmt(f),
+            Self::Model(error) => error.fmt(f),
             Self::Recording(error) => error.fmt(f),
             Self::Viewer(error) => error.fmt(f),
         }
@@ -58,9 +57,9 @@ impl fmt::Display for ReplayError {
 
 impl core::error::Error for ReplayError {}
 
-impl From<ControllerError> for ReplayError {
-    fn from(error: ControllerError) -> Self {
-        Self::Controller(error)
+impl From<ModelError> for ReplayError {
+    fn from(error: ModelError) -> Self {
+        Self::Model(error)
     }
 }
 
@@ -207,7 +206,7 @@ pub fn replay<R: Read, const N: usize>(
     let config = Config { method: method.unwrap_or(header.config.method), ..header.config };
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    let first = organs.first().ok_or(RecordingError::Entry("blob_blake3"))?;
+    let first = organs[0];
     let mut show = Show::open(first, &config, view)?;
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let (mut answers, fed) = rtrb::RingBuffer::new(1);
@@ -256,7 +255,7 @@ pub fn replay<R: Read, const N: usize>(
         let now = replayed.pop().expect("every tick leaves a record");
         summary.compare(&recorded, &now);
         show.take(
-            organs.get(usize::from(now.model)).unwrap_or(first),
+            organs.get(usize::from(now.model)).copied().unwrap_or(first),
             &TickRecord { lateness_ns: recorded.lateness_ns, compute_ns: recorded.compute_ns, ..now },
         )?;
     }

@@ -3,8 +3,7 @@
 use crate::device::{Device, DeviceInfo};
 use crate::doctor::{Probe, Surroundings};
 use crate::instructions::Instructions;
-use crate::model::{self, TouchMemory};
-use crate::rt::haptic_loop::MOST_MODELS;
+use crate::model::{self, ModelError, TouchMemory};
 use crate::rt::thread::spawn;
 use crate::rt::watchdog::{self, DEFAULT_LIMIT_MS};
 use crate::rt::{
@@ -17,8 +16,7 @@ use crate::viewer::{Live, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
-use palpate_core::controller::ControllerError;
-use palpate_core::{Config, Coverage, Organ, Phase, Vec3, vec3};
+use palpate_core::{Config, Controller, Coverage, Organ, Phase, Vec3, vec3};
 use std::sync::{Arc, OnceLock};
 
 pub(crate) use crate::viewer::screen::Screen;
@@ -64,10 +62,8 @@ impl Default for SessionOptions {
 /// Why a session did not come about or did not end well.
 #[derive(Debug)]
 pub enum SessionError {
-    /// The controller refused organ or configuration.
-    Controller(ControllerError),
-    /// There is no organ, or there are more than the loop takes.
-    NoModel,
+    /// These organs cannot be rendered, or not together, or not with this configuration.
+    Model(ModelError),
     /// The length is negative or not a number.
     Seconds(f64),
     /// Nothing to show on, or a frame was not written.
@@ -81,8 +77,7 @@ pub enum SessionError {
 impl fmt::Display for SessionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Controller(error) => error.fmt(f),
-            Self::NoModel => write!(f, "a session needs 1 to {MOST_MODELS} organs"),
+            Self::Model(error) => error.fmt(f),
             Self::Seconds(seconds) => write!(f, "{seconds} is no length for a session, in seconds"),
             Self::Viewer(error) => error.fmt(f),
             Self::Thread(error) => write!(f, "cannot start the haptic thread: {error}"),
@@ -95,9 +90,9 @@ impl fmt::Display for SessionError {
 
 impl core::error::Error for SessionError {}
 
-impl From<ControllerError> for SessionError {
-    fn from(error: ControllerError) -> Self {
-        Self::Controller(error)
+impl From<ModelError> for SessionError {
+    fn from(error: ModelError) -> Self {
+        Self::Model(error)
     }
 }
 
@@ -295,7 +290,8 @@ impl fmt::Display for SessionSummary {
 
 /// Runs a session: the loop on its own thread, viewer and records on the calling one.
 ///
-/// The first organ is rendered until another is asked for; all by the same settings. `on_record` gets every record in order, a few milliseconds late; it may take its time, the queue holds seconds. `stop` ends the
+/// The first organ is rendered until another is asked for; all by the same settings. `on_record` gets every record in order, a few
+/// milliseconds late; it may take its time, the queue holds seconds. `stop`, which the loop looks at in every tick whatever this thread is doing, ends the
 /// session from outside (Ctrl-C). A window that cannot be opened is an error before anything moves.
 pub fn run_session<D: Device, const N: usize>(
     organs: &[&Organ<'_, N>],
@@ -307,11 +303,10 @@ pub fn run_session<D: Device, const N: usize>(
 ) -> Result<SessionSummary, SessionError> {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    let (Some(first), Some(organ), true) = (controllers.first(), organs.first(), organs.len() <= MOST_MODELS)
-    else {
-        return Err(SessionError::NoModel);
-    };
-    let felt = (first.stiffest_n_m(), first.force_share());
+    let organ = organs[0];
+    // The stiffest of them, and the share of the one that is held back most.
+    let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
+    let felt = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
     let periods = periods(options)?;
     let mut screen = Screen::open(organ, &config, &options.view)?;
     let info = device.info();
@@ -333,7 +328,8 @@ pub fn run_session<D: Device, const N: usize>(
         let outputs = Outputs { records: producer, latest };
         let haptic =
             HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
-                .watched(&heartbeat);
+                .watched(&heartbeat)
+                .stopped_by(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);
         let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
@@ -486,6 +482,47 @@ mod tests {
             text.contains("simulated hand") && text.contains("p99.9") && text.contains("contacts"),
             "{text}"
         );
+    }
+
+    /// A hand whose device tells when its force was taken away.
+    struct Told<'z>(SimulatedHand, &'z AtomicBool);
+
+    impl Device for Told<'_> {
+        fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+            self.0.exchange(now_us, force_n)
+        }
+
+        fn stop(&mut self) {
+            self.1.store(true, Ordering::SeqCst);
+        }
+
+        fn info(&self) -> DeviceInfo {
+            self.0.info()
+        }
+    }
+
+    /// A screen or a disk that hangs must not keep the force on after Ctrl-C.
+    #[test]
+    fn the_stop_flag_takes_the_force_away_while_the_caller_hangs() {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let (stop, zeroed) = (AtomicBool::new(false), AtomicBool::new(false));
+        let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
+        let endless = SessionOptions { seconds: None, ..options(0.0) };
+        let (mut asked, mut in_time) = (false, false);
+        let config = Config::new(Method::Hybrid);
+        run_session(&[&organ], config, Told(hand, &zeroed), &endless, &stop, |_| {
+            if !core::mem::replace(&mut asked, true) {
+                stop.store(true, Ordering::Relaxed);
+                let begun = Instant::now();
+                while !zeroed.load(Ordering::SeqCst) && begun.elapsed() < Duration::from_secs(20) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                in_time = zeroed.load(Ordering::SeqCst);
+            }
+        })
+        .expect("it runs");
+        assert!(in_time, "the loop ends while its caller hangs");
     }
 
     #[test]

@@ -79,11 +79,13 @@ fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
             && one("Environment").contains(&format!("FIFO={DEFAULT_FIFO_PRIORITY}"))
     );
     assert_eq!(one("LimitMEMLOCK"), "infinity");
+    // Pictures nobody looks at would fill the disk.
+    assert!(one("ExecStart").contains("--headless --frame-rate 0 "));
     // The options are those of the command line.
     for command in [one("ExecStart"), one("ExecStartPre")] {
         for option in command.split_whitespace().filter(|word| word.starts_with("--")) {
             assert!(
-                ["--headless", "--device", "--cpu", "--fifo", "--measure"].contains(&option),
+                ["--headless", "--frame-rate", "--device", "--cpu", "--fifo", "--measure"].contains(&option),
                 "{option} of {command}"
             );
         }

@@ -125,6 +125,45 @@ fn a_stiff_organ_shakes_without_the_cap_and_not_with_it() {
     assert!(free_m > 20.0 * COUNT_M, "{free_m} m");
 }
 
+/// What is scaled down lets the hand deeper, where the body is stiffer: the cap holds there too, wherever the force limit lets the hand.
+#[test]
+fn the_cap_holds_where_the_softer_force_lets_the_hand() {
+    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
+    let mut words = vec![0_u64; blob.len().div_ceil(8)];
+    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
+    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a sound blob");
+    let space = &organ.spaces[0];
+    let mut config = Config::new(Method::Energy);
+    (config.limits.max_force_n, config.limits.max_stiffness_n_m) = (3.0, 250.0);
+    let controller = Controller::new(&organ, config).expect("packed");
+    let share = controller.force_share();
+    let (mut felt_n_m, mut in_limit_n_m) = (0.0_f32, 0.0_f32);
+    for slot in 0..space.flags.len() {
+        let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
+        if space.flags[slot] & clear != clear {
+            continue;
+        }
+        let found = space.estimate(Method::Energy, space.lattice.displacement_m(space.lattice.ijk(slot)));
+        let found = found.expect("packed");
+        let (size_n, stiffness_n_m) = (
+            vec3::norm(found.force_n),
+            palpate_core::stiffness::largest_singular_value(&found.stiffness_n_m),
+        );
+        if share * size_n <= 3.0 {
+            felt_n_m = felt_n_m.max(share * stiffness_n_m);
+        }
+        if size_n <= 3.0 {
+            in_limit_n_m = in_limit_n_m.max(stiffness_n_m);
+        }
+    }
+    println!("felt up to {felt_n_m} N/m with {share}; {in_limit_n_m} N/m within the force limit");
+    assert!(felt_n_m <= 250.0 * 1.001 && felt_n_m > 200.0, "{felt_n_m}");
+    assert!(
+        share < 0.98 * 250.0 / in_limit_n_m,
+        "the band beyond the limit is not stiffer: this test could not fail"
+    );
+}
+
 /// Every bundled table is as stiff as its slopes say: the cap is found where a force really changes that fast.
 #[test]
 fn the_stiffest_place_is_that_of_the_forces() {
@@ -203,7 +242,7 @@ fn a_hand_at_rest_does_not_shake_on_any_bundled_device_however_stiff_the_organ()
 /// The formulas at work: the device's own damping is enough, whoever holds it.
 #[test]
 fn where_damping_is_stated_the_cap_stands_without_a_hand_and_without_friction() {
-    with_organ(4_000.0, |organ| {
+    with_organ(7_000.0, |organ| {
         let profile = Profile::bundled("simulated").expect("bundled");
         let smooth = frictionless(&profile);
         assert_eq!(smooth.cap(), profile.cap(), "its friction does not limit it");

@@ -19,20 +19,15 @@ pub(crate) struct Timing {
     /// The last part of every wait that is spun instead of slept, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
     pub spin_us: u32,
-    /// Time between two ticks, us
-    #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.period_us,
+    /// Time between two ticks, us; 1000, or what the profile says, if not given
+    #[arg(long, value_name = "US", help_heading = "Timing",
           value_parser = clap::value_parser!(u32).range(100..=100_000))]
-    pub period_us: u32,
+    pub period_us: Option<u32>,
 }
 
 impl Default for Timing {
     fn default() -> Self {
-        Self {
-            cpu: None,
-            fifo: DEFAULT_FIFO_PRIORITY,
-            spin_us: DEFAULT.spin_us,
-            period_us: DEFAULT.period_us,
-        }
+        Self { cpu: None, fifo: DEFAULT_FIFO_PRIORITY, spin_us: DEFAULT.spin_us, period_us: None }
     }
 }
 
@@ -48,7 +43,8 @@ impl Timing {
 
     /// Period and spin.
     pub(crate) fn haptic(&self) -> LoopConfig {
-        LoopConfig { period_us: self.period_us, spin_us: self.spin_us, ..LoopConfig::default() }
+        let period_us = self.period_us.unwrap_or(DEFAULT.period_us);
+        LoopConfig { period_us, spin_us: self.spin_us, ..LoopConfig::default() }
     }
 }
 

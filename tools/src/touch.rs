@@ -10,6 +10,7 @@ use std::time::{Duration, SystemTime};
 use palpate_core::{Config, Method, Organ, Phase};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
+use palpate_host::model::ModelError;
 use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
@@ -32,6 +33,9 @@ pub(crate) const MOUSE_NEEDS_WINDOW: &str =
 
 /// Room for the hand round the organ, m.
 const WORKSPACE_MARGIN_M: f32 = 0.3;
+
+/// Counts of the encoder that a pushing tool rises before it lets go: fewer, and contact chatters.
+const HYSTERESIS_COUNTS: f32 = 4.0;
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
@@ -114,7 +118,13 @@ impl Record<'_> {
         let start_unix_ns = since_1970.as_nanos() as u64;
         let header = Header::new(organ, blob, config, options.haptic, device, start_unix_ns);
         // A recording of a hand cannot be made again: never over another one.
-        let file = File::create_new(self.path).map_err(|error| Failure::file(self.path, &error))?;
+        let file = File::create_new(self.path).map_err(|error| match error.kind() {
+            std::io::ErrorKind::AlreadyExists => Failure::input(format!(
+                "{}: is there already, and a recording is never written over another; choose another name",
+                self.path.display()
+            )),
+            _ => Failure::file(self.path, &error),
+        })?;
         Recorder::start(BufWriter::new(file), &header)
             .map_err(|error| Failure::work(format!("{}: {error}", self.path.display())))
     }
@@ -159,7 +169,7 @@ pub(crate) fn run<D: Device>(
     mut device: impl FnMut() -> Result<D, Failure>,
     mut on_record: impl FnMut(&TickRecord),
 ) -> Result<Touched, Failure> {
-    let organ = organs.first().ok_or_else(|| Failure::input(SessionError::NoModel))?;
+    let organ = organs.first().ok_or_else(|| Failure::input(SessionError::Model(ModelError::Count)))?;
     let mut options = SessionOptions {
         seconds: show.seconds,
         view: show.view(),
@@ -169,7 +179,7 @@ pub(crate) fn run<D: Device>(
         watchdog_ms: show.watchdog_ms,
         ..SessionOptions::default()
     };
-    if let Some(profile) = show.profile {
+    if let (Some(profile), None) = (show.profile, show.timing.period_us) {
         options.haptic.period_us = profile.period_us();
     }
     let granted = Arc::clone(&options.granted);
@@ -183,7 +193,12 @@ pub(crate) fn run<D: Device>(
             profile.tighten(&mut config.limits);
             // Where its handle cannot be, a position is a fault.
             config.limits.max_position_m = profile.largest_position_m();
-            config.passivity.workspace_scale = profile.workspace.scale;
+            // Hand and encoder are the device's: what is theirs is larger in the model by the scale.
+            let scale = profile.workspace.scale;
+            config.passivity.workspace_scale = scale;
+            config.limits.max_speed_m_s *= scale;
+            let counts_m = HYSTERESIS_COUNTS * scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
+            config.contact.release_height_m = config.contact.release_height_m.max(counts_m);
         }
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
@@ -216,7 +231,7 @@ pub(crate) fn run<D: Device>(
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
                 options.view = show.frames();
             }
-            Err(error @ (SessionError::Controller(_) | SessionError::Seconds(_) | SessionError::NoModel)) => {
+            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_))) => {
                 return Err(Failure::input(error));
             }
             Err(error) => return Err(Failure::work(error)),

@@ -11,7 +11,7 @@ use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use palpate_core::{Controller, Fault, Organ, Phase, State, Vec3, vec3};
+use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
 
 /// Timing of the loop, and how it is armed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -162,19 +162,6 @@ impl<D: Device> Drop for StopOnDrop<D> {
 struct Rendered<'o, 'a, const N: usize> {
     controller: Controller<'o, 'a, N>,
     interpolator: Interpolator,
-    /// Models of one kind have the same active nodes on the same surface.
-    kind: usize,
-}
-
-/// Whether a touch of one organ means the same on another.
-fn same_nodes<const N: usize>(one: &Organ<'_, N>, other: &Organ<'_, N>) -> bool {
-    let places = |organ: &Organ<'_, N>| -> Vec<_> {
-        organ.spaces.iter().map(|space| (space.node, space.rest_position_m, space.outward_normal)).collect()
-    };
-    let surface = |organ: &Organ<'_, N>| (organ.surface.node.to_vec(), organ.surface.triangles.to_vec());
-    places(one) == places(other)
-        && surface(one) == surface(other)
-        && one.surface.position_m == other.surface.position_m
 }
 
 /// The loop with all it owns; built outside the real-time thread, because building allocates.
@@ -197,6 +184,8 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
     device_errors: u64,
     last_device_error: Option<DeviceError>,
     heartbeat: Option<&'l Heartbeat>,
+    /// Ends the loop from outside the session, whatever the thread beside it is doing.
+    stop: Option<&'l AtomicBool>,
     /// Firings of the watchdog that this loop has answered with a fault.
     answered_firings: u64,
 }
@@ -211,6 +200,10 @@ impl<D: Device, C: Clock, const N: usize> Paced for HapticLoop<'_, '_, '_, D, C,
 
     fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), DeviceError> {
         HapticLoop::tick(self, index, origin_ns, deadline_ns)
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
     }
 
     fn overrun(&mut self, index: u64, skipped: u64, late_ns: u64) {
@@ -232,7 +225,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         Self::of_models(&[controller], device, clock, config, controls, outputs)
     }
 
-    /// With several models, of which the first is rendered until [`Controls::select`] asks for another.
+    /// With several models of one body with the same active nodes ([`crate::model::controllers`]), of which the first is rendered until
+    /// [`Controls::select`] asks for another.
     ///
     /// # Panics
     ///
@@ -250,14 +244,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             state.arm();
         }
         assert!(!controllers.is_empty() && controllers.len() <= MOST_MODELS, "1 to 254 models");
-        let kind = |controller: &Controller<'o, 'a, N>| {
-            let same = |other: &Controller<'o, 'a, N>| same_nodes(controller.organ(), other.organ());
-            controllers.iter().position(same).unwrap_or(0)
-        };
         let rendered = |controller: &Controller<'o, 'a, N>| Rendered {
             controller: *controller,
             interpolator: Interpolator::new(controller.config().method),
-            kind: kind(controller),
         };
         Self {
             models: controllers.iter().map(rendered).collect(),
@@ -278,6 +267,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             device_errors: 0,
             last_device_error: None,
             heartbeat: None,
+            stop: None,
             answered_firings: 0,
         }
     }
@@ -286,6 +276,13 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     #[must_use]
     pub const fn watched(mut self, heartbeat: &'l Heartbeat) -> Self {
         self.heartbeat = Some(heartbeat);
+        self
+    }
+
+    /// Lets a flag of the caller end the loop at its next tick, beside the one of [`HapticLoop::run`].
+    #[must_use]
+    pub const fn stopped_by(mut self, stop: &'l AtomicBool) -> Self {
+        self.stop = Some(stop);
         self
     }
 
@@ -311,7 +308,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         let asked = self.controls.model.swap(NO_MODEL, Ordering::Relaxed);
         let wanted = usize::from(asked) % self.models.len();
         if asked != NO_MODEL && wanted != self.model {
-            self.state.hand_over(self.models[wanted].kind == self.models[self.model].kind);
+            self.state.hand_over(true);
             self.model = wanted;
         }
     }
@@ -371,7 +368,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
-            if pressed_now && ready && !applied.zeroed {
+            // What is asked in the same tick, disarming above all, wins over a press.
+            if pressed_now && ready && applied == Applied::default() {
                 self.state.arm();
             }
         }

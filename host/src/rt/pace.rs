@@ -19,6 +19,11 @@ pub trait Paced {
     /// The work for deadline `index`; deadlines are `origin_ns + index * period`.
     fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), Self::Error>;
 
+    /// Whether it is to end, for a reason that the caller's flag does not know.
+    fn is_stopped(&self) -> bool {
+        false
+    }
+
     /// After tick `index` the next `skipped` deadlines had passed, the first of them `late_ns` ago. They get no tick.
     fn overrun(&mut self, index: u64, skipped: u64, late_ns: u64);
 }
@@ -44,7 +49,7 @@ pub fn pace<W: Paced>(work: &mut W, config: LoopConfig, stop: &AtomicBool, perio
     let origin_ns = work.clock().now_ns() + period_ns;
     let mut index = 0;
     while index < periods {
-        if stop.load(Ordering::Relaxed) {
+        if stop.load(Ordering::Relaxed) || work.is_stopped() {
             return Paces::Stopped;
         }
         let deadline_ns = origin_ns + index * period_ns;

@@ -224,6 +224,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             check_certificate(path, organ, method)?;
         }
     }
+    if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement.is_none())) {
+        eprintln!(
+            "palpate: no displacements in the blob ([needs] visual = false): the forces are right, the picture stays at rest"
+        );
+    }
     let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
     let profile = profile(args)?;
     let stop = stop_flag()?;
