@@ -260,7 +260,7 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
         after.push(bench.step().expect("the device is there"));
         assert_eq!(bench.device.force_n(), vec3::ZERO, "not for a single tick");
     }
-    assert!(after.iter().all(|record| record.phase == Phase::SafeZero(Fault::Stale)));
+    assert!(after.iter().all(|record| record.phase == Phase::SafeZero(Fault::Watchdog)));
     assert_eq!(bench.device.refused(), 0, "the two handles do not mix their lines");
 
     controls.reset();
