@@ -26,6 +26,8 @@ pub(crate) fn config(profile: &Profile, method: Method, cap: Cap) -> Config {
         // The guard on energy stills most of what then shakes; what it does alone is a test of its own.
         config.passivity.max_damping_n_s_m = 0.0;
         config.passivity.fault_j = f32::INFINITY;
+        // Nor may a fade catch the tool that an unstable loop throws off.
+        config.limits.fade_s = 0.0;
     }
     config
 }
