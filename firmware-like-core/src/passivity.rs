@@ -8,7 +8,7 @@
 //! F = - a v,   a = min((E - margin) / (v^2 dt), a_max)
 //!
 //! (time-domain passivity control of impedance type; Hannaford and Ryu 2002), and where that is not enough the force is taken away: a
-//! loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades with [`FORGET_S`], so that a tool
+//! loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades within about a second, so that a tool
 //! that bounces is seen too.
 
 use crate::vec3::{self, Vec3};

@@ -170,7 +170,7 @@ impl<'m> TouchSurface<'m> {
 
     /// Where the way from one HIP to the next enters the body first, if it does.
     ///
-    /// Bounded: at most [`MOST_CELLS`] cells and [`MOST_TESTS`] triangles, usually one cell and ten triangles.
+    /// Bounded: at most 64 cells and 1,024 triangles, usually one cell and ten triangles.
     pub fn crossing(&self, from_m: Vec3, to_m: Vec3) -> Option<Crossing> {
         let range = self.cells.range(&[from_m, to_m]);
         let touched: u32 = range.iter().map(|(first, last)| last - first + 1).product();
