@@ -1,6 +1,6 @@
 //! What a session renders: one organ, or several models of it of which one is under the hand, with its surface ready to be touched.
 
-use crate::rt::haptic_loop::MOST_MODELS;
+use crate::rt::controls::MOST_MODELS;
 use core::fmt;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Controller, Organ, TouchSurface};

@@ -242,7 +242,7 @@ fn a_hand_at_rest_does_not_shake_on_any_bundled_device_however_stiff_the_organ()
 /// The formulas at work: the device's own damping is enough, whoever holds it.
 #[test]
 fn where_damping_is_stated_the_cap_stands_without_a_hand_and_without_friction() {
-    with_organ(7_000.0, |organ| {
+    with_organ(2_500.0, |organ| {
         let profile = Profile::bundled("simulated").expect("bundled");
         let smooth = frictionless(&profile);
         assert_eq!(smooth.cap(), profile.cap(), "its friction does not limit it");

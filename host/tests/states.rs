@@ -151,6 +151,24 @@ fn models_change_under_the_hand_without_a_step() {
     assert_eq!(mixed.contacts, steady.contacts, "no touch was lost to a change");
 }
 
+/// What is not the same body is refused before anything moves: a picture, a touch and a name would mean something else.
+#[test]
+fn models_of_another_body_are_refused() {
+    let shapes = [Shape::default(), Shape { subdivisions: 2, ..Shape::default() }];
+    let blobs = shapes.map(|shape| synthetic::organ(&shape));
+    let organs = blobs
+        .each_ref()
+        .map(|blob| -> Organ<'_> { Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob") });
+    let options = SessionOptions { seconds: Some(0.1), ..SessionOptions::default() };
+    let hand = SimulatedHand::new(&organs[0], SimulatedConfig::default());
+    let both: Vec<&Organ<'_>> = organs.iter().collect();
+    let stop = AtomicBool::new(false);
+    let refused =
+        run_session(&both, Config::new(Method::Hybrid), hand, &options, &stop, |_| panic!("it moves"));
+    let said = refused.expect_err("another surface").to_string();
+    assert!(said.contains("blob 2 has another surface or other active nodes"), "{said}");
+}
+
 /// The same from a session, by time.
 #[test]
 fn a_session_goes_round_its_models() {

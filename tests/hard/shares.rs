@@ -112,7 +112,7 @@ fn share(law: Material) -> (usize, usize) {
 }
 
 #[test]
-#[ignore = "some minutes on two cores; run with --ignored --nocapture for the shares"]
+#[ignore = "some minutes on two cores; run by hand after a change of the solver, as docs/hard-cases.md says, for its table of shares"]
 fn share_of_non_convergent_paths() {
     let (bad_stvk, all) = share(st_venant_kirchhoff());
     assert_eq!(all, 104);

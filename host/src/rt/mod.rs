@@ -1,6 +1,7 @@
 //! The real-time side: clock, 1 kHz loop, its thread and its timing figures.
 
 pub mod clock;
+pub mod controls;
 pub mod haptic_loop;
 pub mod histogram;
 pub mod latency;
@@ -10,7 +11,8 @@ pub mod thread;
 pub mod watchdog;
 
 pub use clock::{Clock, MonotonicClock, VirtualClock};
-pub use haptic_loop::{Controls, HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
+pub use controls::Controls;
+pub use haptic_loop::{HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
 pub use histogram::{HistogramRow, Histograms, Quantity};
 pub use latency::{LatencyRecorder, LatencyReport, Miss, Percentiles, TickTimes};
 pub use pace::{Paced, Paces, pace};

@@ -7,6 +7,8 @@ use super::*;
 use crate::material::{Lame, MooneyRivlin, StVenantKirchhoff};
 use crate::mesh::testing::cube;
 
+mod device;
+
 /// Each line has a place in the errors below, so lines are replaced and never added in the middle.
 const SCENE: &str = "\
 name = \"block\"
@@ -552,46 +554,6 @@ fn grids_in_every_way() {
         "correct the value",
     );
     refuses("max_force_n = 8", "", "block.toml:22", "`max_force_n` is missing", "add `max_force_n`");
-}
-
-#[test]
-fn a_device_profile_gives_the_force_limit() {
-    let bench = Bench::new();
-    bench.write("bench.toml", "name = \"bench\"\n[limits]\nmax_force_n = 2.5\nrate_hz = 500\n");
-    let device = |lines: &str| bench.with("max_force_n = 8", lines);
-    for (lines, force_n) in [
-        ("profile = \"falcon\"", 8.0),
-        ("profile = \"touch\"", 3.3),
-        ("profile = \"sigma.7\"", 12.0),
-        ("profile = \"bench.toml\"", 2.5),
-        // What the scene says itself wins, below the device's.
-        ("profile = \"falcon\"\nmax_force_n = 6", 6.0),
-        ("profile = \"falcon\"\nmax_force_n = 8", 8.0),
-    ] {
-        assert_eq!(device(lines).expect("sound").max_force_n, force_n, "{lines}");
-    }
-    let refuses = |to: &str, place: &str, what: &str, mend: &str| {
-        bench.refuses("max_force_n = 8", to, place, what, mend);
-    };
-    refuses(
-        "profile = \"falcom\"",
-        "block.toml:23",
-        "no device profile \"falcom\"",
-        "did you mean \"falcon\"?",
-    );
-    refuses("profile = \"spoon\"", "block.toml:23", "no device profile \"spoon\"", "touch");
-    refuses("profile = \"none.toml\"", "none.toml", "cannot read the file", "check the path");
-    refuses("profile = 3", "block.toml:23", "invalid type", "expected type");
-    let beyond = "profile = \"touch\"\nmax_force_n = 8";
-    refuses(beyond, "block.toml:24", "`max_force_n` = 8 is beyond the 3.3 N of \"touch\"", "3.3 or less");
-    for (text, place, what) in [
-        ("[limits]\nrate_hz = 1\n", "bench.toml:1", "`max_force_n` is missing"),
-        ("[limits]\n\nmax_force_n = -1\n", "bench.toml:3", "`max_force_n` = -1"),
-        ("[limits\n", "bench.toml:1", "not valid TOML"),
-    ] {
-        bench.write("bench.toml", text);
-        refuses("profile = \"bench.toml\"", place, what, "");
-    }
 }
 
 /// A store keeps the scene's text; years later the profile may say something else, or be gone.

@@ -1,0 +1,344 @@
+//! The loop on a virtual clock, with a probe for a device.
+
+use super::*;
+use crate::device::{DeviceErrorKind, DeviceInfo, EmergencyStop};
+use crate::rt::clock::VirtualClock;
+use crate::rt::watchdog::Watchdog;
+use crate::synthetic::{self, Shape};
+use palpate_core::{Config, Fault, Method, Organ, Sample};
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
+
+type Forces = Mutex<Vec<Vec3>>;
+
+/// Presses into the first node and remembers every force it was given; stopping is a zero.
+struct Probe<'t, F> {
+    forces: &'t Forces,
+    rest_m: Vec3,
+    normal: Vec3,
+    self_arming: bool,
+    each: F,
+    calls: u64,
+}
+
+impl<F: FnMut(u64) -> Result<bool, DeviceError> + Send> Device for Probe<'_, F> {
+    fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        self.calls += 1;
+        self.forces.lock().expect("one thread").push(force_n);
+        let depth_m = 1e-3 - 1e-5 * self.calls as f32;
+        let position_m = vec3::add(self.rest_m, vec3::scale(self.normal, depth_m.max(-0.012)));
+        let answers = (self.each)(self.calls)?;
+        let buttons = u32::from(self.calls > 100) << 3;
+        Ok(answers.then_some(Sample { t_us: now_us, position_m, buttons }))
+    }
+
+    fn stop(&mut self) {
+        self.forces.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(vec3::ZERO);
+    }
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo {
+            name: "probe".into(),
+            self_arming: self.self_arming,
+            max_force_n: 8.0,
+            max_stiffness_n_m: 1e3,
+            resolution_m: 0.0,
+        }
+    }
+}
+
+struct Run {
+    outcome: LoopOutcome,
+    records: Vec<TickRecord>,
+    forces: Vec<Vec3>,
+}
+
+struct Bench<'h> {
+    periods: u64,
+    config: LoopConfig,
+    self_arming: bool,
+    queue: usize,
+    heartbeat: Option<&'h Heartbeat>,
+}
+
+impl Default for Bench<'_> {
+    fn default() -> Self {
+        let config = LoopConfig::default();
+        Self { periods: 3_000, config, self_arming: true, queue: 100_000, heartbeat: None }
+    }
+}
+
+impl<'h> Bench<'h> {
+    fn run(
+        &self,
+        clock: impl Clock,
+        controls: &'h Controls,
+        stop: &AtomicBool,
+        each: impl FnMut(u64) -> Result<bool, DeviceError> + Send,
+    ) -> Run {
+        let blob = synthetic::organ(&Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let controller = Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
+        let (records, mut drained) = rtrb::RingBuffer::new(self.queue);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let forces = Forces::default();
+        let device = Probe {
+            forces: &forces,
+            rest_m: organ.spaces[0].rest_position_m,
+            normal: organ.spaces[0].outward_normal,
+            self_arming: self.self_arming,
+            each,
+            calls: 0,
+        };
+        let outputs = Outputs { records, latest };
+        let mut haptic = HapticLoop::new(controller, device, clock, self.config, controls, outputs);
+        if let Some(heartbeat) = self.heartbeat {
+            haptic = haptic.watched(heartbeat);
+        }
+        let outcome = haptic.run(stop, self.periods);
+        let records = core::iter::from_fn(|| drained.pop().ok()).collect();
+        Run { outcome, records, forces: forces.into_inner().expect("one thread") }
+    }
+}
+
+/// A clock on which the tick with this number takes that long.
+struct Stalling<'t> {
+    clock: VirtualClock,
+    calls: &'t AtomicU64,
+    stall_ns: fn(u64) -> u64,
+}
+
+impl Clock for Stalling<'_> {
+    fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+
+    fn wait_until(&self, deadline_ns: u64, spin_ns: u64) {
+        self.clock.wait_until(deadline_ns, spin_ns);
+        let tick = self.calls.fetch_add(1, Ordering::Relaxed);
+        self.clock.advance_ns((self.stall_ns)(tick));
+    }
+}
+
+#[test]
+fn a_press_is_rendered_and_the_last_force_is_zero() {
+    let run =
+        Bench::default()
+            .run(VirtualClock::default(), &Controls::default(), &AtomicBool::new(false), |_| Ok(true));
+    assert_eq!(run.outcome.end, LoopEnd::Completed);
+    assert_eq!((run.outcome.ticks, run.records.len() as u64), (3_000, 3_000));
+    assert!(run.records.windows(2).all(|pair| pair[1].tick == pair[0].tick + 1));
+    assert!(vec3::norm(run.forces[run.forces.len() - 2]) > 1.0, "the organ pushes back");
+    assert_eq!(run.forces.last(), Some(&vec3::ZERO));
+}
+
+#[test]
+fn the_stop_flag_ends_the_loop_with_zero_force() {
+    let stop = AtomicBool::new(false);
+    let run = Bench::default().run(VirtualClock::default(), &Controls::default(), &stop, |call| {
+        stop.store(call == 1_500, Ordering::Relaxed);
+        Ok(true)
+    });
+    assert_eq!((run.outcome.end, run.outcome.ticks), (LoopEnd::Stopped, 1_500));
+    assert!(vec3::norm(run.forces[run.forces.len() - 2]) > 0.5);
+    assert_eq!(run.forces.last(), Some(&vec3::ZERO));
+}
+
+#[test]
+fn an_overrun_skips_what_has_passed_and_never_bursts() {
+    let calls = AtomicU64::new(0);
+    // Tick 100 is 3.4 ms late: deadlines 101, 102 and 103 have passed when it ends.
+    let clock = Stalling {
+        clock: VirtualClock::default(),
+        calls: &calls,
+        stall_ns: |tick| if tick == 100 { 3_400_000 } else { 0 },
+    };
+    let run = Bench { periods: 200, ..Bench::default() }.run(
+        clock,
+        &Controls::default(),
+        &AtomicBool::new(false),
+        |_| Ok(true),
+    );
+    let numbers: Vec<u64> = run.records.iter().map(|record| record.tick).collect();
+    assert_eq!(numbers[99..103], [99, 100, 104, 105]);
+    assert_eq!(run.outcome.ticks, 197);
+    let report = run.outcome.latency.report();
+    assert_eq!((report.overruns, report.skipped_periods), (1, 3));
+    assert_eq!(report.first_overruns, [100]);
+    assert!((report.wake.max_ns as f64 / 3.4e6 - 1.0).abs() < 2e-3);
+    assert_eq!(run.records.last().map(|record| record.skipped_periods), Some(3));
+}
+
+#[test]
+fn a_full_queue_drops_and_counts_but_does_not_wait() {
+    let bench = Bench { periods: 500, queue: 64, ..Bench::default() };
+    let run = bench.run(VirtualClock::default(), &Controls::default(), &AtomicBool::new(false), |_| Ok(true));
+    assert_eq!((run.records.len(), run.outcome.dropped_records), (64, 436));
+}
+
+#[test]
+fn a_real_device_stays_without_force_until_armed() {
+    let controls = Controls::default();
+    let bench = Bench { self_arming: false, ..Bench::default() };
+    let never = bench.run(VirtualClock::default(), &controls, &AtomicBool::new(false), |_| Ok(true));
+    assert!(never.forces.iter().all(|force| *force == vec3::ZERO));
+    assert_eq!(never.outcome.phase, Phase::Disarmed);
+
+    let by_key = bench.run(VirtualClock::default(), &controls, &AtomicBool::new(false), |call| {
+        if call == 50 {
+            controls.arm();
+        }
+        Ok(true)
+    });
+    assert_eq!(by_key.outcome.phase, Phase::Active);
+    assert!(by_key.forces.iter().any(|force| vec3::norm(*force) > 1.0));
+
+    let config = LoopConfig { arm_button: 8, ..LoopConfig::default() };
+    let by_button = Bench { self_arming: false, config, ..Bench::default() }.run(
+        VirtualClock::default(),
+        &Controls::default(),
+        &AtomicBool::new(false),
+        |_| Ok(true),
+    );
+    assert_eq!(by_button.records[99].phase, Phase::Disarmed);
+    assert_eq!(by_button.records[100].phase, Phase::Active);
+}
+
+#[test]
+fn silence_of_the_device_latches_a_fault_until_reset_and_armed() {
+    let controls = Controls::default();
+    let run =
+        Bench::default().run(
+            VirtualClock::default(),
+            &controls,
+            &AtomicBool::new(false),
+            |call| match call {
+                1_000..1_030 => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+                1_030..1_040 => Ok(false),
+                2_000 => {
+                    controls.reset();
+                    controls.arm();
+                    Ok(true)
+                }
+                _ => Ok(true),
+            },
+        );
+    assert_eq!(run.outcome.device_errors, 30);
+    assert_eq!(run.records[998].phase, Phase::Active);
+    for record in &run.records[1_015..1_999] {
+        assert_eq!(record.phase, Phase::SafeZero(Fault::Stale));
+        assert_eq!(record.hand_force_n, vec3::ZERO);
+    }
+    assert_eq!(run.outcome.phase, Phase::Active);
+}
+
+/// Zeroes go into the same list as the loop's own forces.
+struct SecondPath(Arc<Mutex<Vec<u64>>>, Arc<AtomicU64>);
+
+impl EmergencyStop for SecondPath {
+    fn zero(&mut self) -> Result<(), DeviceError> {
+        self.0.lock().expect("one thread").push(self.1.load(Ordering::Relaxed));
+        Ok(())
+    }
+}
+
+/// Tick 1,500 hangs in its exchange for 60 ms of virtual time, in which the watchdog looks each 2 ms.
+#[test]
+fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
+    let (heartbeat, controls, clock) = (Heartbeat::default(), Controls::default(), VirtualClock::default());
+    let (zeros, now_ns) = (Arc::default(), Arc::new(AtomicU64::new(0)));
+    let path = SecondPath(Arc::clone(&zeros), Arc::clone(&now_ns));
+    let mut watchdog = Watchdog::new(&heartbeat, Box::new(path), 20_000_000);
+    let mut stalled_at_ns = 0;
+    let bench = Bench { heartbeat: Some(&heartbeat), ..Bench::default() };
+    let run = bench.run(&clock, &controls, &AtomicBool::new(false), |call| {
+        let stall_ns = if call == 1_500 { 60_000_000 } else { 0 };
+        if stall_ns > 0 {
+            stalled_at_ns = clock.now_ns();
+        }
+        if call == 1_501 {
+            // Keys pressed while everything hung, found by the first tick after it, count for nothing.
+            controls.reset();
+            controls.arm();
+        }
+        for _ in 0..=stall_ns / 2_000_000 {
+            now_ns.store(clock.now_ns(), Ordering::Relaxed);
+            watchdog.look(clock.now_ns());
+            clock.advance_ns(if stall_ns > 0 { 2_000_000 } else { 0 });
+        }
+        if call == 2_500 {
+            controls.reset();
+            controls.arm();
+        }
+        Ok(true)
+    });
+    let zeros = zeros.lock().expect("one thread").clone();
+    let after_ms: Vec<u64> = zeros.iter().map(|at_ns| (at_ns - stalled_at_ns) / 1_000_000).collect();
+    assert_eq!(after_ms, [20, 40, 60], "zero within the limit, and again while it lasts");
+    assert_eq!(heartbeat.fired(), 1);
+
+    let stall = run.records.iter().position(|record| record.compute_ns > 50_000_000).expect("it hung");
+    assert!(vec3::norm(run.records[stall - 1].hand_force_n) > 0.5, "there was a force to take away");
+    // The exchange after the stall does not send the force that was computed before it.
+    assert_eq!(run.forces[stall + 1], vec3::ZERO);
+    let latched = &run.records[stall + 1..2_499];
+    assert!(latched.len() > 900);
+    for record in latched {
+        assert_eq!(record.phase, Phase::SafeZero(Fault::Watchdog), "{record:?}");
+        assert_eq!(record.hand_force_n, vec3::ZERO);
+    }
+    assert!(run.forces[stall + 1..2_500].iter().all(|force| *force == vec3::ZERO));
+    assert_eq!(run.outcome.phase, Phase::Active, "after reset and arm");
+
+    // And it is told that the device took the time, not the controller.
+    let report = run.outcome.latency.report();
+    let worst = report.worst.first().expect("deadlines were missed");
+    assert_eq!((worst.tick, worst.times.device_ns, worst.times.compute_ns), (1_499, 62_000_000, 0));
+    assert_eq!(worst.late_ns, 61_000_000);
+    assert!(report.device.max_ns > 61_000_000 && report.compute.max_ns == 0, "{report}");
+}
+
+#[test]
+fn a_lost_device_ends_the_loop_at_once() {
+    let lost = DeviceError::new(DeviceErrorKind::Disconnected);
+    let run = Bench::default().run(
+        VirtualClock::default(),
+        &Controls::default(),
+        &AtomicBool::new(false),
+        |call| {
+            if call == 700 { Err(lost) } else { Ok(true) }
+        },
+    );
+    assert_eq!((run.outcome.end, run.outcome.ticks), (LoopEnd::DeviceLost(lost), 699));
+    assert_eq!(run.forces.last(), Some(&vec3::ZERO));
+}
+
+#[test]
+fn the_newest_record_reaches_the_eye() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let controller = Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
+    let (records, _drained) = rtrb::RingBuffer::new(8);
+    let (latest, mut seen) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (forces, controls) = (Forces::default(), Controls::default());
+    let device = Probe {
+        forces: &forces,
+        rest_m: vec3::ZERO,
+        normal: vec3::ZERO,
+        self_arming: true,
+        each: |_| Ok(true),
+        calls: 0,
+    };
+    let mut haptic = HapticLoop::new(
+        controller,
+        device,
+        VirtualClock::default(),
+        LoopConfig::default(),
+        &controls,
+        Outputs { records, latest },
+    );
+    for index in 0..5 {
+        haptic.tick(index, 0, index * 1_000_000).expect("the probe answers");
+        assert_eq!(seen.read().tick, index);
+    }
+}
