@@ -82,6 +82,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     config.limits.max_speed_m_s = f32::MAX;
     config.limits.max_position_m = f32::MAX;
     config.contact.grasp_slip = f32::MAX;
+    config.contact.grasp_distance_m = f32::MAX;
     config.passivity.fault_j = f32::INFINITY;
     let controller = Controller::new(&organ, config).map_err(|error| error.to_string())?;
 

@@ -30,6 +30,8 @@ pub struct ContactConfig {
     pub friction: f32,
     /// A grasping tool slips off beyond this many times the grid's radius or the largest force.
     pub grasp_slip: f32,
+    /// Largest distance from the surface at which a grasp takes hold, metres; tissue is not taken hold of through the air.
+    pub grasp_distance_m: f32,
     /// Buttons that grasp (any of them); 0 for never.
     pub grasp_button: u32,
 }
@@ -43,6 +45,7 @@ impl Default for ContactConfig {
             release_height_m: 0.2e-3,
             friction: 0.3,
             grasp_slip: 1.1,
+            grasp_distance_m: 3e-3,
             grasp_button: 1,
         }
     }
@@ -137,7 +140,7 @@ impl Contact {
         self.state = match self.state {
             ContactState::Free { previous_hip_m } => {
                 let engaged = if pressed_now {
-                    grasp(config, spaces, hip_m)
+                    grasp(config, spaces, surface, hip_m)
                 } else {
                     push(config, spaces, surface, previous_hip_m, hip_m)
                 };
@@ -214,9 +217,18 @@ impl Contact {
 }
 
 /// The node that a press of the button takes hold of, where the HIP is.
-fn grasp(config: &ContactConfig, spaces: &[Space<'_>], hip_m: Vec3) -> Option<Engaged> {
+fn grasp(
+    config: &ContactConfig,
+    spaces: &[Space<'_>],
+    surface: Option<&TouchSurface<'_>>,
+    hip_m: Vec3,
+) -> Option<Engaged> {
     let (space, node) = nearest(spaces, hip_m, config.capture_radius_m)?;
-    Some(Engaged {
+    let is_close = match surface {
+        Some(surface) => surface.is_within(hip_m, config.grasp_distance_m),
+        None => height_m(node, hip_m).abs() <= config.grasp_distance_m,
+    };
+    is_close.then_some(Engaged {
         shares: alone(space),
         foot: None,
         anchor_m: hip_m,
@@ -259,10 +271,14 @@ fn push(
     Some(Engaged { shares: alone(space), foot: None, anchor_m, normal, kind })
 }
 
+/// Height above the plane of a node.
+fn height_m(node: &Space<'_>, point_m: Vec3) -> f32 {
+    vec3::dot(vec3::sub(point_m, node.rest_position_m), node.outward_normal)
+}
+
 /// Where a way goes down through the plane of a node.
 fn through_plane(node: &Space<'_>, previous_hip_m: Vec3, hip_m: Vec3) -> Option<Vec3> {
-    let above = |point| vec3::dot(vec3::sub(point, node.rest_position_m), node.outward_normal);
-    let (before, now) = (above(previous_hip_m), above(hip_m));
+    let (before, now) = (height_m(node, previous_hip_m), height_m(node, hip_m));
     if !(before > 0.0 && now <= 0.0) {
         return None;
     }

@@ -307,6 +307,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             ("max_speed_m_s", limits.max_speed_m_s),
             ("max_stiffness_n_m", limits.max_stiffness_n_m),
             ("grasp_slip", contact.grasp_slip),
+            ("grasp_distance_m", contact.grasp_distance_m),
+            ("stale_fault_us", limits.stale_fault_us as f32),
             ("workspace_scale", passivity.workspace_scale),
         ];
         let not_negative = [
@@ -315,6 +317,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
             ("fade_s", limits.fade_s),
             ("margin_j", passivity.margin_j),
             ("max_damping_n_s_m", passivity.max_damping_n_s_m),
+            ("position_step_m", passivity.position_step_m),
             // Infinite is allowed: these then never act.
             ("friction", finite_or_most(contact.friction)),
             ("fault_j", finite_or_most(passivity.fault_j)),
@@ -411,6 +414,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
         let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
+        // The exchange that brought this sample has sent it.
+        state.passivity.sent(now_us, state.last.hand_force_n);
         let armed_us = match state.armed_us {
             Some(armed_us) => armed_us,
             None => {
@@ -428,7 +433,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let touching = matches!(state.contact.state(), ContactState::Engaged(_));
         let at = (fresh.t_us, fresh.position_m);
         let guard = &self.config.passivity;
-        let damping_n = match state.passivity.observe(guard, at, state.last.hand_force_n, touching) {
+        let damping_n = match state.passivity.observe(guard, at, touching) {
             Verdict::Damp(force_n) => force_n,
             Verdict::Active => return Err(Fault::Energy),
         };

@@ -43,6 +43,7 @@ pub mod tag;
 pub mod tricubic;
 pub mod trilinear;
 pub mod vec3;
+pub mod velocity;
 
 pub use blob::{BlobError, Organ, Surface};
 pub use contact::{ContactConfig, ContactKind};

@@ -1,6 +1,6 @@
 //! The live guard on energy: an organ gives back at most what the hand has put in.
 //!
-//! E = sum F_hand . (x_k - x_k-1) / s          F_hand: the force given over that way; s: metres of the model to one of the device
+//! E = sum F_hand . (x_k - x_k-1) / s          F_hand: the force on that way; s: metres of the model to one of the device
 //!
 //! is the work done on the hand since it touched. A body that began at rest has nothing to give, so E <= 0, whatever the way; what
 //! the sampling, a delay or a table that is not conservative add shows as E > 0. Beyond a margin virtual damping takes it back
@@ -10,13 +10,20 @@
 //! (time-domain passivity control of impedance type; Hannaford and Ryu 2002), and where that is not enough the force is taken away: a
 //! loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades within about a second, so that a tool
 //! that bounces is seen too.
+//!
+//! **Which force.** A force is sent with the exchange after the tick that found it, takes its time on the link, and is held until the
+//! next arrives; a sample says where the hand was when it was taken. So the way between two samples went under the one or two forces
+//! that were at the motors between those two times: neither the last one found nor the last one sent.
 
 use crate::vec3::{self, Vec3};
+use crate::velocity::AdaptiveWindow;
 
 /// Time in which a hand takes up the energy of one touch, s.
 const FORGET_S: f32 = 1.0;
 /// Share of the most the hand had put in that may come back beyond it: sampled at 1 kHz, a quick stroke gives some per cent too much.
 const SAMPLING_SHARE: f32 = 0.05;
+/// Forces that are remembered: at 1 kHz twice the age at which a sample is a fault.
+const SENT: usize = 24;
 
 /// When the guard acts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,21 +36,82 @@ pub struct PassivityConfig {
     pub fault_j: f32,
     /// Metres of the model to one of the device.
     pub workspace_scale: f32,
+    /// How long a force is on its way to the motors, microseconds.
+    pub force_delay_us: u32,
+    /// Step of the positions, metres of the model; 0 for none.
+    pub position_step_m: f32,
 }
 
 impl Default for PassivityConfig {
     fn default() -> Self {
-        Self { margin_j: 5e-3, max_damping_n_s_m: 2.0, fault_j: 0.25, workspace_scale: 1.0 }
+        Self {
+            margin_j: 5e-3,
+            max_damping_n_s_m: 2.0,
+            fault_j: 0.25,
+            workspace_scale: 1.0,
+            force_delay_us: 0,
+            position_step_m: 54e-6,
+        }
+    }
+}
+
+/// The forces that were sent last. Zero before the first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sent {
+    /// A ring; `newest` is the place of the newest. Microseconds, cut to 32 bits: only differences count.
+    forces: [(u32, Vec3); SENT],
+    newest: usize,
+}
+
+impl Sent {
+    const fn new() -> Self {
+        Self { forces: [(0, vec3::ZERO); SENT], newest: 0 }
+    }
+
+    fn push(&mut self, now_us: u64, force_n: Vec3) {
+        self.newest = (self.newest + 1) % SENT;
+        if let Some(slot) = self.forces.get_mut(self.newest) {
+            *slot = (now_us as u32, force_n);
+        }
+    }
+
+    /// Mean of the force at the motors from one time to another, each force held from `delay_us` after it was sent. Where the ring
+    /// ends, its oldest stands for all before.
+    fn mean_n(&self, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
+        let span_us = to_us.saturating_sub(from_us) as f32;
+        let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
+        for age in 0..SENT {
+            let Some((sent_us, force_n)) = self.forces.get((self.newest + SENT - age) % SENT) else { break };
+            // After `from_us`; the cast keeps the sign of what is before it.
+            let since_us = sent_us.wrapping_add(delay_us).wrapping_sub(from_us as u32).cast_signed() as f32;
+            let since_us = if age + 1 == SENT { 0.0 } else { since_us.max(0.0) };
+            if since_us < until_us {
+                mean_n = vec3::add(mean_n, vec3::scale(*force_n, (until_us - since_us) / span_us));
+                until_us = since_us;
+            }
+            if until_us <= 0.0 {
+                break;
+            }
+        }
+        mean_n
     }
 }
 
 /// Work since the touch began.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Passivity {
     last: Option<(u64, Vec3)>,
+    sent: Sent,
+    window: AdaptiveWindow,
     work_j: f32,
     /// The lowest it was: what the hand has put in.
     lowest_j: f32,
+}
+
+impl Default for Passivity {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 /// What the guard says to one sample.
@@ -58,7 +126,7 @@ pub enum Verdict {
 impl Passivity {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { last: None, work_j: 0.0, lowest_j: 0.0 }
+        Self { last: None, sent: Sent::new(), window: AdaptiveWindow::new(), work_j: 0.0, lowest_j: 0.0 }
     }
 
     /// Work on the hand since the touch began, J; below 0 while the hand presses.
@@ -66,19 +134,25 @@ impl Passivity {
         self.work_j
     }
 
-    /// Takes one sample and the force that was given until then.
+    /// Takes note of a force that was sent. Every one counts, also those of ticks without a sample.
+    pub fn sent(&mut self, now_us: u64, hand_force_n: Vec3) {
+        self.sent.push(now_us, hand_force_n);
+    }
+
+    /// Takes one sample.
     pub fn observe(
         &mut self,
         config: &PassivityConfig,
         (t_us, hip_m): (u64, Vec3),
-        hand_force_n: Vec3,
         touching: bool,
     ) -> Verdict {
         let still = Verdict::Damp(vec3::ZERO);
+        self.window.push(t_us, hip_m);
         let Some((then_us, then_m)) = self.last.replace((t_us, hip_m)) else { return still };
         let dt_s = t_us.saturating_sub(then_us) as f32 * 1e-6;
-        let way_m = vec3::scale(vec3::sub(hip_m, then_m), config.workspace_scale.recip());
-        self.work_j += vec3::dot(hand_force_n, way_m);
+        let per_device = config.workspace_scale.recip();
+        let way_m = vec3::scale(vec3::sub(hip_m, then_m), per_device);
+        self.work_j += vec3::dot(self.sent.mean_n(config.force_delay_us, then_us, t_us), way_m);
         if !touching {
             // The body has come to rest; what it gave too much fades.
             self.work_j = self.work_j.max(0.0) * (1.0 - dt_s / FORGET_S).max(0.0);
@@ -93,10 +167,13 @@ impl Passivity {
         if beyond_j > config.fault_j {
             return Verdict::Active;
         }
-        let speed_squared = vec3::norm_squared(way_m) / (dt_s * dt_s);
-        let wanted_n_s_m = beyond_j / (speed_squared * dt_s);
+        // Half a step is how far a count is from the truth. With a whole one, as for a velocity on its own, the window is longer and later, and
+        // the loop that is to be stilled shakes three times as much (host/tests/stability.rs).
+        let noise_m = 0.5 * config.position_step_m;
+        let velocity_m_s = vec3::scale(self.window.velocity_m_s(noise_m), per_device);
+        let wanted_n_s_m = beyond_j / (vec3::norm_squared(velocity_m_s) * dt_s);
         let damping_n_s_m = wanted_n_s_m.min(config.max_damping_n_s_m);
-        let force_n = vec3::scale(way_m, -damping_n_s_m / dt_s);
+        let force_n = vec3::scale(velocity_m_s, -damping_n_s_m);
         Verdict::Damp(if vec3::is_finite(force_n) { force_n } else { vec3::ZERO })
     }
 }
@@ -107,17 +184,19 @@ mod tests {
 
     /// Strokes in and out of a spring of K N/m; `lead_m` moves the force ahead of the position, which makes energy.
     fn stroke(config: &PassivityConfig, stiffness_n_m: f32, lead_m: f32) -> (Passivity, f32, bool) {
-        let (mut guard, mut force_n, mut most_n, mut active) = (Passivity::new(), 0.0_f32, 0.0_f32, false);
+        let (mut guard, mut most_n, mut active) = (Passivity::new(), 0.0_f32, false);
         for tick in 0..4_000_u64 {
             let phase = tick as f32 * 0.004;
             let (depth_m, inward) = (0.01 * (1.0 - phase.cos()), phase.sin() > 0.0);
             let z = -depth_m;
-            let verdict = guard.observe(config, (tick * 1_000, [0.0, 0.0, z]), [0.0, 0.0, force_n], true);
+            let now_us = tick * 1_000;
+            let verdict = guard.observe(config, (now_us, [0.0, 0.0, z]), true);
             match verdict {
                 Verdict::Damp([_, _, damping_n]) => most_n = most_n.max(damping_n.abs()),
                 Verdict::Active => active = true,
             }
-            force_n = stiffness_n_m * (depth_m + if inward { -lead_m } else { lead_m }).max(0.0);
+            let force_n = stiffness_n_m * (depth_m + if inward { -lead_m } else { lead_m }).max(0.0);
+            guard.sent(now_us, [0.0, 0.0, force_n]);
         }
         (guard, most_n, active)
     }
@@ -136,6 +215,47 @@ mod tests {
         assert!(stroke(&PassivityConfig { fault_j: 0.02, ..config }, 500.0, 0.002).2);
     }
 
+    /// Two forces, sent at 1 and 2 ms: a way is under each for as long as it was at the motors.
+    #[test]
+    fn a_way_counts_with_the_forces_that_were_at_the_motors() {
+        // Beyond 32 bits of microseconds on the way.
+        let begin_us = u64::from(u32::MAX) - 1_500;
+        let work_j = |force_delay_us, from_us, to_us| {
+            let mut guard = Passivity::new();
+            guard.sent(begin_us + 1_000, [2.0, 0.0, 0.0]);
+            guard.sent(begin_us + 2_000, [5.0, 0.0, 0.0]);
+            let config = PassivityConfig { force_delay_us, ..PassivityConfig::default() };
+            guard.observe(&config, (begin_us + from_us, vec3::ZERO), true);
+            guard.observe(&config, (begin_us + to_us, [1.0, 0.0, 0.0]), true);
+            guard.work_j()
+        };
+        for (delay_us, from_us, to_us, mean_n) in [
+            (0, 0, 1_000, 0.0),
+            (0, 1_000, 2_000, 2.0),
+            (0, 2_000, 3_000, 5.0),
+            (0, 500, 1_500, 1.0),
+            (250, 1_000, 2_000, 1.5),
+            (250, 2_000, 3_000, 4.25),
+            (1_250, 2_000, 3_000, 1.5),
+            (0, 0, 4_000, 3.0),
+        ] {
+            let found = work_j(delay_us, from_us, to_us);
+            assert!((found - mean_n).abs() < 1e-5, "{delay_us} {from_us} {to_us}: {found}, not {mean_n}");
+        }
+    }
+
+    #[test]
+    fn what_is_older_than_the_memory_was_as_the_oldest() {
+        let mut sent = Sent::new();
+        for tick in 0..100_u16 {
+            sent.push(u64::from(tick) * 1_000, [f32::from(tick), 0.0, 0.0]);
+        }
+        assert_eq!(sent.mean_n(0, 99_000, 100_000), [99.0, 0.0, 0.0]);
+        assert_eq!(sent.mean_n(0, 77_000, 78_000), [77.0, 0.0, 0.0]);
+        assert_eq!(sent.mean_n(0, 3_000, 4_000), [76.0, 0.0, 0.0], "100 - 24");
+        assert_eq!(sent.mean_n(0, 4_000, 4_000), vec3::ZERO);
+    }
+
     #[test]
     fn the_margin_counts_in_device_metres() {
         let half = PassivityConfig { workspace_scale: 2.0, ..PassivityConfig::default() };
@@ -147,11 +267,13 @@ mod tests {
     #[test]
     fn a_touch_that_ended_is_forgotten_slowly_if_it_gave() {
         let config = PassivityConfig::default();
-        let mut guard = Passivity { last: Some((0, vec3::ZERO)), work_j: 0.1, lowest_j: -0.2 };
-        guard.observe(&config, (100_000, vec3::ZERO), vec3::ZERO, false);
+        let mut guard =
+            Passivity { last: Some((0, vec3::ZERO)), work_j: 0.1, lowest_j: -0.2, ..Passivity::new() };
+        guard.observe(&config, (100_000, vec3::ZERO), false);
         assert!((guard.work_j() - 0.09).abs() < 1e-6 && guard.lowest_j == 0.0);
-        let mut guard = Passivity { last: Some((0, vec3::ZERO)), work_j: -0.1, lowest_j: -0.2 };
-        guard.observe(&config, (1_000, vec3::ZERO), vec3::ZERO, false);
+        let mut guard =
+            Passivity { last: Some((0, vec3::ZERO)), work_j: -0.1, lowest_j: -0.2, ..Passivity::new() };
+        guard.observe(&config, (1_000, vec3::ZERO), false);
         assert_eq!(guard.work_j(), 0.0, "what the body kept is lost");
     }
 }

@@ -11,10 +11,10 @@
 use crate::blob::{Organ, Surface};
 use crate::vec3::{self, Vec3};
 
-/// Cells a way may touch, at most: a motion that is longer than some cells is none of a hand, and is not looked at.
-const MOST_CELLS: u32 = 64;
+/// Pieces of at most a cell's length that a way is looked at in, at most: more than go through the whole box of [`MOST_ALONG`] cells.
+const MOST_PIECES: u32 = 64;
 /// Triangles one tick tests, at most.
-const MOST_TESTS: usize = 1_024;
+const MOST_TESTS: usize = 2_048;
 /// Triangles a slide goes over in one tick, at most.
 const MOST_STEPS: usize = 8;
 /// Triangles round a vertex that are looked at, at most.
@@ -170,23 +170,45 @@ impl<'m> TouchSurface<'m> {
 
     /// Where the way from one HIP to the next enters the body first, if it does.
     ///
-    /// Bounded: at most 64 cells and 1,024 triangles, usually one cell and ten triangles.
+    /// Bounded: at most 2,048 triangles; of a hand's way usually one cell and ten triangles. A way that is longer than a cell is looked at
+    /// piece by piece, so that a jump after a gap finds the surface too.
     pub fn crossing(&self, from_m: Vec3, to_m: Vec3) -> Option<Crossing> {
-        let range = self.cells.range(&[from_m, to_m]);
-        let touched: u32 = range.iter().map(|(first, last)| last - first + 1).product();
-        if touched > MOST_CELLS {
-            return None;
-        }
-        let candidates =
-            self.cells.of(range).flat_map(|cell| list(self.cell_start, self.cell_triangle, cell));
-        let mut first: Option<(f32, Crossing)> = None;
-        for &triangle in candidates.take(MOST_TESTS) {
-            let Some((share, crossing)) = self.enters(triangle, from_m, to_m) else { continue };
-            if first.is_none_or(|(least, _)| share < least) {
-                first = Some((share, crossing));
+        let way_m = vec3::sub(to_m, from_m);
+        // The cast saturates, and takes what is no number to 0.
+        let pieces = ((vec3::norm(way_m) * self.cells.cells_per_m) as u32).saturating_add(1).min(MOST_PIECES);
+        let share_of = |piece: u32| piece as f32 / pieces as f32;
+        let (mut first, mut tests): (Option<(f32, Crossing)>, usize) = (None, MOST_TESTS);
+        for piece in 0..pieces {
+            let end = |piece| vec3::add(from_m, vec3::scale(way_m, share_of(piece)));
+            for &triangle in self.near(&[end(piece), end(piece + 1)]).take(tests) {
+                tests = tests.saturating_sub(1);
+                // Of the whole way, so that none slips through between two pieces.
+                let Some((share, crossing)) = self.enters(triangle, from_m, to_m) else { continue };
+                if first.is_none_or(|(least, _)| share < least) {
+                    first = Some((share, crossing));
+                }
+            }
+            if first.is_some_and(|(share, _)| share <= share_of(piece + 1)) {
+                break;
             }
         }
         first.map(|(_, crossing)| crossing)
+    }
+
+    /// Triangles in the cells of a box round some points.
+    fn near(&self, points_m: &[Vec3]) -> impl Iterator<Item = &'m u32> + use<'_, 'm> {
+        let cells = self.cells.of(self.cells.range(points_m));
+        cells.flat_map(|cell| list(self.cell_start, self.cell_triangle, cell))
+    }
+
+    /// Whether a point is within a distance of the surface, on either side. Bounded: at most 2,048 triangles.
+    pub fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
+        let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
+        let close = |&triangle: &u32| {
+            let nearest = self.corners(triangle).map(|corners| nearest_on(corners, point_m));
+            nearest.is_some_and(|nearest_m| vec3::distance(nearest_m, point_m) <= distance_m)
+        };
+        self.near(&[corner(-1.0), corner(1.0)]).take(MOST_TESTS).any(close)
     }
 
     /// Share of the way before it goes through a triangle from outside.
@@ -325,6 +347,28 @@ fn barycentric([a, b, c]: [Vec3; 3], area: Vec3, at: Vec3) -> Vec3 {
     let opposite = |p: Vec3, q: Vec3| vec3::dot(area, vec3::cross(vec3::sub(q, p), vec3::sub(at, p)));
     let weights = [opposite(b, c), opposite(c, a), opposite(a, b)];
     vec3::scale(weights, vec3::norm_squared(area).max(f32::MIN_POSITIVE).recip())
+}
+
+/// The point of a triangle that is nearest to a point: in its plane, or on the nearest of its edges.
+fn nearest_on([a, b, c]: [Vec3; 3], point_m: Vec3) -> Vec3 {
+    let area = vec3::cross(vec3::sub(b, a), vec3::sub(c, a));
+    let weights = barycentric([a, b, c], area, point_m);
+    if weights.iter().all(|weight| *weight >= 0.0) {
+        let [wa, wb, wc] = weights;
+        return vec3::add(vec3::scale(a, wa), vec3::add(vec3::scale(b, wb), vec3::scale(c, wc)));
+    }
+    let mut nearest = (f32::INFINITY, a);
+    for (p, q) in [(a, b), (b, c), (c, a)] {
+        let edge = vec3::sub(q, p);
+        let length_squared = vec3::norm_squared(edge).max(f32::MIN_POSITIVE);
+        let along = (vec3::dot(vec3::sub(point_m, p), edge) / length_squared).clamp(0.0, 1.0);
+        let on_edge = vec3::add(p, vec3::scale(edge, along));
+        let distance_m = vec3::distance(on_edge, point_m);
+        if distance_m < nearest.0 {
+            nearest = (distance_m, on_edge);
+        }
+    }
+    nearest.1
 }
 
 /// None below 0, sum 1.

@@ -388,6 +388,12 @@ fn the_controller_refuses_what_it_cannot_render() {
     let mut wrong = config();
     wrong.limits.ramp_s = f32::NAN;
     assert_eq!(refused(wrong), ControllerError::Config { what: "ramp_s" });
+    let mut wrong = config();
+    wrong.limits.stale_fault_us = 0;
+    assert_eq!(refused(wrong), ControllerError::Config { what: "stale_fault_us" });
+    let mut wrong = config();
+    wrong.passivity.position_step_m = -1.0;
+    assert_eq!(refused(wrong), ControllerError::Config { what: "position_step_m" });
 }
 
 /// One step of a session that nobody should have.

@@ -98,8 +98,13 @@ fn every_way_in_is_found_and_no_way_out() {
         assert_eq!(surface.crossing(inside, outside), None);
         assert_eq!(surface.crossing(inside, vec3::scale(aim, 0.99)), None);
     }
-    // Across the whole body in one sample is no motion of a hand; beside it is none of its business; NaN is nothing.
-    assert_eq!(surface.crossing([0.1, 0.1, 0.1], [-0.1, -0.1, -0.1]), None);
+    // However long the way is, as after a gap: where it enters, not where it would enter again. Beside the body is none of its business;
+    // NaN is nothing.
+    for aim in &vertices {
+        let found =
+            surface.crossing(vec3::scale(*aim, 1.7), vec3::scale(*aim, -3.0)).expect("all through it");
+        assert!(vec3::distance(found.at_m, *aim) < 1e-5, "{found:?} for {aim:?}");
+    }
     assert_eq!(surface.crossing([0.1, 0.1, 0.1], [0.101, 0.1, 0.1]), None);
     assert_eq!(surface.crossing([f32::NAN; 3], [0.0; 3]), None);
 }
@@ -326,6 +331,35 @@ fn nothing_fades_after_a_gap_at_zero() {
     for _ in 0..40 {
         let command = bench.at_with(out(0.0109), 0);
         assert_eq!((command.engaged, command.hand_force_n), (None, vec3::ZERO));
+    }
+}
+
+/// By the distance from the surface, inside and outside, over a node or between nodes.
+#[test]
+fn only_what_is_close_is_taken_hold_of() {
+    bench!(bench, ball(|_| 1.0, 162), 0.3);
+    let directions = {
+        let (vertices, triangles) = sphere(RADIUS_M, 2);
+        let middle = |&[a, b, c]: &[u32; 3]| {
+            let [a, b, c] = [a, b, c].map(|i| vertices[i as usize]);
+            vec3::scale(vec3::add(vec3::add(a, b), c), 1.0 / 3.0)
+        };
+        let middles: Vec<Vec3> = triangles.iter().take(40).map(middle).collect();
+        vertices.iter().take(40).copied().chain(middles).collect::<Vec<_>>()
+    };
+    for foot_m in directions {
+        for (height_m, takes) in [(2.8e-3, true), (3.3e-3, false), (-2.8e-3, true), (-3.3e-3, false)] {
+            let out = vec3::normalize_or_zero(foot_m);
+            let hip_m = vec3::add(foot_m, vec3::scale(out, height_m));
+            // There without a way through the surface.
+            bench.state.disarm();
+            bench.now_us += 50_000;
+            bench.state.arm();
+            bench.at(hip_m);
+            let grasped = bench.at_with(hip_m, 1);
+            assert_eq!(grasped.engaged.is_some(), takes, "{height_m} m off {foot_m:?}");
+            bench.at(hip_m);
+        }
     }
 }
 

@@ -26,6 +26,7 @@ pub mod recording;
 pub mod replay;
 pub mod rt;
 pub mod session;
+pub mod settings;
 pub mod sliding;
 pub mod sys;
 pub mod viewer;

@@ -5,11 +5,14 @@
 #[path = "common/synthetic.rs"]
 mod synthetic;
 
-use palpate_core::{Config, Controller, Method, Organ, Phase, vec3};
+use palpate_core::{Method, Organ, Phase, vec3};
+use palpate_host::Device;
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::settings::controller_config;
 
 /// 1.8 million ticks; without optimisation a sixth of it.
 const MINUTES: u64 = if cfg!(debug_assertions) { 5 } else { 30 };
@@ -36,14 +39,15 @@ fn resident_kb() -> Option<u64> {
 
 #[test]
 fn half_an_hour_neither_drifts_nor_grows() {
-    let blob = synthetic::organ(&synthetic::Shape { stiffness_n_m: 400.0, ..synthetic::Shape::default() });
+    let shape = synthetic::Shape { stiffness_n_m: 400.0, patch: 40, ..synthetic::Shape::default() };
+    let blob = synthetic::organ(&shape);
     let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
     let profile = Profile::bundled("falcon").expect("bundled");
-    let mut config = Config::new(Method::Trilinear);
-    profile.tighten(&mut config.limits);
-    let controller = Controller::new(&organ, config).expect("has the method");
     let random = Some(RandomConfig::new(1));
     let mut hand = SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::on(&profile) });
+    let config = controller_config(&[&organ], Method::Trilinear, &hand.info(), Some(&profile));
+    let mut memory = TouchMemory::default();
+    let controller = model::controllers(&[&organ], config, &mut memory).expect("has the method")[0];
     let (records, mut drained) = rtrb::RingBuffer::new(1_024);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let (clock, controls) = (VirtualClock::default(), Controls::default());

@@ -76,8 +76,14 @@ fn shaking_m(organ: &Organ<'_>, cap_n_m: f32, workspace_scale: f32, guard: Passi
 }
 
 /// No guard on energy.
-const UNGUARDED: PassivityConfig =
-    PassivityConfig { margin_j: 0.0, max_damping_n_s_m: 0.0, fault_j: f32::INFINITY, workspace_scale: 1.0 };
+const UNGUARDED: PassivityConfig = PassivityConfig {
+    margin_j: 0.0,
+    max_damping_n_s_m: 0.0,
+    fault_j: f32::INFINITY,
+    workspace_scale: 1.0,
+    force_delay_us: 0,
+    position_step_m: COUNT_M,
+};
 
 /// Where the cap is wrong by a factor, because the device's damping is not what its profile says, the guard holds the hand.
 #[test]
@@ -275,6 +281,35 @@ fn a_minute_of_random_palpation_on_every_bundled_device_is_safe_and_stable() {
             assert!(found.most_given_j < MOST_GIVEN_J, "{name}: {found:?}");
         }
     });
+}
+
+/// The guard counts what the motors gave: forces by when they were at the motors, positions by when they were taken. What is left are the
+/// steps of the encoder, the halves of steps of the integration, and tremor.
+#[test]
+fn the_guard_counts_what_the_motors_gave() {
+    let shape = synthetic::Shape { stiffness_n_m: 300.0, patch: 40, ..synthetic::Shape::default() };
+    let blob = synthetic::organ(&shape);
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    for (seed, name) in (1..).zip(Profile::names()) {
+        let profile = Profile::bundled(name).expect("bundled");
+        let hand = HandConfig { tremor_m: 0.0, ..HandConfig::default() };
+        let found = palpate(&organ, Method::Trilinear, (hand, &profile), (seed, 60.0), Cap::On);
+        println!(
+            "{name:11} {} touches, {} ticks blended, {} of {} damped; most from the motors {:+.2} mJ, of the device {:+.2} mJ; the guard is \
+             off by {:.3} mJ",
+            found.contacts,
+            found.blended_ticks,
+            found.damped_ticks,
+            found.engaged_ticks,
+            1e3 * found.most_from_motors_j,
+            1e3 * found.most_given_j,
+            1e3 * found.guard_off_j
+        );
+        assert!(found.phase == Phase::Active && found.contacts >= 10, "{name}: {found:?}");
+        assert!(found.blended_ticks > 1_000, "{name}: {found:?}");
+        let step_j = f64::from(found.peak_n * quantum_m(&profile));
+        assert!(found.guard_off_j < 3.0 * step_j, "{name}: {found:?}, a step is worth {step_j}");
+    }
 }
 
 /// What the one above would see of a loop that is not stable.

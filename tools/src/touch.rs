@@ -14,6 +14,7 @@ use palpate_host::model::ModelError;
 use palpate_host::recording::{End, Header, RecorderReport};
 use palpate_host::rt::{LoopEnd, TickRecord};
 use palpate_host::session::View;
+use palpate_host::settings::controller_config;
 use palpate_host::viewer::{RendererConfig, ViewerError};
 use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
 
@@ -30,12 +31,6 @@ const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, s
 /// Why there is no mouse device.
 pub(crate) const MOUSE_NEEDS_WINDOW: &str =
     "the mouse device needs a window, and there is none: use a display and no --headless, or --device sim";
-
-/// Room for the hand round the organ, m.
-const WORKSPACE_MARGIN_M: f32 = 0.3;
-
-/// Counts of the encoder that a pushing tool rises before it lets go: fewer, and contact chatters.
-const HYSTERESIS_COUNTS: f32 = 4.0;
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
@@ -139,25 +134,6 @@ pub(crate) struct Touched {
     pub recording: Option<RecorderReport>,
 }
 
-/// Controller settings for these organs and a device of `device_force_n` and `device_stiffness_n_m`: what holds for all of them.
-pub(crate) fn config(
-    organs: &[&Organ<'_>],
-    method: Method,
-    device_force_n: f32,
-    device_stiffness_n_m: f32,
-) -> Config {
-    let mut config = Config::new(method);
-    config.limits.max_stiffness_n_m = config.limits.max_stiffness_n_m.min(device_stiffness_n_m);
-    // Neither a scene without a device nor an ideal simulated one lifts the default limit.
-    let weakest_n = organs.iter().fold(f32::INFINITY, |least, organ| least.min(organ.max_force_n));
-    config.limits.max_force_n = config.limits.max_force_n.min(device_force_n).min(weakest_n);
-    // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
-    let places = organs.iter().flat_map(|organ| organ.surface.position_m).flatten();
-    let reach = places.fold(0.0f32, |most, x| most.max(x.abs()));
-    config.limits.max_position_m = config.limits.max_position_m.max(reach + WORKSPACE_MARGIN_M);
-    config
-}
-
 /// Runs a session; a window that cannot be opened falls back to PNG frames.
 ///
 /// `device` is asked for afresh when the window fails, before anything has moved.
@@ -187,19 +163,8 @@ pub(crate) fn run<D: Device>(
     loop {
         let device = device()?;
         let info = device.info();
-        let mut config = config(organs, method, info.max_force_n, info.max_stiffness_n_m);
+        let mut config = controller_config(organs, method, &info, show.profile);
         config.contact.friction = show.friction.unwrap_or(config.contact.friction);
-        if let Some(profile) = show.profile {
-            profile.tighten(&mut config.limits);
-            // Where its handle cannot be, a position is a fault.
-            config.limits.max_position_m = profile.largest_position_m();
-            // Hand and encoder are the device's: what is theirs is larger in the model by the scale.
-            let scale = profile.workspace.scale;
-            config.passivity.workspace_scale = scale;
-            config.limits.max_speed_m_s *= scale;
-            let counts_m = HYSTERESIS_COUNTS * scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
-            config.contact.release_height_m = config.contact.release_height_m.max(counts_m);
-        }
         // A real device is armed by a deliberate press of its button; the press after that grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         let record = show.record.map(|record| record.start(organ, config, &options, info));

@@ -38,6 +38,8 @@ pub struct PalpateConfig {
     pub friction: f32,
     /// A grasping tool slips off beyond this many times the grid's radius or the largest force.
     pub grasp_slip: f32,
+    /// Largest distance from the surface at which a grasp takes hold, m.
+    pub grasp_distance_m: f32,
     /// Largest force for the hand, N: the device's.
     pub max_force_n: f32,
     /// Largest change of that force, N/s.
@@ -61,6 +63,10 @@ pub struct PalpateConfig {
     pub energy_fault_j: f32,
     /// Metres of the model to one of the device.
     pub workspace_scale: f32,
+    /// Step of the positions, m of the model; 0 for none.
+    pub position_step_m: f32,
+    /// How long a force is on its way to the motors, us.
+    pub force_delay_us: u32,
     /// Ticks without a fresh sample that hold the last command; after them the force is zero.
     pub stale_hold_ticks: u32,
     /// Age of the newest sample that latches a fault, us.
@@ -216,6 +222,7 @@ impl PalpateConfig {
             release_height_m: contact.release_height_m,
             friction: contact.friction,
             grasp_slip: contact.grasp_slip,
+            grasp_distance_m: contact.grasp_distance_m,
             max_force_n: limits.max_force_n,
             max_slew_n_per_s: limits.max_slew_n_per_s,
             ramp_s: limits.ramp_s,
@@ -227,6 +234,8 @@ impl PalpateConfig {
             energy_damping_n_s_m: passivity.max_damping_n_s_m,
             energy_fault_j: passivity.fault_j,
             workspace_scale: passivity.workspace_scale,
+            position_step_m: passivity.position_step_m,
+            force_delay_us: passivity.force_delay_us,
             stale_hold_ticks: limits.stale_hold_ticks,
             stale_fault_us: limits.stale_fault_us,
         }
@@ -241,6 +250,7 @@ impl PalpateConfig {
                 release_height_m: self.release_height_m,
                 friction: self.friction,
                 grasp_slip: self.grasp_slip,
+                grasp_distance_m: self.grasp_distance_m,
                 grasp_button: self.grasp_button,
             },
             limits: LimitConfig {
@@ -259,6 +269,8 @@ impl PalpateConfig {
                 max_damping_n_s_m: self.energy_damping_n_s_m,
                 fault_j: self.energy_fault_j,
                 workspace_scale: self.workspace_scale,
+                position_step_m: self.position_step_m,
+                force_delay_us: self.force_delay_us,
             },
         })
     }

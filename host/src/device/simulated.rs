@@ -110,6 +110,8 @@ pub struct SimulatedHand {
     palpation: Palpation,
     hand: Hand,
     mechanism: Option<Impedance>,
+    /// What an ideal device holds until the next force comes.
+    held_n: Vec3,
     work: Work,
     step: u64,
 }
@@ -141,6 +143,7 @@ impl SimulatedHand {
             hand: Hand::new(config.hand, wanted_m),
             palpation,
             mechanism,
+            held_n: vec3::ZERO,
             config,
             work: Work::default(),
             step: 0,
@@ -169,8 +172,8 @@ impl SimulatedHand {
         self.config.mechanism.map(|mechanism| mechanism.workspace)
     }
 
-    /// Moves the hand on by one step under the force that the controller sent last.
-    fn integrate(&mut self, force_n: Vec3) {
+    /// Moves the hand on by one step under the force that was sent before it.
+    fn integrate(&mut self) {
         let SimulatedConfig { substeps, step_us, .. } = self.config;
         let dt_s = step_us as f32 * 1e-6 / substeps.max(1) as f32;
         let frame = self.frame();
@@ -184,7 +187,7 @@ impl SimulatedHand {
             let to_m = wanted_m(&self.palpation);
             let (given_n, drag) = match &mut self.mechanism {
                 Some(mechanism) => (mechanism.motor_n(), mechanism.config().drag),
-                None => (force_n, Drag::default()),
+                None => (self.held_n, Drag::default()),
             };
             let before_m = self.hand.position_m();
             let taken_j = self.hand.push(from_m, to_m, given_n, &drag, dt_s);
@@ -205,7 +208,10 @@ impl SimulatedHand {
 
 impl Device for SimulatedHand {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        self.integrate(hand_force_n);
+        self.integrate();
+        // The loop sends a force with the exchange after the tick that found it: this one acts from now on, not during the step
+        // that led here.
+        self.held_n = hand_force_n;
         self.step += 1;
         let time_s = self.step as f64 * f64::from(self.config.step_us) * 1e-6;
         let tremor_m = self.hand.tremor_m(time_s);
@@ -215,8 +221,6 @@ impl Device for SimulatedHand {
             return Ok(Some(Sample { t_us: now_us, position_m, buttons: self.palpation.buttons() }));
         };
         let workspace = frame.workspace;
-        // The loop sends a force with the exchange after the tick that found it: this one acts from now on, not during the step
-        // that led here.
         mechanism.command(workspace.to_device_n(hand_force_n));
         let (from_middle_m, buttons) = mechanism.reading(tremor_m);
         let position_m = workspace.to_model_m(vec3::add(workspace.device_origin_m, from_middle_m));

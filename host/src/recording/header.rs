@@ -84,6 +84,7 @@ impl Header {
             entry("release_height_m", &contact.release_height_m),
             entry("friction", &contact.friction),
             entry("grasp_slip", &contact.grasp_slip),
+            entry("grasp_distance_m", &contact.grasp_distance_m),
             entry("grasp_button", &contact.grasp_button),
             entry("max_force_n", &limits.max_force_n),
             entry("max_slew_n_per_s", &limits.max_slew_n_per_s),
@@ -98,6 +99,8 @@ impl Header {
             entry("energy_damping_n_s_m", &passivity.max_damping_n_s_m),
             entry("energy_fault_j", &passivity.fault_j),
             entry("workspace_scale", &passivity.workspace_scale),
+            entry("position_step_m", &passivity.position_step_m),
+            entry("force_delay_us", &passivity.force_delay_us),
             entry("start_unix_ns", &self.start_unix_ns),
         ])
     }
@@ -138,6 +141,7 @@ impl Header {
                     release_height_m: get(entries, "release_height_m")?,
                     friction: get(entries, "friction")?,
                     grasp_slip: get(entries, "grasp_slip")?,
+                    grasp_distance_m: get(entries, "grasp_distance_m")?,
                     grasp_button: get(entries, "grasp_button")?,
                 },
                 limits: LimitConfig {
@@ -156,6 +160,8 @@ impl Header {
                     max_damping_n_s_m: get(entries, "energy_damping_n_s_m")?,
                     fault_j: get(entries, "energy_fault_j")?,
                     workspace_scale: get(entries, "workspace_scale")?,
+                    position_step_m: get(entries, "position_step_m")?,
+                    force_delay_us: get(entries, "force_delay_us")?,
                 },
             },
             start_unix_ns: get(entries, "start_unix_ns")?,
@@ -258,6 +264,7 @@ pub(super) mod tests {
                     release_height_m: 1.0e-45,
                     friction: f32::INFINITY,
                     grasp_slip: 1.07,
+                    grasp_distance_m: 2.5e-3,
                     grasp_button: u32::MAX,
                 },
                 limits: LimitConfig {
@@ -276,6 +283,8 @@ pub(super) mod tests {
                     max_damping_n_s_m: 0.3,
                     fault_j: f32::INFINITY,
                     workspace_scale: 1.7,
+                    position_step_m: 0.0,
+                    force_delay_us: 107,
                 },
             },
             start_unix_ns: 1_795_000_000_123_456_789,
@@ -298,7 +307,7 @@ pub(super) mod tests {
             assert!(refused.contains(key.as_str()), "{key}: {refused}");
         }
         let mut newer = entries;
-        newer.insert("format".into(), "3".into());
-        assert!(matches!(Header::of(&newer), Err(RecordingError::Format(version)) if version == "3"));
+        newer.insert("format".into(), "4".into());
+        assert!(matches!(Header::of(&newer), Err(RecordingError::Format(version)) if version == "4"));
     }
 }

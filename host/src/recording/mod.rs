@@ -33,7 +33,7 @@ pub const SCHEMA_NAME: &str = "palpate.Tick";
 /// JSON schema of a tick. Plain types only (no unions, no references): viewers understand no more.
 pub const SCHEMA: &str = include_str!("tick.schema.json");
 /// Version of messages and metadata; another one is refused.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 /// Name of the metadata record that opens a recording.
 const SESSION: &str = "palpate.session";

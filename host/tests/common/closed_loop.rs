@@ -1,13 +1,16 @@
 //! Hand, device and controller as a closed loop on virtual time. Included by path where needed, also by the tests across the crates.
 #![allow(dead_code)]
 
-use palpate_core::{Config, Controller, Method, Organ, Phase, State, vec3};
+use palpate_core::{Config, Method, Organ, Phase, State, vec3};
 use palpate_host::Device;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::palpation::{Palpation, RandomConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::script::Script;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand, Work};
+use palpate_host::model::{TouchMemory, controllers};
+use palpate_host::settings::controller_config;
+use std::collections::VecDeque;
 
 /// Whether the profile's stiffness cap is on. Everything else stays as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,10 +19,14 @@ pub(crate) enum Cap {
     Off,
 }
 
-/// The controller as `palpate run` sets it for a profile.
-pub(crate) fn config(profile: &Profile, method: Method, cap: Cap) -> Config {
-    let mut config = Config::new(method);
-    profile.tighten(&mut config.limits);
+/// The controller's settings as `palpate run` has them for a hand on the device of a profile.
+pub(crate) fn config(
+    organ: &Organ<'_>,
+    method: Method,
+    (hand, profile): (&SimulatedHand, &Profile),
+    cap: Cap,
+) -> Config {
+    let mut config = controller_config(&[organ], method, &hand.info(), Some(profile));
     if cap == Cap::Off {
         // Looked for and never reached.
         config.limits.max_stiffness_n_m = 1e9;
@@ -86,11 +93,13 @@ pub(crate) fn hold(
     cap: Cap,
     knock: Knock,
 ) -> Held {
-    let controller = Controller::new(organ, config(profile, method, cap)).expect("has the method");
     let node = &organ.spaces[space];
     let script = Script::press_and_hold(node.rest_position_m, node.outward_normal, depth_m, HOLD_S);
-    let config = SimulatedConfig { hand, ..SimulatedConfig::on(profile) };
-    let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), config);
+    let simulated = SimulatedConfig { hand, ..SimulatedConfig::on(profile) };
+    let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), simulated);
+    let mut memory = TouchMemory::default();
+    let controllers = controllers(&[organ], config(organ, method, (&hand, profile), cap), &mut memory);
+    let controller = controllers.expect("has the method")[0];
     let period_us = u64::from(profile.period_us());
     let ticks = |seconds: f32| (seconds * 1e6) as u64 / period_us;
     let last_second = ticks(HOLD_S)..ticks(1.0 + HOLD_S);
@@ -154,8 +163,16 @@ pub(crate) struct Palpated {
     pub(crate) engaged_ticks: u64,
     /// Largest force for the hand, N.
     pub(crate) peak_n: f32,
+    /// Ticks in which several nodes answered.
+    pub(crate) blended_ticks: u64,
+    /// Ticks in which the guard on energy added damping.
+    pub(crate) damped_ticks: u64,
     /// Largest energy that the device as a whole gave the hand in one touch, J.
     pub(crate) most_given_j: f64,
+    /// Largest energy of its motors alone in one touch, J.
+    pub(crate) most_from_motors_j: f64,
+    /// Largest difference, in a touch, between what the guard counted and what the motors gave, J.
+    pub(crate) guard_off_j: f64,
     /// Phase at the end.
     pub(crate) phase: Phase,
     /// Where the hand was at the end, bit for bit.
@@ -170,22 +187,31 @@ pub(crate) fn palpate(
     (seed, seconds): (u64, f32),
     cap: Cap,
 ) -> Palpated {
-    let controller = Controller::new(organ, config(profile, method, cap)).expect("has the method");
     let random = Some(RandomConfig::new(seed));
-    let config = SimulatedConfig { hand, random, ..SimulatedConfig::on(profile) };
-    let mut hand = SimulatedHand::new(organ, config);
+    let simulated = SimulatedConfig { hand, random, ..SimulatedConfig::on(profile) };
+    let mut hand = SimulatedHand::new(organ, simulated);
+    let mut memory = TouchMemory::default();
+    let controllers = controllers(&[organ], config(organ, method, (&hand, profile), cap), &mut memory);
+    let controller = controllers.expect("has the method")[0];
     let period_us = u64::from(profile.period_us());
     let mut found = Palpated {
         contacts: 0,
         engaged_ticks: 0,
         peak_n: 0.0,
+        blended_ticks: 0,
+        damped_ticks: 0,
         most_given_j: f64::MIN,
+        most_from_motors_j: f64::MIN,
+        guard_off_j: 0.0,
         phase: Phase::Active,
         position_bits: [0; 3],
     };
     let (mut state, mut force_n) = (State::new(), vec3::ZERO);
     state.arm();
-    let (mut engaged, mut work_at_touch_j) = (false, 0.0);
+    // What the guard counts is about the time of the samples: some time ago, by the link's delay.
+    let delay_ticks = f64::from(profile.position_delay_us) / period_us as f64;
+    let mut motors_j: VecDeque<f64> = [0.0; 16].into();
+    let (mut engaged, mut at_touch, mut guard_at_touch_j) = (false, [0.0; 3], 0.0);
     for tick in 0..(seconds * 1e6) as u64 / period_us {
         let now_us = tick * period_us;
         let sample = hand.exchange(now_us, force_n).expect("never fails").expect("always samples");
@@ -193,12 +219,30 @@ pub(crate) fn palpate(
         force_n = command.hand_force_n;
         assert!(vec3::is_finite(force_n) && vec3::is_finite(hand.device_position_m()), "tick {tick}");
         found.peak_n = found.peak_n.max(vec3::norm(force_n));
-        let work_j = hand.work().of_device_j();
+        motors_j.rotate_right(1);
+        motors_j[0] = hand.work().motors_j;
+        let (whole, part) = (delay_ticks as usize, delay_ticks.fract());
+        let seen_j = (1.0 - part) * motors_j[whole] + part * motors_j[whole + 1];
+        let now_j = [hand.work().of_device_j(), hand.work().motors_j, seen_j];
+        let [of_device_j, from_motors_j, of_guard_j] = [0, 1, 2].map(|i| now_j[i] - at_touch[i]);
         match (engaged, command.engaged.is_some()) {
-            (false, true) => (found.contacts, work_at_touch_j) = (found.contacts + 1, work_j),
-            (true, false) => found.most_given_j = found.most_given_j.max(work_j - work_at_touch_j),
-            _ => {}
+            (false, true) => {
+                (at_touch, guard_at_touch_j) = (now_j, f64::from(command.hand_work_j));
+                found.contacts += 1;
+            }
+            (true, false) => {
+                found.most_given_j = found.most_given_j.max(of_device_j);
+                found.most_from_motors_j = found.most_from_motors_j.max(from_motors_j);
+            }
+            (true, true) => {
+                let counted_j = f64::from(command.hand_work_j) - guard_at_touch_j;
+                found.guard_off_j = found.guard_off_j.max((counted_j - of_guard_j).abs());
+            }
+            (false, false) => {}
         }
+        found.damped_ticks += u64::from(command.damped);
+        found.blended_ticks +=
+            u64::from(command.shares.iter().filter(|share| share.weight > 0.0).count() > 1);
         engaged = command.engaged.is_some();
         found.engaged_ticks += u64::from(engaged);
         found.phase = command.phase;

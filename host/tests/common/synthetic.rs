@@ -20,6 +20,10 @@ pub(crate) struct Shape {
     pub(crate) subdivisions: u32,
     /// Reach of the dent, m.
     pub(crate) reach_m: f32,
+    /// Largest force of the scene, N.
+    pub(crate) max_force_n: f32,
+    /// So many of the vertices round the first active node are active too: enough of them for a tool to slide over.
+    pub(crate) patch: usize,
 }
 
 impl Default for Shape {
@@ -30,6 +34,8 @@ impl Default for Shape {
             hardening_m: 0.04,
             subdivisions: 3,
             reach_m: 0.024,
+            max_force_n: 8.0,
+            patch: 0,
         }
     }
 }
@@ -52,12 +58,21 @@ pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
         triangles: planes.put(&triangles),
         fixed: planes.put(&fixed),
     };
-    let spaces: Vec<SpaceHeader> =
-        ACTIVE.iter().map(|active| space(shape, &lattice, &vertices, *active, &mut planes)).collect();
+    let mut active =
+        ACTIVE.map(|(name, direction)| (name.to_string(), vertex_along(&vertices, direction))).to_vec();
+    let ((_, first), mut round) = (active[0].clone(), (0..vertices.len()).collect::<Vec<_>>());
+    round.retain(|&vertex| active.iter().all(|(_, known)| *known != vertex));
+    let away = |vertex: &usize| vec3::distance(vertices[*vertex], vertices[first]);
+    round.sort_by(|one, other| away(one).total_cmp(&away(other)));
+    active.extend(round.iter().take(shape.patch).map(|&vertex| (format!("P{vertex}"), vertex)));
+    let spaces: Vec<SpaceHeader> = active
+        .iter()
+        .map(|(name, node)| space(shape, &lattice, &vertices, (name, *node), &mut planes))
+        .collect();
     let preamble = Preamble {
         scene: "synthetic ellipsoid".try_into().expect("short"),
         law: "spring".try_into().expect("short"),
-        max_force_n: 8.0,
+        max_force_n: shape.max_force_n,
         mesh_hash: [0; 32],
         surface,
         certificate: None,
@@ -66,20 +81,22 @@ pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
     pack(&preamble, &spaces, &planes.bytes)
 }
 
+/// The vertex nearest to a direction from the middle.
+fn vertex_along(vertices: &[Vec3], direction: Vec3) -> usize {
+    let nearness =
+        |vertex: &Vec3| vec3::dot(vec3::normalize_or_zero(*vertex), vec3::normalize_or_zero(direction));
+    let nearest = vertices.iter().enumerate().max_by(|(_, a), (_, b)| nearness(a).total_cmp(&nearness(b)));
+    nearest.expect("an ellipsoid has vertices").0
+}
+
 fn space(
     shape: &Shape,
     lattice: &BallLattice,
     vertices: &[Vec3],
-    (name, direction): (&str, Vec3),
+    (name, node): (&str, usize),
     planes: &mut Planes,
 ) -> SpaceHeader {
-    let nearness =
-        |vertex: &Vec3| vec3::dot(vec3::normalize_or_zero(*vertex), vec3::normalize_or_zero(direction));
-    let (node, rest) = vertices
-        .iter()
-        .enumerate()
-        .max_by(|(_, a), (_, b)| nearness(a).total_cmp(&nearness(b)))
-        .expect("an ellipsoid has vertices");
+    let rest = &vertices[node];
     let normal = vec3::normalize_or_zero(core::array::from_fn(|i| rest[i] / shape.half_axes_m[i].powi(2)));
 
     let mut bits = vec![0; lattice.slots()];

@@ -1,0 +1,99 @@
+//! The controller's settings for some organs on a device: what holds for all of them, in the metres of whoever it is about.
+
+use crate::device::DeviceInfo;
+use crate::device::profile::Profile;
+use palpate_core::{Config, Method, Organ};
+
+/// Room for the hand round the organ, m.
+const WORKSPACE_MARGIN_M: f32 = 0.3;
+
+/// Counts of the encoder that a pushing tool rises before it lets go: fewer, and contact chatters.
+const HYSTERESIS_COUNTS: f32 = 4.0;
+
+/// Settings for organs on a device: the default, no limit above the device's, the organs' or the profile's.
+///
+/// Hand and encoder are the device's: with a profile, what is theirs (speed, steps, energy) is larger in the model by the workspace's scale.
+#[must_use]
+pub fn controller_config<const N: usize>(
+    organs: &[&Organ<'_, N>],
+    method: Method,
+    device: &DeviceInfo,
+    profile: Option<&Profile>,
+) -> Config {
+    let mut config = Config::new(method);
+    let (limits, contact, passivity) = (&mut config.limits, &mut config.contact, &mut config.passivity);
+    limits.max_stiffness_n_m = limits.max_stiffness_n_m.min(device.max_stiffness_n_m);
+    // Neither a scene without a device nor an ideal simulated one lifts the default limit.
+    let weakest_n = organs.iter().fold(f32::INFINITY, |least, organ| least.min(organ.max_force_n));
+    limits.max_force_n = limits.max_force_n.min(device.max_force_n).min(weakest_n);
+    // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
+    let places = organs.iter().flat_map(|organ| organ.surface.position_m).flatten();
+    let reach_m = places.fold(0.0f32, |most, x| most.max(x.abs()));
+    limits.max_position_m = limits.max_position_m.max(reach_m + WORKSPACE_MARGIN_M);
+    passivity.position_step_m = device.resolution_m;
+    if let Some(profile) = profile {
+        profile.tighten(limits);
+        // Where its handle cannot be, a position is a fault.
+        limits.max_position_m = profile.largest_position_m();
+        let scale = profile.workspace.scale;
+        limits.max_speed_m_s *= scale;
+        passivity.workspace_scale = scale;
+        passivity.force_delay_us = profile.force_delay_us;
+        let count_m = scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
+        passivity.position_step_m = passivity.position_step_m.max(count_m);
+        contact.release_height_m = contact.release_height_m.max(HYSTERESIS_COUNTS * count_m);
+    }
+    config
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Device;
+    use crate::device::simulated::{SimulatedConfig, SimulatedHand};
+    use crate::synthetic;
+
+    #[test]
+    fn what_is_the_hand_s_grows_with_the_scale_and_what_is_the_device_s_limits() {
+        let blob = synthetic::organ(&synthetic::Shape::default());
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let config_for = |profile: Option<&Profile>| {
+            let simulated = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::on);
+            let info = SimulatedHand::new(&organ, simulated).info();
+            controller_config(&[&organ], Method::Trilinear, &info, profile)
+        };
+        let (ideal, default) = (config_for(None), Config::new(Method::Trilinear));
+        assert_eq!((ideal.limits, ideal.contact), (default.limits, default.contact));
+        assert_eq!((ideal.passivity.position_step_m, ideal.passivity.force_delay_us), (30e-6, 0));
+
+        let mut profile = Profile::bundled("falcon").expect("bundled");
+        assert_eq!((profile.workspace.scale, profile.force_delay_us), (3.0, 107));
+        let falcon = config_for(Some(&profile));
+        assert_eq!(falcon.limits.max_speed_m_s, 3.0 * default.limits.max_speed_m_s);
+        assert_eq!((falcon.passivity.workspace_scale, falcon.passivity.force_delay_us), (3.0, 107));
+        assert!((falcon.limits.max_stiffness_n_m - 1_000.0 / 3.0).abs() < 1e-3);
+        assert!((falcon.limits.max_position_m - 0.132).abs() < 1e-6);
+        // Four counts of 54 um, times three.
+        assert!((falcon.contact.release_height_m - 648e-6).abs() < 1e-9);
+        assert!((falcon.passivity.position_step_m - 162e-6).abs() < 1e-9);
+        // A finer encoder does not lower the height below the default.
+        (profile.workspace.scale, profile.max_force_n) = (1.0, 2.5);
+        profile.mechanism.encoder_quantum_m = Some(1e-6);
+        let fine = config_for(Some(&profile));
+        assert_eq!(fine.contact.release_height_m, default.contact.release_height_m);
+        assert_eq!((fine.limits.max_force_n, fine.limits.max_speed_m_s), (2.5, 2.0));
+    }
+
+    #[test]
+    fn scene_and_device_limit_the_force() {
+        let soft = synthetic::Shape { max_force_n: 3.0, ..synthetic::Shape::default() };
+        let blob = synthetic::organ(&soft);
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let info = SimulatedHand::new(&organ, SimulatedConfig::default()).info();
+        let config = controller_config(&[&organ], Method::Trilinear, &info, None);
+        assert_eq!(config.limits.max_force_n, 3.0);
+        let weak = DeviceInfo { max_force_n: 1.0, max_stiffness_n_m: 200.0, ..info };
+        let config = controller_config(&[&organ], Method::Trilinear, &weak, None);
+        assert_eq!((config.limits.max_force_n, config.limits.max_stiffness_n_m), (1.0, 200.0));
+    }
+}
