@@ -7,8 +7,8 @@
 //!
 //! F = - a v,   a = min((E - margin) / (v^2 dt), a_max)
 //!
-//! (time-domain passivity control of impedance type; Hannaford and Ryu 2002), and where that is not enough the force is taken away: a
-//! loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades within about a second, so that a tool
+//! (time-domain passivity control of impedance type; Hannaford and Ryu 2002), where a comes and goes within some ticks, so that it is no step; and
+//! where that is not enough the force is taken away: a loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades within about a second, so that a tool
 //! that bounces is seen too.
 //!
 //! **Which force.** A force is sent with the exchange after the tick that found it, takes its time on the link, and is held until the
@@ -22,6 +22,8 @@ use crate::velocity::AdaptiveWindow;
 const FORGET_S: f32 = 1.0;
 /// Share of the most the hand had put in that may come back beyond it: sampled at 1 kHz, a quick stroke gives some per cent too much.
 const SAMPLING_SHARE: f32 = 0.05;
+/// Time in which the damping rises to its most and falls again, s: at once it would be a step of the force.
+const RISE_S: f32 = 0.01;
 /// Forces that are remembered: at 1 kHz twice the age at which a sample is a fault.
 const SENT: usize = 24;
 
@@ -106,6 +108,8 @@ pub struct Passivity {
     work_j: f32,
     /// The lowest it was: what the hand has put in.
     lowest_j: f32,
+    /// The virtual damping now.
+    damping_n_s_m: f32,
 }
 
 impl Default for Passivity {
@@ -126,7 +130,14 @@ pub enum Verdict {
 impl Passivity {
     /// Nothing seen yet.
     pub const fn new() -> Self {
-        Self { last: None, sent: Sent::new(), window: AdaptiveWindow::new(), work_j: 0.0, lowest_j: 0.0 }
+        Self {
+            last: None,
+            sent: Sent::new(),
+            window: AdaptiveWindow::new(),
+            work_j: 0.0,
+            lowest_j: 0.0,
+            damping_n_s_m: 0.0,
+        }
     }
 
     /// Work on the hand since the touch began, J; below 0 while the hand presses.
@@ -157,23 +168,28 @@ impl Passivity {
             // The body has come to rest; what it gave too much fades.
             self.work_j = self.work_j.max(0.0) * (1.0 - dt_s / FORGET_S).max(0.0);
             self.lowest_j = 0.0;
+            self.damping_n_s_m = 0.0;
             return still;
         }
         self.lowest_j = self.lowest_j.min(self.work_j);
         let beyond_j = self.work_j - config.margin_j + SAMPLING_SHARE * self.lowest_j;
-        if beyond_j <= 0.0 || dt_s <= 0.0 {
-            return still;
-        }
         if beyond_j > config.fault_j {
             return Verdict::Active;
+        }
+        if dt_s <= 0.0 || (beyond_j <= 0.0 && self.damping_n_s_m == 0.0) {
+            return still;
         }
         // Half a step is how far a count is from the truth. With a whole one, as for a velocity on its own, the window is longer and later, and
         // the loop that is to be stilled shakes three times as much (host/tests/stability.rs).
         let noise_m = 0.5 * config.position_step_m;
         let velocity_m_s = vec3::scale(self.window.velocity_m_s(noise_m), per_device);
-        let wanted_n_s_m = beyond_j / (vec3::norm_squared(velocity_m_s) * dt_s);
-        let damping_n_s_m = wanted_n_s_m.min(config.max_damping_n_s_m);
-        let force_n = vec3::scale(velocity_m_s, -damping_n_s_m);
+        let needed_n_s_m = beyond_j.max(0.0) / (vec3::norm_squared(velocity_m_s) * dt_s);
+        let most_n_s_m = config.max_damping_n_s_m;
+        // Not known at rest, and none is needed there.
+        let wanted_n_s_m = if needed_n_s_m.is_nan() { 0.0 } else { needed_n_s_m.min(most_n_s_m) };
+        let change = most_n_s_m * dt_s / RISE_S;
+        self.damping_n_s_m += (wanted_n_s_m - self.damping_n_s_m).max(-change).min(change);
+        let force_n = vec3::scale(velocity_m_s, -self.damping_n_s_m);
         Verdict::Damp(if vec3::is_finite(force_n) { force_n } else { vec3::ZERO })
     }
 }
@@ -213,6 +229,26 @@ mod tests {
         let (_, most_n, _) = stroke(&config, 500.0, 0.002);
         assert!(most_n > 0.02 && most_n < 2.0 * 0.05, "at most 2 N s/m at 40 mm/s: {most_n}");
         assert!(stroke(&PassivityConfig { fault_j: 0.02, ..config }, 500.0, 0.002).2);
+    }
+
+    /// A hand that is pushed along at .1 m/s, and then no longer.
+    #[test]
+    fn damping_comes_and_goes_without_a_step() {
+        let config = PassivityConfig { margin_j: 1e-3, fault_j: f32::INFINITY, ..PassivityConfig::default() };
+        let (mut guard, mut before_n, mut most_n) = (Passivity::new(), 0.0, 0.0_f32);
+        for tick in 0..120_u64 {
+            let verdict = guard.observe(&config, (tick * 1_000, [1e-4 * tick as f32, 0.0, 0.0]), true);
+            let Verdict::Damp([damping_n, ..]) = verdict else { panic!("{verdict:?}") };
+            guard.sent(tick * 1_000, [if tick < 40 { 5.0 } else { -5.0 }, 0.0, 0.0]);
+            // 2 N s/m at .1 m/s, a tenth of it a tick.
+            assert!(
+                (damping_n - before_n).abs() < 0.021 && damping_n <= 0.0,
+                "{tick}: {damping_n} after {before_n}"
+            );
+            before_n = damping_n;
+            most_n = most_n.max(-damping_n);
+        }
+        assert!((most_n - 0.2).abs() < 1e-3 && before_n == 0.0, "{most_n}, {before_n} at the end");
     }
 
     /// Two forces, sent at 1 and 2 ms: a way is under each for as long as it was at the motors.

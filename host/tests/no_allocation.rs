@@ -1,12 +1,19 @@
 //! Nothing in the tick's path allocates: exchange, controller, histogram, queue and hand-over, over more than 10^6 ticks, 150,000 a method.
 
+#[path = "common/synthetic.rs"]
+mod synthetic;
+
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use palpate_core::{Config, Method, Organ, Phase};
+use palpate_host::Device;
+use palpate_host::device::palpation::RandomConfig;
+use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{
     Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock,
 };
+use palpate_host::settings::controller_config;
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -51,6 +58,43 @@ fn a_million_ticks_without_an_allocation() {
         assert!(engaged > 50_000, "the strokes touch the organ by {method:?}: {engaged}");
         assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 60_000);
     }
+}
+
+/// The hand of `palpate run --profile falcon`: mechanism, delays, drags over a patch of active nodes.
+#[test]
+fn sliding_on_a_mechanism_without_an_allocation() {
+    let blob = synthetic::organ(&synthetic::Shape { patch: 60, ..synthetic::Shape::default() });
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let profile = Profile::bundled("falcon").expect("bundled");
+    let random = Some(RandomConfig::new(2));
+    let hand = SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::on(&profile) });
+    let config = controller_config(&[&organ], Method::Trilinear, &hand.info(), Some(&profile));
+    let mut memory = TouchMemory::default();
+    let controllers = model::controllers(&[&organ], config, &mut memory).expect("has the method");
+    let (records, mut drained) = rtrb::RingBuffer::new(1_000);
+    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (controls, clock, heartbeat) = (Controls::default(), VirtualClock::default(), Heartbeat::default());
+    let outputs = Outputs { records, latest };
+    let haptic = HapticLoop::of_models(&controllers, hand, &clock, LoopConfig::default(), &controls, outputs);
+    let mut haptic = haptic.watched(&heartbeat);
+    let (mut blended, mut moved, mut before) = (0_u64, 0_u64, TickRecord::NOTHING);
+    assert_no_alloc(|| {
+        for index in 0..150_000_u64 {
+            let deadline_ns = index * 1_000_000;
+            clock.wait_until(deadline_ns, 0);
+            haptic.tick(index, 0, deadline_ns).expect("the simulated hand never fails");
+            let record = *newest.read();
+            assert!(record.tick == index && record.phase == Phase::Active);
+            let answers =
+                |record: &TickRecord| record.shares.iter().filter(|share| share.weight > 0.0).count();
+            blended += u64::from(answers(&record) > 1);
+            moved +=
+                u64::from(answers(&record) > 1 && answers(&before) > 1 && record.shares != before.shares);
+            before = record;
+        }
+    });
+    assert!(blended > 20_000 && moved > 1_000, "{blended} ticks of several nodes, {moved} of them sliding");
+    assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 1_000);
 }
 
 /// Not a test of its own: what the next one runs in a process of its own, because the trap ends the process.
