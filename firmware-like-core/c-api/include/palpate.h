@@ -158,6 +158,8 @@ typedef struct PalpateConfig {
   float friction;
   // A grasping tool slips off beyond this many times the grid's radius or the largest force.
   float grasp_slip;
+  // Largest distance from the surface at which a grasp takes hold, m.
+  float grasp_distance_m;
   // Largest force for the hand, N: the device's.
   float max_force_n;
   // Largest change of that force, N/s.
@@ -181,6 +183,10 @@ typedef struct PalpateConfig {
   float energy_fault_j;
   // Metres of the model to one of the device.
   float workspace_scale;
+  // Step of the positions, m of the model; 0 for none.
+  float position_step_m;
+  // How long a force is on its way to the motors, us.
+  uint32_t force_delay_us;
   // Ticks without a fresh sample that hold the last command; after them the force is zero.
   uint32_t stale_hold_ticks;
   // Age of the newest sample that latches a fault, us.
