@@ -231,7 +231,7 @@ pub(crate) fn run<D: Device>(
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
                 options.view = show.frames();
             }
-            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_))) => {
+            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_))) => {
                 return Err(Failure::input(error));
             }
             Err(error) => return Err(Failure::work(error)),
