@@ -153,6 +153,16 @@ fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     name.map(Profile::load).transpose().map_err(Failure::input)
 }
 
+/// What a profile says of a Polhem; without one its cautious defaults.
+fn polhem_config(profile: Option<&Profile>) -> PolhemConfig {
+    profile.map_or_else(PolhemConfig::default, |profile| PolhemConfig {
+        workspace: profile.workspace,
+        max_force_n: profile.max_force_n,
+        max_stiffness_n_m: profile.cap().n_m,
+        ..PolhemConfig::default()
+    })
+}
+
 fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Result<Box<dyn Device>, Failure> {
     let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
     match (kind, rest) {
@@ -168,11 +178,7 @@ fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Resu
             Ok(Box::new(SimulatedHand::new(organ, config)))
         }
         ("polhem", Some(port)) => {
-            let mut config = PolhemConfig::default();
-            if let Some(profile) = profile {
-                (config.workspace, config.max_force_n) = (profile.workspace, profile.max_force_n);
-            }
-            let device = Polhem::open(port, config);
+            let device = Polhem::open(port, polhem_config(profile));
             Ok(Box::new(
                 device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
             ))
@@ -363,4 +369,23 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
+
+    /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
+    #[test]
+    fn a_stated_damping_lifts_the_cap_of_a_polhem() {
+        let mut profile = Profile::load("polhem").expect("bundled");
+        assert_eq!(polhem_config(Some(&profile)).max_stiffness_n_m, DEFAULT_CAP_N_M);
+        assert_eq!(polhem_config(None).max_stiffness_n_m, DEFAULT_CAP_N_M);
+        profile.mechanism.damping = Some(Damping { n_s_m: 3.5, measured: true });
+        let config = polhem_config(Some(&profile));
+        assert!(config.max_stiffness_n_m > 1.2 * DEFAULT_CAP_N_M, "{config:?}");
+        assert_eq!(config.max_stiffness_n_m, profile.cap().n_m);
+        assert_eq!((config.max_force_n, config.workspace), (5.0, profile.workspace));
+    }
 }
