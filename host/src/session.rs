@@ -309,7 +309,6 @@ pub fn run_session<D: Device, const N: usize>(
 ) -> Result<SessionSummary, SessionError> {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    let organ = organs[0];
     // The stiffest of them, and the share of the one that is held back most.
     let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
     let felt = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
@@ -317,7 +316,7 @@ pub fn run_session<D: Device, const N: usize>(
     if let Some(priority) = options.real_time.fifo_priority.filter(|asked| *asked > MAX_LOOP_FIFO_PRIORITY) {
         return Err(SessionError::Priority(priority));
     }
-    let mut screen = Screen::open(organ, &config, &options.view)?;
+    let mut screen = Screen::open(organs, &config, &options.view)?;
     let info = device.info();
     let emergency_stop = device.emergency_stop();
     let heartbeat = Heartbeat::default();
