@@ -270,6 +270,8 @@ mod tests {
         };
         // Displacement modes of the blob know nothing of the lobe.
         organ.spaces.iter_mut().for_each(|space| space.displacement = None);
+        let rest = Deformation::at_rest(&organ);
+        assert!(!shows(&plain, &organ, &rest, &organ.spaces[0], 0.002), "it is behind the lobe");
         let around = first_is_seen(&organ).unwrap_or_else(|why| panic!("{why}"));
         assert_ne!((around.azimuth_rad, around.elevation_rad), (plain.azimuth_rad, plain.elevation_rad));
     }
