@@ -60,9 +60,9 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
-    /// Frames a second without a window; 0 for none
-    #[arg(long, value_name = "HZ", default_value_t = touch::HEADLESS_RATE_HZ, value_parser = frame_rate)]
-    frame_rate: f32,
+    /// Frames a second without a window; 0 for none; if not given 2, and 12.5 in a film
+    #[arg(long, value_name = "HZ", value_parser = frame_rate)]
+    frame_rate: Option<f32>,
     /// With --headless: an animated GIF instead of PNG frames; what is there is lost
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
@@ -75,7 +75,7 @@ pub(crate) struct Args {
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a number, or stick
     #[arg(long, value_name = "MU", value_parser = friction)]
     friction: Option<f32>,
-    /// With several blobs: go on to the next each time so many seconds have passed
+    /// Go on to the next of several blobs each time so many seconds have passed
     #[arg(long, value_name = "S", value_parser = seconds)]
     change_every: Option<Duration>,
     /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
@@ -206,9 +206,23 @@ pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
     PREFERENCE.into_iter().find(has)
 }
 
+/// Refuses arguments that together do nothing.
+fn check(args: &Args) -> Result<(), Failure> {
+    if args.change_every.is_some() && args.more.is_empty() {
+        return Err(Failure::input(
+            "--change-every goes from one blob to the next, and there is only one: name another, or leave it out",
+        ));
+    }
+    if args.gif.is_some() && args.frame_rate == Some(0.0) {
+        return Err(Failure::input("--frame-rate 0 leaves no frame for --gif: leave one of them out"));
+    }
+    Ok(())
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
+    check(args)?;
     let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
     let files = paths.iter().map(|path| blob::load(path)).collect::<Result<Vec<_>, _>>()?;
     let each = || paths.iter().zip(&files);
