@@ -17,6 +17,7 @@ use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
+use serde_json::json;
 
 use super::inspect::certificate;
 use super::pack::method;
@@ -24,6 +25,7 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::output;
 use crate::resident::Resident;
+use crate::summary;
 use crate::timing::Timing;
 use crate::touch;
 use crate::workbench::stop_flag;
@@ -86,6 +88,9 @@ pub(crate) struct Args {
     /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms at which a sample is stale
     #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
     watchdog_ms: u32,
+    /// The summary as one JSON object, and nothing else on standard output
+    #[arg(long)]
+    json: bool,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -258,6 +263,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let show = touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, record) };
     let mut resident = Resident::start();
+    let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
     let open = || match tool.take() {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
         None => open_device(&args.device, organs[0], profile.as_ref()),
@@ -267,30 +273,39 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ready.get_or_insert_with(|| begun.elapsed());
         resident.take(record);
     })?;
-    output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
+    let resident = resident.end();
+    let bytes = files.iter().map(|file| file.bytes().len()).sum::<usize>();
+    if args.json {
+        let figures = json!({
+            "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary),
+            "profile": profile.as_ref().map(|profile| summary::profile(profile, &touched.summary.latency)),
+            "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
+            "recording": args.record.as_ref().zip(touched.recording.as_ref()).map(|(path, report)| json!({
+                "file": path, "ticks": report.ticks, "dropped": report.dropped,
+                "error": report.error.as_ref().map(ToString::to_string),
+            })),
+        });
+        output::line(format!("{figures:#}"))?;
+    }
+    say(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let Some(profile) = &profile {
-        output::line(format!(
-            "profile      {}: {}",
-            profile.name,
-            profile.verdict(&touched.summary.latency)
-        ))?;
+        say(format!("profile      {}: {}", profile.name, profile.verdict(&touched.summary.latency)))?;
     }
     if let Some(ready) = ready {
-        let megabytes = files.iter().map(|file| file.bytes().len()).sum::<usize>() as f64 * 1e-6;
-        output::line(format!(
-            "start        {:.2} s from {megabytes:.1} MB to the first tick",
-            ready.as_secs_f64()
-        ))?;
+        let (seconds, megabytes) = (ready.as_secs_f64(), bytes as f64 * 1e-6);
+        say(format!("start        {seconds:.2} s from {megabytes:.1} MB to the first tick"))?;
     }
-    output::line(resident.end())?;
+    say(resident.to_string())?;
     if let Some(path) = &args.histograms {
-        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
-        print_misses(&touched.summary.latency.worst)?;
+        if !args.json {
+            output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+            print_misses(&touched.summary.latency.worst)?;
+        }
         output::histograms(path, &touched.summary.latency)?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
-        output::line(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
+        say(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
         if let Some(error) = &report.error {
             return Err(Failure::work(format!("{path}: {error}; the recording ends there")));
         }
@@ -349,7 +364,12 @@ fn run_replay(
         ReplayError::Viewer(error) => Failure::work(error),
         error => Failure::input(named(&error)),
     })?;
-    output::line(format!("method       {}\n{summary}", summary.method.name()))?;
+    if args.json {
+        let figures = json!({ "blob": args.blob, "recording": path, "replay": summary::replay(&summary) });
+        output::line(format!("{figures:#}"))?;
+    } else {
+        output::line(format!("method       {}\n{summary}", summary.method.name()))?;
+    }
     if summary.method == summary.recorded_method && summary.different > 0 {
         return Err(Failure::work(named(&format!("{} of its ticks come out otherwise", summary.different))));
     }
