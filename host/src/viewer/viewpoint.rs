@@ -14,7 +14,7 @@ const ELEVATIONS: [f32; 2] = [0.26, 0.44];
 /// Elevations tried where none of these shows the first active node, rad.
 const STEEPER: [f32; 3] = [0.70, 0.95, -0.20];
 /// Least cosine between the view and the normal of the first active node: it is looked at, not past.
-const FACING: f32 = 0.35;
+const FACING: f32 = 0.5;
 /// What may lie between the eye and an active node, in radii of the organ: the surface it is on.
 const SKIN: f32 = 0.02;
 /// Cosine between the view and the normal of an active node at which strokes show best: neither end-on nor hidden.
