@@ -365,10 +365,14 @@ fn forces_arrive_on_the_right_axes() {
                 std::thread::sleep(Duration::from_micros(200));
             }
         });
-        let polhem = Polhem::with_port(Box::new(driver), PolhemConfig::default());
+        let mut config = PolhemConfig { max_stiffness_n_m: 2_000.0, ..PolhemConfig::default() };
+        config.workspace.scale = 2.0;
+        let polhem = Polhem::with_port(Box::new(driver), config);
         woken.store(true, Ordering::Relaxed);
         polhem.expect("wakes up")
     });
+    // A workspace twice as large makes the model twice as stiff at the hand.
+    assert_eq!(polhem.info().max_stiffness_n_m, 1_000.0);
     device.poll(0, &mut link).expect("open");
     let sent: Vec3 = [1.25, -2.5, 0.75];
     for tick in 1..10 {

@@ -207,7 +207,7 @@ pub fn replay<R: Read, const N: usize>(
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
     let first = organs[0];
-    let mut show = Show::open(first, &config, view)?;
+    let mut show = Show::open(organs, &config, view)?;
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let (mut answers, fed) = rtrb::RingBuffer::new(1);
     let (records, mut replayed) = rtrb::RingBuffer::new(1);
@@ -316,7 +316,11 @@ enum Pace {
 }
 
 impl Show {
-    fn open<const N: usize>(organ: &Organ<'_, N>, config: &Config, view: &View) -> Result<Self, ViewerError> {
+    fn open<const N: usize>(
+        organs: &[&Organ<'_, N>],
+        config: &Config,
+        view: &View,
+    ) -> Result<Self, ViewerError> {
         let pace = match view {
             View::Nothing => Pace::Free,
             View::Frames { rate_hz, .. } | View::Gif { rate_hz, .. } => {
@@ -324,7 +328,7 @@ impl Show {
             }
             View::Window { .. } => Pace::Real(Instant::now()),
         };
-        let screen = Screen::open(organ, config, view)?;
+        let screen = Screen::open(organs, config, view)?;
         let (live, ignored) = (Live::new(), Controls::default());
         Ok(Self { screen, live, pace, ignored, closed: AtomicBool::new(false) })
     }

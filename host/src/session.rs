@@ -10,7 +10,7 @@ use crate::rt::{
     Controls, HapticLoop, Heartbeat, LatencyReport, LoopConfig, LoopEnd, LoopOutcome, MonotonicClock,
     Outputs, TickRecord, Watchdog,
 };
-use crate::sys::{Policy, RtReport, RtRequest};
+use crate::sys::{MAX_LOOP_FIFO_PRIORITY, Policy, RtReport, RtRequest};
 use crate::viewer::screen::DRAIN_PAUSE;
 use crate::viewer::{Live, ViewerError};
 use core::fmt;
@@ -66,6 +66,8 @@ pub enum SessionError {
     Model(ModelError),
     /// The length is negative or not a number.
     Seconds(f64),
+    /// A SCHED_FIFO priority that leaves none for the watchdog.
+    Priority(i32),
     /// Nothing to show on, or a frame was not written.
     Viewer(ViewerError),
     /// No thread could be started.
@@ -79,6 +81,10 @@ impl fmt::Display for SessionError {
         match self {
             Self::Model(error) => error.fmt(f),
             Self::Seconds(seconds) => write!(f, "{seconds} is no length for a session, in seconds"),
+            Self::Priority(priority) => write!(
+                f,
+                "SCHED_FIFO {priority} leaves no priority for the watchdog below the kernel's 99; ask for at most {MAX_LOOP_FIFO_PRIORITY}"
+            ),
             Self::Viewer(error) => error.fmt(f),
             Self::Thread(error) => write!(f, "cannot start the haptic thread: {error}"),
             Self::LoopPanicked => {
@@ -303,12 +309,14 @@ pub fn run_session<D: Device, const N: usize>(
 ) -> Result<SessionSummary, SessionError> {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    let organ = organs[0];
     // The stiffest of them, and the share of the one that is held back most.
     let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
     let felt = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
     let periods = periods(options)?;
-    let mut screen = Screen::open(organ, &config, &options.view)?;
+    if let Some(priority) = options.real_time.fifo_priority.filter(|asked| *asked > MAX_LOOP_FIFO_PRIORITY) {
+        return Err(SessionError::Priority(priority));
+    }
+    let mut screen = Screen::open(organs, &config, &options.view)?;
     let info = device.info();
     let emergency_stop = device.emergency_stop();
     let heartbeat = Heartbeat::default();
@@ -537,6 +545,14 @@ mod tests {
     fn what_cannot_run_is_refused_before_anything_moves() {
         let refused = run(&options(f64::NAN), &AtomicBool::new(false), |_| panic!("no tick may run"));
         assert!(matches!(refused, Err(SessionError::Seconds(_))));
+        for priority in [98, 99] {
+            let real_time = RtRequest { fifo_priority: Some(priority), ..RtRequest::nothing() };
+            let refused = run(&SessionOptions { real_time, ..options(1.0) }, &AtomicBool::new(false), |_| {
+                panic!("no tick may run")
+            });
+            let refused = refused.expect_err("there is no room for the watchdog");
+            assert!(refused.to_string().contains("at most 97"), "{refused}");
+        }
         if std::env::var_os("DISPLAY").is_none() {
             let picture = RendererConfig::live();
             let view = View::Window { screenshots: PathBuf::new(), picture, mouse: None };

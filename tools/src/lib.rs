@@ -14,6 +14,7 @@ mod failure;
 mod output;
 mod progress;
 mod resident;
+mod summary;
 mod timing;
 mod touch;
 mod truth;

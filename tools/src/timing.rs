@@ -2,7 +2,7 @@
 
 use clap::Args as ClapArgs;
 use palpate_host::rt::LoopConfig;
-use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, RtRequest};
+use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, MAX_LOOP_FIFO_PRIORITY, RtRequest};
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
 
@@ -12,9 +12,9 @@ pub(crate) struct Timing {
     /// Pin the haptic thread to this CPU; if not given the kernel chooses
     #[arg(long, value_name = "N", help_heading = "Timing")]
     pub cpu: Option<usize>,
-    /// SCHED_FIFO priority of the haptic thread, 1 to 98; 0 asks for ordinary scheduling
+    /// SCHED_FIFO priority of the haptic thread, 1 to 97 (its watchdog gets one more); 0 asks for ordinary scheduling
     #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
-          value_parser = clap::value_parser!(i32).range(0..=98))]
+          value_parser = clap::value_parser!(i32).range(0..=i64::from(MAX_LOOP_FIFO_PRIORITY)))]
     pub fifo: i32,
     /// The last part of every wait that is spun instead of slept, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]

@@ -22,7 +22,7 @@ use crate::failure::Failure;
 use crate::timing::Timing;
 
 /// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
-pub(crate) const HEADLESS_RATE_HZ: f32 = 2.0;
+const HEADLESS_RATE_HZ: f32 = 2.0;
 /// Frames a second of a film: motion is seen, and ten seconds stay below 5 MB.
 const FILM_RATE_HZ: f32 = 12.5;
 /// Size of a film.
@@ -39,8 +39,8 @@ pub(crate) struct Show<'p> {
     pub seconds: Option<f64>,
     /// PNG frames instead of a window.
     pub headless: bool,
-    /// Frames a second of these; 0 for none.
-    pub rate_hz: f32,
+    /// Frames a second of these, or of a film, if not the default; 0 for none.
+    pub rate_hz: Option<f32>,
     /// Where frames and screenshots go.
     pub pictures: &'p Path,
     /// What is recorded, if anything.
@@ -64,15 +64,16 @@ pub(crate) struct Show<'p> {
 impl Show<'_> {
     /// PNG frames, or a film if asked for.
     pub(crate) fn frames(&self) -> View {
-        if self.rate_hz == 0.0 {
+        if self.rate_hz == Some(0.0) {
             return View::Nothing;
         }
         if let Some(file) = self.gif {
-            return View::Gif { file: file.to_path_buf(), rate_hz: FILM_RATE_HZ, picture: FILM_PICTURE };
+            let rate_hz = self.rate_hz.unwrap_or(FILM_RATE_HZ);
+            return View::Gif { file: file.to_path_buf(), rate_hz, picture: FILM_PICTURE };
         }
         View::Frames {
             directory: self.pictures.to_path_buf(),
-            rate_hz: self.rate_hz,
+            rate_hz: self.rate_hz.unwrap_or(HEADLESS_RATE_HZ),
             picture: RendererConfig::still(),
         }
     }
@@ -196,7 +197,7 @@ pub(crate) fn run<D: Device>(
                 eprintln!("palpate: no window ({error}); writing PNG frames instead");
                 options.view = show.frames();
             }
-            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_))) => {
+            Err(error @ (SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_))) => {
                 return Err(Failure::input(error));
             }
             Err(error) => return Err(Failure::work(error)),
@@ -211,5 +212,99 @@ pub(crate) fn judge(summary: &SessionSummary) -> Result<(), Failure> {
         (LoopEnd::DeviceLost(error), _) => Err(Failure::work(format!("device lost: {error}"))),
         (_, Phase::SafeZero(fault)) => Err(Failure::work(format!("ended in safe zero: {}", fault.name()))),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
+    use palpate_host::{BlobFile, Recording};
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
+
+    /// What hinders the thread that draws.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Fault {
+        Panic,
+        NoFolder,
+    }
+
+    /// Whatever ends the session from the side of the pictures, the recording is whole and can be replayed.
+    #[test]
+    fn a_viewer_that_fails_leaves_a_whole_recording() {
+        let file = BlobFile::of(BLOB);
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let blob_blake3 = [file.blake3()];
+        for fault in [Fault::Panic, Fault::NoFolder] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let (path, pictures) = (folder.path().join("session.mcap"), folder.path().join("frames"));
+            let show = Show {
+                seconds: Some(20.0),
+                headless: true,
+                rate_hz: Some(50.0),
+                pictures: &pictures,
+                record: Some(Record { path: &path, blob_blake3: &blob_blake3 }),
+                friction: None,
+                change_every: None,
+                profile: None,
+                timing: Timing { fifo: 0, ..Timing::default() },
+                watchdog_ms: 20,
+                gif: None,
+                mouse: None,
+            };
+            let mut ticks = 0;
+            let device = || Ok(SimulatedHand::new(&organ, SimulatedConfig::default()));
+            let ended = catch_unwind(AssertUnwindSafe(|| {
+                run(&[&organ], Method::Tricubic, show, &AtomicBool::new(false), device, |_| {
+                    ticks += 1;
+                    if ticks == 100 {
+                        std::fs::remove_dir_all(&pictures).expect("the frames are there");
+                        assert!(fault != Fault::Panic, "planted panic");
+                    }
+                })
+            }));
+            match fault {
+                Fault::Panic => assert!(ended.is_err()),
+                Fault::NoFolder => {
+                    let failure = ended.expect("no panic").expect_err("frames cannot be written");
+                    assert_eq!(failure.exit_code(), std::process::ExitCode::from(1));
+                }
+            }
+            let source = std::io::BufReader::new(File::open(&path).expect("it is there"));
+            let mut recording = Recording::open(source).expect("sound");
+            let recorded: Vec<TickRecord> = recording.by_ref().map(|tick| tick.expect("sound")).collect();
+            assert!(!recording.is_cut(), "{fault:?}: the file has no end");
+            assert_eq!(recorded.len(), ticks, "{fault:?}");
+        }
+    }
+
+    /// A film has a rate of its own as long as nobody asks for another.
+    #[test]
+    fn a_film_takes_the_rate_it_is_given() {
+        let show = Show {
+            seconds: None,
+            headless: true,
+            rate_hz: None,
+            pictures: Path::new("frames"),
+            record: None,
+            friction: None,
+            change_every: None,
+            profile: None,
+            timing: Timing::default(),
+            watchdog_ms: 20,
+            gif: Some(Path::new("film.gif")),
+            mouse: None,
+        };
+        let rate_hz = |show: Show<'_>| match show.view() {
+            View::Gif { rate_hz, .. } | View::Frames { rate_hz, .. } => rate_hz,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(rate_hz(show), FILM_RATE_HZ);
+        assert_eq!(rate_hz(Show { rate_hz: Some(25.0), ..show }), 25.0);
+        assert_eq!(rate_hz(Show { gif: None, ..show }), HEADLESS_RATE_HZ);
+        assert_eq!(rate_hz(Show { gif: None, rate_hz: Some(25.0), ..show }), 25.0);
+        assert_eq!(Show { gif: None, rate_hz: Some(0.0), ..show }.view(), View::Nothing);
     }
 }

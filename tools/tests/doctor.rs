@@ -86,7 +86,7 @@ fn a_run_shows_what_was_granted_and_its_histograms() {
 
 #[test]
 fn nonsense_is_refused() {
-    for args in [["doctor", "--fifo", "99"], ["doctor", "--period-us", "50"], ["doctor", "--seconds", "-1"]] {
+    for args in [["doctor", "--fifo", "98"], ["doctor", "--period-us", "50"], ["doctor", "--seconds", "-1"]] {
         let refused = palpate(&args);
         assert_eq!(refused.status.code(), Some(2), "{args:?}: {}", text(&refused.stderr));
     }

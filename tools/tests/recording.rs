@@ -126,6 +126,73 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(code == Some(0) && told.contains("bit-identical") && told.contains("was cut here"), "{told}");
 }
 
+/// One object on standard output whatever else is asked for, and the same exit codes.
+#[test]
+fn a_session_and_its_replay_as_json() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    let (recording, csv) = (at("session.mcap"), at("timing.csv"));
+    let object = |arguments: &[&str]| -> serde_json::Value {
+        let quiet = ["--uncertified", "--headless", "--frame-rate", "0", "--json"];
+        let output = palpate(&[&["run", BLOB], arguments, &quiet].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).expect("one object, and nothing after it")
+    };
+    let figures = object(&[
+        "--seconds",
+        "1.5",
+        "--fifo",
+        "0",
+        "--profile",
+        "falcon",
+        "--histograms",
+        text(&csv),
+        "--record",
+        text(&recording),
+    ]);
+    let session = &figures["session"];
+    let (ticks, latency) = (session["ticks"].as_u64().expect("a number"), &session["latency"]);
+    assert_eq!(ticks + latency["missed_deadlines"].as_u64().expect("a number"), 1_500, "{figures}");
+    for quantity in ["lateness_ns", "device_ns", "compute_ns"] {
+        let of = |name: &str| latency[quantity][name].as_u64().expect("a number");
+        assert!(of("count") == ticks && of("p50") <= of("p99") && of("p99") <= of("max"), "{figures}");
+    }
+    assert_eq!((&session["end"], &session["fault"]), (&"completed".into(), &serde_json::Value::Null));
+    assert_eq!((&session["phase"], &session["watchdog"]), (&"active".into(), &serde_json::Value::Null));
+    assert_eq!(session["real_time"]["scheduler"], "not asked");
+    assert!(session["device"]["name"].as_str().expect("a name").contains("simulated"), "{figures}");
+    assert!(session["touch"]["contacts"].is_u64() && session["touch"]["coverage_ticks"]["cell"].is_u64());
+    assert_eq!(
+        (&figures["profile"]["name"], figures["profile"]["held"].is_boolean()),
+        (&"Novint Falcon".into(), true)
+    );
+    assert!(
+        figures["start_s"].as_f64().expect("seconds") > 0.0 && figures["blob_bytes"].is_u64(),
+        "{figures}"
+    );
+    assert_eq!(figures["recording"]["ticks"].as_u64(), Some(ticks));
+    assert!(csv.exists(), "the histograms are written all the same");
+
+    let device = format!("replay:{}", text(&recording));
+    let replayed = object(&["--device", &device]);
+    assert_eq!(
+        (&replayed["replay"]["identical"], replayed["replay"]["ticks"].as_u64()),
+        (&true.into(), Some(ticks))
+    );
+}
+
+#[test]
+fn options_that_would_do_nothing_are_refused() {
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let (code, told) = said(&[&["run", BLOB, "--uncertified"], arguments].concat());
+        assert_eq!((code, told.lines().count()), (Some(2), 1), "{told}");
+        words.iter().for_each(|word| assert!(told.contains(word), "`{word}` is not in: {told}"));
+    };
+    refused(&["--headless", "--seconds", "0.1", "--change-every", "1"], &["--change-every", "name another"]);
+    let film = ["--headless", "--seconds", "0.1", "--gif", "/nowhere/x.gif", "--frame-rate", "0"];
+    refused(&film, &["--gif", "leave one of them out"]);
+}
+
 #[test]
 fn what_cannot_be_replayed_is_refused_in_one_line() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -7,6 +7,7 @@
 //! is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
 //! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
+use super::profile::DEFAULT_CAP_N_M;
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
 use palpate_core::{Sample, Vec3};
@@ -20,8 +21,6 @@ use std::time::{Duration, Instant};
 pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
-/// Largest stiffness as long as nobody has measured the mechanism's damping, N/m: the usual cap of devices of its size.
-const MAX_STIFFNESS_N_M: f32 = 1_000.0;
 /// After this long without an answer the next request is sent all the same, us.
 const REPLY_TIMEOUT_US: u64 = 2_000;
 /// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
@@ -39,13 +38,21 @@ pub struct PolhemConfig {
     pub workspace: Workspace,
     /// Largest force of the mechanism, N; each axis is also clamped to it before it becomes an i16.
     pub max_force_n: f32,
+    /// Largest stiffness that may be rendered, N/m of the device: the cap of its profile.
+    pub max_stiffness_n_m: f32,
     /// How long to try to wake the device.
     pub wake_timeout: Duration,
 }
 
 impl Default for PolhemConfig {
     fn default() -> Self {
-        Self { workspace: Workspace::default(), max_force_n: 8.0, wake_timeout: Duration::from_secs(3) }
+        Self {
+            workspace: Workspace::default(),
+            max_force_n: 8.0,
+            // As long as nobody has stated the mechanism's damping.
+            max_stiffness_n_m: DEFAULT_CAP_N_M,
+            wake_timeout: Duration::from_secs(3),
+        }
     }
 }
 
@@ -287,7 +294,7 @@ impl Device for Polhem {
             name: format!("Polhem on {}", self.port.name().unwrap_or_else(|| "a serial port".into())),
             self_arming: false,
             max_force_n: self.config.max_force_n,
-            max_stiffness_n_m: MAX_STIFFNESS_N_M / self.config.workspace.scale,
+            max_stiffness_n_m: self.config.max_stiffness_n_m / self.config.workspace.scale,
             // The protocol rounds to micrometres; the mechanism is coarser and not known.
             resolution_m: 1e-6,
         }

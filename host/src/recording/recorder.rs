@@ -25,11 +25,11 @@ pub struct RecorderReport {
     pub error: Option<RecordingError>,
 }
 
-/// Takes records without waiting; its thread writes them.
+/// Takes records without waiting; its thread writes them. Dropped without [`Self::finish`], as by a panic, it ends the file all the same.
 #[derive(Debug)]
 pub struct Recorder<W: Write> {
-    queue: SyncSender<TickRecord>,
-    thread: JoinHandle<Written<W>>,
+    /// The way to its thread; `None` once the recording has ended.
+    running: Option<(SyncSender<TickRecord>, JoinHandle<Written<W>>)>,
     dropped: u64,
 }
 
@@ -52,17 +52,28 @@ impl<W: Write + Send + 'static> Recorder<W> {
         let (queue, records) = sync_channel(ticks.max(1));
         let thread =
             Builder::new().name("palpate-recorder".into()).spawn(move || write_all(writer, &records))?;
-        Ok(Self { queue, thread, dropped: 0 })
+        Ok(Self { running: Some((queue, thread)), dropped: 0 })
     }
 
     /// Takes a record; never waits.
     pub fn take(&mut self, record: &TickRecord) {
-        self.dropped += u64::from(self.queue.try_send(*record).is_err());
+        let taken = self.running.as_ref().is_some_and(|(queue, _)| queue.try_send(*record).is_ok());
+        self.dropped += u64::from(!taken);
     }
 
     /// Waits for what is queued to be written, and ends the recording.
-    pub fn finish(self, end: Option<End>) -> RecorderReport {
-        let Self { queue, thread, dropped } = self;
+    pub fn finish(mut self, end: Option<End>) -> RecorderReport {
+        self.end(end)
+    }
+}
+
+impl<W: Write> Recorder<W> {
+    fn end(&mut self, end: Option<End>) -> RecorderReport {
+        let dropped = self.dropped;
+        let Some((queue, thread)) = self.running.take() else {
+            return RecorderReport { ticks: 0, dropped, error: None };
+        };
+        // Its thread ends with the last record.
         drop(queue);
         let Ok(Written { writer, error }) = thread.join() else {
             return RecorderReport { ticks: 0, dropped, error: Some(RecordingError::Panicked) };
@@ -71,6 +82,14 @@ impl<W: Write + Send + 'static> Recorder<W> {
         let end = end.map(|end| End { dropped_by_recorder: dropped, ..end });
         let error = error.or_else(|| writer.finish(end.as_ref()).err());
         RecorderReport { ticks, dropped, error }
+    }
+}
+
+impl<W: Write> Drop for Recorder<W> {
+    /// The caller's own panic must not cost the recording: what was taken is written and the file gets its end, before the process goes.
+    fn drop(&mut self) {
+        // There is nobody left to tell of a full disk.
+        let _ = self.end(None);
     }
 }
 
@@ -180,6 +199,33 @@ mod tests {
         let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("sound").tick).collect();
         assert_eq!(ticks, (0..2_501).collect::<Vec<_>>());
         assert_eq!(recording.end(), Some(&End { dropped_by_recorder: 7, ..end() }));
+    }
+
+    /// The thread that draws panics while the disk is slow: what it had handed over is written, and the file ends as it should.
+    #[test]
+    fn a_panic_of_the_caller_leaves_a_whole_file() {
+        let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
+        let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
+        let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
+        gate.set(true);
+        let opener = gate.clone();
+        let opens = std::thread::spawn(move || {
+            opener.until_somebody_waits();
+            std::thread::sleep(std::time::Duration::from_millis(20));
+            opener.set(false);
+        });
+        let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(move || {
+            (0..1_500).for_each(|tick| recorder.take(&record(tick)));
+            panic!("planted panic");
+        }));
+        // At once: the process would be gone now.
+        let bytes = bytes.lock().expect("no panic").clone();
+        assert!(panicked.is_err());
+        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
+        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("sound").tick).collect();
+        assert_eq!(ticks, (0..1_500).collect::<Vec<_>>());
+        assert!(!recording.is_cut() && recording.end().is_none());
+        opens.join().expect("no panic");
     }
 
     #[test]

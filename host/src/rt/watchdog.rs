@@ -11,7 +11,7 @@
 
 use super::clock::Clock;
 use crate::device::EmergencyStop;
-use crate::sys::{self, Policy, RtRequest};
+use crate::sys::{self, MAX_LOOP_FIFO_PRIORITY, Policy, RtRequest};
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::io;
 use std::thread::{Builder, Scope, ScopedJoinHandle};
@@ -139,8 +139,13 @@ impl<'h> Watchdog<'h> {
     }
 }
 
-/// Starts the watchdog on a thread of its own, one FIFO priority above the loop's if the loop asks for one and it is granted: a loop that
-/// spins for ever on the same CPU must not shut it out. Returns the policy it ran with.
+/// One above the loop's, never 99: a watchdog that ran wild there would shut out the kernel's own.
+fn priority_above(loop_priority: i32) -> i32 {
+    loop_priority.min(MAX_LOOP_FIFO_PRIORITY) + 1
+}
+
+/// Starts the watchdog on a thread of its own, one FIFO priority above the loop's (98 at most) if the loop asks for one and it is granted: a
+/// loop that spins for ever on the same CPU must not shut it out. Returns the policy it ran with.
 pub fn spawn<'scope, C: Clock + Send + 'scope>(
     scope: &'scope Scope<'scope, '_>,
     watchdog: Watchdog<'scope>,
@@ -148,7 +153,7 @@ pub fn spawn<'scope, C: Clock + Send + 'scope>(
     loop_priority: Option<i32>,
 ) -> io::Result<ScopedJoinHandle<'scope, Policy>> {
     Builder::new().name("palpate-watchdog".into()).spawn_scoped(scope, move || {
-        let fifo_priority = loop_priority.map(|priority| (priority + 1).min(99));
+        let fifo_priority = loop_priority.map(priority_above);
         let (report, _) = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::nothing() });
         watchdog.run(&clock);
         report.policy
@@ -209,6 +214,12 @@ mod tests {
         heartbeat.end();
         assert_eq!(watchdog.look(10_000_000_000), Look::Ended);
         assert_eq!(heartbeat.fired(), 2);
+    }
+
+    #[test]
+    fn it_is_above_every_loop_that_may_run_and_below_the_kernel() {
+        assert_eq!([1, 50, MAX_LOOP_FIFO_PRIORITY].map(priority_above), [2, 51, 98]);
+        assert_eq!([98, 99, i32::MAX].map(priority_above), [98; 3]);
     }
 
     /// On real threads: a loop that hangs in its exchange is zeroed past, and the thread ends with the heartbeat.

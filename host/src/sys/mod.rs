@@ -8,15 +8,18 @@
 use core::fmt;
 use std::fs::File;
 
-/// Priority asked for by default: above ordinary threads and most kernel threads, well below the watchdog's 99.
+/// Priority asked for by default: above ordinary threads and most kernel threads, well below the 99 of the kernel's own watchdog.
 pub const DEFAULT_FIFO_PRIORITY: i32 = 50;
+
+/// Highest priority of a haptic loop: its watchdog takes the next one, and 99 belongs to the kernel.
+pub const MAX_LOOP_FIFO_PRIORITY: i32 = 97;
 
 /// What the haptic thread asks of the operating system.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RtRequest {
     /// Keep every page of the process in memory (a page fault costs more than a tick).
     pub lock_memory: bool,
-    /// SCHED_FIFO priority, 1..=99; 49..=80 is sensible.
+    /// SCHED_FIFO priority, 1..=97 ([`MAX_LOOP_FIFO_PRIORITY`]); 49..=80 is sensible.
     pub fifo_priority: Option<i32>,
     /// Pin the thread to this CPU.
     pub cpu: Option<usize>,

@@ -71,6 +71,25 @@ pub(super) fn draw(image: &mut Image, face: &mut Typeface, help: Help) {
 mod tests {
     use super::*;
 
+    /// Whatever the window's help names, the manual names too, and nothing else.
+    #[test]
+    fn the_manual_has_the_same_keys() {
+        let manual = include_str!("../../../docs/viewer.md");
+        let section =
+            manual.split("## Keys").nth(1).and_then(|rest| rest.split("\n## ").next()).expect("keys");
+        let separate = |text: &str| -> Vec<String> {
+            text.replace(" or ", ", ").split(", ").map(|key| key.trim().to_owned()).collect()
+        };
+        let rows = section.lines().filter_map(|line| line.strip_prefix("| ")?.split(" |").next());
+        let sorted = |keys: &mut dyn Iterator<Item = &str>| -> Vec<String> {
+            let mut keys: Vec<String> = keys.filter(|key| !key.contains("drag")).flat_map(separate).collect();
+            keys.sort();
+            keys
+        };
+        let in_manual = sorted(&mut rows.skip(1));
+        assert_eq!(in_manual, sorted(&mut KEYS.iter().map(|[key, _]| *key)));
+    }
+
     #[test]
     fn the_help_is_there_when_asked_for_and_fits() {
         let face = Typeface::new();

@@ -19,6 +19,9 @@ const GOOD: u32 = 0x7f_d8a6;
 pub(super) const WAITING: u32 = 0xf0_c268;
 const BAD: u32 = 0xff_6f61;
 
+/// What is said of a model without displacements.
+const FORCE_ONLY: &str = "force only: the picture stays at rest";
+
 /// What the overlay says that no record carries.
 #[derive(Debug, Clone, Default)]
 pub struct Captions {
@@ -30,6 +33,21 @@ pub struct Captions {
     pub method: String,
     /// Name of each active node.
     pub spaces: Vec<String>,
+    /// How many models the session has.
+    pub models: usize,
+    /// The model has forces and no displacements.
+    pub force_only: bool,
+}
+
+impl Captions {
+    /// Scene, law, and which of several models this is.
+    fn line(&self, record: &TickRecord) -> String {
+        let line = format!("{}  \u{b7}  {}", self.scene, self.law);
+        if self.models < 2 {
+            return line;
+        }
+        format!("{line}  \u{b7}  model {} of {}", record.model + 1, self.models)
+    }
 }
 
 /// Draws the figures. Sizes are for a picture 720 pixels high and scale with it.
@@ -51,7 +69,7 @@ impl Overlay {
         (map, full_scale_m): (&ColourMap, f32),
     ) {
         let scale = image.height() as f32 / 720.0;
-        self.draw_title(image, captions, scale);
+        self.draw_title(image, captions, record, scale);
         self.draw_figures(image, captions, record, scale);
         self.draw_legend(image, map, full_scale_m, scale);
         self.draw_fault(image, record, scale);
@@ -85,12 +103,17 @@ impl Overlay {
         self.face.draw(image, text, x, y, align, style)
     }
 
-    fn draw_title(&mut self, image: &mut Image, captions: &Captions, scale: f32) {
+    fn draw_title(&mut self, image: &mut Image, captions: &Captions, record: &TickRecord, scale: f32) {
         let (x, y) = (40.0 * scale, 56.0 * scale);
         let mark = TextStyle::new(19.0 * scale, BRIGHT).weight(0.125);
         self.text(image, "palpate", x, y, Align::Left, mark);
-        let line = format!("{}  \u{b7}  {}", captions.scene, captions.law);
-        self.text(image, &line, x, y + 28.0 * scale, Align::Left, TextStyle::new(9.5 * scale, MUTED));
+        let style = TextStyle::new(9.5 * scale, MUTED);
+        self.text(image, &captions.line(record), x, y + 28.0 * scale, Align::Left, style);
+        if captions.force_only {
+            // Or an organ that does not give way under a force would look like a fault.
+            let style = TextStyle { colour: WAITING, ..style };
+            self.text(image, FORCE_ONLY, x, y + 46.0 * scale, Align::Left, style);
+        }
     }
 
     fn draw_figures(&mut self, image: &mut Image, captions: &Captions, record: &TickRecord, scale: f32) {
@@ -245,13 +268,17 @@ mod tests {
     use palpate_core::Fault;
 
     fn drawn(record: &TickRecord) -> Image {
+        let captions = Captions { scene: "liver".into(), method: "hybrid".into(), ..Captions::default() };
+        drawn_with(record, &captions)
+    }
+
+    fn drawn_with(record: &TickRecord, captions: &Captions) -> Image {
         let mut image = Image::new(640, 360);
         let mut live = Live::new();
         for tick in 0..2_000 {
             live.take(&TickRecord { t_us: tick * 1_000, ..*record });
         }
-        let captions = Captions { scene: "liver".into(), method: "hybrid".into(), ..Captions::default() };
-        Overlay::default().draw(&mut image, &captions, record, &mut live, (&ColourMap::new(), 0.02));
+        Overlay::default().draw(&mut image, captions, record, &mut live, (&ColourMap::new(), 0.02));
         image
     }
 
@@ -269,6 +296,32 @@ mod tests {
         assert!(red(&fault) > red(&calm) + 10, "{} {}", red(&fault), red(&calm));
         let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::NOTHING });
         assert_ne!(pushing, drawn(&TickRecord::NOTHING));
+    }
+
+    /// Which of several models is under the hand, and that a model without displacements cannot move, in the corner of the title.
+    #[test]
+    fn the_title_says_which_model_and_that_it_has_forces_only() {
+        let record = TickRecord { model: 1, ..TickRecord::NOTHING };
+        let captions = Captions { scene: "liver".into(), law: "mooney-rivlin".into(), ..Captions::default() };
+        assert_eq!(captions.line(&record), "liver  \u{b7}  mooney-rivlin");
+        let several = Captions { models: 3, ..captions.clone() };
+        assert_eq!(several.line(&record), "liver  \u{b7}  mooney-rivlin  \u{b7}  model 2 of 3");
+        let force_only = Captions { force_only: true, ..captions.clone() };
+        let plain = drawn_with(&record, &captions);
+        // Rows in which the pictures differ, of 360.
+        let rows = |image: &Image| -> Vec<usize> {
+            let rows = image.pixels().chunks(640).zip(plain.pixels().chunks(640)).enumerate();
+            rows.filter(|(_, (a, b))| a != b).map(|(row, _)| row).collect()
+        };
+        for (captions, above, below) in [(several, 33, 46), (force_only, 43, 55)] {
+            let changed = rows(&drawn_with(&record, &captions));
+            assert!(
+                !changed.is_empty() && changed.iter().all(|row| (above..below).contains(row)),
+                "{changed:?}"
+            );
+        }
+        let line = |text| Typeface::new().width_px(text, 9.5);
+        assert!(line(FORCE_ONLY) < 400.0 && FORCE_ONLY.is_ascii());
     }
 
     #[test]

@@ -132,6 +132,8 @@ impl Renderer {
                 law: organ.law.as_str().to_owned(),
                 method: method.name().to_owned(),
                 spaces: organ.spaces.iter().map(|space| space.name.as_str().to_owned()).collect(),
+                models: 1,
+                force_only: false,
             },
             image: Image::new(width, height),
             full_scale_m: nice_scale_m(0.0),
@@ -139,6 +141,11 @@ impl Renderer {
             layers: Layers::default(),
             times: FrameTimes::default(),
         }
+    }
+
+    /// How many models the session has; which one is drawn, the picture says if there are several.
+    pub const fn set_models(&mut self, count: usize) {
+        self.captions.models = count;
     }
 
     /// The camera, to be turned by the user.
@@ -182,9 +189,14 @@ impl Renderer {
     ) -> &Image {
         let mut watch = Stopwatch(Instant::now());
         // Another model of the organ may be under the hand now.
-        if self.captions.law != organ.law.as_str() {
-            self.captions.law = organ.law.as_str().into();
+        for (shown, now) in
+            [(&mut self.captions.law, organ.law.as_str()), (&mut self.captions.scene, organ.scene.as_str())]
+        {
+            if shown != now {
+                now.clone_into(shown);
+            }
         }
+        self.captions.force_only = organ.spaces.iter().all(|space| space.displacement.is_none());
         self.deform(organ, record);
         self.times.deformation = watch.lap();
 

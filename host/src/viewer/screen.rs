@@ -68,11 +68,16 @@ enum Output {
 
 impl Screen {
     pub(crate) fn open<const N: usize>(
-        organ: &Organ<'_, N>,
+        organs: &[&Organ<'_, N>],
         config: &Config,
         view: &View,
     ) -> Result<Self, ViewerError> {
-        let renderer = |picture: &RendererConfig| Some(Renderer::new(organ, config.method, *picture));
+        let Some(organ) = organs.first() else { return Ok(Self::of(Output::Nothing, Duration::MAX, None)) };
+        let renderer = |picture: &RendererConfig| {
+            let mut renderer = Renderer::new(organ, config.method, *picture);
+            renderer.set_models(organs.len());
+            Some(renderer)
+        };
         let interval = |rate_hz: f32| Duration::from_secs_f32(rate_hz.clamp(0.01, 1000.0).recip());
         let (output, interval, renderer) = match view {
             View::Nothing => (Output::Nothing, Duration::MAX, None),
@@ -85,13 +90,18 @@ impl Screen {
             View::Window { screenshots, picture, mouse } => {
                 let title = format!("palpate \u{2013} {}", organ.scene);
                 let desk = Desk::open(&title, screenshots, *picture, mouse.clone())?;
-                let mut renderer = Renderer::new(organ, config.method, *picture);
-                renderer.layers_mut().help = desk.help();
-                (Output::Window(Box::new(desk)), interval(30.0), Some(renderer))
+                let mut renderer = renderer(picture);
+                if let Some(renderer) = &mut renderer {
+                    renderer.layers_mut().help = desk.help();
+                }
+                (Output::Window(Box::new(desk)), interval(30.0), renderer)
             }
         };
-        let (due, drawing) = (Instant::now(), Duration::ZERO);
-        Ok(Self { renderer, output, interval, due, drawn: 0, drawing })
+        Ok(Self::of(output, interval, renderer))
+    }
+
+    fn of(output: Output, interval: Duration, renderer: Option<Renderer>) -> Self {
+        Self { renderer, output, interval, due: Instant::now(), drawn: 0, drawing: Duration::ZERO }
     }
 
     /// Mean time to draw a frame, ms; 0 without frames.

@@ -1,14 +1,22 @@
-//! From where to look at an organ nobody has seen before: strokes in profile, the long side across, the fixed part in sight.
+//! From where to look at an organ nobody has seen before: the first active node in sight, strokes in profile, the long side across, the
+//! fixed part in sight.
 
 use super::camera::OrbitCamera;
+use super::pick;
 use crate::deformation::Deformation;
 use glam::{Vec2, Vec3};
-use palpate_core::Organ;
+use palpate_core::{Organ, Space};
 
 /// Directions tried round the up axis.
 const AZIMUTHS: usize = 48;
 /// Elevations tried, rad.
 const ELEVATIONS: [f32; 2] = [0.26, 0.44];
+/// Elevations tried where none of these shows the first active node, rad.
+const STEEPER: [f32; 3] = [0.70, 0.95, -0.20];
+/// Least cosine between the view and the normal of the first active node: it is looked at, not past.
+const FACING: f32 = 0.5;
+/// What may lie between the eye and an active node, in radii of the organ: the surface it is on.
+const SKIN: f32 = 0.02;
 /// Cosine between the view and the normal of an active node at which strokes show best: neither end-on nor hidden.
 const PROFILE: f32 = 0.5;
 /// Most active nodes that are asked.
@@ -20,7 +28,8 @@ const ROOM: f32 = 0.30;
 
 /// A camera with the whole organ in the free part of the picture.
 ///
-/// A model does not say which way is up. The organ's long side is laid across the picture, seen from where the active nodes face, and
+/// The first active node faces the eye and nothing hides it, wherever there is such a view: whoever opens an organ must see where to touch
+/// it. A model does not say which way is up. The organ's long side is laid across the picture, seen from where the active nodes face, and
 /// the axis of the model nearest to the direction that is then up becomes up.
 #[must_use]
 pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: f32) -> OrbitCamera {
@@ -28,6 +37,8 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
     let normals: Vec<Vec3> =
         organ.spaces.iter().take(MOST_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
     let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
+    // The others may face elsewhere; the first is not to be on the underside.
+    let up = if normals.first().is_some_and(|first| up.dot(*first) < -0.25) { -up } else { up };
     let fixed: Vec<Vec3> = rest
         .normal()
         .iter()
@@ -41,7 +52,6 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
         camera.elevation_rad = elevation_rad;
         camera
     };
-    let candidates = (0..AZIMUTHS).flat_map(|azimuth| ELEVATIONS.map(|elevation| camera(azimuth, elevation)));
     let merit = |camera: &OrbitCamera| {
         let projection = camera.projection(1, 1);
         let view = projection.to_eye.row(2);
@@ -54,10 +64,44 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
         let width = (high - low) / (2.0 * radius_m);
         profile(&normals, view) + 1.4 * width + 0.35 * share_in_sight(&fixed, view)
     };
-    let best = candidates.max_by(|a, b| merit(a).total_cmp(&merit(b)));
-    let mut camera = best.unwrap_or_else(|| camera(0, ELEVATIONS[0]));
-    camera.distance_m = distance_m(organ, rest, &camera, aspect);
-    camera
+    // The best of those that show the first active node: few are asked, for that takes every triangle.
+    let best = |elevations: &[f32]| {
+        let all =
+            elevations.iter().flat_map(|elevation| (0..AZIMUTHS).map(|azimuth| camera(azimuth, *elevation)));
+        let mut ranked: Vec<(f32, OrbitCamera)> = all.map(|camera| (merit(&camera), camera)).collect();
+        ranked.sort_by(|(a, _), (b, _)| b.total_cmp(a));
+        let framed = ranked.into_iter().map(|(_, camera)| OrbitCamera {
+            distance_m: distance_m(organ, rest, &camera, aspect),
+            ..camera
+        });
+        framed.into_iter().find(|camera| {
+            organ.spaces.first().is_none_or(|space| shows(camera, organ, rest, space, SKIN * radius_m))
+        })
+    };
+    best(&ELEVATIONS).or_else(|| best(&STEEPER)).unwrap_or_else(|| {
+        // At the bottom of a hole: straight into it.
+        let facing = normals.first().copied().unwrap_or(Vec3::ZERO);
+        let camera = OrbitCamera::framing(centre_m, radius_m, facing, up);
+        OrbitCamera { distance_m: distance_m(organ, rest, &camera, aspect), ..camera }
+    })
+}
+
+/// Whether an active node faces this camera and nothing thicker than `skin_m` hides it.
+fn shows<const N: usize>(
+    camera: &OrbitCamera,
+    organ: &Organ<'_, N>,
+    rest: &Deformation,
+    space: &Space<'_>,
+    skin_m: f32,
+) -> bool {
+    let eye_m = camera.projection(1, 1).eye_m;
+    let away = Vec3::from_array(space.rest_position_m) - eye_m;
+    let direction = away.normalize_or_zero();
+    if -direction.dot(Vec3::from_array(space.outward_normal)) < FACING {
+        return false;
+    }
+    let hit = pick::hit(rest.rest_m(), organ.surface.triangles, (eye_m, direction));
+    hit.is_none_or(|hit| hit.distance_m > away.length() - skin_m)
 }
 
 /// Middle and radius of the bounding box; a default size for a blob without a surface.
@@ -157,6 +201,79 @@ mod tests {
                 organ.spaces.iter().filter(|space| Vec3::from_array(space.outward_normal).dot(view) > 0.0);
             assert!(seen.count() >= 2);
         }
+    }
+
+    /// Whether the first active node is to be seen, by other means than the choice: its triangle is the first on the line of sight.
+    fn first_is_seen(organ: &Organ<'_>) -> Result<OrbitCamera, String> {
+        let rest = Deformation::at_rest(organ);
+        let camera = choose(organ, &rest, 16.0 / 9.0);
+        let eye_m = camera.projection(1280, 720).eye_m;
+        let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
+        let between = rest.rest_m().iter().filter(|point| {
+            let along = (**point - eye_m).dot((node_m - eye_m).normalize());
+            let off = (**point - eye_m - along * (node_m - eye_m).normalize()).length();
+            along < eye_m.distance(node_m) - 0.010 && off < 0.004
+        });
+        let facing = Vec3::from_array(organ.spaces[0].outward_normal).dot((eye_m - node_m).normalize());
+        match between.count() {
+            0 if facing > 0.3 && (-0.3..1.0).contains(&camera.elevation_rad) => Ok(camera),
+            hiding => Err(format!("{hiding} points hide it, facing {facing}, {camera:?}")),
+        }
+    }
+
+    /// Wherever the first node is, and the others on the far side.
+    #[test]
+    fn the_first_active_node_is_never_hidden() {
+        let shape = Shape { subdivisions: 4, ..Shape::default() };
+        let blob = synthetic::organ(&shape);
+        let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let [x, y, z] = organ.surface.position_m;
+        for vertex in (0..x.len()).step_by(101) {
+            let place_m = Vec3::new(x[vertex], y[vertex], z[vertex]);
+            let half_m = Vec3::from_array(shape.half_axes_m);
+            let normal = (place_m / (half_m * half_m)).normalize();
+            for (index, space) in organ.spaces.iter_mut().enumerate() {
+                let sign = if index == 0 { 1.0 } else { -1.0 };
+                space.rest_position_m = (sign * place_m).to_array();
+                space.outward_normal = (sign * normal).to_array();
+            }
+            first_is_seen(&organ).unwrap_or_else(|why| panic!("vertex {vertex} at {place_m}: {why}"));
+        }
+    }
+
+    /// A lobe that stands where the eye would be otherwise.
+    #[test]
+    fn a_lobe_before_the_first_active_node_is_looked_past() {
+        let blob = synthetic::organ(&Shape { subdivisions: 4, ..Shape::default() });
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let plain = first_is_seen(&organ).expect("an ellipsoid hides nothing");
+        let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
+        let towards = (plain.projection(1, 1).eye_m - node_m).normalize();
+        let lobe_m = node_m + 0.04 * towards;
+        let surface = organ.surface;
+        let count = surface.node.len() as u32;
+        let planes: [Vec<f32>; 3] = core::array::from_fn(|axis| {
+            let own = surface.position_m[axis];
+            own.iter().copied().chain(own.iter().map(|x| lobe_m[axis] + 0.25 * x)).collect()
+        });
+        let nodes: Vec<u32> = (0..2 * count).collect();
+        let fixed = vec![0; nodes.len()];
+        let lobe = surface.triangles.iter().map(|triangle| triangle.map(|corner| corner + count));
+        let triangles: Vec<[u32; 3]> = surface.triangles.iter().copied().chain(lobe).collect();
+        let [x, y, z] = &planes;
+        let mut organ = organ.clone();
+        organ.surface = palpate_core::Surface {
+            node: &nodes,
+            position_m: [x, y, z],
+            triangles: &triangles,
+            fixed: &fixed,
+        };
+        // Displacement modes of the blob know nothing of the lobe.
+        organ.spaces.iter_mut().for_each(|space| space.displacement = None);
+        let rest = Deformation::at_rest(&organ);
+        assert!(!shows(&plain, &organ, &rest, &organ.spaces[0], 0.002), "it is behind the lobe");
+        let around = first_is_seen(&organ).unwrap_or_else(|why| panic!("{why}"));
+        assert_ne!((around.azimuth_rad, around.elevation_rad), (plain.azimuth_rad, plain.elevation_rad));
     }
 
     #[test]

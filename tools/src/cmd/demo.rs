@@ -244,7 +244,7 @@ fn palpate(
         friction: None,
         change_every: None,
         profile: None,
-        rate_hz: touch::HEADLESS_RATE_HZ,
+        rate_hz: None,
         timing: Timing::default(),
         watchdog_ms: DEFAULT_LIMIT_MS,
         gif: None,

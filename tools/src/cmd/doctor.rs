@@ -4,11 +4,12 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_host::doctor::{Check, Measurement, Probe, Surroundings, Verdict, examine, loop_cpu, measure};
-use palpate_host::rt::{LatencyReport, Percentiles};
+use palpate_host::rt::LatencyReport;
 use serde_json::json;
 
 use crate::failure::Failure;
 use crate::output;
+use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::workbench::stop_flag;
 
@@ -121,8 +122,4 @@ fn figures(measured: &Measurement) -> serde_json::Value {
         "missed_deadlines": latency.skipped_periods, "overruns": latency.overruns,
         "worst": latency.worst.iter().map(|miss| json!({ "tick": miss.tick, "late_ns": miss.late_ns })).collect::<Vec<_>>(),
     })
-}
-
-fn percentiles(of: &Percentiles) -> serde_json::Value {
-    json!({ "count": of.count, "mean": of.mean_ns, "p50": of.p50_ns, "p99": of.p99_ns, "p999": of.p999_ns, "max": of.max_ns })
 }

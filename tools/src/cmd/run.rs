@@ -17,6 +17,7 @@ use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
+use serde_json::json;
 
 use super::inspect::certificate;
 use super::pack::method;
@@ -24,6 +25,7 @@ use crate::blob;
 use crate::failure::Failure;
 use crate::output;
 use crate::resident::Resident;
+use crate::summary;
 use crate::timing::Timing;
 use crate::touch;
 use crate::workbench::stop_flag;
@@ -60,9 +62,9 @@ pub(crate) struct Args {
     /// PNG frames instead of a window
     #[arg(long)]
     headless: bool,
-    /// Frames a second without a window; 0 for none
-    #[arg(long, value_name = "HZ", default_value_t = touch::HEADLESS_RATE_HZ, value_parser = frame_rate)]
-    frame_rate: f32,
+    /// Frames a second without a window; 0 for none; if not given 2, and 12.5 in a film
+    #[arg(long, value_name = "HZ", value_parser = frame_rate)]
+    frame_rate: Option<f32>,
     /// With --headless: an animated GIF instead of PNG frames; what is there is lost
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
@@ -75,7 +77,7 @@ pub(crate) struct Args {
     /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a number, or stick
     #[arg(long, value_name = "MU", value_parser = friction)]
     friction: Option<f32>,
-    /// With several blobs: go on to the next each time so many seconds have passed
+    /// Go on to the next of several blobs each time so many seconds have passed
     #[arg(long, value_name = "S", value_parser = seconds)]
     change_every: Option<Duration>,
     /// Write the histograms of wake-up lateness, device time and compute time to this file, and show them
@@ -86,6 +88,9 @@ pub(crate) struct Args {
     /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms at which a sample is stale
     #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
     watchdog_ms: u32,
+    /// The summary as one JSON object, and nothing else on standard output
+    #[arg(long)]
+    json: bool,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -153,6 +158,16 @@ fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     name.map(Profile::load).transpose().map_err(Failure::input)
 }
 
+/// What a profile says of a Polhem; without one its cautious defaults.
+fn polhem_config(profile: Option<&Profile>) -> PolhemConfig {
+    profile.map_or_else(PolhemConfig::default, |profile| PolhemConfig {
+        workspace: profile.workspace,
+        max_force_n: profile.max_force_n,
+        max_stiffness_n_m: profile.cap().n_m,
+        ..PolhemConfig::default()
+    })
+}
+
 fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Result<Box<dyn Device>, Failure> {
     let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
     match (kind, rest) {
@@ -168,11 +183,7 @@ fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Resu
             Ok(Box::new(SimulatedHand::new(organ, config)))
         }
         ("polhem", Some(port)) => {
-            let mut config = PolhemConfig::default();
-            if let Some(profile) = profile {
-                (config.workspace, config.max_force_n) = (profile.workspace, profile.max_force_n);
-            }
-            let device = Polhem::open(port, config);
+            let device = Polhem::open(port, polhem_config(profile));
             Ok(Box::new(
                 device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
             ))
@@ -200,9 +211,23 @@ pub(crate) fn preferred(organs: &[&Organ<'_>]) -> Option<Method> {
     PREFERENCE.into_iter().find(has)
 }
 
+/// Refuses arguments that together do nothing.
+fn check(args: &Args) -> Result<(), Failure> {
+    if args.change_every.is_some() && args.more.is_empty() {
+        return Err(Failure::input(
+            "--change-every goes from one blob to the next, and there is only one: name another, or leave it out",
+        ));
+    }
+    if args.gif.is_some() && args.frame_rate == Some(0.0) {
+        return Err(Failure::input("--frame-rate 0 leaves no frame for --gif: leave one of them out"));
+    }
+    Ok(())
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
+    check(args)?;
     let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
     let files = paths.iter().map(|path| blob::load(path)).collect::<Result<Vec<_>, _>>()?;
     let each = || paths.iter().zip(&files);
@@ -238,6 +263,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     };
     let show = touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, record) };
     let mut resident = Resident::start();
+    let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
     let open = || match tool.take() {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
         None => open_device(&args.device, organs[0], profile.as_ref()),
@@ -247,30 +273,39 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         ready.get_or_insert_with(|| begun.elapsed());
         resident.take(record);
     })?;
-    output::line(format!("method       {}\n{}", method.name(), touched.summary))?;
+    let resident = resident.end();
+    let bytes = files.iter().map(|file| file.bytes().len()).sum::<usize>();
+    if args.json {
+        let figures = json!({
+            "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary),
+            "profile": profile.as_ref().map(|profile| summary::profile(profile, &touched.summary.latency)),
+            "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
+            "recording": args.record.as_ref().zip(touched.recording.as_ref()).map(|(path, report)| json!({
+                "file": path, "ticks": report.ticks, "dropped": report.dropped,
+                "error": report.error.as_ref().map(ToString::to_string),
+            })),
+        });
+        output::line(format!("{figures:#}"))?;
+    }
+    say(format!("method       {}\n{}", method.name(), touched.summary))?;
     if let Some(profile) = &profile {
-        output::line(format!(
-            "profile      {}: {}",
-            profile.name,
-            profile.verdict(&touched.summary.latency)
-        ))?;
+        say(format!("profile      {}: {}", profile.name, profile.verdict(&touched.summary.latency)))?;
     }
     if let Some(ready) = ready {
-        let megabytes = files.iter().map(|file| file.bytes().len()).sum::<usize>() as f64 * 1e-6;
-        output::line(format!(
-            "start        {:.2} s from {megabytes:.1} MB to the first tick",
-            ready.as_secs_f64()
-        ))?;
+        let (seconds, megabytes) = (ready.as_secs_f64(), bytes as f64 * 1e-6);
+        say(format!("start        {seconds:.2} s from {megabytes:.1} MB to the first tick"))?;
     }
-    output::line(resident.end())?;
+    say(resident.to_string())?;
     if let Some(path) = &args.histograms {
-        output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
-        print_misses(&touched.summary.latency.worst)?;
+        if !args.json {
+            output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
+            print_misses(&touched.summary.latency.worst)?;
+        }
         output::histograms(path, &touched.summary.latency)?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
-        output::line(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
+        say(format!("recording    {path}: {ticks} ticks, {dropped} more dropped while writing"))?;
         if let Some(error) = &report.error {
             return Err(Failure::work(format!("{path}: {error}; the recording ends there")));
         }
@@ -329,7 +364,12 @@ fn run_replay(
         ReplayError::Viewer(error) => Failure::work(error),
         error => Failure::input(named(&error)),
     })?;
-    output::line(format!("method       {}\n{summary}", summary.method.name()))?;
+    if args.json {
+        let figures = json!({ "blob": args.blob, "recording": path, "replay": summary::replay(&summary) });
+        output::line(format!("{figures:#}"))?;
+    } else {
+        output::line(format!("method       {}\n{summary}", summary.method.name()))?;
+    }
     if summary.method == summary.recorded_method && summary.different > 0 {
         return Err(Failure::work(named(&format!("{} of its ticks come out otherwise", summary.different))));
     }
@@ -363,4 +403,23 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
+
+    /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
+    #[test]
+    fn a_stated_damping_lifts_the_cap_of_a_polhem() {
+        let mut profile = Profile::load("polhem").expect("bundled");
+        assert_eq!(polhem_config(Some(&profile)).max_stiffness_n_m, DEFAULT_CAP_N_M);
+        assert_eq!(polhem_config(None).max_stiffness_n_m, DEFAULT_CAP_N_M);
+        profile.mechanism.damping = Some(Damping { n_s_m: 3.5, measured: true });
+        let config = polhem_config(Some(&profile));
+        assert!(config.max_stiffness_n_m > 1.2 * DEFAULT_CAP_N_M, "{config:?}");
+        assert_eq!(config.max_stiffness_n_m, profile.cap().n_m);
+        assert_eq!((config.max_force_n, config.workspace), (5.0, profile.workspace));
+    }
 }

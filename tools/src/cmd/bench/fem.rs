@@ -13,8 +13,8 @@ use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::solve::{IterationProfile, Problem, Solver};
 use serde::{Deserialize, Serialize};
 
+use super::common::Out;
 use crate::failure::Failure;
-use crate::output;
 
 /// Seconds of the solver on the five bodies of the paper's Table 1, one thread: parts of a Newton iteration, and a whole
 /// configuration 10 mm from a solved neighbour.
@@ -35,12 +35,8 @@ pub(crate) struct Args {
     /// Run this GetFEM script (tests/peers/getfem_bench.py) for the same cases.
     #[arg(long, value_name = "SCRIPT")]
     peer: Option<PathBuf>,
-    /// Write the figures as CSV.
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
-    /// Print the figures as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    out: Out,
 }
 
 /// One body: name, scene, law, order.
@@ -110,13 +106,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
         rows.push(row);
     }
-    if let Some(path) = &args.csv {
-        std::fs::write(path, csv(&rows)).map_err(|error| Failure::file(path, &error))?;
-    }
-    if args.json {
-        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
-    }
-    output::line(table(&rows))
+    args.out.write(|| Ok(csv(&rows).into()), &rows, || table(&rows))
 }
 
 fn measure(

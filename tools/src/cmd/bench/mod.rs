@@ -1,5 +1,6 @@
 //! `palpate bench`: what the parts cost on this machine, beside a peer where one is installed.
 
+mod common;
 mod core;
 mod fem;
 mod memory;

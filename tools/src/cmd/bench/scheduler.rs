@@ -9,6 +9,7 @@ use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::mesh::TetMesh;
 use serde::Serialize;
 
+use super::common::Out;
 use super::replay::{RankZero, Replay};
 use super::simulated::{Costs, Simulated, Solves, nanoseconds};
 use crate::failure::Failure;
@@ -48,12 +49,8 @@ pub(crate) struct Args {
     /// Microseconds that a message is under way.
     #[arg(long, value_name = "US", default_value_t = 200.0)]
     message_us: f64,
-    /// Write the table as CSV.
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
-    /// Print the figures as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    out: Out,
 }
 
 /// One simulated run.
@@ -147,9 +144,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             let _ = std::fs::remove_file(&path);
         }
     }
-    if let Some(path) = &args.csv {
-        std::fs::write(path, output::csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
-    }
     let figures = Figures {
         rank0,
         rank0_us,
@@ -158,10 +152,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         mean_solve_s: seconds.iter().sum::<f64>() / seconds.len() as f64,
         rows,
     };
-    if args.json {
-        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
-    }
-    output::line(table(&figures))
+    args.out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
 fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {

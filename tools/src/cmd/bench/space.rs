@@ -8,6 +8,7 @@ use clap::Args as ClapArgs;
 use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use serde::Serialize;
 
+use super::common::Out;
 use super::memory::{forget_peak, peak_mb, shown};
 use crate::failure::Failure;
 use crate::output;
@@ -33,12 +34,8 @@ pub(crate) struct Args {
     /// Where the spaces are made.
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
-    /// Write the figures as CSV.
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
-    /// Print the figures as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    out: Out,
 }
 
 /// Figures of one space.
@@ -112,13 +109,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             let _ = std::fs::remove_file(&path);
         }
     }
-    if let Some(path) = &args.csv {
-        std::fs::write(path, output::csv(&rows)?).map_err(|error| Failure::file(path, &error))?;
-    }
-    if args.json {
-        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
-    }
-    output::line(table(&rows))
+    args.out.write(|| output::csv(&rows), &rows, || table(&rows))
 }
 
 fn measure(

@@ -10,11 +10,11 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Space, Vec3, flags, vec3};
-use palpate_host::sys::{RtRequest, enter_real_time};
 use palpate_host::{Instructions, Interpolator};
 use palpate_precompute::certificate::reference_force_n;
 use serde::Serialize;
 
+use super::common::{Out, Pinned};
 use crate::blob;
 use crate::failure::Failure;
 use crate::output;
@@ -42,15 +42,10 @@ pub(crate) struct Args {
     /// Batches of each, taking turns.
     #[arg(long, value_name = "N", default_value_t = 400)]
     rounds: usize,
-    /// CPU to run on; the last one if not given.
-    #[arg(long, value_name = "N")]
-    cpu: Option<usize>,
-    /// Write the figures as CSV.
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
-    /// Print the figures as JSON.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    pinned: Pinned,
+    #[command(flatten)]
+    out: Out,
 }
 
 /// All of it.
@@ -84,14 +79,11 @@ struct Row {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let cpu = args.cpu.unwrap_or_else(|| std::thread::available_parallelism().map_or(0, |n| n.get() - 1));
-    let request = RtRequest { cpu: Some(cpu), ..RtRequest::nothing() };
-    let (granted, _) = enter_real_time(&request);
     let mut figures = Figures {
         processor: processor(),
         built_for: Instructions::built_for(),
         best: Instructions::best().name(),
-        pinned: format!("to CPU {cpu}: {}", granted.affinity),
+        pinned: format!("to {}", args.pinned.pin()),
         rounds: args.rounds.max(1),
         rows: Vec::new(),
         surface: surface::measure(args.rounds.max(1))?,
@@ -112,13 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             figures.rows.extend(measure(&tables.space(), tables.fitted, figures.rounds));
         }
     }
-    if let Some(path) = &args.csv {
-        std::fs::write(path, output::csv(&figures.rows)?).map_err(|error| Failure::file(path, &error))?;
-    }
-    if args.json {
-        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
-    }
-    output::line(table(&figures))
+    args.out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
 /// Everything on one space. `fitted` says whether the RBF weights are such that they cancel as real ones do.
