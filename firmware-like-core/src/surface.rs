@@ -93,6 +93,16 @@ impl Cells {
         [along(0), along(1), along(2)]
     }
 
+    /// Whether the box of some points is wholly beside the cells.
+    fn misses(&self, points: &[Vec3]) -> bool {
+        [0, 1, 2].into_iter().any(|axis: usize| {
+            let at = |v: &Vec3| v.get(axis).copied().unwrap_or(0.0);
+            let cells = self.count.get(axis).map_or(0.0, |count| *count as f32);
+            let above = |p: &Vec3| (at(p) - at(&self.low_m)) * self.cells_per_m > cells;
+            points.iter().all(|p| at(p) < at(&self.low_m)) || points.iter().all(above)
+        })
+    }
+
     /// Indices of the cells of a range.
     fn of(&self, [x, y, z]: [(u32, u32); 3]) -> impl Iterator<Item = usize> + use<> {
         let [_, ny, nz] = self.count;
@@ -180,7 +190,11 @@ impl<'m> TouchSurface<'m> {
         let (mut first, mut tests): (Option<(f32, Crossing)>, usize) = (None, MOST_TESTS);
         for piece in 0..pieces {
             let end = |piece| vec3::add(from_m, vec3::scale(way_m, share_of(piece)));
-            for &triangle in self.near(&[end(piece), end(piece + 1)]).take(tests) {
+            let ends = [end(piece), end(piece + 1)];
+            if self.cells.misses(&ends) {
+                continue;
+            }
+            for &triangle in self.near(&ends).take(tests) {
                 tests = tests.saturating_sub(1);
                 // Of the whole way, so that none slips through between two pieces.
                 let Some((share, crossing)) = self.enters(triangle, from_m, to_m) else { continue };

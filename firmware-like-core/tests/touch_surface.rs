@@ -137,6 +137,41 @@ fn the_cells_hide_no_triangle() {
     assert!(hits > 1_000, "{hits}");
 }
 
+/// A way right through one ball in another enters both: where it enters first counts, however many triangles are on the way.
+#[test]
+fn a_long_way_ends_at_the_first_surface() {
+    let (outer, triangles) = sphere(RADIUS_M, 4);
+    let inner = outer.iter().map(|vertex| vec3::scale(*vertex, 0.97));
+    let vertices: Vec<Vec3> = inner.chain(outer.iter().copied()).collect();
+    let shifted = |triangle: &[u32; 3]| triangle.map(|vertex| vertex + outer.len() as u32);
+    let nodes = vec![outer[0]];
+    for outer_first in [true, false] {
+        let (one, other) = (triangles.iter().copied(), triangles.iter().map(shifted));
+        let triangles: Vec<[u32; 3]> =
+            if outer_first { other.chain(one).collect() } else { one.chain(other).collect() };
+        assert!(triangles.len() > 10_000);
+        let body = Some((vertices.clone(), triangles));
+        let recipe =
+            Recipe { nodes: nodes.clone(), body, rbf: false, displacement: false, ..Recipe::default() };
+        let blob = recipe.blob();
+        let organ = Organ::<256>::read(blob.bytes()).expect("good");
+        let mut memory = vec![0; TouchSurface::words(&organ)];
+        let surface = TouchSurface::new(&organ, &mut memory).expect("a surface");
+        let mut random = Random(11);
+        for _ in 0..500 {
+            let from = vec3::scale(vec3::normalize_or_zero(random.point(1.0)), 1.6 * RADIUS_M);
+            let to = vec3::add(vec3::scale(from, -1.0), random.point(0.3 * RADIUS_M));
+            let found = surface.crossing(from, to).expect("right through both");
+            let radius_m = vec3::norm(found.at_m);
+            assert!(
+                (0.99..1.001).contains(&(radius_m / RADIUS_M)),
+                "{found:?}, {radius_m} m from the middle"
+            );
+            assert!(vec3::dot(found.at_m, from) > 0.0, "on the near side: {found:?}");
+        }
+    }
+}
+
 /// Anywhere on any triangle the first sample below the surface has no more force than its depth is worth.
 #[test]
 fn bare_touch_is_without_force_anywhere() {
