@@ -431,9 +431,10 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         };
         self.check_motion(&mut state.speed, fresh)?;
         let touching = matches!(state.contact.state(), ContactState::Engaged(_));
+        let stored_j = touching.then(|| self.most_stored_j(&state.last));
         let at = (fresh.t_us, fresh.position_m);
         let guard = &self.config.passivity;
-        let damping_n = match state.passivity.observe(guard, at, touching) {
+        let damping_n = match state.passivity.observe(guard, at, stored_j) {
             Verdict::Damp(force_n) => force_n,
             Verdict::Active => return Err(Fault::Energy),
         };
@@ -455,6 +456,13 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
+    }
+
+    /// The most that the body can have stored as the hand feels it, J in metres of the device: |h| |d|, twice what a spring has, and more than any
+    /// force that grows with its displacement.
+    fn most_stored_j(&self, last: &Command) -> f32 {
+        let felt_n = self.force_share * vec3::norm(last.reaction_n);
+        felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
     }
 
     /// Trips on a position that no hand can have brought about.

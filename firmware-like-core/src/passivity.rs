@@ -11,6 +11,9 @@
 //! where that is not enough the force is taken away: a loop that shakes the hand is a fault. What is above zero when a touch ends is not forgotten but fades within about a second, so that a tool
 //! that bounces is seen too.
 //!
+//! **What it can give back.** The balance of one touch never falls below what the body can have stored, U <= |h| |d| for a force that grows with its
+//! displacement: what friction took while the tool slid is gone, and no credit for a loop that shakes afterwards.
+//!
 //! **Which force.** A force is sent with the exchange after the tick that found it, takes its time on the link, and is held until the
 //! next arrives; a sample says where the hand was when it was taken. So the way between two samples went under the one or two forces
 //! that were at the motors between those two times: neither the last one found nor the last one sent.
@@ -24,6 +27,8 @@ const FORGET_S: f32 = 1.0;
 const SAMPLING_SHARE: f32 = 0.05;
 /// Time in which the damping rises to its most and falls again, s: at once it would be a step of the force.
 const RISE_S: f32 = 0.01;
+/// Time between two samples beyond which nothing is known of the velocity, us.
+const LONGEST_GAP_US: u64 = 5_000;
 /// Forces that are remembered: at 1 kHz twice the age at which a sample is a fault.
 const SENT: usize = 24;
 
@@ -106,7 +111,9 @@ pub struct Passivity {
     sent: Sent,
     window: AdaptiveWindow,
     work_j: f32,
-    /// The lowest it was: what the hand has put in.
+    /// The same, but never below what the body can have stored.
+    balance_j: f32,
+    /// The lowest that was: what the hand has put in.
     lowest_j: f32,
     /// The virtual damping now.
     damping_n_s_m: f32,
@@ -135,6 +142,7 @@ impl Passivity {
             sent: Sent::new(),
             window: AdaptiveWindow::new(),
             work_j: 0.0,
+            balance_j: 0.0,
             lowest_j: 0.0,
             damping_n_s_m: 0.0,
         }
@@ -150,29 +158,37 @@ impl Passivity {
         self.sent.push(now_us, hand_force_n);
     }
 
-    /// Takes one sample.
+    /// Takes one sample. `stored_j` is the most that the body can have stored, joules; nothing while nobody touches it.
     pub fn observe(
         &mut self,
         config: &PassivityConfig,
         (t_us, hip_m): (u64, Vec3),
-        touching: bool,
+        stored_j: Option<f32>,
     ) -> Verdict {
         let still = Verdict::Damp(vec3::ZERO);
+        let before = self.last.replace((t_us, hip_m));
+        if before.is_none_or(|(then_us, _)| t_us.saturating_sub(then_us) > LONGEST_GAP_US) {
+            self.window = AdaptiveWindow::new();
+        }
         self.window.push(t_us, hip_m);
-        let Some((then_us, then_m)) = self.last.replace((t_us, hip_m)) else { return still };
+        let Some((then_us, then_m)) = before else { return still };
         let dt_s = t_us.saturating_sub(then_us) as f32 * 1e-6;
         let per_device = config.workspace_scale.recip();
         let way_m = vec3::scale(vec3::sub(hip_m, then_m), per_device);
-        self.work_j += vec3::dot(self.sent.mean_n(config.force_delay_us, then_us, t_us), way_m);
-        if !touching {
+        let given_j = vec3::dot(self.sent.mean_n(config.force_delay_us, then_us, t_us), way_m);
+        self.work_j += given_j;
+        self.balance_j += given_j;
+        let Some(stored_j) = stored_j else {
             // The body has come to rest; what it gave too much fades.
-            self.work_j = self.work_j.max(0.0) * (1.0 - dt_s / FORGET_S).max(0.0);
+            self.balance_j = self.balance_j.max(0.0) * (1.0 - dt_s / FORGET_S).max(0.0);
+            self.work_j = self.balance_j;
             self.lowest_j = 0.0;
             self.damping_n_s_m = 0.0;
             return still;
-        }
-        self.lowest_j = self.lowest_j.min(self.work_j);
-        let beyond_j = self.work_j - config.margin_j + SAMPLING_SHARE * self.lowest_j;
+        };
+        self.balance_j = self.balance_j.max(-stored_j - config.margin_j);
+        self.lowest_j = self.lowest_j.min(self.balance_j);
+        let beyond_j = self.balance_j - config.margin_j + SAMPLING_SHARE * self.lowest_j;
         if beyond_j > config.fault_j {
             return Verdict::Active;
         }
@@ -198,6 +214,9 @@ impl Passivity {
 mod tests {
     use super::*;
 
+    /// Stores whatever is put in.
+    const FULL: Option<f32> = Some(f32::INFINITY);
+
     /// Strokes in and out of a spring of K N/m; `lead_m` moves the force ahead of the position, which makes energy.
     fn stroke(config: &PassivityConfig, stiffness_n_m: f32, lead_m: f32) -> (Passivity, f32, bool) {
         let (mut guard, mut most_n, mut active) = (Passivity::new(), 0.0_f32, false);
@@ -206,7 +225,7 @@ mod tests {
             let (depth_m, inward) = (0.01 * (1.0 - phase.cos()), phase.sin() > 0.0);
             let z = -depth_m;
             let now_us = tick * 1_000;
-            let verdict = guard.observe(config, (now_us, [0.0, 0.0, z]), true);
+            let verdict = guard.observe(config, (now_us, [0.0, 0.0, z]), FULL);
             match verdict {
                 Verdict::Damp([_, _, damping_n]) => most_n = most_n.max(damping_n.abs()),
                 Verdict::Active => active = true,
@@ -231,13 +250,44 @@ mod tests {
         assert!(stroke(&PassivityConfig { fault_j: 0.02, ..config }, 500.0, 0.002).2);
     }
 
+    /// A metre of stroking against 1 N of friction, then a push that gives energy: what friction took is no credit for it.
+    #[test]
+    fn what_friction_took_is_no_credit() {
+        let config = PassivityConfig { fault_j: f32::INFINITY, ..PassivityConfig::default() };
+        let damped_after_j = |stored_j| {
+            let mut guard = Passivity::new();
+            let mut begun_j = None;
+            for tick in 0..12_000_u64 {
+                let (now_us, x_m) = (tick * 1_000, 1e-4 * tick as f32);
+                let verdict = guard.observe(&config, (now_us, [x_m, 0.0, 0.0]), stored_j);
+                guard.sent(now_us, [if tick < 10_000 { -1.0 } else { 1.0 }, 0.0, 0.0]);
+                if tick == 10_000 {
+                    assert!(
+                        (guard.work_j() + 1.0).abs() < 1e-2,
+                        "the work is told as it is: {}",
+                        guard.work_j()
+                    );
+                    begun_j = Some(guard.work_j());
+                }
+                if verdict != Verdict::Damp(vec3::ZERO) {
+                    return begun_j.map(|begun_j| guard.work_j() - begun_j);
+                }
+            }
+            None
+        };
+        let given_j = damped_after_j(Some(2e-3)).expect("it acts");
+        // What was stored, the margin twice, and a twentieth.
+        assert!((0.011..0.014).contains(&given_j), "{given_j}");
+        assert_eq!(damped_after_j(FULL), None, "this test could not fail");
+    }
+
     /// A hand that is pushed along at .1 m/s, and then no longer.
     #[test]
     fn damping_comes_and_goes_without_a_step() {
         let config = PassivityConfig { margin_j: 1e-3, fault_j: f32::INFINITY, ..PassivityConfig::default() };
         let (mut guard, mut before_n, mut most_n) = (Passivity::new(), 0.0, 0.0_f32);
         for tick in 0..120_u64 {
-            let verdict = guard.observe(&config, (tick * 1_000, [1e-4 * tick as f32, 0.0, 0.0]), true);
+            let verdict = guard.observe(&config, (tick * 1_000, [1e-4 * tick as f32, 0.0, 0.0]), FULL);
             let Verdict::Damp([damping_n, ..]) = verdict else { panic!("{verdict:?}") };
             guard.sent(tick * 1_000, [if tick < 40 { 5.0 } else { -5.0 }, 0.0, 0.0]);
             // 2 N s/m at .1 m/s, a tenth of it a tick.
@@ -261,8 +311,8 @@ mod tests {
             guard.sent(begin_us + 1_000, [2.0, 0.0, 0.0]);
             guard.sent(begin_us + 2_000, [5.0, 0.0, 0.0]);
             let config = PassivityConfig { force_delay_us, ..PassivityConfig::default() };
-            guard.observe(&config, (begin_us + from_us, vec3::ZERO), true);
-            guard.observe(&config, (begin_us + to_us, [1.0, 0.0, 0.0]), true);
+            guard.observe(&config, (begin_us + from_us, vec3::ZERO), FULL);
+            guard.observe(&config, (begin_us + to_us, [1.0, 0.0, 0.0]), FULL);
             guard.work_j()
         };
         for (delay_us, from_us, to_us, mean_n) in [
@@ -304,12 +354,12 @@ mod tests {
     fn a_touch_that_ended_is_forgotten_slowly_if_it_gave() {
         let config = PassivityConfig::default();
         let mut guard =
-            Passivity { last: Some((0, vec3::ZERO)), work_j: 0.1, lowest_j: -0.2, ..Passivity::new() };
-        guard.observe(&config, (100_000, vec3::ZERO), false);
+            Passivity { last: Some((0, vec3::ZERO)), balance_j: 0.1, lowest_j: -0.2, ..Passivity::new() };
+        guard.observe(&config, (100_000, vec3::ZERO), None);
         assert!((guard.work_j() - 0.09).abs() < 1e-6 && guard.lowest_j == 0.0);
         let mut guard =
-            Passivity { last: Some((0, vec3::ZERO)), work_j: -0.1, lowest_j: -0.2, ..Passivity::new() };
-        guard.observe(&config, (1_000, vec3::ZERO), false);
+            Passivity { last: Some((0, vec3::ZERO)), balance_j: -0.1, lowest_j: -0.2, ..Passivity::new() };
+        guard.observe(&config, (1_000, vec3::ZERO), None);
         assert_eq!(guard.work_j(), 0.0, "what the body kept is lost");
     }
 }

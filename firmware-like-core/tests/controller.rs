@@ -264,6 +264,38 @@ fn stale_samples() {
     assert_latched(bench, Fault::Stale);
 }
 
+/// A tick that comes 9 ms after the last may change the force by what 2 ms allow, no more.
+#[test]
+fn a_late_tick_buys_no_large_step() {
+    let mut fast = config();
+    (fast.limits.max_slew_n_per_s, fast.limits.max_speed_m_s) = (200.0, 100.0);
+    for (late_us, most_n) in [(1_000, 0.2), (2_000, 0.4), (9_000, 0.4)] {
+        bench!(bench, fast);
+        let before = bench.press();
+        bench.now_us += late_us;
+        let sample = sample(bench.now_us, [0.0, 0.0, -12e-3]);
+        let late = bench.controller.tick(&mut bench.state, bench.now_us, Some(&sample));
+        let step_n = vec3::distance(late.hand_force_n, before.hand_force_n);
+        assert_eq!(late.phase, Phase::Active);
+        assert!((step_n - most_n).abs() < 1e-3, "{late_us} us late: {step_n} N");
+    }
+}
+
+/// While samples are missing the force is held, and then zero: the way over the gap counts with both.
+#[test]
+fn a_gap_counts_with_the_zero_it_was() {
+    bench!(bench, config());
+    let held = bench.press();
+    for _ in 0..6 {
+        bench.without_sample();
+    }
+    let back = bench.at([0.0, 0.0, -6e-3]);
+    let counted_j = back.hand_work_j - held.hand_work_j;
+    // 7 ms: three ticks hold the force, the fourth finds zero, which leaves with the fifth.
+    let expected_j = -1e-3 * held.hand_force_n[2] * 5.0 / 7.0;
+    assert!((counted_j / expected_j - 1.0).abs() < 0.02, "{counted_j} J, not {expected_j}");
+}
+
 /// A repeated, an older or a very late sample is no sample.
 #[test]
 fn old_samples_are_no_samples() {

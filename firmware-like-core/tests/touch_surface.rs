@@ -401,12 +401,12 @@ fn only_what_is_close_is_taken_hold_of() {
 /// A grasp slips off beyond the grid or beyond what the device holds, and a press is needed to take hold again.
 #[test]
 fn a_grasp_slips_at_its_limits() {
-    let pull = |max_force_n: f32| {
+    let pull = |max_force_n: f32, max_stiffness_n_m: f32| {
         let blob = ball(|_| 1.0, 162);
         let organ = Organ::<256>::read(blob.bytes()).expect("good");
         let mut config = Config::new(Method::Trilinear);
         config.limits.ramp_s = 0.0;
-        config.limits.max_force_n = max_force_n;
+        (config.limits.max_force_n, config.limits.max_stiffness_n_m) = (max_force_n, max_stiffness_n_m);
         let controller = Controller::new(&organ, config).expect("packed");
         let (mut state, mut slipped_m) = (State::new(), None);
         state.arm();
@@ -426,9 +426,11 @@ fn a_grasp_slips_at_its_limits() {
         }
         slipped_m
     };
-    let by_force = pull(4.0).expect("4.4 N at 400 N/m");
+    let by_force = pull(4.0, 3e3).expect("4.4 N at 400 N/m");
     assert!((by_force - 0.011).abs() < 2e-4, "{by_force}");
-    let by_reach = pull(1e3).expect("1.1 times 20 mm");
+    let capped = pull(2.0, 200.0).expect("2.2 N at 200 N/m: it is what the hand feels that counts");
+    assert!((capped - 0.011).abs() < 4e-4, "{capped}");
+    let by_reach = pull(1e3, 3e3).expect("1.1 times 20 mm");
     assert!((by_reach - 0.022).abs() < 2e-4, "{by_reach}");
 }
 

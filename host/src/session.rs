@@ -622,6 +622,11 @@ mod tests {
         assert_eq!(summary.phase, Phase::SafeZero(Fault::Watchdog), "it does not go on by itself");
         assert_eq!(options.granted.get(), Some(&summary.real_time));
         assert!(summary.to_string().contains("watchdog     after 20 ms"), "{summary}");
+        // Never before a sample is a fault: a loop that comes back must find its own.
+        let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros });
+        let eager = SessionOptions { watchdog_ms: 1, ..self::options(0.05) };
+        let summary = run_session(&[&organ], config, device, &eager, &stop, |_| ()).expect("it runs");
+        assert_eq!(summary.watchdog.map(|watchdog| watchdog.limit_ms), Some(10));
     }
 
     #[test]

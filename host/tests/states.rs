@@ -19,6 +19,8 @@ use synthetic::Shape;
 /// A hand on a device that goes through all its states, and loses its homing now and then.
 struct Starting {
     hand: SimulatedHand,
+    /// Its button is pressed and let go every other tick.
+    clicks: bool,
     calls: u64,
     state: fn(u64) -> DeviceState,
 }
@@ -26,7 +28,9 @@ struct Starting {
 impl Device for Starting {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.calls += 1;
-        self.hand.exchange(now_us, hand_force_n)
+        let sample = self.hand.exchange(now_us, hand_force_n)?;
+        let pressed = if self.clicks { (self.calls % 2) as u32 } else { 0 };
+        Ok(sample.map(|sample| Sample { buttons: sample.buttons | pressed << 7, ..sample }))
     }
 
     fn stop(&mut self) {}
@@ -42,7 +46,7 @@ impl Device for Starting {
 
 fn play(
     organs: &[&Organ<'_>],
-    state: fn(u64) -> DeviceState,
+    (state, arm_button): (fn(u64) -> DeviceState, u32),
     ticks: u64,
     mut request: impl FnMut(u64, &Controls),
 ) -> Vec<TickRecord> {
@@ -54,10 +58,11 @@ fn play(
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let mut hand = SimulatedConfig::default();
     hand.strokes.seconds_per_node = 2.0;
-    let device = Starting { hand: SimulatedHand::new(organs[0], hand), calls: 0, state };
+    let hand = SimulatedHand::new(organs[0], hand);
+    let device = Starting { hand, clicks: arm_button != 0, calls: 0, state };
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
-    let haptic = LoopConfig::default();
+    let haptic = LoopConfig { arm_button, ..LoopConfig::default() };
     let mut haptic = HapticLoop::of_models(&controllers, device, &clock, haptic, &controls, outputs);
     for index in 0..ticks {
         request(index, &controls);
@@ -78,7 +83,7 @@ fn nothing_is_armed_before_it_is_homed() {
         200..300 | 2_500..2_600 => DeviceState::Unhomed,
         _ => DeviceState::Homed,
     };
-    let records = play(&[&organ], state, 4_000, |tick, controls| match tick {
+    let records = play(&[&organ], (state, 0), 4_000, |tick, controls| match tick {
         3_000 => controls.reset(),
         3_200.. => controls.arm(),
         0..2_900 => controls.arm(),
@@ -106,6 +111,17 @@ fn nothing_is_armed_before_it_is_homed() {
     assert!(touched > 300, "{touched}");
 }
 
+/// The button is the only way to arm without a window: it must not arm what is not homed either.
+#[test]
+fn no_button_arms_before_it_is_homed() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let state = |call| if call <= 300 { DeviceState::Unhomed } else { DeviceState::Homed };
+    let records = play(&[&organ], (state, 1 << 7), 400, |_, _| ());
+    let armed = records.iter().position(|record| record.phase != Phase::Disarmed);
+    assert!(armed.is_some_and(|tick| (300..304).contains(&tick)), "{armed:?}");
+}
+
 /// Two models of one organ, one of them twice as stiff, changed every 50 ms under the pressing hand.
 #[test]
 fn models_change_under_the_hand_without_a_step() {
@@ -114,20 +130,15 @@ fn models_change_under_the_hand_without_a_step() {
     let organs = blobs
         .each_ref()
         .map(|blob| -> Organ<'_> { Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob") });
-    let steady = play(&[&organs[1]], |_| DeviceState::Homed, 6_000, |_, controls| controls.arm());
+    let steady = play(&[&organs[1]], (|_| DeviceState::Homed, 0), 6_000, |_, controls| controls.arm());
     let both: Vec<&Organ<'_>> = organs.iter().collect();
-    let changed = play(
-        &both,
-        |_| DeviceState::Homed,
-        6_000,
-        |tick, controls| {
-            controls.arm();
-            if tick % 50 == 49 {
-                // One beyond the last is the first again.
-                controls.select(if tick % 100 == 49 { 1 } else { 2 });
-            }
-        },
-    );
+    let changed = play(&both, (|_| DeviceState::Homed, 0), 6_000, |tick, controls| {
+        controls.arm();
+        if tick % 50 == 49 {
+            // One beyond the last is the first again.
+            controls.select(if tick % 100 == 49 { 1 } else { 2 });
+        }
+    });
     let figures = |records: &[TickRecord]| {
         let mut figures = TouchFigures::default();
         records.iter().for_each(|record| figures.take(record));

@@ -1,8 +1,12 @@
 //! Options of the loop's timing, shared by `run` and `doctor`.
 
 use clap::Args as ClapArgs;
+use palpate_host::device::profile::Profile;
 use palpate_host::rt::LoopConfig;
 use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, MAX_LOOP_FIFO_PRIORITY, RtRequest};
+
+/// Longest period, us: four are the age at which a sample is a fault.
+const SLOWEST_US: u32 = 2_500;
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
 
@@ -19,9 +23,9 @@ pub(crate) struct Timing {
     /// The last part of every wait that is spun instead of slept, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
     pub spin_us: u32,
-    /// Time between two ticks, us; 1000, or what the profile says, if not given
+    /// Time between two ticks, us, 100 to 2500; 1000, or what the profile says, if not given. The stiffness cap of a profile is that of this period
     #[arg(long, value_name = "US", help_heading = "Timing",
-          value_parser = clap::value_parser!(u32).range(100..=100_000))]
+          value_parser = clap::value_parser!(u32).range(100..=i64::from(SLOWEST_US)))]
     pub period_us: Option<u32>,
 }
 
@@ -41,9 +45,9 @@ impl Timing {
         }
     }
 
-    /// Period and spin.
-    pub(crate) fn haptic(&self) -> LoopConfig {
-        let period_us = self.period_us.unwrap_or(DEFAULT.period_us);
+    /// Period and spin; the profile's period if none is asked for.
+    pub(crate) fn haptic(&self, profile: Option<&Profile>) -> LoopConfig {
+        let period_us = self.period_us.or(profile.map(Profile::period_us)).unwrap_or(DEFAULT.period_us);
         LoopConfig { period_us, spin_us: self.spin_us, ..LoopConfig::default() }
     }
 }
@@ -54,7 +58,7 @@ mod tests {
 
     #[test]
     fn without_options_it_is_what_the_host_does_by_itself() {
-        assert_eq!(Timing::default().haptic(), LoopConfig::default());
+        assert_eq!(Timing::default().haptic(None), LoopConfig::default());
         assert_eq!(Timing::default().request(), RtRequest::default());
         assert_eq!(Timing { fifo: 0, ..Timing::default() }.request().fifo_priority, None);
     }

@@ -151,13 +151,16 @@ pub(crate) fn run<D: Device>(
         seconds: show.seconds,
         view: show.view(),
         change_every: show.change_every,
-        haptic: show.timing.haptic(),
+        haptic: show.timing.haptic(show.profile),
         real_time: show.timing.request(),
         watchdog_ms: show.watchdog_ms,
         ..SessionOptions::default()
     };
-    if let (Some(profile), None) = (show.profile, show.timing.period_us) {
-        options.haptic.period_us = profile.period_us();
+    if options.haptic.spin_us >= options.haptic.period_us {
+        return Err(Failure::input(format!(
+            "--spin-us {} leaves nothing of a period of {} us to sleep: give less",
+            options.haptic.spin_us, options.haptic.period_us
+        )));
     }
     let granted = Arc::clone(&options.granted);
     let mut moved = false;

@@ -72,7 +72,7 @@ mod tests {
         }
     }
 
-    fn run(panics_at: u64, stops: &AtomicU64) -> std::thread::Result<LoopOutcome> {
+    fn run(panics_at: u64, periods: u64, stops: &AtomicU64) -> std::thread::Result<LoopOutcome> {
         let blob = synthetic::organ(&Shape::default());
         let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
         let controller = Controller::new(&organ, Config::new(Method::Trilinear)).expect("has the method");
@@ -90,8 +90,8 @@ mod tests {
                 &controls,
                 Outputs { records, latest },
             );
-            let handle =
-                spawn(scope, haptic, RtRequest::nothing(), &stop, 40, &granted).expect("a thread starts");
+            let handle = spawn(scope, haptic, RtRequest::nothing(), &stop, periods, &granted)
+                .expect("a thread starts");
             handle.join().map(|(_, outcome)| outcome)
         })
     }
@@ -99,7 +99,8 @@ mod tests {
     #[test]
     fn a_panic_in_the_loop_ends_in_zero_force_and_is_reported() {
         let stops = AtomicU64::new(0);
-        assert!(run(10, &stops).is_err());
+        // Far more periods than ticks it takes: a machine that stalls skips some.
+        assert!(run(10, 5_000, &stops).is_err());
         assert_eq!(stops.load(Ordering::SeqCst), 1);
     }
 
@@ -107,7 +108,7 @@ mod tests {
     fn the_real_clock_paces_the_loop() {
         let stops = AtomicU64::new(0);
         let begun = std::time::Instant::now();
-        let outcome = run(u64::MAX, &stops).expect("no panic");
+        let outcome = run(u64::MAX, 40, &stops).expect("no panic");
         assert!(begun.elapsed().as_secs_f64() >= 0.039, "40 periods of 1 ms");
         assert_eq!(outcome.end, LoopEnd::Completed);
         assert_eq!(outcome.ticks + outcome.latency.report().skipped_periods, 40);

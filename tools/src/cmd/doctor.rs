@@ -49,7 +49,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
     let measured = if seconds > 0.0 {
         let stop = stop_flag()?;
-        let measured = measure(seconds, args.timing.haptic(), request, &stop);
+        let measured = measure(seconds, args.timing.haptic(None), request, &stop);
         Some(measured.map_err(|error| Failure::work(format!("cannot start the measuring thread: {error}")))?)
     } else {
         None

@@ -155,7 +155,12 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
     let own = args.device.starts_with("polhem:").then_some("polhem");
     let name = args.profile.as_deref().or(own);
-    name.map(Profile::load).transpose().map_err(Failure::input)
+    let profile = name.map(Profile::load).transpose().map_err(Failure::input)?;
+    // What the cap stands on is the period that runs.
+    Ok(profile.map(|profile| match args.timing.period_us {
+        Some(period_us) => profile.at_period(period_us),
+        None => profile,
+    }))
 }
 
 /// What a profile says of a Polhem; without one its cautious defaults.

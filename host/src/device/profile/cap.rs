@@ -212,6 +212,16 @@ mod tests {
         close(profile.cap_at(Timing { cycle_s: 4e-3, delay_s: 0.0 }), 1000.0, CapReason::Passivity);
     }
 
+    /// A slower loop is another device: the cap is lower, and its own timing is what is judged.
+    #[test]
+    fn the_cap_falls_with_the_period_that_runs() {
+        let (nominal, slow) = (simulated(), simulated().at_period(2_500));
+        assert_eq!((slow.period_us(), slow.timing().cycle_s), (2_500, 2.75e-3));
+        assert!(slow.cap().n_m < 0.5 * nominal.cap().n_m, "{:?} and {:?}", slow.cap(), nominal.cap());
+        let verdict = slow.verdict(&report(40_000, 20_000, 0));
+        assert!((verdict.measured.cycle_s - 2.54e-3).abs() < 1e-8 && verdict.held, "{verdict}");
+    }
+
     fn report(late_ns: u64, compute_ns: u64, overruns: u64) -> LatencyReport {
         let at = |p99_ns| Percentiles { count: 10_000, p99_ns, ..Percentiles::default() };
         let empty = LatencyRecorder::new().report();

@@ -107,8 +107,8 @@ struct SimulationTable {
     coulomb_n: Option<Number>,
 }
 
-/// Slowest and fastest cycle, Hz: below, no stiffness worth touching is stable; above, no thread of this program wakes.
-const RATES_HZ: Range<f64> = 100.0..10_000.0;
+/// Slowest and fastest cycle, Hz: below, a sample or two would be as old as a fault; above, no thread of this program wakes.
+const RATES_HZ: Range<f64> = 400.0..10_000.0;
 
 /// Longest delay of a link, us: ten milliseconds are a fault of the controller.
 const LONGEST_DELAY_US: i64 = 9_000;
@@ -367,7 +367,7 @@ mass_kg = 0.3
         refuses("5.0", "0", 4, "`max_force_n` = 0", "above zero");
         refuses("5.0", "nan", 4, "`max_force_n` = NaN", "above zero");
         refuses("900.0", "\"stiff\"", 5, "invalid type", "expected type");
-        refuses("2000.0", "50", 6, "`rate_hz` = 50", "100 to 10000 Hz");
+        refuses("2000.0", "50", 6, "`rate_hz` = 50", "400 to 10000 Hz");
         refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
         refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
         refuses("half_m =", "radius_m = 0.1\nhalf_m =", 15, "[workspace]", "`radius_m`, or `half_m`");

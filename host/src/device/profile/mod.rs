@@ -126,6 +126,12 @@ impl Profile {
         (1e6 / f64::from(self.rate_hz)).round().max(1.0) as u32
     }
 
+    /// The same device in a loop with another period: the cap, the simulation and the verdict are then about that.
+    #[must_use]
+    pub fn at_period(self, period_us: u32) -> Self {
+        Self { rate_hz: (1e6 / f64::from(period_us.max(1))) as f32, ..self }
+    }
+
     /// Largest stiffness of the MODEL that may be rendered, N/m: the cap, divided by the metres of the model to one of the device.
     #[must_use]
     pub fn max_model_stiffness_n_m(&self) -> f32 {

@@ -84,8 +84,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for &method in &args.method {
         for (caches, ticks) in [("hot", args.ticks), ("cold", args.ticks / 50)] {
-            eprintln!("palpate: {} {caches}", method.name());
-            rows.push(measure(&organ, method, caches, ticks.max(1))?);
+            let row = measure(&organ, method, caches, ticks.max(1))?;
+            // As soon as it is known: a row takes a while.
+            eprintln!("palpate: {} {caches}: p50 {} ns, p99 {} ns", row.method, row.p50_ns, row.p99_ns);
+            rows.push(row);
         }
     }
     args.out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))

@@ -1,0 +1,64 @@
+//! Every name in the hazard table of docs/safety.md is that of a test, a script or a file that is there.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Files of the repository below a folder, without what is built.
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("readable") {
+        let path = entry.expect("readable").path();
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if path.is_dir() {
+            if !matches!(name, "target" | ".git") {
+                files(&path, found);
+            }
+        } else {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_hazard_names_tests_that_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let safety = std::fs::read_to_string(root.join("docs/safety.md")).expect("it is there");
+    let (_, table) = safety.split_once("## 5. Hazards").expect("a section of hazards");
+    let (table, _) = table.split_once("## 6.").expect("and one after it");
+    let mut all = Vec::new();
+    files(&root, &mut all);
+    let sources = all.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let mut tests = BTreeSet::new();
+    for source in sources {
+        let text = std::fs::read_to_string(source).expect("readable");
+        let mut is_test = false;
+        for line in text.lines().map(str::trim) {
+            if let Some((name, _)) = line.strip_prefix("fn ").and_then(|rest| rest.split_once('(')) {
+                if is_test {
+                    tests.insert(name.to_string());
+                }
+                is_test = false;
+            }
+            is_test |= line == "#[test]";
+            // Within `proptest!` too.
+            is_test &= !line.is_empty();
+        }
+    }
+    let (mut rows, mut names) = (0, 0);
+    for row in table.lines().filter(|line| line.starts_with("| ") && !line.starts_with("| hazard")) {
+        rows += 1;
+        let shown_by = row.trim_end_matches('|').rsplit_once('|').expect("three columns").1;
+        let mut named = 0;
+        for name in shown_by.split('`').skip(1).step_by(2) {
+            named += 1;
+            let is_file = all.iter().any(|path| {
+                let path = path.to_string_lossy();
+                path.ends_with(&format!("/{name}"))
+                    || path.contains(&format!("/{}/", name.trim_end_matches('/')))
+            });
+            assert!(tests.contains(name) || is_file, "`{name}` is neither a test nor a file: {row}");
+        }
+        assert!(named > 0, "nothing shows it: {row}");
+        names += named;
+    }
+    assert!(rows > 30 && names > 60, "{rows} hazards, {names} names: the table was not read");
+}
