@@ -30,7 +30,14 @@ fn main() -> anyhow::Result<()> {
         use serialport::SerialPort;
         println!("{}", driver.name().unwrap_or_default());
     }
-    let faults = Faults { drop: rate, truncate: rate, corrupt: rate, delay: rate, delay_us: 3_000 };
+    let faults = Faults {
+        drop: rate,
+        truncate: rate,
+        corrupt: rate,
+        delay: rate,
+        delay_us: 3_000,
+        ..Faults::default()
+    };
     let mut link = Faulty::new(link, faults, arguments.seed);
     let mut device = EmulatedPolhem::new(Handle::new(strokes(arguments.seconds)));
     let begun = Instant::now();

@@ -294,7 +294,14 @@ fn single_faults_are_ridden_out() {
 /// The protocol has no checksum: a flipped bit may pass for another number. What is left then are the controller's own limits.
 #[test]
 fn a_storm_of_faults_is_never_worse_than_zero() {
-    let faults = Faults { drop: 0.05, truncate: 0.05, corrupt: 0.10, delay: 0.05, delay_us: 15_000 };
+    let faults = Faults {
+        drop: 0.05,
+        truncate: 0.05,
+        corrupt: 0.10,
+        delay: 0.05,
+        delay_us: 15_000,
+        ..Faults::default()
+    };
     with_bench(|bench, controls| {
         controls.arm();
         bench.run(1_200);
