@@ -26,10 +26,15 @@ impl<T: Transport> Faulty<T> {
         faulty
     }
 
-    /// Changes the faults from here on.
+    /// Changes the faults from here on, in both directions.
     pub const fn set_faults(&mut self, faults: Faults) {
-        self.to_device.set_faults(Faults { delay: 0.0, ..faults });
-        self.to_driver.set_faults(faults);
+        self.set_faults_each(faults, faults);
+    }
+
+    /// Changes the faults of each direction from here on.
+    pub const fn set_faults_each(&mut self, to_device: Faults, to_driver: Faults) {
+        self.to_device.set_faults(Faults { delay: 0.0, ..to_device });
+        self.to_driver.set_faults(to_driver);
     }
 
     /// What was done so far, both ways.
