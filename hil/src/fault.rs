@@ -34,6 +34,24 @@ pub struct Faults {
     pub babble: f32,
 }
 
+impl Faults {
+    /// Nothing goes wrong.
+    pub const NONE: Self = Self {
+        drop: 0.0,
+        truncate: 0.0,
+        corrupt: 0.0,
+        delay: 0.0,
+        delay_us: 0,
+        duplicate: 0.0,
+        reorder: 0.0,
+        stall: 0.0,
+        stall_us: 0,
+        unplug: 0.0,
+        unplug_us: 0,
+        babble: 0.0,
+    };
+}
+
 /// What was done so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
@@ -128,7 +146,7 @@ impl Lane {
     pub fn new(seed: u64) -> Self {
         Self {
             seed,
-            faults: Faults::default(),
+            faults: Faults::NONE,
             counts: FaultCounts::default(),
             frames: 0,
             late: VecDeque::new(),

@@ -7,6 +7,7 @@
 //! Time is the caller's. Bytes of another rate or format than the receiver's arrive damaged, as they would on a wire.
 
 use super::descriptors;
+use super::uart::{OTHER_FORMAT, WireByte, baud_of, byte_ns};
 use std::collections::VecDeque;
 
 /// Bytes in front of the payload of every packet to the host.
@@ -19,11 +20,6 @@ const OUT_BUFFER_LEN: usize = 128;
 const IN_BUFFER_LEN: usize = 256;
 /// Latency timer after power-up, ms.
 const DEFAULT_LATENCY_MS: u8 = 16;
-/// Start bit, eight data bits, stop bit.
-const BITS_PER_BYTE: u64 = 10;
-/// Largest share by which two ends of a UART may differ and still understand each other.
-const BAUD_TOLERANCE: f64 = 0.03;
-const NS_PER_S: u64 = 1_000_000_000;
 
 /// Line status: overrun, framing error, and room for what comes next.
 const OVERRUN: u8 = 0x02;
@@ -74,54 +70,6 @@ pub struct ModemLines {
     pub dtr: bool,
     /// Request to send.
     pub rts: bool,
-}
-
-/// A byte at the end of the wire.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WireByte {
-    /// When its stop bit was over, ns.
-    pub at_ns: u64,
-    /// What was sent.
-    pub byte: u8,
-    /// At which rate, bits a second; 0 for another format than 8N1.
-    pub baud: u32,
-}
-
-impl WireByte {
-    /// What a receiver set to `baud` makes of it: noise if the rates differ.
-    #[must_use]
-    pub fn heard_at(&self, baud: u32) -> u8 {
-        if same_rate(self.baud, baud) { self.byte } else { noise(self.byte) }
-    }
-}
-
-fn same_rate(one: u32, other: u32) -> bool {
-    (f64::from(one) - f64::from(other)).abs() <= BAUD_TOLERANCE * f64::from(other)
-}
-
-/// Whatever a UART reads at a wrong rate: never the byte itself, and no ASCII.
-const fn noise(byte: u8) -> u8 {
-    !byte | 0x80
-}
-
-/// Time of a byte on the wire, ns.
-#[must_use]
-pub const fn byte_ns(baud: u32) -> u64 {
-    BITS_PER_BYTE * NS_PER_S / baud as u64
-}
-
-/// Rate for a divisor of 3 MHz: 14 bits, eighths by a code whose third bit comes in the index.
-///
-/// 0 and 1 are exceptions for 3 and 2 Mbaud.
-const fn baud_of(value: u16, index: u16) -> u32 {
-    const EIGHTHS: [u32; 8] = [0, 4, 2, 1, 3, 5, 6, 7];
-    let code = (value >> 14) as usize | ((index as usize & 1) << 2);
-    match (value & 0x3fff, code) {
-        (0, 0) => 3_000_000,
-        (1, 0) => 2_000_000,
-        // Not both are zero here.
-        (whole, _) => 24_000_000 / (whole as u32 * 8 + EIGHTHS[code]),
-    }
 }
 
 /// The chip.
@@ -320,7 +268,7 @@ impl Chip {
         }
         self.to_board.pop_front();
         self.out_free_ns = at_ns;
-        Some(WireByte { at_ns, byte, baud: if self.is_8n1 { self.baud } else { 0 } })
+        Some(WireByte { at_ns, byte, baud: if self.is_8n1 { self.baud } else { OTHER_FORMAT } })
     }
 
     /// The board sends bytes, from `at_ns` on, or as soon as its transmitter is free.
@@ -334,7 +282,7 @@ impl Chip {
     /// Moves on: bytes arrive, the timer runs.
     pub fn advance(&mut self, now_us: u64) {
         self.now_ns = self.now_ns.max(now_us * 1_000);
-        let baud = if self.is_8n1 { self.baud } else { u32::MAX };
+        let baud = if self.is_8n1 { self.baud } else { OTHER_FORMAT };
         while let Some(wire) = self.from_board.front().copied().filter(|wire| wire.at_ns <= self.now_ns) {
             self.from_board.pop_front();
             let byte = wire.heard_at(baud);
@@ -365,14 +313,6 @@ mod tests {
         set(&mut chip, 3, 0x2);
         set(&mut chip, 9, 1);
         chip
-    }
-
-    #[test]
-    fn divisors_give_the_known_rates() {
-        assert_eq!((baud_of(0x4138, 0), baud_of(0x15, 0), baud_of(0x2, 0)), (9_600, 142_857, 1_500_000));
-        // 115,200: 26 and an eighth at most beside it, 26 0/8.
-        assert_eq!((baud_of(0x001a, 0), baud_of(0, 0), baud_of(1, 0)), (115_384, 3_000_000, 2_000_000));
-        assert_eq!(byte_ns(1_500_000) * 16, 106_656);
     }
 
     #[test]

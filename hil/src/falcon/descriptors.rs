@@ -24,67 +24,25 @@ const LANGUAGE: u16 = 0x0409;
 /// Strings 1 to 3.
 const STRINGS: [&str; 3] = ["Novint", "FALCON", "PALPATE1"];
 
-const DEVICE_DESCRIPTOR: [u8; 18] = {
-    let ([vendor, vendor_high], [product, product_high]) =
-        (VENDOR_ID.to_le_bytes(), PRODUCT_ID.to_le_bytes());
-    let [release, release_high] = RELEASE.to_le_bytes();
-    let [usb, usb_high] = 0x0200_u16.to_le_bytes();
-    // Class 0: the interface says it. Then the numbers of three strings, and one configuration.
-    [
-        18,
-        DEVICE,
-        usb,
-        usb_high,
-        0,
-        0,
-        0,
-        CONTROL_PACKET_LEN,
-        vendor,
-        vendor_high,
-        product,
-        product_high,
-        release,
-        release_high,
-        1,
-        2,
-        3,
-        1,
-    ]
-};
+const VENDOR: [u8; 2] = VENDOR_ID.to_le_bytes();
+const PRODUCT: [u8; 2] = PRODUCT_ID.to_le_bytes();
+const VERSION: [u8; 2] = RELEASE.to_le_bytes();
 
+#[rustfmt::skip]
+const DEVICE_DESCRIPTOR: [u8; 18] = [
+    18, DEVICE, 0x00, 0x02,       // USB 2.0
+    0, 0, 0, CONTROL_PACKET_LEN,  // the interface says the class
+    VENDOR[0], VENDOR[1], PRODUCT[0], PRODUCT[1], VERSION[0], VERSION[1],
+    1, 2, 3,                      // strings
+    1,                            // configuration
+];
+
+#[rustfmt::skip]
 const CONFIGURATION_DESCRIPTOR: [u8; 32] = [
-    9,
-    CONFIGURATION,
-    32,
-    0,
-    1,
-    1,
-    0,
-    0xa0,
-    45, // 32 bytes in all, one interface, bus powered, 90 mA
-    9,
-    4,
-    0,
-    0,
-    2,
-    0xff,
-    0xff,
-    0xff,
-    2, // interface 0, two endpoints, vendor's own class
-    7,
-    5,
-    ENDPOINT_IN,
-    2,
-    PACKET_LEN as u8,
-    0,
-    0, // bulk
-    7,
-    5,
-    ENDPOINT_OUT,
-    2,
-    PACKET_LEN as u8,
-    0,
-    0,
+    9, CONFIGURATION, 32, 0, 1, 1, 0, 0xa0, 45,    // 32 bytes in all, one interface, bus powered, 90 mA
+    9, 4, 0, 0, 2, 0xff, 0xff, 0xff, 2,            // interface 0, two endpoints, a class of the vendor's own
+    7, 5, ENDPOINT_IN, 2, PACKET_LEN as u8, 0, 0,  // bulk
+    7, 5, ENDPOINT_OUT, 2, PACKET_LEN as u8, 0, 0,
 ];
 
 /// The descriptor that GET_DESCRIPTOR asks for with this value: type in the high byte, index in the low one.

@@ -100,29 +100,22 @@ impl<F: Link> FaultyFtdi<F> {
         }
     }
 
-    /// Takes what the chip has, waiting at most so long for it, and packs what has come through into the buffer.
-    fn look(&self, state: &mut State, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        let mut packets = vec![0; buffer.len()];
-        let mut idle = false;
-        match self.inner.read(&mut packets, timeout) {
-            Ok(count) => {
-                let chunks = packets[..count].chunks(PACKET_LEN);
-                let payload: Vec<u8> =
-                    chunks.flat_map(|packet| packet.get(STATUS_LEN..).unwrap_or_default()).copied().collect();
-                state.status.copy_from_slice(&packets[..STATUS_LEN]);
-                idle = payload.is_empty();
-                if !idle {
-                    state.to_host.put(self.inner.now_us(), &payload);
-                }
-            }
-            Err(error) if error.kind() == DeviceErrorKind::Timeout => {}
-            Err(error) => return Err(error),
+    /// Spoils what the chip has sent, if anything, and packs what has come through into the buffer.
+    fn pass_on(&self, state: &mut State, packets: &[u8], buffer: &mut [u8]) -> usize {
+        let payload: Vec<u8> =
+            packets.chunks(PACKET_LEN).flat_map(|packet| &packet[STATUS_LEN..]).copied().collect();
+        if let Some(status) = packets.first_chunk() {
+            state.status = *status;
+        }
+        if !payload.is_empty() {
+            state.to_host.put(self.inner.now_us(), &payload);
         }
         self.pull(state);
         while let Some(frame) = state.to_host.take(self.inner.now_us()) {
             state.ready.extend(frame);
         }
-        Ok(state.pack(buffer, idle))
+        let idle = !packets.is_empty() && payload.is_empty();
+        state.pack(buffer, idle)
     }
 }
 
@@ -181,12 +174,16 @@ impl<F: Link> Ftdi for FaultyFtdi<F> {
             return Err(DeviceError::new(DeviceErrorKind::Io));
         }
         let until_us = self.inner.now_us() + timeout.as_micros() as u64;
+        let mut packets = vec![0; buffer.len()];
         loop {
-            // Let go between two looks, so that another thread can write meanwhile.
-            let mut state = self.lock();
-            self.serve(&mut state)?;
+            self.serve(&mut self.lock())?;
             let left = Duration::from_micros(until_us.saturating_sub(self.inner.now_us()));
-            let count = self.look(&mut state, buffer, left.min(STEP))?;
+            // Nothing is locked meanwhile, so that another thread can write.
+            let count = match self.inner.read(&mut packets, left.min(STEP)) {
+                Err(error) if error.kind() != DeviceErrorKind::Timeout => return Err(error),
+                read => read.unwrap_or(0),
+            };
+            let count = self.pass_on(&mut self.lock(), &packets[..count], buffer);
             if count > 0 {
                 return Ok(count);
             }
@@ -219,5 +216,93 @@ impl<F: Link> Link for FaultyFtdi<F> {
         // Nobody calls a handle that is lost any more, so the cable may still have to be put in.
         let served = self.serve(&mut state);
         self.inner.reopen().and(served)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::falcon::{EmulatedFalcon, FalconConfig, MemoryFtdi};
+
+    const ZERO: &[u8; 16] = b"<AAAAAAAAAAAAAA>";
+    const NONE: Faults = Faults::NONE;
+
+    fn device() -> FaultyFtdi<MemoryFtdi> {
+        let config = FalconConfig { firmware_runs: true, ..FalconConfig::default() };
+        let ftdi = FaultyFtdi::new(MemoryFtdi::new(EmulatedFalcon::new(config)), 5);
+        for (request, value) in [(3, 2), (9, 1), (6, 0x013e)] {
+            ftdi.control(request, value).expect("a known request");
+        }
+        ftdi
+    }
+
+    /// Payload of what comes within 10 ms, as long as something comes each time.
+    fn answer(ftdi: &FaultyFtdi<MemoryFtdi>) -> Vec<u8> {
+        ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
+        let (mut got, mut buffer, until_us) = (Vec::new(), [0; 512], ftdi.now_us() + 10_000);
+        while ftdi.now_us() < until_us {
+            if let Ok(count) = ftdi.read(&mut buffer, Duration::from_micros(500)) {
+                for packet in buffer[..count].chunks(PACKET_LEN) {
+                    assert_eq!(packet[..STATUS_LEN], [0x01, 0x60], "the status is never struck");
+                    got.extend(&packet[STATUS_LEN..]);
+                }
+            }
+        }
+        got
+    }
+
+    #[test]
+    fn what_is_lost_on_either_way_has_no_reply() {
+        let ftdi = device();
+        assert_eq!(answer(&ftdi).len(), 16);
+        let all = Faults { drop: 1.0, ..NONE };
+        ftdi.set_faults(all, NONE);
+        assert_eq!(answer(&ftdi), b"");
+        ftdi.set_faults(NONE, all);
+        assert_eq!(answer(&ftdi), b"");
+        let heard = ftdi.inner().falcon().firmware().map(|firmware| firmware.requests());
+        assert_eq!((heard, ftdi.counts().0.dropped, ftdi.counts().1.dropped), (Some(2), 1, 1));
+    }
+
+    #[test]
+    fn replies_are_doubled_late_and_babbled_over() {
+        let ftdi = device();
+        ftdi.set_faults(NONE, Faults { duplicate: 1.0, ..NONE });
+        let twice = answer(&ftdi);
+        assert_eq!((twice.len(), &twice[..16]), (32, &twice[16..]));
+        ftdi.set_faults(NONE, Faults { babble: 1.0, ..NONE });
+        assert!((17..=40).contains(&answer(&ftdi).len()));
+        ftdi.set_faults(NONE, Faults { delay: 1.0, delay_us: 12_000, ..NONE });
+        assert_eq!(answer(&ftdi), b"");
+        ftdi.set_faults(NONE, NONE);
+        assert_eq!(answer(&ftdi).len(), 32, "with the next one");
+    }
+
+    /// An old command that arrives after a newer one: the motors cannot know.
+    #[test]
+    fn a_late_request_is_late_for_the_motors_too() {
+        let ftdi = device();
+        ftdi.set_faults(Faults { delay: 1.0, delay_us: 5_000, ..NONE }, NONE);
+        ftdi.write(b"<EGAAAAAAAAAAAA>", Duration::ZERO).expect("the cable is in");
+        assert!(ftdi.read(&mut [0; 64], Duration::from_micros(4_900)).is_ok(), "idle");
+        assert_eq!(ftdi.inner().falcon().felt().largest_motor, 0);
+        let until_us = ftdi.now_us() + 6_000;
+        while ftdi.now_us() < until_us {
+            let _ = ftdi.read(&mut [0; 64], Duration::from_micros(500));
+        }
+        assert_eq!(ftdi.inner().falcon().felt().largest_motor, 100);
+    }
+
+    #[test]
+    fn purging_throws_away_what_has_come_through() {
+        let ftdi = device();
+        ftdi.set_faults(NONE, Faults { duplicate: 1.0, ..NONE });
+        ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
+        ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
+        ftdi.inner().falcon().advance(900);
+        // A buffer of one packet leaves 2 bytes of 64 behind.
+        assert_eq!(ftdi.read(&mut [0; 64], Duration::ZERO), Ok(64));
+        ftdi.control(0, 1).expect("a known request");
+        assert!(ftdi.read(&mut [0; 64], Duration::ZERO).is_err());
     }
 }

@@ -4,7 +4,7 @@
 //! 2. DTR goes low: the processor listens at 142,857 baud. `41` is echoed.
 //! 3. Every byte of the boot stream is echoed; at its end the firmware runs. A stream that is none ends the echo.
 //!
-//! DTR going high begins again at any time.
+//! DTR going high begins again at any time, also while firmware runs: assumed, since a load may be repeated.
 
 use super::chip::ModemLines;
 use super::image::{BootStream, Image};

@@ -19,6 +19,7 @@ pub mod image;
 pub mod kinematics;
 pub mod loader;
 pub mod memory;
+pub mod uart;
 
 pub use chip::{Chip, Setup, Stall};
 pub use faults::FaultyFtdi;
@@ -28,13 +29,13 @@ pub use loader::{LoaderFault, LoaderOptions};
 pub use memory::MemoryFtdi;
 
 use crate::mechanism::Waypoint;
-use chip::WireByte;
 use firmware::Firmware;
 use grip::Grip;
 use image::Image;
 use loader::Loader;
 use palpate_core::Vec3;
 use palpate_host::device::hand::{Drag, HandConfig};
+use uart::WireByte;
 
 /// Time from the last byte of a request to the first of its reply, ns. Assumed; the wire takes five times as long.
 const TURNAROUND_NS: u64 = 20_000;
@@ -185,17 +186,27 @@ impl EmulatedFalcon {
         self.grip.power_off(self.now_us);
     }
 
-    /// The cable is pulled. Chip and board have power of their own lines: the chip loses its settings, the motors keep their command.
-    pub const fn unplug(&mut self) {
+    /// The cable is pulled. The chip had its power from there: it forgets what it held. The motors keep their command.
+    pub fn unplug(&mut self) {
         self.plugged = false;
+        self.start_chip();
     }
 
     /// The cable is put in again: another device for whoever had this one open.
     pub fn replug(&mut self) {
-        self.chip = Chip::new(self.now_us);
-        self.loader.lines(self.chip.lines());
         self.plugged = true;
         self.plugs += 1;
+        self.start_chip();
+    }
+
+    fn start_chip(&mut self) {
+        self.chip = Chip::new(self.now_us);
+        self.loader.lines(self.chip.lines());
+    }
+
+    /// The board sends bytes that nobody asked for.
+    pub fn babble(&mut self, bytes: &[u8]) {
+        self.chip.from_board(self.now_us * 1_000, bytes, firmware::BAUD);
     }
 
     /// The board loses its power and gets it again: no firmware, no motors, no homing. The cable stays where it is.
@@ -285,5 +296,98 @@ impl EmulatedFalcon {
     #[must_use]
     pub const fn chip(&self) -> &Chip {
         &self.chip
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Zero for the motors but 100 for the first, homing.
+    const PUSH: &[u8; 16] = b"<EGAAAAAAAAAABA>";
+
+    fn running() -> EmulatedFalcon {
+        let mut falcon = EmulatedFalcon::new(FalconConfig { firmware_runs: true, ..FalconConfig::default() });
+        for (request, value) in [(3, 2), (9, 1), (6, 0x013e)] {
+            falcon.control(Setup::vendor(request, value), &[]).expect("a known request");
+        }
+        falcon
+    }
+
+    fn pushed() -> EmulatedFalcon {
+        let mut falcon = running();
+        assert_eq!(falcon.bulk_out(PUSH), 16);
+        falcon.advance(500);
+        assert!(falcon.felt().force_n[2] < 0.0, "a positive command pulls the first arm in");
+        falcon
+    }
+
+    #[test]
+    fn a_packet_sets_the_motors_when_its_last_byte_is_there() {
+        let mut falcon = running();
+        falcon.bulk_out(PUSH);
+        falcon.advance(106);
+        assert_eq!(falcon.felt().commands, 0);
+        falcon.advance(107);
+        assert_eq!((falcon.felt().commands, falcon.felt().last_command_us), (1, Some(106)));
+        assert_eq!(falcon.felt().largest_motor, 100);
+        assert!(falcon.felt().largest_unhomed_n > 0.0, "and it was not homed");
+        assert_eq!(falcon.bulk_in(64), None);
+        falcon.advance(234);
+        assert_eq!(falcon.bulk_in(64).map(|packet| packet.len()), Some(18));
+    }
+
+    #[test]
+    fn one_long_step_of_time_is_as_good_as_many() {
+        let (mut often, mut once) = (running(), running());
+        for falcon in [&mut often, &mut once] {
+            falcon.bulk_out(PUSH);
+        }
+        for us in 0..300_000 {
+            often.advance(us);
+        }
+        often.advance(300_000);
+        once.advance(300_000);
+        once.advance(200_000);
+        assert_eq!((often.felt(), often.position_m()), (once.felt(), once.position_m()));
+        assert_eq!(often.bulk_in(512), once.bulk_in(512));
+        assert_eq!(once.now_us(), 300_000);
+    }
+
+    #[test]
+    fn at_another_rate_the_firmware_hears_noise() {
+        let mut falcon = running();
+        falcon.control(Setup::vendor(3, 0x15), &[]).expect("a known request");
+        falcon.bulk_out(PUSH);
+        falcon.advance(10_000);
+        assert_eq!(falcon.firmware().map(Firmware::requests), Some(0));
+    }
+
+    #[test]
+    fn dtr_resets_the_board_and_takes_the_force_away() {
+        let mut falcon = pushed();
+        falcon.control(Setup::vendor(1, 0x0101), &[]).expect("a known request");
+        assert!(falcon.firmware().is_none());
+        assert_eq!((falcon.felt().force_n, falcon.felt().off_since_us), ([0.0; 3], Some(500)));
+    }
+
+    #[test]
+    fn what_was_on_its_way_is_lost_with_the_cable_and_the_force_is_not() {
+        let mut falcon = pushed();
+        falcon.bulk_out(b"<AAAAAAAAAAAABA>");
+        falcon.unplug();
+        falcon.advance(100_000);
+        falcon.replug();
+        falcon.advance(200_000);
+        assert!(falcon.felt().force_n[2] < 0.0 && falcon.felt().off_since_us.is_none());
+        assert_eq!(falcon.chip().baud(), 9_600, "a chip with new power");
+    }
+
+    #[test]
+    fn babble_comes_in_as_any_other_bytes() {
+        let mut falcon = running();
+        falcon.babble(b"noise>");
+        falcon.advance(100);
+        assert_eq!(falcon.bulk_in(64), Some(b"\x01\x60noise>".to_vec()));
     }
 }
