@@ -125,6 +125,20 @@ mod tests {
         assert!((COUNTS_PER_RAD.to_radians() - 27.446).abs() < 1e-3, "counts a degree");
     }
 
+    /// By bisection of |p - a e(theta1)| = L, written apart from this file: which leg is which, and which way round.
+    #[test]
+    fn counts_off_the_axis_are_those_of_another_solution() {
+        for (at_m, wanted) in [
+            ([0.02, -0.015, 0.12], [103.86, -651.43, -172.03]),
+            ([-0.03, 0.01, 0.10], [-993.19, -3.09, -883.04]),
+            ([0.0, 0.03, 0.14], [-250.32, 331.98, 535.22]),
+        ] {
+            let counts = Pose::at(at_m).expect("within reach").counts();
+            let down = wanted.map(|count: f64| count.floor() as i32);
+            assert!((0..3).all(|leg| (counts[leg] - down[leg]).abs() <= 1), "{counts:?}, not {wanted:?}");
+        }
+    }
+
     #[test]
     fn the_legs_close_and_the_smaller_angle_is_taken() {
         let [x, y, z] = [0.02, -0.015, 0.12];
