@@ -170,7 +170,7 @@ pub enum Solution {
 }
 
 /// The mechanism, with the last pose that was found.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub struct Kinematics {
     legs: [Leg; 3],
     pose: Pose,
@@ -318,7 +318,7 @@ mod tests {
         let places = workspace(&mechanism);
         let (mut failed, mut worst_m, mut most) = (0, 0.0_f64, 0);
         for (p, angles) in &places {
-            let mut solver = mechanism.clone();
+            let mut solver = mechanism;
             match solver.solve_angles(*angles) {
                 Solution::Solved { iterations } => {
                     worst_m = worst_m.max(distance(solver.pose().position_m, *p));
