@@ -47,11 +47,6 @@ impl Script {
         self.incoming.push_back(bytes.to_vec());
     }
 
-    /// Forgets what is on its way.
-    pub(super) fn incoming_clear(&mut self) {
-        self.incoming.clear();
-    }
-
     /// Lets go of what was held.
     pub(super) fn release(&mut self) {
         self.incoming.extend(self.held.drain(..));
