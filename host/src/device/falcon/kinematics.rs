@@ -249,8 +249,7 @@ impl Kinematics {
                 -(0..3).map(|leg| columns[leg][axis] * equations[leg].g).sum::<f64>() / volume
             });
             let length = dot(step, step).sqrt();
-            // Not a number, too: a comparison with it is false.
-            if !(length < 1.0) {
+            if length.is_nan() || length > 1.0 {
                 return None;
             }
             let scale = if length > MAX_STEP_M { MAX_STEP_M / length } else { 1.0 };
