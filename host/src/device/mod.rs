@@ -8,6 +8,7 @@ pub mod hand;
 pub mod impedance;
 pub mod mouse;
 pub mod palpation;
+mod pending;
 pub mod polhem;
 pub mod profile;
 pub mod replay;
