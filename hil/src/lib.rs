@@ -23,6 +23,7 @@ pub mod faulty;
 pub mod mechanism;
 pub mod polhem;
 pub mod transport;
+pub mod usbredir;
 
 pub use falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, MemoryFtdi};
 pub use fault::{FaultCounts, Faults};
