@@ -17,6 +17,7 @@
 //! expects its chip; the drivers themselves appear in the tests only.
 #![forbid(unsafe_code)]
 
+pub mod bench;
 pub mod falcon;
 pub mod fault;
 pub mod faulty;
