@@ -6,11 +6,11 @@ use crate::waiting::{Tally, Waiting};
 use core::fmt;
 use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
 use palpate_hil::bench::{Order, Report, Strike};
+use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
 use palpate_host::device::workspace::Workspace;
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::device::DeviceState;
-use palpate_host::{DeviceError, DeviceErrorKind};
+use palpate_host::{Device, DeviceError, DeviceErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -32,6 +32,12 @@ const PATIENT: Duration = Duration::from_secs(2);
 const IMPATIENT: Duration = Duration::from_millis(20);
 /// Ticks from a loss to zero: the age that is a fault, and one tick each to see it and to say it.
 const ZERO_TICKS: u64 = 13;
+/// Ticks in which a fault shows what comes of it: it strikes within 60 requests.
+const STRUCK_TICKS: u64 = 400;
+/// Ticks after a latched fault, for the force to be gone at the grip too.
+const AFTER_TICKS: u64 = 10;
+/// How long the hand homes.
+const HOMING: Duration = Duration::from_millis(1_500);
 /// Surface of the organ, and axis into it, in the device's frame.
 const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
 
@@ -56,6 +62,9 @@ impl fmt::Display for End {
     }
 }
 
+/// The driver as the loop has it.
+type Opened = Waiting<Falcon<UsbFtdi>>;
+
 /// What a run has shown.
 #[derive(Debug, Clone)]
 pub(crate) struct Run {
@@ -77,6 +86,23 @@ pub(crate) struct Run {
 }
 
 impl Run {
+    const NOTHING: Self = Self {
+        fault: None,
+        end: End::Active,
+        exchanges: 0,
+        lost: 0,
+        mean_us: 0,
+        longest_us: 0,
+        struck: 0,
+        touch_n: 0.0,
+        largest_n: 0.0,
+        unhomed_n: 0.0,
+        zero_ticks: 0,
+        zero_ms: None,
+        again_n: 0.0,
+        ready: Duration::ZERO,
+    };
+
     /// Exchanges a second.
     pub(crate) fn rate_hz(&self) -> f64 {
         1e6 / self.mean_us.max(1) as f64
@@ -107,15 +133,15 @@ fn check(is: bool, what: impl FnOnce() -> String) -> Outcome<()> {
 }
 
 /// The loop on its virtual clock.
-struct Session<'l, 'o> {
-    haptic: HapticLoop<'l, 'o, 'o, Waiting<Falcon<UsbFtdi>>, &'l VirtualClock, 256>,
+struct Session<'l, 'o, D: Device> {
+    haptic: HapticLoop<'l, 'o, 'o, D, &'l VirtualClock, 256>,
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
     index: u64,
     before_n: [f32; 3],
 }
 
-impl Session<'_, '_> {
+impl<D: Device> Session<'_, '_, D> {
     fn step(&mut self) -> Result<TickRecord, DeviceError> {
         self.index += 1;
         let deadline_ns = self.index * 1_000_000;
@@ -197,7 +223,7 @@ impl<'o> Bench<'o> {
         }
     }
 
-    fn home(&self, falcon: &mut Falcon<UsbFtdi>) -> Outcome<()> {
+    fn home(&mut self, falcon: &mut Falcon<UsbFtdi>) -> Outcome<()> {
         let stop = Arc::new(AtomicBool::new(false));
         let alarm = Arc::clone(&stop);
         std::thread::spawn(move || {
@@ -205,18 +231,24 @@ impl<'o> Bench<'o> {
             alarm.store(true, Ordering::Relaxed);
         });
         match falcon.home(&stop) {
-            Ok(true) => Ok(()),
+            Ok(true) => {
+                let homed = self.line.report()?.homed;
+                check(homed, || "the driver says homed, the device does not".into())?;
+                // To the end of what the hand does when it homes.
+                std::thread::sleep(HOMING);
+                Ok(())
+            }
             Ok(false) => Err("it was not homed in time".into()),
             Err(error) => Err(format!("lost while it was homed: {error}")),
         }
     }
 
-    fn session<'l>(
+    fn session<'l, D: Device>(
         &self,
-        device: Waiting<Falcon<UsbFtdi>>,
+        device: D,
         clock: &'l VirtualClock,
         controls: &'l Controls,
-    ) -> Session<'l, 'o> {
+    ) -> Session<'l, 'o, D> {
         let limits = LimitConfig { max_force_n: MAX_FORCE_N, ..LimitConfig::default() };
         let config = Config { limits, ..Config::new(Method::Hybrid) };
         let controller = Controller::new(self.organ, config).expect("the golden blob has the method");
@@ -249,7 +281,7 @@ impl<'o> Bench<'o> {
     }
 
     /// Armed above the organ; the hand presses until both feel it.
-    fn touch(&mut self, session: &mut Session<'_, '_>, controls: &Controls) -> Outcome<f32> {
+    fn touch<D: Device>(&mut self, session: &mut Session<'_, '_, D>, controls: &Controls) -> Outcome<f32> {
         controls.reset();
         controls.arm();
         let armed = session.ticks(2)?;
@@ -269,98 +301,225 @@ impl<'o> Bench<'o> {
         Err("nothing was felt where the organ is".into())
     }
 
+    /// The whole of a run.
     pub(crate) fn run(&mut self, seed: u64, exchanges: u64) -> Outcome<Run> {
         let fault = Strike::of(seed);
         self.say(format_args!("seed {seed}, fault {}", fault.map_or("none", Strike::name)));
         self.order(Order::Plug { seed })?;
         let plugged = Instant::now();
-        let mut falcon = self.open()?;
-        let ready = plugged.elapsed();
+        let falcon = self.open()?;
+        let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
         let loads = self.line.report()?.loads;
         let expected = if fault == Some(Strike::WrongEcho) { 2 } else { 1 };
         check(loads == expected, || format!("{loads} loads of firmware, not {expected}"))?;
-        self.say(format_args!("open after {} ms, firmware loaded in {loads}", ready.as_millis()));
+        self.say(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
 
         let tally = Arc::new(Tally::default());
-        falcon = self.not_before_homing(falcon)?;
-        self.home(&mut falcon)?;
-        check(self.line.report()?.homed, || "the driver says homed, the device does not".into())?;
-        self.say("homed");
-
         let patience = if fault.is_some() { IMPATIENT } else { PATIENT };
-        let device = Waiting { device: falcon, patience, tally: Arc::clone(&tally) };
+        let mut device = Waiting { device: falcon, patience, tally: Arc::clone(&tally) };
+        self.not_before_homing(&mut device)?;
+        self.home(&mut device.device)?;
+        self.say("homed");
         let (clock, controls) = (VirtualClock::default(), Controls::default());
         let mut session = self.session(device, &clock, &controls);
         session.ticks(50)?;
         self.nothing("before it was armed")?;
-        let touch_n = self.touch(&mut session, &controls)?;
-        self.say(format_args!("armed and in touch, {touch_n:.2} N"));
+        run.touch_n = self.touch(&mut session, &controls)?;
+        self.say(format_args!("armed and in touch, {:.2} N", run.touch_n));
 
-        let Some(fault) = fault else {
-            self.long(&mut session, &tally, exchanges)?;
-            return self.finish(
-                session,
-                &controls,
-                Run {
-                    fault: None,
-                    end: End::Active,
-                    exchanges: tally.answered.load(Ordering::Relaxed),
-                    lost: tally.lost.load(Ordering::Relaxed),
-                    mean_us: 0,
-                    longest_us: 0,
-                    struck: 0,
-                    touch_n,
-                    largest_n: 0.0,
-                    unhomed_n: 0.0,
-                    zero_ticks: 0,
-                    zero_ms: None,
-                    again_n: 0.0,
-                    ready,
-                },
-                &tally,
-            );
-        };
-        todo!("{fault:?}")
+        match fault {
+            None => {
+                self.long(&mut session, &tally, exchanges)?;
+                let lost = tally.lost.load(Ordering::Relaxed);
+                check(lost == 0, || format!("{lost} exchanges lost"))?;
+                self.done(session, &controls, &mut run)?;
+            }
+            Some(fault) => self.struck(session, &controls, fault, &mut run, &tally)?,
+        }
+        run.exchanges = tally.answered.load(Ordering::Relaxed);
+        run.lost = tally.lost.load(Ordering::Relaxed);
+        run.mean_us = tally.spent_us.load(Ordering::Relaxed) / run.exchanges.max(1);
+        run.longest_us = tally.longest_us.load(Ordering::Relaxed);
+        Ok(run)
     }
 
-    /// Arming does nothing before the device is homed.
-    fn not_before_homing(&mut self, falcon: Falcon<UsbFtdi>) -> Outcome<Falcon<UsbFtdi>> {
-        Ok(falcon)
+    /// Neither arming nor anything else gives a force before the device is homed.
+    fn not_before_homing(&mut self, device: &mut Opened) -> Outcome<()> {
+        let (clock, controls) = (VirtualClock::default(), Controls::default());
+        let mut session = self.session(device, &clock, &controls);
+        for _ in 0..20 {
+            controls.arm();
+            let record = session.tick()?;
+            check(record.device != DeviceState::Homed, || "it says homed before it is".into())?;
+            check(record.phase == Phase::Disarmed, || "it arms before it is homed".into())?;
+        }
+        drop(session);
+        self.nothing("before it was homed")
     }
 
-    fn long(&mut self, session: &mut Session<'_, '_>, tally: &Tally, exchanges: u64) -> Outcome<()> {
+    /// In and out of the organ, until so many exchanges are done.
+    fn long(&mut self, session: &mut Session<'_, '_, Opened>, tally: &Tally, exchanges: u64) -> Outcome<()> {
         let mut next = Order::Lift;
         while tally.answered.load(Ordering::Relaxed) < exchanges {
             self.order(next)?;
             next = if next == Order::Lift { Order::Press } else { Order::Lift };
             session.ticks(1_000)?;
+            self.safe()?;
         }
         Ok(())
     }
 
-    fn finish(
+    /// Disarmed, and then closed: no force after either.
+    fn done<D: Device>(
         &mut self,
-        mut session: Session<'_, '_>,
+        mut session: Session<'_, '_, D>,
         controls: &Controls,
-        run: Run,
-        tally: &Tally,
-    ) -> Outcome<Run> {
+        run: &mut Run,
+    ) -> Outcome<()> {
         controls.disarm();
         session.ticks(5)?;
-        let report = self.off("after it was disarmed")?;
+        self.off("after it was disarmed")?;
+        // Once more with a force, so that the end has something to take away.
+        self.order(Order::Lift)?;
+        session.ticks(600)?;
+        self.touch(&mut session, controls)?;
         drop(session);
-        self.off("after the end")?;
-        let answered = tally.answered.load(Ordering::Relaxed);
-        let run = Run {
-            exchanges: answered,
-            lost: tally.lost.load(Ordering::Relaxed),
-            mean_us: tally.spent_us.load(Ordering::Relaxed) / answered.max(1),
-            longest_us: tally.longest_us.load(Ordering::Relaxed),
-            largest_n: report.largest_n,
-            unhomed_n: report.unhomed_n,
-            ..run
+        let report = self.off("after the end")?;
+        run.largest_n = run.largest_n.max(report.largest_n);
+        run.unhomed_n = run.unhomed_n.max(report.unhomed_n);
+        self.say("disarmed, closed: no force");
+        Ok(())
+    }
+
+    /// The fault, what came of it, and that nothing goes on by itself.
+    fn struck(
+        &mut self,
+        mut session: Session<'_, '_, Opened>,
+        controls: &Controls,
+        fault: Strike,
+        run: &mut Run,
+        tally: &Arc<Tally>,
+    ) -> Outcome<()> {
+        self.order(Order::Strike)?;
+        let mut since = None;
+        run.end = End::Active;
+        for tick in 0..STRUCK_TICKS {
+            match session.step() {
+                Err(error) => {
+                    run.end = End::Lost(error.kind());
+                    break;
+                }
+                Ok(record) => {
+                    session.judge(&record)?;
+                    // Ticks without a sample until the force is gone.
+                    since = if record.sample.is_some() { None } else { since.or(Some(tick)) };
+                    let age = since.map_or(0, |since| tick - since);
+                    if record.hand_force_n != vec3::ZERO {
+                        run.zero_ticks = run.zero_ticks.max(age);
+                    }
+                    if let Phase::SafeZero(fault) = record.phase {
+                        run.end = End::Latched(fault);
+                        session.ticks(AFTER_TICKS)?;
+                        break;
+                    }
+                }
+            }
+        }
+        check(run.zero_ticks <= ZERO_TICKS, || {
+            format!("a force {} ticks after the last sample", run.zero_ticks)
+        })?;
+        check(as_expected(fault, run.end), || format!("{} ended in {}", fault.name(), run.end))?;
+        self.say(format_args!("{}: {}", fault.name(), run.end));
+        let lost = matches!(run.end, End::Lost(_));
+        // Whoever loses a device lets go of it: that sends zero if there is still a way.
+        let session = if lost { None } else { Some(session) };
+        let mut report = self.safe()?;
+        run.struck = report.struck;
+        run.largest_n = report.largest_n;
+        check(fault == Strike::WrongEcho || report.struck > 0, || "the fault did not strike".into())?;
+        let is_pulled = matches!(fault, Strike::UnplugCable);
+        if lost && !is_pulled {
+            report = self.off("after the device was lost")?;
+        } else if matches!(run.end, End::Latched(_)) && fault != Strike::Silence {
+            report = self.off("after a fault was latched")?;
+        }
+        self.order(Order::Calm)?;
+
+        // The device is up again where it was lost, and the hand still presses: nothing may come of it.
+        let (clock, fresh) = (VirtualClock::default(), Controls::default());
+        let (mut session, controls) = match session {
+            Some(session) => (session, controls),
+            None => {
+                let device = Waiting { device: self.open()?, patience: IMPATIENT, tally: Arc::clone(tally) };
+                (self.session(device, &clock, &fresh), &fresh)
+            }
         };
-        check(run.fault.is_some() || run.lost == 0, || format!("{} exchanges lost", run.lost))?;
-        Ok(run)
+        if fault == Strike::Silence || is_pulled {
+            // Without a watchdog in the device it is the first request that gets through which takes the force away.
+            session.ticks(20)?;
+            report = self.off("after the link was there again")?;
+        }
+        run.zero_ms = report.zero_ms;
+        if run.end != End::Active {
+            self.nothing_by_itself(&mut session, controls, fault)?;
+        }
+        self.order(Order::Lift)?;
+        session.ticks(600)?;
+        run.again_n = self.touch(&mut session, controls)?;
+        self.done(session, controls, run)
+    }
+
+    /// The force is gone, and neither time nor half of what is asked for brings it back.
+    fn nothing_by_itself(
+        &mut self,
+        session: &mut Session<'_, '_, Opened>,
+        controls: &Controls,
+        fault: Strike,
+    ) -> Outcome<()> {
+        self.order(Order::Forget)?;
+        session.ticks(150)?;
+        self.nothing("though nobody has armed it")?;
+        let record = session.tick()?;
+        if let Phase::SafeZero(_) = record.phase {
+            controls.arm();
+            session.ticks(20)?;
+            self.nothing("though the fault was latched")?;
+        }
+        if matches!(fault, Strike::Homing | Strike::UnplugPower) {
+            check(record.device == DeviceState::Unhomed, || format!("{:?}, not unhomed", record.device))?;
+            controls.reset();
+            session.ticks(2)?;
+            controls.arm();
+            let armed = session.ticks(20)?;
+            let is_disarmed = armed.iter().all(|record| record.phase == Phase::Disarmed);
+            check(is_disarmed, || "it arms though it is not homed any more".into())?;
+            self.nothing("though it is not homed any more")?;
+            self.order(Order::Home)?;
+            let until = Instant::now() + PATIENCE;
+            while session.tick()?.device != DeviceState::Homed {
+                check(Instant::now() < until, || "it was not homed again in time".into())?;
+            }
+            session.ticks(20)?;
+            self.nothing("though nobody has armed it since it was homed again")?;
+            self.say("homed again");
+            // To the end of what the hand does when it homes.
+            std::thread::sleep(HOMING);
+            session.ticks(20)?;
+        }
+        Ok(())
+    }
+}
+
+/// What a fault may end in.
+fn as_expected(fault: Strike, end: End) -> bool {
+    match fault {
+        Strike::WrongEcho | Strike::DropRequest | Strike::DropReply => end == End::Active,
+        Strike::UnplugCable | Strike::UnplugPower | Strike::StallIn | Strike::StallOut => {
+            end == End::Lost(DeviceErrorKind::Disconnected)
+        }
+        Strike::Silence => end == End::Latched(Fault::Stale),
+        Strike::Homing => end == End::Latched(Fault::NotReady),
+        // Whether too much is lost in a row depends on the time.
+        Strike::Babble | Strike::Noise => matches!(end, End::Active | End::Latched(Fault::Stale)),
     }
 }
