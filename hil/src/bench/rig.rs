@@ -27,7 +27,7 @@ const WRONG_AT: usize = 300;
 const ABOVE_M: f32 = 0.120;
 const BELOW_M: f32 = 0.103;
 /// Between the two, us.
-const STROKE_US: u64 = 600_000;
+const STROKE_US: u64 = 400_000;
 const VENDOR_OUT: u8 = 0x40;
 
 /// A device, a hand and a fault.

@@ -4,7 +4,7 @@ use palpate_core::{Sample, Vec3};
 use palpate_host::device::{DeviceState, EmergencyStop};
 use palpate_host::{Device, DeviceError, DeviceInfo};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// For a device without a sample to give: it is not homed.
@@ -23,6 +23,8 @@ pub(crate) struct Tally {
     pub spent_us: AtomicU64,
     /// The longest of them, us.
     pub longest_us: AtomicU64,
+    /// The device was last said to be disconnected.
+    pub gone: AtomicBool,
 }
 
 /// The device, and how long its reply is waited for.
@@ -42,6 +44,7 @@ impl<D: Device> Device for Waiting<D> {
             let patience = if is_homed { self.patience } else { UNHOMED };
             let elapsed = begun.elapsed();
             let tally = &self.tally;
+            tally.gone.store(self.device.state() == DeviceState::Disconnected, Ordering::Relaxed);
             match result {
                 Ok(None) if elapsed < patience => std::thread::sleep(PAUSE),
                 Ok(Some(_)) => {
