@@ -7,7 +7,7 @@
 //! In: bytes of the peer. Out: bytes for it. No socket and no clock in here: a transfer that waits is looked at again by [`Session::poll`].
 //!
 //! Invariants: each transfer is answered once, with its id; a transfer in is answered when a short packet ends it, when it is full, or when it
-//! is cancelled; what a cancelled one had gathered the next one gets; a device that was taken away has nothing waiting.
+//! is cancelled; what a cancelled one had the next one gets; a device that was taken away has nothing waiting.
 
 pub mod packet;
 
@@ -73,6 +73,10 @@ pub struct Session {
     ins: VecDeque<Waiting>,
     /// What the first of the transfers in has so far.
     gathered: Vec<u8>,
+    /// The last transfer in that was answered, with what it brought.
+    last_in: Option<(u64, Vec<u8>)>,
+    /// What it brought, if the peer had cancelled it before that arrived.
+    returned: Vec<u8>,
     output: Vec<u8>,
     traffic: Traffic,
 }
@@ -95,6 +99,8 @@ impl Session {
             outs: VecDeque::new(),
             ins: VecDeque::new(),
             gathered: Vec::new(),
+            last_in: None,
+            returned: Vec::new(),
             output: packet::hello(),
             traffic: Traffic::default(),
         }
@@ -161,13 +167,15 @@ impl Session {
         self.outs.clear();
         self.ins.clear();
         self.gathered.clear();
+        self.returned.clear();
+        self.last_in = None;
         self.configuration = 0;
     }
 
     /// Takes bytes of the peer, and does what they ask for.
     pub fn receive(&mut self, bytes: &[u8], device: &mut impl UsbDevice) -> Result<(), ProtocolError> {
         self.reader.push(bytes);
-        while let Some((id, message)) = self.reader.next()? {
+        while let Some((id, message)) = self.reader.next_message()? {
             if let Message::Hello { .. } = message {
                 self.greeted = true;
             } else if self.connected {
@@ -249,9 +257,13 @@ impl Session {
             let at = queue.iter().position(|waiting| waiting.id == id)?;
             queue.remove(at)
         });
-        // One that has ended already was answered.
         if let Some(waiting) = found {
             self.cancelled(&waiting);
+        } else if let Some((_, data)) = self.last_in.take_if(|(last, _)| *last == id) {
+            // The answer and the cancellation have met on their ways: the peer throws the answer away, where a bus would not have carried
+            // it. The next transfer gets it.
+            self.traffic.cancelled += 1;
+            self.returned.extend(data);
         }
     }
 
@@ -283,6 +295,12 @@ impl Session {
                 Err(Stall) => self.end(&waiting, Status::Stall, 0, &[]),
             }
         }
+        while !self.returned.is_empty()
+            && let Some(waiting) = self.ins.pop_front()
+        {
+            let data: Vec<u8> = self.returned.drain(..waiting.bulk.len.min(self.returned.len())).collect();
+            self.brought(&waiting, Status::Success, data);
+        }
         while let Some(waiting) = self.ins.front() {
             // Whole packets only, as on a wire.
             let room = waiting.bulk.len.saturating_sub(self.gathered.len()) / PACKET_LEN * PACKET_LEN;
@@ -301,9 +319,14 @@ impl Session {
             }
             let Some(waiting) = self.ins.pop_front() else { break };
             let data: Vec<u8> = self.gathered.drain(..waiting.bulk.len.min(self.gathered.len())).collect();
-            self.traffic.bulk_in += 1;
-            self.end(&waiting, status, data.len(), &data);
+            self.brought(&waiting, status, data);
         }
+    }
+
+    fn brought(&mut self, waiting: &Waiting, status: Status, data: Vec<u8>) {
+        self.traffic.bulk_in += 1;
+        self.end(waiting, status, data.len(), &data);
+        self.last_in = Some((waiting.id, data));
     }
 }
 

@@ -149,7 +149,7 @@ impl Reader {
     }
 
     /// The next whole packet, with its id.
-    pub fn next(&mut self) -> Result<Option<(u64, Message)>, ProtocolError> {
+    pub fn next_message(&mut self) -> Result<Option<(u64, Message)>, ProtocolError> {
         let header_len = if self.greeted { HEADER_LEN } else { HELLO_HEADER_LEN };
         let mut fields = Fields(&self.bytes);
         let (Some(kind), Some(len)) = (fields.u32(), fields.u32()) else { return Ok(None) };
@@ -290,7 +290,7 @@ mod tests {
         // Byte by byte, as a stream may come.
         for byte in bytes {
             reader.push(&[*byte]);
-            while let Some(message) = reader.next()? {
+            while let Some(message) = reader.next_message()? {
                 messages.push(message);
             }
         }
