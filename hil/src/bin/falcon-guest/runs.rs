@@ -30,8 +30,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// For a reply where none is to be lost, and where some are.
 const PATIENT: Duration = Duration::from_secs(2);
 const IMPATIENT: Duration = Duration::from_millis(20);
-/// Ticks from a loss to zero: the age that is a fault, and one tick each to see it and to say it.
-const ZERO_TICKS: u64 = 13;
+/// Ticks with a force after the last sample: the controller holds it for three.
+const ZERO_TICKS: u64 = 3;
 /// Ticks in which a fault shows what comes of it: it strikes within 60 requests.
 const STRUCK_TICKS: u64 = 400;
 /// Ticks after a latched fault, for the force to be gone at the grip too.
@@ -338,7 +338,9 @@ impl<'o> Bench<'o> {
         self.say("homed");
         let (clock, controls) = (VirtualClock::default(), Controls::default());
         let mut session = self.session(device, &clock, &controls);
-        session.ticks(50)?;
+        let records = session.ticks(50)?;
+        let is_disarmed = records.iter().all(|record| record.phase == Phase::Disarmed);
+        check(is_disarmed, || "it has armed itself".into())?;
         self.nothing("before it was armed")?;
         run.touch_n = self.touch(&mut session, &controls)?;
         self.say(format_args!("armed and in touch, {:.2} N", run.touch_n));
@@ -503,7 +505,13 @@ impl<'o> Bench<'o> {
     ) -> Outcome<()> {
         self.order(Order::Forget)?;
         self.unhomed_passes = false;
-        session.ticks(150)?;
+        // Out and in again: a controller that had armed itself would feel the surface on the way.
+        for stroke in [Order::Lift, Order::Press] {
+            self.order(stroke)?;
+            let records = session.ticks(LIFT_TICKS)?;
+            let is_active = records.iter().any(|record| record.phase == Phase::Active);
+            check(!is_active, || "it has armed itself".into())?;
+        }
         self.nothing("though nobody has armed it")?;
         let record = session.tick()?;
         if let Phase::SafeZero(_) = record.phase {
