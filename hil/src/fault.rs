@@ -1,10 +1,11 @@
-//! A transport that loses, cuts, damages and delays frames, from a seed.
+//! What may go wrong on a link, drawn from a seed: the vocabulary that all emulated devices share.
+//!
+//! A [`Lane`] is one direction. Frames go in, and what is left of them comes out when it is due. What strikes a frame depends on the seed and
+//! the frame's number alone, so that switching one fault on leaves the others where they were.
 
-use crate::transport::Transport;
 use std::collections::VecDeque;
-use std::io;
 
-/// How often each fault strikes a frame, 0 to 1, in either direction.
+/// How often each fault strikes a frame, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// The frame is lost.
@@ -13,10 +14,42 @@ pub struct Faults {
     pub truncate: f32,
     /// One byte has one bit flipped.
     pub corrupt: f32,
-    /// The frame comes late. Only frames to the driver: late requests are the driver's own affair.
+    /// The frame comes late. Frames stay in order.
     pub delay: f32,
-    /// By how much, us. Frames stay in order.
+    /// By how much, us.
     pub delay_us: u64,
+    /// The frame comes twice.
+    pub duplicate: f32,
+    /// The next frame overtakes it; without one within 5 ms it comes all the same.
+    pub reorder: f32,
+    /// Nothing comes for a while, this frame included, then all of it at once.
+    pub stall: f32,
+    /// For how long, us.
+    pub stall_us: u64,
+    /// The link is cut; this frame and all until it is mended are lost.
+    pub unplug: f32,
+    /// For how long, us.
+    pub unplug_us: u64,
+    /// Up to 24 bytes that nobody asked for come before the frame.
+    pub babble: f32,
+}
+
+impl Faults {
+    /// Nothing goes wrong.
+    pub const NONE: Self = Self {
+        drop: 0.0,
+        truncate: 0.0,
+        corrupt: 0.0,
+        delay: 0.0,
+        delay_us: 0,
+        duplicate: 0.0,
+        reorder: 0.0,
+        stall: 0.0,
+        stall_us: 0,
+        unplug: 0.0,
+        unplug_us: 0,
+        babble: 0.0,
+    };
 }
 
 /// What was done so far.
@@ -30,31 +63,96 @@ pub struct FaultCounts {
     pub corrupted: u64,
     /// Frames delayed.
     pub delayed: u64,
+    /// Frames doubled.
+    pub duplicated: u64,
+    /// Frames held back for another to overtake.
+    pub reordered: u64,
+    /// Times that nothing came.
+    pub stalled: u64,
+    /// Times that the link was cut.
+    pub unplugged: u64,
+    /// Times that bytes came unasked.
+    pub babbled: u64,
 }
 
-/// The transport with its faults.
-#[derive(Debug)]
-pub struct Faulty<T> {
-    inner: T,
+impl core::ops::Add for FaultCounts {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            dropped: self.dropped + other.dropped,
+            truncated: self.truncated + other.truncated,
+            corrupted: self.corrupted + other.corrupted,
+            delayed: self.delayed + other.delayed,
+            duplicated: self.duplicated + other.duplicated,
+            reordered: self.reordered + other.reordered,
+            stalled: self.stalled + other.stalled,
+            unplugged: self.unplugged + other.unplugged,
+            babbled: self.babbled + other.babbled,
+        }
+    }
+}
+
+/// What is drawn for a frame, each from a place of its own in the sequence.
+#[derive(Debug, Clone, Copy)]
+enum Draw {
+    Drop,
+    Truncate,
+    Corrupt,
+    Place,
+    Bit,
+    Delay,
+    Duplicate,
+    Reorder,
+    Stall,
+    Unplug,
+    Babble,
+    BabbleLen,
+}
+
+/// Places in the sequence that a frame has.
+const DRAWS: u64 = 16;
+/// Longest babble.
+const MOST_BABBLE: u64 = 24;
+/// How long a frame waits to be overtaken, us.
+const OVERTAKE_US: u64 = 5_000;
+
+/// Number `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014).
+const fn split_mix(seed: u64, index: u64) -> u64 {
+    let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// One direction of a link with its faults.
+#[derive(Debug, Clone)]
+pub struct Lane {
+    seed: u64,
     faults: Faults,
-    random: u64,
     counts: FaultCounts,
+    frames: u64,
     /// Frames on their way: (due time, bytes).
     late: VecDeque<(u64, Vec<u8>)>,
-    /// Bytes handed to the transport inside.
-    delivered: u64,
+    /// A frame that waits to be overtaken, and until when.
+    overtaken: Option<(u64, Vec<u8>)>,
+    stalled_until_us: u64,
+    cut_until_us: u64,
 }
 
-impl<T: Transport> Faulty<T> {
-    /// Wraps a transport.
-    pub fn new(inner: T, faults: Faults, seed: u64) -> Self {
+impl Lane {
+    /// A lane without faults.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
         Self {
-            inner,
-            faults,
-            random: seed,
+            seed,
+            faults: Faults::NONE,
             counts: FaultCounts::default(),
+            frames: 0,
             late: VecDeque::new(),
-            delivered: 0,
+            overtaken: None,
+            stalled_until_us: 0,
+            cut_until_us: 0,
         }
     }
 
@@ -69,155 +167,252 @@ impl<T: Transport> Faulty<T> {
         self.counts
     }
 
-    /// Bytes that went on to the driver so far, late ones when they were due.
+    /// When the link is mended, if it is cut.
     #[must_use]
-    pub const fn delivered(&self) -> u64 {
-        self.delivered
+    pub fn cut_until_us(&self, now_us: u64) -> Option<u64> {
+        (now_us < self.cut_until_us).then_some(self.cut_until_us)
     }
 
-    /// The transport inside.
-    pub const fn inner_mut(&mut self) -> &mut T {
-        &mut self.inner
+    fn draw(&self, what: Draw) -> u64 {
+        split_mix(self.seed, self.frames * DRAWS + what as u64)
     }
 
-    /// SplitMix64 (Steele, Lea and Flood 2014).
-    fn next(&mut self) -> u64 {
-        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn strikes(&mut self, rate: f32) -> bool {
-        // Drawn whether the rate is zero or not, so that the other faults stay where they are when one is switched on.
-        let drawn = (self.next() >> 40) as f32 / (1_u64 << 24) as f32;
+    fn strikes(&self, what: Draw, rate: f32) -> bool {
+        let drawn = (self.draw(what) >> 40) as f32 / (1_u64 << 24) as f32;
         drawn < rate
     }
 
-    /// Damages a frame in place; true if it is lost altogether.
-    fn spoil(&mut self, frame: &mut Vec<u8>) -> bool {
-        let Faults { drop, truncate, corrupt, .. } = self.faults;
-        let (dropped, truncated, corrupted) =
-            (self.strikes(drop), self.strikes(truncate), self.strikes(corrupt));
-        let (place, bit) = (self.next() as usize % frame.len().max(1), self.next() % 8);
-        self.counts.dropped += u64::from(dropped);
-        if !dropped && corrupted {
+    /// A frame goes in.
+    pub fn put(&mut self, now_us: u64, frame: &[u8]) {
+        self.frames += 1;
+        let faults = self.faults;
+        if self.strikes(Draw::Unplug, faults.unplug) && now_us >= self.cut_until_us {
+            self.counts.unplugged += 1;
+            self.cut_until_us = now_us.saturating_add(faults.unplug_us);
+            // What was on its way is lost with it.
+            self.late.clear();
+            self.overtaken = None;
+        }
+        if now_us < self.cut_until_us {
+            return;
+        }
+        if self.strikes(Draw::Stall, faults.stall) && now_us >= self.stalled_until_us {
+            self.counts.stalled += 1;
+            self.stalled_until_us = now_us.saturating_add(faults.stall_us);
+        }
+        if self.strikes(Draw::Babble, faults.babble) {
+            self.counts.babbled += 1;
+            self.queue(now_us, self.babble());
+        }
+        if self.strikes(Draw::Drop, faults.drop) {
+            self.counts.dropped += 1;
+            return;
+        }
+        let frame = self.spoiled(frame);
+        let late = self.strikes(Draw::Delay, faults.delay);
+        self.counts.delayed += u64::from(late);
+        let due_us = if late { now_us.saturating_add(faults.delay_us) } else { now_us };
+        if self.overtaken.is_none() && self.strikes(Draw::Reorder, faults.reorder) {
+            self.counts.reordered += 1;
+            self.overtaken = Some((due_us.saturating_add(OVERTAKE_US), frame));
+            return;
+        }
+        if self.strikes(Draw::Duplicate, faults.duplicate) {
+            self.counts.duplicated += 1;
+            self.queue(due_us, frame.clone());
+        }
+        self.queue(due_us, frame);
+        if let Some((_, overtaken)) = self.overtaken.take() {
+            self.queue(due_us, overtaken);
+        }
+    }
+
+    /// Bytes of any value: other draws of the same sequence, from a seed of their own.
+    fn babble(&self) -> Vec<u8> {
+        let len = 1 + self.draw(Draw::BabbleLen) % MOST_BABBLE;
+        let seed = self.draw(Draw::Babble);
+        (0..len).map(|i| split_mix(seed, i) as u8).collect()
+    }
+
+    fn spoiled(&mut self, frame: &[u8]) -> Vec<u8> {
+        let mut frame = frame.to_vec();
+        let place = self.draw(Draw::Place) as usize % frame.len().max(1);
+        if self.strikes(Draw::Corrupt, self.faults.corrupt) {
             self.counts.corrupted += 1;
+            let bit = self.draw(Draw::Bit) % 8;
             if let Some(byte) = frame.get_mut(place) {
                 *byte ^= 1 << bit;
             }
         }
-        if !dropped && truncated {
+        if self.strikes(Draw::Truncate, self.faults.truncate) {
             self.counts.truncated += 1;
             frame.truncate(place);
         }
-        dropped
+        frame
     }
 
-    fn deliver(&mut self, now_us: u64) -> io::Result<()> {
-        while self.late.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
-            if let Some((_, frame)) = self.late.pop_front() {
-                self.hand_on(now_us, &frame)?;
-            }
-        }
-        Ok(())
+    /// Not before the frame ahead of it.
+    fn queue(&mut self, due_us: u64, frame: Vec<u8>) {
+        let due_us = self.late.back().map_or(due_us, |(ahead_us, _)| due_us.max(*ahead_us));
+        self.late.push_back((due_us, frame));
     }
 
-    fn hand_on(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()> {
-        self.delivered += frame.len() as u64;
-        self.inner.send(now_us, frame)
-    }
-}
-
-impl<T: Transport> Transport for Faulty<T> {
-    fn receive(&mut self, now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        self.deliver(now_us)?;
-        let count = self.inner.receive(now_us, buffer)?;
-        if count == 0 {
-            return Ok(0);
+    /// The next frame that comes out by now.
+    pub fn take(&mut self, now_us: u64) -> Option<Vec<u8>> {
+        if now_us < self.stalled_until_us || now_us < self.cut_until_us {
+            return None;
         }
-        let mut frame = buffer[..count].to_vec();
-        if self.spoil(&mut frame) {
-            return Ok(0);
+        if self.overtaken.as_ref().is_some_and(|(until_us, _)| *until_us <= now_us)
+            && let Some((_, frame)) = self.overtaken.take()
+        {
+            self.queue(now_us, frame);
         }
-        buffer[..frame.len()].copy_from_slice(&frame);
-        Ok(frame.len())
+        if self.late.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
+            return self.late.pop_front().map(|(_, frame)| frame);
+        }
+        None
     }
 
-    fn send(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()> {
-        self.deliver(now_us)?;
-        let mut frame = frame.to_vec();
-        let lost = self.spoil(&mut frame);
-        let late = self.strikes(self.faults.delay);
-        if lost {
-            return Ok(());
-        }
-        if late || !self.late.is_empty() {
-            self.counts.delayed += 1;
-            // Not before the frame ahead of it.
-            let due_us = now_us + if late { self.faults.delay_us } else { 0 };
-            let due_us = self.late.back().map_or(due_us, |(ahead_us, _)| due_us.max(*ahead_us));
-            self.late.push_back((due_us, frame));
-            return Ok(());
-        }
-        self.hand_on(now_us, &frame)
+    /// Throws away what is on its way.
+    pub fn purge(&mut self) {
+        self.late.clear();
+        self.overtaken = None;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transport::MemoryTransport;
 
-    fn through(faults: Faults, seed: u64) -> (Vec<u8>, FaultCounts) {
-        let (device, mut driver) = MemoryTransport::pair();
-        let mut faulty = Faulty::new(device, faults, seed);
-        let (mut got, mut buffer) = (Vec::new(), [0; 256]);
+    /// Frames of 16 equal bytes, one a millisecond; what came out and when.
+    fn through(faults: Faults, seed: u64) -> (Vec<(u64, Vec<u8>)>, FaultCounts) {
+        let mut lane = Lane::new(seed);
+        lane.set_faults(faults);
+        let mut got = Vec::new();
         for i in 0..2_000_u64 {
-            faulty.send(i * 1_000, &[b'a' + (i % 26) as u8; 16]).expect("memory");
-            let count = driver.receive(0, &mut buffer).expect("memory");
-            got.extend_from_slice(&buffer[..count]);
+            lane.put(i * 1_000, &[(i % 251) as u8; 16]);
+            while let Some(frame) = lane.take(i * 1_000) {
+                got.push((i * 1_000, frame));
+            }
         }
-        (got, faulty.counts())
+        while let Some(frame) = lane.take(u64::MAX) {
+            got.push((u64::MAX, frame));
+        }
+        (got, lane.counts())
+    }
+
+    fn numbers(got: &[(u64, Vec<u8>)]) -> Vec<u8> {
+        got.iter().map(|(_, frame)| frame[0]).collect()
     }
 
     #[test]
-    fn without_faults_everything_passes() {
+    fn without_faults_everything_passes_at_once() {
         let (got, counts) = through(Faults::default(), 7);
-        assert_eq!((got.len(), counts), (32_000, FaultCounts::default()));
+        assert_eq!((got.len(), counts), (2_000, FaultCounts::default()));
+        assert!(
+            got.iter().enumerate().all(|(i, (t_us, frame))| *t_us == i as u64 * 1_000 && frame.len() == 16)
+        );
     }
 
     #[test]
     fn each_fault_strikes_as_often_as_asked_and_repeats_with_its_seed() {
-        let faults = Faults { drop: 0.1, truncate: 0.05, corrupt: 0.2, delay: 0.02, delay_us: 5_000 };
+        let faults = Faults {
+            drop: 0.1,
+            truncate: 0.05,
+            corrupt: 0.2,
+            delay: 0.02,
+            delay_us: 5_000,
+            duplicate: 0.05,
+            reorder: 0.05,
+            stall: 0.01,
+            stall_us: 3_000,
+            babble: 0.1,
+            ..Faults::default()
+        };
         let (got, counts) = through(faults, 7);
         assert_eq!((got.clone(), counts), through(faults, 7));
         assert_ne!(got, through(faults, 8).0);
-        assert!((150..250).contains(&counts.dropped), "{counts:?}");
-        assert!((60..130).contains(&counts.truncated), "{counts:?}");
-        assert!((300..440).contains(&counts.corrupted), "{counts:?}");
-        assert!(counts.delayed >= 30, "{counts:?}");
+        for (struck, low, high) in [
+            (counts.dropped, 150, 250),
+            (counts.truncated, 60, 130),
+            (counts.corrupted, 300, 440),
+            (counts.delayed, 20, 60),
+            (counts.duplicated, 60, 130),
+            (counts.reordered, 60, 130),
+            (counts.stalled, 8, 35),
+            (counts.babbled, 150, 250),
+        ] {
+            assert!((low..=high).contains(&struck), "{struck} is not from {low} to {high}: {counts:?}");
+        }
+    }
+
+    #[test]
+    fn switching_one_fault_on_leaves_the_others_where_they_were() {
+        let few = Faults { drop: 0.1, ..Faults::default() };
+        let more = Faults { corrupt: 0.3, ..few };
+        let (one, other) = (through(few, 5).0, through(more, 5).0);
+        assert_eq!(one.len(), other.len());
+        assert!(
+            one.iter().zip(&other).all(|(a, b)| a.1.iter().zip(&b.1).filter(|(x, y)| x != y).count() <= 1)
+        );
     }
 
     #[test]
     fn delayed_frames_arrive_late_and_in_order() {
-        let faults = Faults { delay: 0.3, delay_us: 7_000, ..Faults::default() };
-        let (device, mut driver) = MemoryTransport::pair();
-        let mut faulty = Faulty::new(device, faults, 3);
-        let (mut got, mut buffer) = (Vec::new(), [0; 4096]);
-        for i in 0..200_u8 {
-            faulty.send(u64::from(i) * 1_000, &[i]).expect("memory");
-        }
-        assert!(faulty.counts().delayed > 50);
-        faulty.receive(1_000_000, &mut buffer).expect("memory");
-        loop {
-            let count = driver.receive(0, &mut buffer).expect("memory");
-            if count == 0 {
-                break;
-            }
-            got.extend_from_slice(&buffer[..count]);
-        }
-        assert_eq!(got, (0..200).collect::<Vec<u8>>());
+        let (got, counts) = through(Faults { delay: 0.1, delay_us: 7_000, ..Faults::default() }, 3);
+        assert!(counts.delayed > 150);
+        assert_eq!(numbers(&got), (0..2_000).map(|i| (i % 251) as u8).collect::<Vec<u8>>());
+        assert!(
+            got.iter()
+                .enumerate()
+                .all(|(i, (t_us, _))| *t_us <= i as u64 * 1_000 + 7_000 || *t_us == u64::MAX)
+        );
+    }
+
+    #[test]
+    fn a_frame_is_overtaken_by_the_next_and_none_is_lost() {
+        let (got, counts) = through(Faults { reorder: 0.1, ..Faults::default() }, 3);
+        let swapped =
+            numbers(&got).windows(2).filter(|pair| pair[1] == pair[0].wrapping_sub(1)).count() as u64;
+        assert_eq!(got.len(), 2_000);
+        assert!(swapped > 100 && swapped <= counts.reordered, "{swapped} of {counts:?}");
+        let mut lane = Lane::new(3);
+        lane.set_faults(Faults { reorder: 1.0, ..Faults::default() });
+        lane.put(0, b"alone");
+        assert_eq!((lane.take(4_999), lane.take(5_000)), (None, Some(b"alone".to_vec())));
+    }
+
+    #[test]
+    fn a_stall_holds_everything_and_lets_it_out_at_once() {
+        let mut lane = Lane::new(1);
+        lane.set_faults(Faults { stall: 1.0, stall_us: 30_000, ..Faults::default() });
+        lane.put(0, b"a");
+        lane.set_faults(Faults::default());
+        lane.put(10_000, b"b");
+        assert_eq!(lane.take(29_999), None);
+        assert_eq!((lane.take(30_000), lane.take(30_000)), (Some(b"a".to_vec()), Some(b"b".to_vec())));
+    }
+
+    #[test]
+    fn a_cut_link_loses_everything_until_it_is_mended() {
+        let mut lane = Lane::new(1);
+        lane.set_faults(Faults { delay: 1.0, delay_us: 500, ..Faults::default() });
+        lane.put(0, b"on its way");
+        lane.set_faults(Faults { unplug: 1.0, unplug_us: 30_000, ..Faults::default() });
+        lane.put(100, b"a");
+        lane.set_faults(Faults::default());
+        lane.put(30_099, b"b");
+        assert_eq!((lane.cut_until_us(30_099), lane.take(30_099)), (Some(30_100), None));
+        lane.put(30_100, b"c");
+        assert_eq!((lane.cut_until_us(30_100), lane.take(30_100)), (None, Some(b"c".to_vec())));
+        assert_eq!(lane.take(u64::MAX), None);
+    }
+
+    #[test]
+    fn babble_comes_before_the_frame_and_is_bounded() {
+        let (got, counts) = through(Faults { babble: 1.0, ..Faults::default() }, 9);
+        assert_eq!((got.len(), counts.babbled), (4_000, 2_000));
+        assert!(got.iter().step_by(2).all(|(_, bytes)| (1..=24).contains(&bytes.len())));
+        assert!(got.iter().skip(1).step_by(2).all(|(_, frame)| frame.len() == 16));
     }
 }

@@ -11,10 +11,44 @@ pub struct Waypoint {
     pub position_m: Vec3,
 }
 
+/// The way from waypoint to waypoint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    waypoints: Vec<Waypoint>,
+}
+
+impl Path {
+    /// Waypoints in order of time.
+    #[must_use]
+    pub const fn new(waypoints: Vec<Waypoint>) -> Self {
+        Self { waypoints }
+    }
+
+    /// Where it leads at a time: between two waypoints a smooth step, after the last the last; nowhere without any.
+    #[must_use]
+    pub fn at(&self, t_us: u64) -> Option<Vec3> {
+        let after = self.waypoints.partition_point(|waypoint| waypoint.t_us <= t_us);
+        let (before, next) =
+            (after.checked_sub(1).and_then(|i| self.waypoints.get(i)), self.waypoints.get(after));
+        match (before, next) {
+            (Some(from), Some(to)) => {
+                let t = (t_us - from.t_us) as f32 / (to.t_us - from.t_us) as f32;
+                let share = t * t * (3.0 - 2.0 * t);
+                Some(vec3::add(
+                    from.position_m,
+                    vec3::scale(vec3::sub(to.position_m, from.position_m), share),
+                ))
+            }
+            (Some(only), None) | (None, Some(only)) => Some(only.position_m),
+            (None, None) => None,
+        }
+    }
+}
+
 /// Handle and hand: m a = k (wanted - x) - c v + F.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Handle {
-    waypoints: Vec<Waypoint>,
+    path: Path,
     position_m: Vec3,
     velocity_m_s: Vec3,
     now_us: Option<u64>,
@@ -35,8 +69,9 @@ impl Handle {
     /// A handle at its first waypoint; waypoints in order of time. Without any it rests at the origin.
     #[must_use]
     pub fn new(waypoints: Vec<Waypoint>) -> Self {
-        let position_m = waypoints.first().map_or(vec3::ZERO, |first| first.position_m);
-        Self { waypoints, position_m, velocity_m_s: vec3::ZERO, now_us: None }
+        let path = Path::new(waypoints);
+        let position_m = path.at(0).unwrap_or(vec3::ZERO);
+        Self { path, position_m, velocity_m_s: vec3::ZERO, now_us: None }
     }
 
     /// Where the handle is, device frame, m.
@@ -58,27 +93,12 @@ impl Handle {
 
     /// Semi-implicit Euler: at 0.25 ms k dt^2 / m is 1e-4, far inside its stability.
     fn step(&mut self, t_us: u64, dt_s: f32, force_n: Vec3) {
-        let spring_n = vec3::scale(vec3::sub(self.wanted_m(t_us), self.position_m), STIFFNESS_N_M);
+        let wanted_m = self.path.at(t_us).unwrap_or(vec3::ZERO);
+        let spring_n = vec3::scale(vec3::sub(wanted_m, self.position_m), STIFFNESS_N_M);
         let damper_n = vec3::scale(self.velocity_m_s, -DAMPING_N_S_M);
         let total_n = vec3::add(vec3::add(spring_n, damper_n), force_n);
         self.velocity_m_s = vec3::add(self.velocity_m_s, vec3::scale(total_n, dt_s / MASS_KG));
         self.position_m = vec3::add(self.position_m, vec3::scale(self.velocity_m_s, dt_s));
-    }
-
-    /// Between two waypoints a smooth step; after the last, the last.
-    fn wanted_m(&self, t_us: u64) -> Vec3 {
-        let after = self.waypoints.partition_point(|waypoint| waypoint.t_us <= t_us);
-        let (before, next) =
-            (after.checked_sub(1).and_then(|i| self.waypoints.get(i)), self.waypoints.get(after));
-        match (before, next) {
-            (Some(from), Some(to)) => {
-                let t = (t_us - from.t_us) as f32 / (to.t_us - from.t_us) as f32;
-                let share = t * t * (3.0 - 2.0 * t);
-                vec3::add(from.position_m, vec3::scale(vec3::sub(to.position_m, from.position_m), share))
-            }
-            (Some(only), None) | (None, Some(only)) => only.position_m,
-            (None, None) => vec3::ZERO,
-        }
     }
 }
 

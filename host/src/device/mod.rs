@@ -3,10 +3,12 @@
 //! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
+pub mod falcon;
 pub mod hand;
 pub mod impedance;
 pub mod mouse;
 pub mod palpation;
+mod pending;
 pub mod polhem;
 pub mod profile;
 pub mod replay;

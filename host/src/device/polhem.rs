@@ -7,6 +7,7 @@
 //! is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
 //! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
+use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
@@ -21,13 +22,6 @@ use std::time::{Duration, Instant};
 pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
-/// After this long without an answer the next request is sent all the same, us.
-const REPLY_TIMEOUT_US: u64 = 2_000;
-/// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
-/// late all the time is not mistaken for one that loses.
-const SILENCE_US: u64 = 3_000;
-/// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
-const MAX_PENDING: usize = 16;
 /// Pause between two wake-up newlines.
 const WAKE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -82,59 +76,6 @@ impl EmergencyStop for SecondHandle {
         // Twice: should the loop hang in the middle of a line, the first one only resynchronises the device.
         let first = self.port.write_all(&zero);
         self.port.write_all(&zero).and(first).map_err(DeviceError::from)
-    }
-}
-
-/// Send times of the requests without an answer, oldest first.
-///
-/// One in the good case. The protocol has no numbers: after a reply that did not come it is not known whether it is lost or late, so its
-/// place is kept and the next reply counts for it. Samples may look older than they are, not younger. As soon as a reply leaves
-/// others open, sending pauses: either they come too, or there is silence and they were lost.
-#[derive(Debug, Clone, Copy, Default)]
-struct Pending {
-    sent_us: [u64; MAX_PENDING],
-    len: usize,
-    /// While sending pauses: when something last came.
-    pausing_since_us: Option<u64>,
-}
-
-impl Pending {
-    fn sent(&mut self, now_us: u64) {
-        if self.len == MAX_PENDING {
-            self.take_oldest();
-        }
-        self.sent_us[self.len] = now_us;
-        self.len += 1;
-    }
-
-    fn take_oldest(&mut self) -> Option<u64> {
-        let oldest = self.sent_us.first().copied().filter(|_| self.len > 0)?;
-        self.sent_us.rotate_left(1);
-        self.len -= 1;
-        Some(oldest)
-    }
-
-    /// A reply, or what is left of one, has come: when its request was sent.
-    fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
-        let oldest = self.take_oldest();
-        self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
-        oldest
-    }
-
-    /// Ends the pause after silence; true if it just ended.
-    fn ends_pause(&mut self, now_us: u64) -> bool {
-        let ends =
-            self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
-        if ends {
-            *self = Self::default();
-        }
-        ends
-    }
-
-    /// Whether the newest request has waited too long.
-    fn is_overdue(&self, now_us: u64) -> bool {
-        let newest_us = self.len.checked_sub(1).map(|last| self.sent_us[last]);
-        newest_us.is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US)
     }
 }
 
@@ -244,14 +185,14 @@ impl Polhem {
         let received = self.receive(now_us)?;
         if self.disturbed.swap(false, Ordering::Acquire) {
             // Its replies are no answers to ours: silence first.
-            self.pending.pausing_since_us = Some(now_us);
+            self.pending.pause(now_us);
         }
         if self.pending.ends_pause(now_us) {
             self.line = LineBuffer::default();
             self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
         }
         let overdue = self.pending.is_overdue(now_us);
-        let free = self.pending.pausing_since_us.is_none() && (self.pending.len == 0 || overdue);
+        let free = self.pending.may_send(now_us);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && hand_force_n == [0.0; 3];
         if free || release {

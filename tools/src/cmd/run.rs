@@ -3,10 +3,12 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, vec3};
+use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
@@ -45,11 +47,12 @@ pub(crate) struct Args {
     /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step in the force
     more: Vec<PathBuf>,
     /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the organ in the window),
-    /// polhem:PORT (Polhem / WoodenHaptics on a serial port), or replay:FILE.mcap (a recording)
+    /// polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE (Novint Falcon on USB, with the file of its firmware
+    /// for when it is silent), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
     /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7,
-    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT has its own
+    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT and falcon have their own
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
     /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
@@ -153,7 +156,8 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
 
 /// The profile that was asked for, or that of the device.
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
-    let own = args.device.starts_with("polhem:").then_some("polhem");
+    let kind = args.device.split(':').next();
+    let own = ["polhem", "falcon"].into_iter().find(|own| kind == Some(*own));
     let name = args.profile.as_deref().or(own);
     let profile = name.map(Profile::load).transpose().map_err(Failure::input)?;
     // What the cap stands on is the period that runs.
@@ -173,7 +177,40 @@ fn polhem_config(profile: Option<&Profile>) -> PolhemConfig {
     })
 }
 
-fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Result<Box<dyn Device>, Failure> {
+/// The Falcon on USB, homed; or not, if the session is stopped before.
+fn open_falcon(
+    firmware: Option<&Path>,
+    args: &Args,
+    profile: Option<&Profile>,
+    stop: &AtomicBool,
+) -> Result<Falcon<UsbFtdi>, Failure> {
+    let image = firmware.map(|path| {
+        let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
+        Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+    });
+    // Above the loop, which spins before its deadline.
+    let fifo_priority = args.timing.request().fifo_priority.map(|priority| (priority + 1).min(99));
+    let mut config = FalconConfig { mode: Mode::Threaded { fifo_priority }, ..FalconConfig::default() };
+    if let Some(profile) = profile {
+        (config.workspace, config.max_force_n) = (profile.workspace, profile.max_force_n);
+    }
+    let mut falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
+    eprintln!(
+        "palpate: home the Falcon: pull its grip all the way out, then push it all the way in (red light: not homed, blue: homed)"
+    );
+    let homed = falcon.home(stop);
+    homed
+        .map_err(|error| Failure::input(format!("falcon: {error}; check cable and power and start again")))?;
+    Ok(falcon)
+}
+
+fn open_device(
+    args: &Args,
+    organ: &Organ<'_>,
+    profile: Option<&Profile>,
+    stop: &AtomicBool,
+) -> Result<Box<dyn Device>, Failure> {
+    let name = args.device.as_str();
     let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
     match (kind, rest) {
         ("sim", rest) => {
@@ -193,8 +230,9 @@ fn open_device(name: &str, organ: &Organ<'_>, profile: Option<&Profile>) -> Resu
                 device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
             ))
         }
+        ("falcon", firmware) => Ok(Box::new(open_falcon(firmware.map(Path::new), args, profile, stop)?)),
         _ => Err(Failure::input(format!(
-            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT or replay:FILE.mcap"
+            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE] or replay:FILE.mcap"
         ))),
     }
 }
@@ -271,7 +309,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
     let open = || match tool.take() {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
-        None => open_device(&args.device, organs[0], profile.as_ref()),
+        None => open_device(args, organs[0], profile.as_ref(), &stop),
     };
     let mut ready = None;
     let touched = touch::run(&organs, method, show, &stop, open, |record| {

@@ -1,0 +1,19 @@
+//! The emulated Falcon on the bus of a virtual machine, in real time: what `hil/bench` and `palpate-hil falcon` serve.
+//!
+//! ```text
+//! guest's driver <-> QEMU <-> socket <-> usbredir::Session <-> Rig (faults, hand) <-> emulated Falcon
+//! guest's test   <-> QEMU <-> second serial line <----------> Orders
+//! ```
+//!
+//! In: two sockets. Out: the device on the bus, and the truth about it over the serial line: what the hand felt, which no driver can know.
+//! The faults of a run follow from its seed alone, so both ends know them.
+
+pub mod order;
+pub mod rig;
+pub mod serve;
+pub mod strike;
+
+pub use order::{Order, Report};
+pub use rig::Rig;
+pub use serve::{Options, serve};
+pub use strike::Strike;

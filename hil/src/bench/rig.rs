@@ -1,0 +1,229 @@
+//! The emulated Falcon of one run, its hand, and what goes wrong with it.
+
+use super::order::{Order, Report};
+use super::strike::Strike;
+use crate::falcon::descriptors::PACKET_LEN;
+use crate::falcon::memory::Link;
+use crate::falcon::{
+    EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderFault, LoaderOptions, MemoryFtdi, Setup, Stall,
+    homing_path,
+};
+use crate::fault::Faults;
+use crate::mechanism::Waypoint;
+use crate::usbredir::UsbDevice;
+use palpate_core::vec3;
+use palpate_host::device::falcon::Ftdi;
+use std::time::Duration;
+
+/// How long the cable is out, us: long enough for a guest to notice.
+const OUT_US: u64 = 400_000;
+/// Bytes of a request that reach the board before the cable is pulled.
+const CUT_AT: usize = 7;
+/// Enough for them to go over the wire.
+const CUT_WAIT: Duration = Duration::from_micros(200);
+/// The byte of the firmware that a faulty loader echoes wrong.
+const WRONG_AT: usize = 300;
+/// Where the hand waits, and where it would be without resistance when it presses, m.
+const ABOVE_M: f32 = 0.120;
+const BELOW_M: f32 = 0.103;
+/// Between the two, us.
+const STROKE_US: u64 = 400_000;
+const VENDOR_OUT: u8 = 0x40;
+
+/// A device, a hand and a fault.
+#[derive(Debug)]
+pub struct Rig {
+    link: FaultyFtdi<MemoryFtdi>,
+    seed: u64,
+    strike: Option<Strike>,
+    /// Requests that may still pass before it strikes.
+    countdown: Option<u64>,
+    struck: u64,
+    struck_us: Option<u64>,
+    stall_in: bool,
+    replug_us: Option<u64>,
+    /// What the hand is at: above, or pressing.
+    hand_z_m: f32,
+}
+
+impl Rig {
+    /// The device of a run, in real time; its cable is out for a moment.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        let strike = Strike::of(seed);
+        let wrong =
+            (strike == Some(Strike::WrongEcho)).then_some((LoaderFault::WrongEcho { at: WRONG_AT }, 1));
+        let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: wrong };
+        let mut falcon = EmulatedFalcon::new(FalconConfig { loader, ..FalconConfig::default() });
+        falcon.unplug();
+        Self {
+            link: FaultyFtdi::new(MemoryFtdi::in_real_time(falcon), seed),
+            seed,
+            strike,
+            countdown: None,
+            struck: 0,
+            struck_us: None,
+            stall_in: false,
+            replug_us: Some(OUT_US),
+            hand_z_m: ABOVE_M,
+        }
+    }
+
+    /// Whether the cable is in.
+    #[must_use]
+    pub fn is_plugged(&self) -> bool {
+        self.link.inner().falcon().is_plugged()
+    }
+
+    /// Puts the cable in if it is time.
+    pub fn poll(&mut self) {
+        if self.replug_us.is_some_and(|due_us| due_us <= self.link.now_us()) {
+            self.replug_us = None;
+            self.link.replug();
+            self.link.reopen().expect("the cable is in");
+        }
+    }
+
+    /// Does what was asked; the answer is a line.
+    pub fn obey(&mut self, order: Order) -> String {
+        match order {
+            Order::Plug { seed } => *self = Self::new(seed),
+            Order::Home => {
+                self.link.inner().falcon().follow(homing_path());
+                self.hand_z_m = ABOVE_M;
+            }
+            Order::Press => self.stroke(BELOW_M),
+            Order::Lift => self.stroke(ABOVE_M),
+            Order::Strike => self.countdown = Some(Strike::passes(self.seed)),
+            Order::Calm => {
+                self.countdown = None;
+                self.link.set_faults(Faults::NONE, Faults::NONE);
+            }
+            Order::Forget => self.link.inner().falcon().forget(),
+            Order::Report => return self.report().to_string(),
+            Order::End => {}
+        }
+        "ok".into()
+    }
+
+    fn stroke(&mut self, to_m: f32) {
+        let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
+        let path = vec![at(0, self.hand_z_m), at(STROKE_US, to_m)];
+        self.link.inner().falcon().follow(path);
+        self.hand_z_m = to_m;
+    }
+
+    /// The truth.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let falcon = self.link.inner().falcon();
+        let felt = falcon.felt();
+        let zero_us = self.struck_us.zip(felt.off_since_us).map(|(struck, off)| off.saturating_sub(struck));
+        let wire = {
+            let (there, back) = self.link.counts();
+            let all = there + back;
+            all.dropped
+                + all.truncated
+                + all.corrupted
+                + all.delayed
+                + all.duplicated
+                + all.reordered
+                + all.babbled
+        };
+        Report {
+            plugged: falcon.is_plugged(),
+            homed: falcon.is_homed(),
+            loads: falcon.loader().tries(),
+            requests: falcon.firmware().map_or(0, |firmware| firmware.requests()),
+            force_n: vec3::norm(felt.force_n),
+            push_n: felt.force_n[2],
+            largest_n: felt.largest_force_n,
+            unhomed_n: felt.largest_unhomed_n,
+            struck: self.struck + wire,
+            zero_ms: zero_us.map(|us| us as f32 * 1e-3),
+        }
+    }
+
+    /// A request is on its way; whether it is struck, and what is then left of it.
+    fn struck(&mut self, bytes: &[u8]) -> Option<Result<usize, Stall>> {
+        let left = self.countdown.as_mut()?;
+        if *left > 0 {
+            *left -= 1;
+            return None;
+        }
+        self.countdown = None;
+        let strike = self.strike?;
+        self.struck_us = Some(self.link.now_us());
+        let (there, back) = strike.on_the_wire();
+        self.link.set_faults(there, back);
+        // What strikes on the wire is counted there.
+        self.struck += u64::from((there, back) == (Faults::NONE, Faults::NONE));
+        match strike {
+            Strike::DropRequest => return Some(Ok(bytes.len())),
+            Strike::StallOut => return Some(Err(Stall)),
+            Strike::StallIn => self.stall_in = true,
+            Strike::Homing => self.link.inner().falcon().lose_homing(),
+            Strike::UnplugCable | Strike::UnplugPower => {
+                self.link.inner().falcon().bulk_out(&bytes[..bytes.len().min(CUT_AT)]);
+                std::thread::sleep(CUT_WAIT);
+                self.replug_us = Some(self.link.now_us() + OUT_US);
+                self.link.unplug();
+                if strike == Strike::UnplugPower {
+                    self.link.inner().falcon().power_cycle();
+                }
+                return Some(Ok(0));
+            }
+            _ => {}
+        }
+        None
+    }
+}
+
+impl UsbDevice for Rig {
+    fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
+        if setup == Setup::vendor(setup.request, setup.value) && setup.request_type == VENDOR_OUT {
+            // Through the wire's faults: a purge also throws away what they hold back.
+            return self.link.control(setup.request, setup.value).map(|()| Vec::new()).map_err(|_| Stall);
+        }
+        self.link.inner().falcon().control(setup, data)
+    }
+
+    fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {
+        if !self.is_plugged() {
+            // Nobody is there to say anything, until the bus notices.
+            return Ok(0);
+        }
+        if let Some(outcome) = self.struck(bytes) {
+            return outcome;
+        }
+        if self.countdown.is_none() && self.struck_us.is_some() {
+            // What the wire does to a frame it does to all of it, room or not.
+            return self.link.write(bytes, Duration::ZERO).map_err(|_| Stall);
+        }
+        Ok(self.link.inner().falcon().bulk_out(bytes))
+    }
+
+    fn bulk_in(&mut self, max: usize) -> Result<Option<Vec<u8>>, Stall> {
+        if !self.is_plugged() {
+            return Ok(None);
+        }
+        if core::mem::take(&mut self.stall_in) {
+            return Err(Stall);
+        }
+        let mut buffer = vec![0; max];
+        debug_assert!(max >= PACKET_LEN);
+        let read = self.link.read(&mut buffer, Duration::ZERO);
+        if self.strike == Some(Strike::DropReply) && self.link.counts().1.dropped > 0 {
+            // One is enough.
+            self.link.set_faults(Faults::NONE, Faults::NONE);
+        }
+        match read {
+            Ok(count) => {
+                buffer.truncate(count);
+                Ok(Some(buffer))
+            }
+            Err(error) if error.kind().is_passing() => Ok(None),
+            Err(_) => Err(Stall),
+        }
+    }
+}

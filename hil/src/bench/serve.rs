@@ -1,0 +1,162 @@
+//! The bench on its sockets, in real time.
+
+use super::order::Order;
+use super::rig::Rig;
+use crate::usbredir::{Session, Traffic};
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long nothing is looked at when there was nothing to do: far below the chip's timer of 1 ms.
+const PAUSE: Duration = Duration::from_micros(50);
+
+/// Where and how long to serve.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Socket for QEMU's usb-redir.
+    pub usbredir: PathBuf,
+    /// Socket for orders, if any.
+    pub control: Option<PathBuf>,
+    /// Until when, if nobody says `end` or closes the socket before.
+    pub longest: Duration,
+}
+
+/// A stream that is looked at without waiting.
+#[derive(Debug)]
+struct Line {
+    listener: UnixListener,
+    stream: Option<UnixStream>,
+    output: Vec<u8>,
+}
+
+impl Line {
+    fn listen(path: &Path) -> io::Result<Self> {
+        let listener = UnixListener::bind(path)?;
+        listener.set_nonblocking(true)?;
+        Ok(Self { listener, stream: None, output: Vec::new() })
+    }
+
+    /// The peer is here, perhaps only now.
+    fn is_open(&mut self) -> io::Result<bool> {
+        if self.stream.is_none() {
+            match self.listener.accept() {
+                Ok((stream, _)) => {
+                    stream.set_nonblocking(true)?;
+                    self.stream = Some(stream);
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(self.stream.is_some())
+    }
+
+    /// What has come; nothing at all means that there was nothing, and an error of kind `UnexpectedEof` that the peer is gone.
+    fn read(&mut self) -> io::Result<Vec<u8>> {
+        let Some(stream) = &mut self.stream else { return Ok(Vec::new()) };
+        let mut bytes = vec![0; 4096];
+        match stream.read(&mut bytes) {
+            Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
+            Ok(count) => {
+                bytes.truncate(count);
+                Ok(bytes)
+            }
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Vec::new()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Sends as much as there is room for.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.output.extend(bytes);
+        let Some(stream) = &mut self.stream else { return Ok(()) };
+        while !self.output.is_empty() {
+            match stream.write(&self.output) {
+                Ok(count) => drop(self.output.drain(..count)),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Serves until the peer is gone, `end` was ordered, or the time is over; writes a log.
+pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
+    let begun = Instant::now();
+    let mut bus = Line::listen(&options.usbredir)?;
+    let mut control = options.control.as_deref().map(Line::listen).transpose()?;
+    let (mut session, mut rig) = (Session::new(), Rig::new(0));
+    let mut orders = Vec::new();
+    writeln!(log, "listening")?;
+    let ended = loop {
+        if begun.elapsed() >= options.longest {
+            break "time is over";
+        }
+        let mut busy = false;
+        if bus.is_open()? {
+            rig.poll();
+            if session.is_greeted() && rig.is_plugged() != session.is_connected() {
+                if session.is_connected() {
+                    session.disconnect();
+                } else {
+                    session.connect(&mut rig);
+                }
+                let what = if session.is_connected() { "in" } else { "out" };
+                writeln!(log, "[{:9.3}] the cable is {what}", begun.elapsed().as_secs_f64())?;
+            }
+            match bus.read() {
+                Ok(bytes) => {
+                    busy |= !bytes.is_empty();
+                    session.receive(&bytes, &mut rig).map_err(io::Error::other)?;
+                }
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof => break "the virtual machine is gone",
+                Err(error) => return Err(error),
+            }
+            if session.is_connected() && rig.is_plugged() {
+                session.poll(&mut rig);
+            }
+            let output = session.take_output();
+            busy |= !output.is_empty();
+            bus.write(&output)?;
+        }
+        if let Some(control) = &mut control
+            && control.is_open()?
+        {
+            match control.read() {
+                Ok(bytes) => orders.extend(bytes),
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof => break "the virtual machine is gone",
+                Err(error) => return Err(error),
+            }
+            let mut end = false;
+            while let Some(at) = orders.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = orders.drain(..=at).collect();
+                let line = String::from_utf8_lossy(&line).trim().to_string();
+                let answer = match line.parse::<Order>() {
+                    Ok(order) => {
+                        end |= order == Order::End;
+                        if matches!(order, Order::Plug { .. }) && session.is_connected() {
+                            session.disconnect();
+                            writeln!(log, "[{:9.3}] the cable is out", begun.elapsed().as_secs_f64())?;
+                        }
+                        rig.obey(order)
+                    }
+                    Err(error) => error.to_string(),
+                };
+                writeln!(log, "[{:9.3}] {line}: {answer}", begun.elapsed().as_secs_f64())?;
+                control.write(format!("{answer}\n").as_bytes())?;
+                busy = true;
+            }
+            control.write(&[])?;
+            if end {
+                break "the test has ended";
+            }
+        }
+        if !busy {
+            std::thread::sleep(PAUSE);
+        }
+    };
+    writeln!(log, "[{:9.3}] {ended}: {:?}", begun.elapsed().as_secs_f64(), session.traffic())?;
+    Ok(session.traffic())
+}

@@ -1,0 +1,120 @@
+//! What goes wrong in a run, by its seed.
+
+use crate::fault::Faults;
+
+/// One kind of fault on the bus, in the chip or in the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Strike {
+    /// The boot loader echoes one byte wrong, once.
+    WrongEcho,
+    /// A request is lost on the board's wire.
+    DropRequest,
+    /// A reply is lost there.
+    DropReply,
+    /// The cable is pulled in the middle of a request and put in again; the board keeps its power.
+    UnplugCable,
+    /// And the board loses its power with it.
+    UnplugPower,
+    /// A transfer to the host is stalled.
+    StallIn,
+    /// A transfer to the device is stalled, and what it carried is lost.
+    StallOut,
+    /// No reply comes any more, until it is calm again.
+    Silence,
+    /// Bytes that nobody asked for come before each reply.
+    Babble,
+    /// A little of everything on the wire, in both directions; requests are lost, cut, late, doubled and swapped, not changed.
+    Noise,
+    /// The firmware forgets its homing.
+    Homing,
+}
+
+/// How many requests a fault lets pass at most, once it is asked for.
+const MOST_PASSED: u64 = 60;
+
+impl Strike {
+    /// All of them, in the order of the seeds from 1.
+    pub const ALL: [Self; 11] = [
+        Self::WrongEcho,
+        Self::DropRequest,
+        Self::DropReply,
+        Self::UnplugCable,
+        Self::UnplugPower,
+        Self::StallIn,
+        Self::StallOut,
+        Self::Silence,
+        Self::Babble,
+        Self::Noise,
+        Self::Homing,
+    ];
+
+    /// What the run of a seed meets; nothing with seed 0.
+    #[must_use]
+    pub const fn of(seed: u64) -> Option<Self> {
+        let Some(at) = seed.checked_sub(1) else { return None };
+        Some(Self::ALL[(at % Self::ALL.len() as u64) as usize])
+    }
+
+    /// After how many requests it strikes.
+    #[must_use]
+    pub const fn passes(seed: u64) -> u64 {
+        (seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) % MOST_PASSED
+    }
+
+    /// Name in logs.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::WrongEcho => "wrong-echo",
+            Self::DropRequest => "drop-request",
+            Self::DropReply => "drop-reply",
+            Self::UnplugCable => "unplug-cable",
+            Self::UnplugPower => "unplug-power",
+            Self::StallIn => "stall-in",
+            Self::StallOut => "stall-out",
+            Self::Silence => "silence",
+            Self::Babble => "babble",
+            Self::Noise => "noise",
+            Self::Homing => "homing-lost",
+        }
+    }
+
+    /// Faults of the wire that last until it is calm again: to the device, to the host.
+    #[must_use]
+    pub const fn on_the_wire(self) -> (Faults, Faults) {
+        // A request has no check sum: with a bit flipped it may command any force, and no driver can help it. USB's own check sums leave only
+        // the board's wire for that.
+        const THERE: Faults = Faults {
+            drop: 0.02,
+            truncate: 0.02,
+            delay: 0.02,
+            delay_us: 3_000,
+            duplicate: 0.01,
+            reorder: 0.01,
+            ..Faults::NONE
+        };
+        const BACK: Faults = Faults { corrupt: 0.02, babble: 0.01, ..THERE };
+        match self {
+            Self::Silence | Self::DropReply => (Faults::NONE, Faults { drop: 1.0, ..Faults::NONE }),
+            Self::Babble => (Faults::NONE, Faults { babble: 1.0, ..Faults::NONE }),
+            Self::Noise => (THERE, BACK),
+            _ => (Faults::NONE, Faults::NONE),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_seed_has_its_fault_and_its_time() {
+        assert_eq!(Strike::of(0), None);
+        for (at, strike) in Strike::ALL.into_iter().enumerate() {
+            let seed = at as u64 + 1;
+            assert_eq!((Strike::of(seed), Strike::of(seed + 11)), (Some(strike), Some(strike)));
+            assert!(Strike::passes(seed) < MOST_PASSED);
+        }
+        assert_ne!(Strike::passes(3), Strike::passes(14), "the same fault at another time");
+    }
+}

@@ -1,0 +1,38 @@
+//! The serial line to the bench: an order, a line back.
+
+use crate::Outcome;
+use palpate_hil::bench::{Order, Report};
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
+
+/// The line, raw and without echo already.
+#[derive(Debug)]
+pub(crate) struct Line(File);
+
+impl Line {
+    pub(crate) fn open(path: &str) -> Outcome<Self> {
+        let opened = OpenOptions::new().read(true).write(true).open(path);
+        opened.map(Self).map_err(|error| format!("{path}: {error}"))
+    }
+
+    fn ask(&mut self, order: Order) -> Outcome<String> {
+        let failed = |error: std::io::Error| format!("the line to the bench: {error}");
+        self.0.write_all(format!("{order}\n").as_bytes()).map_err(failed)?;
+        let (mut answer, mut byte) = (Vec::new(), [0]);
+        while byte != *b"\n" {
+            self.0.read_exact(&mut byte).map_err(failed)?;
+            answer.extend(byte);
+        }
+        Ok(String::from_utf8_lossy(&answer).trim().into())
+    }
+
+    pub(crate) fn order(&mut self, order: Order) -> Outcome<()> {
+        let answer = self.ask(order)?;
+        if answer == "ok" { Ok(()) } else { Err(format!("the bench says `{answer}` to `{order}`")) }
+    }
+
+    pub(crate) fn report(&mut self) -> Outcome<Report> {
+        let answer = self.ask(Order::Report)?;
+        answer.parse().map_err(|_| format!("the bench reports `{answer}`"))
+    }
+}

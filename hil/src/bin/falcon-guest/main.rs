@@ -1,0 +1,97 @@
+//! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
+//!
+//! `falcon-guest no-usb` before the machine has USB, `falcon-guest run LINE SEEDS EXCHANGES` after; LINE is the serial line to the bench.
+//! Prints a line a step, a line a run, and at the end one that begins with `summary PASS` or `summary FAIL`. See `hil/bench/run`.
+
+mod line;
+mod runs;
+mod waiting;
+
+use line::Line;
+use palpate_core::Organ;
+use palpate_hil::bench::Order;
+use palpate_host::device::falcon::usb::UsbError;
+use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
+use runs::{Bench, Run};
+use std::process::ExitCode;
+use std::time::Instant;
+
+/// A blob wants to start at a multiple of 8; its planes are at multiples of 64.
+#[repr(C, align(64))]
+struct Aligned<T: ?Sized>(T);
+
+static ORGAN: &Aligned<[u8]> =
+    &Aligned(*include_bytes!("../../../../firmware-like-core/golden/organ-514.blob"));
+
+/// What went wrong, in one line.
+type Outcome<T> = Result<T, String>;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let passed = match words[..] {
+        ["no-usb"] => no_usb(),
+        ["run", line, seeds, exchanges] => match (seeds.parse(), exchanges.parse()) {
+            (Ok(seeds), Ok(exchanges)) => run(line, seeds, exchanges),
+            _ => Err("SEEDS and EXCHANGES are numbers".into()),
+        },
+        _ => Err("falcon-guest no-usb | falcon-guest run LINE SEEDS EXCHANGES".into()),
+    };
+    match passed {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            println!("summary FAIL {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// What a user is told where there is no USB.
+fn no_usb() -> Outcome<()> {
+    let begun = Instant::now();
+    match Falcon::open(FalconConfig::default(), None) {
+        Err(error @ FalconError::Usb(UsbError::NoUsb)) if begun.elapsed().as_secs() < 1 => {
+            println!("no-usb PASS \"{error}\"");
+            Ok(())
+        }
+        Err(error) => Err(format!("no-usb: another error than expected: {error}")),
+        Ok(_) => Err("no-usb: a Falcon without USB".into()),
+    }
+}
+
+fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {
+    let begun = Instant::now();
+    let organ: Organ<'_> = Organ::read(&ORGAN.0).map_err(|error| error.to_string())?;
+    let line = Line::open(line)?;
+    let mut bench = Bench::new(&organ, line, begun);
+    let mut runs = Vec::new();
+    let mut failed = 0;
+    for seed in 0..=seeds {
+        match bench.run(seed, exchanges) {
+            Ok(run) => {
+                println!("run seed={seed} {run} PASS");
+                runs.push(run);
+            }
+            Err(reason) => {
+                failed += 1;
+                println!("run seed={seed} FAIL {reason}");
+            }
+        }
+    }
+    bench.order(Order::End)?;
+    let largest_n = runs.iter().map(|run| run.largest_n).fold(0.0, f32::max);
+    let unhomed_n = runs.iter().map(|run| run.unhomed_n).fold(0.0, f32::max);
+    let slowest_ms = runs.iter().filter_map(|run| run.zero_ms).fold(0.0, f32::max);
+    let clean = runs.iter().find(|run| run.fault.is_none());
+    let (done, lost) = clean.map_or((0, 0), |run| (run.exchanges, run.lost));
+    let all: u64 = runs.iter().map(|run| run.exchanges).sum();
+    let rate_hz = clean.map_or(0.0, Run::rate_hz);
+    println!(
+        "summary {} runs={} failed={failed} exchanges={all} clean_exchanges={done} clean_lost={lost} rate_hz={rate_hz:.0} \
+         largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
+        if failed == 0 { "PASS" } else { "FAIL" },
+        runs.len() + failed,
+        begun.elapsed().as_secs_f64()
+    );
+    Ok(())
+}

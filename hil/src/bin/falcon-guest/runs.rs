@@ -1,0 +1,559 @@
+//! One run of a device: up, homed, armed, in touch, struck, safe, and up again only when it is asked for.
+
+use crate::Outcome;
+use crate::line::Line;
+use crate::waiting::{Tally, Waiting};
+use core::fmt;
+use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
+use palpate_hil::bench::{Order, Report, Strike};
+use palpate_host::device::DeviceState;
+use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
+use palpate_host::device::workspace::Workspace;
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::{Device, DeviceError, DeviceErrorKind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Words of the firmware, which is none.
+const FIRMWARE_WORDS: u16 = 500;
+/// Limit of the force, N; the device's own is 8.
+const MAX_FORCE_N: f32 = 4.0;
+/// What the motors' whole counts and f32 add to it, N.
+const ROUNDING_N: f32 = 0.05;
+/// A touch, N.
+const TOUCH_N: f32 = 0.3;
+/// Ticks in which the hand must have reached the organ, with room for a machine ten times as fast as ours.
+const TOUCH_TICKS: u64 = 20_000;
+/// For a device that was plugged in to be there, and to be homed.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// For a reply where none is to be lost, and where some are.
+const PATIENT: Duration = Duration::from_secs(2);
+const IMPATIENT: Duration = Duration::from_millis(20);
+/// Ticks with a force after the last sample: the controller holds it for three.
+const ZERO_TICKS: u64 = 3;
+/// Ticks in which a fault shows what comes of it: it strikes within 60 requests.
+const STRUCK_TICKS: u64 = 400;
+/// Ticks after a latched fault, for the force to be gone at the grip too.
+const AFTER_TICKS: u64 = 10;
+/// Ticks in which the hand is above the organ again.
+const LIFT_TICKS: u64 = 450;
+/// What the hand's homing still takes once the device is homed.
+const HOMING: Duration = Duration::from_millis(800);
+/// Surface of the organ, and axis into it, in the device's frame.
+const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
+
+/// How a fault ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum End {
+    /// There was none, or it passed.
+    Active,
+    /// The controller latched it.
+    Latched(Fault),
+    /// The device is gone.
+    Lost(DeviceErrorKind),
+}
+
+impl fmt::Display for End {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Active => f.write_str("active"),
+            Self::Latched(fault) => write!(f, "latched:{}", fault.name()),
+            Self::Lost(kind) => write!(f, "lost:{kind:?}"),
+        }
+    }
+}
+
+/// The driver as the loop has it.
+type Opened = Waiting<Falcon<UsbFtdi>>;
+
+/// What a run has shown.
+#[derive(Debug, Clone)]
+pub(crate) struct Run {
+    pub fault: Option<Strike>,
+    pub end: End,
+    pub exchanges: u64,
+    pub lost: u64,
+    pub mean_us: u64,
+    pub longest_us: u64,
+    pub struck: u64,
+    pub touch_n: f32,
+    pub largest_n: f32,
+    pub unhomed_n: f32,
+    /// Ticks from the first one without a sample to a command of zero.
+    pub zero_ticks: u64,
+    pub zero_ms: Option<f32>,
+    pub again_n: f32,
+    pub ready: Duration,
+    pub loads: u32,
+}
+
+impl Run {
+    const NOTHING: Self = Self {
+        fault: None,
+        end: End::Active,
+        exchanges: 0,
+        lost: 0,
+        mean_us: 0,
+        longest_us: 0,
+        struck: 0,
+        touch_n: 0.0,
+        largest_n: 0.0,
+        unhomed_n: 0.0,
+        zero_ticks: 0,
+        zero_ms: None,
+        again_n: 0.0,
+        ready: Duration::ZERO,
+        loads: 0,
+    };
+
+    /// Exchanges a second.
+    pub(crate) fn rate_hz(&self) -> f64 {
+        1e6 / self.mean_us.max(1) as f64
+    }
+}
+
+impl fmt::Display for Run {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { fault, end, exchanges, lost, mean_us, longest_us, struck, ready, .. } = self;
+        let fault = fault.map_or("none", Strike::name);
+        write!(
+            f,
+            "fault={fault} end={end} struck={struck} ready_ms={} loads={} ",
+            ready.as_millis(),
+            self.loads
+        )?;
+        write!(f, "exchanges={exchanges} lost={lost} mean_us={mean_us} longest_us={longest_us} ")?;
+        write!(
+            f,
+            "touch_n={:.2} largest_n={:.2} unhomed_n={:.2} ",
+            self.touch_n, self.largest_n, self.unhomed_n
+        )?;
+        match self.zero_ms {
+            Some(zero_ms) => write!(f, "zero_ms={zero_ms:.0} ")?,
+            None => f.write_str("zero_ms=- ")?,
+        }
+        write!(f, "zero_ticks={} again_n={:.2}", self.zero_ticks, self.again_n)
+    }
+}
+
+fn check(is: bool, what: impl FnOnce() -> String) -> Outcome<()> {
+    if is { Ok(()) } else { Err(what()) }
+}
+
+/// The loop on its virtual clock.
+struct Session<'l, 'o, D: Device> {
+    haptic: HapticLoop<'l, 'o, 'o, D, &'l VirtualClock, 256>,
+    clock: &'l VirtualClock,
+    records: rtrb::Consumer<TickRecord>,
+    index: u64,
+    before_n: [f32; 3],
+}
+
+impl<D: Device> Session<'_, '_, D> {
+    fn step(&mut self) -> Result<TickRecord, DeviceError> {
+        self.index += 1;
+        let deadline_ns = self.index * 1_000_000;
+        self.clock.wait_until(deadline_ns, 0);
+        self.haptic.tick(self.index, 0, deadline_ns)?;
+        Ok(self.records.pop().expect("one record a tick"))
+    }
+
+    /// A tick that must not end the session, and whose force must be right.
+    fn tick(&mut self) -> Outcome<TickRecord> {
+        let record = self.step().map_err(|error| format!("the device is lost: {error}"))?;
+        self.judge(&record)?;
+        Ok(record)
+    }
+
+    /// Finite, within the limit, no step beyond the slew limit, zero unless active and homed.
+    fn judge(&mut self, record: &TickRecord) -> Outcome<()> {
+        let force_n = record.hand_force_n;
+        let step_n = vec3::distance(force_n, self.before_n);
+        self.before_n = force_n;
+        check(vec3::is_finite(force_n) && vec3::norm(force_n) <= MAX_FORCE_N, || format!("{force_n:?} N"))?;
+        check(force_n == vec3::ZERO || step_n <= 2.001, || format!("a step of {step_n} N in a tick"))?;
+        let may = record.phase == Phase::Active && record.device == DeviceState::Homed;
+        check(may || force_n == vec3::ZERO, || {
+            format!("{force_n:?} N while {:?}, {:?}", record.phase, record.device)
+        })
+    }
+
+    fn ticks(&mut self, count: u64) -> Outcome<Vec<TickRecord>> {
+        (0..count).map(|_| self.tick()).collect()
+    }
+}
+
+/// What all runs share.
+pub(crate) struct Bench<'o> {
+    organ: &'o Organ<'o>,
+    line: Line,
+    begun: Instant,
+    /// The record may hold a force from a moment at which homing was lost.
+    unhomed_passes: bool,
+}
+
+impl<'o> Bench<'o> {
+    pub(crate) const fn new(organ: &'o Organ<'o>, line: Line, begun: Instant) -> Self {
+        Self { organ, line, begun, unhomed_passes: false }
+    }
+
+    pub(crate) fn order(&mut self, order: Order) -> Outcome<()> {
+        self.line.order(order)
+    }
+
+    fn say(&self, step: impl fmt::Display) {
+        println!("[{:8.3}] {step}", self.begun.elapsed().as_secs_f64());
+    }
+
+    fn config(&self) -> FalconConfig {
+        // Device z is the outward normal of the first active node, and the device's origin lies on the surface there.
+        let space = &self.organ.spaces[0];
+        let normal = space.outward_normal;
+        let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
+        let second = vec3::cross(normal, first);
+        let workspace = Workspace {
+            axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
+            device_origin_m: SURFACE_M,
+            model_origin_m: space.rest_position_m,
+            ..Workspace::default()
+        };
+        FalconConfig { workspace, ..FalconConfig::default() }
+    }
+
+    /// From a cable that was just put in to a driver that speaks with the firmware.
+    fn open(&self) -> Outcome<Falcon<UsbFtdi>> {
+        let image = Image::synthetic(FIRMWARE_WORDS);
+        let until = Instant::now() + PATIENCE;
+        loop {
+            match Falcon::open(self.config(), Some(&image)) {
+                Ok(falcon) => return Ok(falcon),
+                Err(error) if Instant::now() >= until => return Err(format!("it cannot be opened: {error}")),
+                Err(error) => self.say(format_args!("not yet: {error}")),
+            }
+        }
+    }
+
+    fn home(&mut self, falcon: &mut Falcon<UsbFtdi>) -> Outcome<()> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let alarm = Arc::clone(&stop);
+        std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE);
+            alarm.store(true, Ordering::Relaxed);
+        });
+        match falcon.home(&stop) {
+            Ok(true) => {
+                let homed = self.line.report()?.homed;
+                check(homed, || "the driver says homed, the device does not".into())?;
+                // To the end of what the hand does when it homes.
+                std::thread::sleep(HOMING);
+                Ok(())
+            }
+            Ok(false) => Err("it was not homed in time".into()),
+            Err(error) => Err(format!("lost while it was homed: {error}")),
+        }
+    }
+
+    fn session<'l, D: Device>(
+        &self,
+        device: D,
+        clock: &'l VirtualClock,
+        controls: &'l Controls,
+    ) -> Session<'l, 'o, D> {
+        let limits = LimitConfig { max_force_n: MAX_FORCE_N, ..LimitConfig::default() };
+        let config = Config { limits, ..Config::new(Method::Hybrid) };
+        let controller = Controller::new(self.organ, config).expect("the golden blob has the method");
+        let (producer, records) = rtrb::RingBuffer::new(64);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let outputs = Outputs { records: producer, latest };
+        let haptic = HapticLoop::new(controller, device, clock, LoopConfig::default(), controls, outputs);
+        Session { haptic, clock, records, index: 0, before_n: vec3::ZERO }
+    }
+
+    /// What the hand must never have felt.
+    fn safe(&mut self) -> Outcome<Report> {
+        let report = self.line.report()?;
+        check(report.unhomed_n == 0.0 || self.unhomed_passes, || {
+            format!("{} N before it was homed", report.unhomed_n)
+        })?;
+        let limit_n = MAX_FORCE_N + ROUNDING_N;
+        check(report.largest_n <= limit_n, || format!("{} N at the grip", report.largest_n))?;
+        Ok(report)
+    }
+
+    fn off(&mut self, when: &str) -> Outcome<Report> {
+        let report = self.safe()?;
+        check(report.force_n == 0.0, || format!("{} N at the grip {when}", report.force_n))?;
+        Ok(report)
+    }
+
+    /// Not a newton since the record was begun anew.
+    fn nothing(&mut self, when: &str) -> Outcome<()> {
+        let report = self.off(when)?;
+        check(report.largest_n == 0.0, || format!("{} N at the grip {when}", report.largest_n))
+    }
+
+    /// Armed above the organ; the hand presses until both feel it.
+    fn touch<D: Device>(&mut self, session: &mut Session<'_, '_, D>, controls: &Controls) -> Outcome<f32> {
+        controls.reset();
+        controls.arm();
+        let armed = session.ticks(2)?;
+        check(armed.last().is_some_and(|record| record.phase == Phase::Active), || "it does not arm".into())?;
+        self.order(Order::Press)?;
+        for _ in 0..TOUCH_TICKS / 100 {
+            let records = session.ticks(100)?;
+            let phase = records.last().map_or(Phase::Disarmed, |record| record.phase);
+            check(phase == Phase::Active, || format!("{phase:?} while it was pressed"))?;
+            let felt = records.iter().any(|record| vec3::norm(record.hand_force_n) > TOUCH_N);
+            let report = self.safe()?;
+            if felt && report.push_n > TOUCH_N {
+                return Ok(report.push_n);
+            }
+            check(report.push_n > -TOUCH_N, || format!("the organ pulls: {} N", report.push_n))?;
+        }
+        Err("nothing was felt where the organ is".into())
+    }
+
+    /// The whole of a run.
+    pub(crate) fn run(&mut self, seed: u64, exchanges: u64) -> Outcome<Run> {
+        let fault = Strike::of(seed);
+        self.say(format_args!("seed {seed}, fault {}", fault.map_or("none", Strike::name)));
+        self.order(Order::Plug { seed })?;
+        let plugged = Instant::now();
+        self.unhomed_passes = false;
+        let falcon = self.open()?;
+        let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
+        let loads = self.line.report()?.loads;
+        // A machine so busy that an echo comes late makes the driver send it once more; a wrong echo always.
+        let least = if fault == Some(Strike::WrongEcho) { 2 } else { 1 };
+        check(loads >= least, || format!("{loads} loads of firmware, not {least} at least"))?;
+        run.loads = loads;
+        self.say(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
+
+        let tally = Arc::new(Tally::default());
+        let patience = if fault.is_some() { IMPATIENT } else { PATIENT };
+        let mut device = Waiting { device: falcon, patience, tally: Arc::clone(&tally) };
+        self.not_before_homing(&mut device)?;
+        self.home(&mut device.device)?;
+        self.say("homed");
+        let (clock, controls) = (VirtualClock::default(), Controls::default());
+        let mut session = self.session(device, &clock, &controls);
+        let records = session.ticks(50)?;
+        let is_disarmed = records.iter().all(|record| record.phase == Phase::Disarmed);
+        check(is_disarmed, || "it has armed itself".into())?;
+        self.nothing("before it was armed")?;
+        run.touch_n = self.touch(&mut session, &controls)?;
+        self.say(format_args!("armed and in touch, {:.2} N", run.touch_n));
+
+        match fault {
+            None => {
+                self.long(&mut session, &tally, exchanges)?;
+                let lost = tally.lost.load(Ordering::Relaxed);
+                check(lost == 0, || format!("{lost} exchanges lost"))?;
+                self.done(session, &controls, &mut run)?;
+            }
+            Some(fault) => self.struck(session, &controls, fault, &mut run, &tally)?,
+        }
+        run.exchanges = tally.answered.load(Ordering::Relaxed);
+        run.lost = tally.lost.load(Ordering::Relaxed);
+        run.mean_us = tally.spent_us.load(Ordering::Relaxed) / run.exchanges.max(1);
+        run.longest_us = tally.longest_us.load(Ordering::Relaxed);
+        Ok(run)
+    }
+
+    /// Neither arming nor anything else gives a force before the device is homed.
+    fn not_before_homing(&mut self, device: &mut Opened) -> Outcome<()> {
+        let (clock, controls) = (VirtualClock::default(), Controls::default());
+        let mut session = self.session(device, &clock, &controls);
+        for _ in 0..20 {
+            controls.arm();
+            let record = session.tick()?;
+            check(record.device != DeviceState::Homed, || "it says homed before it is".into())?;
+            check(record.phase == Phase::Disarmed, || "it arms before it is homed".into())?;
+        }
+        drop(session);
+        self.nothing("before it was homed")
+    }
+
+    /// In and out of the organ, until so many exchanges are done.
+    fn long(&mut self, session: &mut Session<'_, '_, Opened>, tally: &Tally, exchanges: u64) -> Outcome<()> {
+        let mut next = Order::Lift;
+        while tally.answered.load(Ordering::Relaxed) < exchanges {
+            self.order(next)?;
+            next = if next == Order::Lift { Order::Press } else { Order::Lift };
+            session.ticks(1_000)?;
+            self.safe()?;
+        }
+        Ok(())
+    }
+
+    /// Disarmed, and then closed: no force after either.
+    fn done<D: Device>(
+        &mut self,
+        mut session: Session<'_, '_, D>,
+        controls: &Controls,
+        run: &mut Run,
+    ) -> Outcome<()> {
+        controls.disarm();
+        session.ticks(5)?;
+        self.off("after it was disarmed")?;
+        // Once more with a force, so that the end has something to take away.
+        self.order(Order::Lift)?;
+        session.ticks(LIFT_TICKS)?;
+        self.touch(&mut session, controls)?;
+        drop(session);
+        let report = self.off("after the end")?;
+        run.largest_n = run.largest_n.max(report.largest_n);
+        run.unhomed_n = run.unhomed_n.max(report.unhomed_n);
+        self.say("disarmed, closed: no force");
+        Ok(())
+    }
+
+    /// The fault, what came of it, and that nothing goes on by itself.
+    fn struck(
+        &mut self,
+        mut session: Session<'_, '_, Opened>,
+        controls: &Controls,
+        fault: Strike,
+        run: &mut Run,
+        tally: &Arc<Tally>,
+    ) -> Outcome<()> {
+        self.order(Order::Strike)?;
+        // The request that is on its way when homing is lost has a force, and cannot know.
+        self.unhomed_passes = fault == Strike::Homing;
+        let mut since = None;
+        run.end = End::Active;
+        for tick in 0..STRUCK_TICKS {
+            match session.step() {
+                Err(error) => {
+                    run.end = End::Lost(error.kind());
+                    check(tally.gone.load(Ordering::Relaxed), || {
+                        "it is lost, and does not say disconnected".into()
+                    })?;
+                    break;
+                }
+                Ok(record) => {
+                    session.judge(&record)?;
+                    // Ticks without a sample until the force is gone.
+                    since = if record.sample.is_some() { None } else { since.or(Some(tick)) };
+                    let age = since.map_or(0, |since| tick - since);
+                    if record.hand_force_n != vec3::ZERO {
+                        run.zero_ticks = run.zero_ticks.max(age);
+                    }
+                    if let Phase::SafeZero(fault) = record.phase {
+                        run.end = End::Latched(fault);
+                        session.ticks(AFTER_TICKS)?;
+                        break;
+                    }
+                }
+            }
+        }
+        check(run.zero_ticks <= ZERO_TICKS, || {
+            format!("a force {} ticks after the last sample", run.zero_ticks)
+        })?;
+        check(as_expected(fault, run.end), || format!("{} ended in {}", fault.name(), run.end))?;
+        self.say(format_args!("{}: {}", fault.name(), run.end));
+        let lost = matches!(run.end, End::Lost(_));
+        // Whoever loses a device lets go of it: that sends zero if there is still a way.
+        let session = if lost {
+            drop(session);
+            None
+        } else {
+            Some(session)
+        };
+        let mut report = self.safe()?;
+        run.struck = report.struck;
+        run.largest_n = report.largest_n;
+        check(fault == Strike::WrongEcho || report.struck > 0, || "the fault did not strike".into())?;
+        let is_pulled = matches!(fault, Strike::UnplugCable);
+        if lost && !is_pulled {
+            report = self.off("after the device was lost")?;
+        } else if matches!(run.end, End::Latched(_)) {
+            report = self.off("after a fault was latched")?;
+        }
+        self.order(Order::Calm)?;
+
+        // The device is up again where it was lost, and the hand still presses: nothing may come of it.
+        let (clock, fresh) = (VirtualClock::default(), Controls::default());
+        let (mut session, controls) = match session {
+            Some(session) => (session, controls),
+            None => {
+                let device = Waiting { device: self.open()?, patience: IMPATIENT, tally: Arc::clone(tally) };
+                (self.session(device, &clock, &fresh), &fresh)
+            }
+        };
+        if is_pulled {
+            // Without a watchdog in the device it is the first request that gets through which takes the force away.
+            report = self.off("after the cable was in again")?;
+        }
+        run.zero_ms = report.zero_ms;
+        if run.end != End::Active {
+            self.nothing_by_itself(&mut session, controls, fault)?;
+        }
+        self.order(Order::Lift)?;
+        session.ticks(LIFT_TICKS)?;
+        run.again_n = self.touch(&mut session, controls)?;
+        self.done(session, controls, run)
+    }
+
+    /// The force is gone, and neither time nor half of what is asked for brings it back.
+    fn nothing_by_itself(
+        &mut self,
+        session: &mut Session<'_, '_, Opened>,
+        controls: &Controls,
+        fault: Strike,
+    ) -> Outcome<()> {
+        self.order(Order::Forget)?;
+        self.unhomed_passes = false;
+        // Out and in again: a controller that had armed itself would feel the surface on the way.
+        for stroke in [Order::Lift, Order::Press] {
+            self.order(stroke)?;
+            let records = session.ticks(LIFT_TICKS)?;
+            let is_active = records.iter().any(|record| record.phase == Phase::Active);
+            check(!is_active, || "it has armed itself".into())?;
+        }
+        self.nothing("though nobody has armed it")?;
+        let record = session.tick()?;
+        if let Phase::SafeZero(_) = record.phase {
+            controls.arm();
+            session.ticks(20)?;
+            self.nothing("though the fault was latched")?;
+        }
+        if matches!(fault, Strike::Homing | Strike::UnplugPower) {
+            check(record.device == DeviceState::Unhomed, || format!("{:?}, not unhomed", record.device))?;
+            controls.reset();
+            session.ticks(2)?;
+            controls.arm();
+            let armed = session.ticks(20)?;
+            let is_disarmed = armed.iter().all(|record| record.phase == Phase::Disarmed);
+            check(is_disarmed, || "it arms though it is not homed any more".into())?;
+            self.nothing("though it is not homed any more")?;
+            self.order(Order::Home)?;
+            let until = Instant::now() + PATIENCE;
+            while session.tick()?.device != DeviceState::Homed {
+                check(Instant::now() < until, || "it was not homed again in time".into())?;
+            }
+            session.ticks(20)?;
+            self.nothing("though nobody has armed it since it was homed again")?;
+            self.say("homed again");
+            // To the end of what the hand does when it homes.
+            std::thread::sleep(HOMING);
+            session.ticks(20)?;
+        }
+        Ok(())
+    }
+}
+
+/// What a fault may end in.
+fn as_expected(fault: Strike, end: End) -> bool {
+    match fault {
+        Strike::WrongEcho | Strike::DropRequest | Strike::DropReply => end == End::Active,
+        Strike::UnplugCable | Strike::UnplugPower | Strike::StallIn | Strike::StallOut => {
+            end == End::Lost(DeviceErrorKind::Disconnected)
+        }
+        Strike::Silence => end == End::Latched(Fault::Stale),
+        Strike::Homing => end == End::Latched(Fault::NotReady),
+        // Whether too much is lost in a row depends on the time.
+        Strike::Babble | Strike::Noise => matches!(end, End::Active | End::Latched(Fault::Stale)),
+    }
+}

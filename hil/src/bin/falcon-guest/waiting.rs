@@ -1,0 +1,79 @@
+//! A device that is waited for: time in the loop is virtual and goes on by a tick when the reply has come, however slow the machine is.
+
+use palpate_core::{Sample, Vec3};
+use palpate_host::device::{DeviceState, EmergencyStop};
+use palpate_host::{Device, DeviceError, DeviceInfo};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// For a device without a sample to give: it is not homed.
+const UNHOMED: Duration = Duration::from_millis(2);
+/// Between two looks.
+const PAUSE: Duration = Duration::from_micros(50);
+
+/// What came of the exchanges.
+#[derive(Debug, Default)]
+pub(crate) struct Tally {
+    /// Exchanges that brought a sample.
+    pub answered: AtomicU64,
+    /// Exchanges of a homed device that brought none in time.
+    pub lost: AtomicU64,
+    /// Time spent on those that did, us.
+    pub spent_us: AtomicU64,
+    /// The longest of them, us.
+    pub longest_us: AtomicU64,
+    /// The device was last said to be disconnected.
+    pub gone: AtomicBool,
+}
+
+/// The device, and how long its reply is waited for.
+#[derive(Debug)]
+pub(crate) struct Waiting<D> {
+    pub device: D,
+    pub patience: Duration,
+    pub tally: Arc<Tally>,
+}
+
+impl<D: Device> Device for Waiting<D> {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let begun = Instant::now();
+        loop {
+            let result = self.device.exchange(now_us, hand_force_n);
+            let is_homed = self.device.state() == DeviceState::Homed;
+            let patience = if is_homed { self.patience } else { UNHOMED };
+            let elapsed = begun.elapsed();
+            let tally = &self.tally;
+            tally.gone.store(self.device.state() == DeviceState::Disconnected, Ordering::Relaxed);
+            match result {
+                Ok(None) if elapsed < patience => std::thread::sleep(PAUSE),
+                Ok(Some(_)) => {
+                    tally.answered.fetch_add(1, Ordering::Relaxed);
+                    tally.spent_us.fetch_add(elapsed.as_micros() as u64, Ordering::Relaxed);
+                    tally.longest_us.fetch_max(elapsed.as_micros() as u64, Ordering::Relaxed);
+                    return result;
+                }
+                _ => {
+                    tally.lost.fetch_add(u64::from(is_homed), Ordering::Relaxed);
+                    return result;
+                }
+            }
+        }
+    }
+
+    fn stop(&mut self) {
+        self.device.stop();
+    }
+
+    fn info(&self) -> DeviceInfo {
+        self.device.info()
+    }
+
+    fn state(&self) -> DeviceState {
+        self.device.state()
+    }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        self.device.emergency_stop()
+    }
+}

@@ -1,0 +1,454 @@
+//! The FT232R between USB and the board's UART: vendor requests, baud rates, two buffers, status bytes and the latency timer.
+//!
+//! ```text
+//! bulk OUT -> 128 bytes -> UART at the set rate -> board;   board -> UART -> 256 bytes -> (62 bytes | timer | event character) -> bulk IN
+//! ```
+//!
+//! Time is the caller's. Bytes of another rate or format than the receiver's arrive damaged, as they would on a wire.
+
+use super::descriptors;
+use super::uart::{OTHER_FORMAT, WireByte, baud_of, byte_ns};
+use std::collections::VecDeque;
+
+/// Bytes in front of the payload of every packet to the host.
+pub const STATUS_LEN: usize = 2;
+/// Payload of a full packet.
+pub const PAYLOAD_LEN: usize = descriptors::PACKET_LEN - STATUS_LEN;
+/// Bytes from the host that wait for the UART.
+const OUT_BUFFER_LEN: usize = 128;
+/// Bytes from the UART that wait for the host; more are lost.
+const IN_BUFFER_LEN: usize = 256;
+/// Latency timer after power-up, ms.
+const DEFAULT_LATENCY_MS: u8 = 16;
+
+/// Line status: overrun, framing error, and room for what comes next.
+const OVERRUN: u8 = 0x02;
+const FRAMING_ERROR: u8 = 0x08;
+const TRANSMITTER_EMPTY: u8 = 0x60;
+/// Modem status: nothing on the inputs; bit 0 is always set.
+const MODEM_STATUS: u8 = 0x01;
+
+/// Setup packet of a control transfer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Setup {
+    /// bmRequestType.
+    pub request_type: u8,
+    /// bRequest.
+    pub request: u8,
+    /// wValue.
+    pub value: u16,
+    /// wIndex.
+    pub index: u16,
+    /// wLength.
+    pub length: u16,
+}
+
+impl Setup {
+    /// A vendor request without data.
+    #[must_use]
+    pub const fn vendor(request: u8, value: u16) -> Self {
+        Self { request_type: 0x40, request, value, index: 0, length: 0 }
+    }
+}
+
+/// A request that the device does not know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stall;
+
+impl core::fmt::Display for Stall {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("request stalled")
+    }
+}
+
+impl core::error::Error for Stall {}
+
+/// Lines of the modem control that reach the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ModemLines {
+    /// Data terminal ready.
+    pub dtr: bool,
+    /// Request to send.
+    pub rts: bool,
+}
+
+/// The chip.
+#[derive(Debug, Clone)]
+pub struct Chip {
+    now_ns: u64,
+    configuration: u8,
+    baud: u32,
+    is_8n1: bool,
+    lines: ModemLines,
+    latency_ms: u8,
+    event: Option<u8>,
+    /// Bytes from the host and when they came.
+    to_board: VecDeque<(u64, u8)>,
+    out_free_ns: u64,
+    /// Bytes on the wire from the board.
+    from_board: VecDeque<WireByte>,
+    in_free_ns: u64,
+    received: VecDeque<u8>,
+    line_errors: u8,
+    timer_due_ns: u64,
+    /// The timer has run out or the event character has come: the next packet goes out, full or not.
+    flush: bool,
+}
+
+impl Default for Chip {
+    fn default() -> Self {
+        Self::new(0)
+    }
+}
+
+impl Chip {
+    /// A chip that gets its power now.
+    #[must_use]
+    pub const fn new(now_us: u64) -> Self {
+        let now_ns = now_us * 1_000;
+        Self {
+            now_ns,
+            configuration: 0,
+            baud: 9_600,
+            is_8n1: true,
+            lines: ModemLines { dtr: false, rts: false },
+            latency_ms: DEFAULT_LATENCY_MS,
+            event: None,
+            to_board: VecDeque::new(),
+            out_free_ns: 0,
+            from_board: VecDeque::new(),
+            in_free_ns: 0,
+            received: VecDeque::new(),
+            line_errors: 0,
+            timer_due_ns: now_ns + DEFAULT_LATENCY_MS as u64 * 1_000_000,
+            flush: false,
+        }
+    }
+
+    /// The modem lines as the host has set them.
+    #[must_use]
+    pub const fn lines(&self) -> ModemLines {
+        self.lines
+    }
+
+    /// Set rate, bits a second.
+    #[must_use]
+    pub const fn baud(&self) -> u32 {
+        self.baud
+    }
+
+    /// A control transfer: data for the host, none for a request out.
+    pub fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
+        let mut answer = match setup.request_type {
+            0x40 if data.is_empty() && setup.length == 0 => self.vendor_out(setup).map(|()| Vec::new()),
+            0xc0 => self.vendor_in(setup),
+            0x00..=0x02 => self.standard_out(setup).map(|()| Vec::new()),
+            0x80..=0x82 => self.standard_in(setup),
+            _ => Err(Stall),
+        }?;
+        answer.truncate(usize::from(setup.length));
+        Ok(answer)
+    }
+
+    fn vendor_out(&mut self, Setup { request, value, index, .. }: Setup) -> Result<(), Stall> {
+        // One interface: the index carries only what the two requests below put there.
+        if index != 0 && !matches!(request, 2 | 3) {
+            return Err(Stall);
+        }
+        match (request, value) {
+            (0, 0) => self.reset(),
+            (0, 1) => self.purge_received(),
+            (0, 2) => self.to_board.clear(),
+            (1, _) => {
+                let [state, mask] = value.to_le_bytes();
+                if mask & 1 != 0 {
+                    self.lines.dtr = state & 1 != 0;
+                }
+                if mask & 2 != 0 {
+                    self.lines.rts = state & 2 != 0;
+                }
+            }
+            (2, 0) if index == 0 => {}
+            (3, _) if index <= 1 => self.baud = baud_of(value, index),
+            (4, _) => self.is_8n1 = value == 8,
+            (6, _) => self.event = (value & 0x100 != 0).then_some(value as u8),
+            (9, 1..=255) => {
+                self.latency_ms = value as u8;
+                self.restart_timer();
+            }
+            _ => return Err(Stall),
+        }
+        Ok(())
+    }
+
+    fn vendor_in(&self, setup: Setup) -> Result<Vec<u8>, Stall> {
+        match setup.request {
+            5 => Ok(self.status().to_vec()),
+            10 => Ok(vec![self.latency_ms]),
+            _ => Err(Stall),
+        }
+    }
+
+    const fn standard_out(&mut self, setup: Setup) -> Result<(), Stall> {
+        match (setup.request, setup.value) {
+            (9, 0 | 1) => self.configuration = setup.value as u8,
+            // The address is the host controller's affair; a halted pipe is cleared; the interface has no alternate.
+            (5, _) | (1 | 11, 0) => {}
+            _ => return Err(Stall),
+        }
+        Ok(())
+    }
+
+    fn standard_in(&self, setup: Setup) -> Result<Vec<u8>, Stall> {
+        match setup.request {
+            0 => Ok(vec![0, 0]),
+            6 => descriptors::descriptor(setup.value).ok_or(Stall),
+            8 => Ok(vec![self.configuration]),
+            10 => Ok(vec![0]),
+            _ => Err(Stall),
+        }
+    }
+
+    /// What the request "reset" does: empty buffers, no event character, lines low; rate, format and latency stay.
+    fn reset(&mut self) {
+        self.to_board.clear();
+        self.purge_received();
+        self.event = None;
+        self.lines = ModemLines::default();
+    }
+
+    fn purge_received(&mut self) {
+        self.received.clear();
+        self.flush = false;
+        self.restart_timer();
+    }
+
+    const fn restart_timer(&mut self) {
+        self.timer_due_ns = self.now_ns + self.latency_ms as u64 * 1_000_000;
+    }
+
+    /// Takes bytes from the host as far as there is room; gives how many. The rest has to come again.
+    pub fn bulk_out(&mut self, bytes: &[u8]) -> usize {
+        let count = bytes.len().min(OUT_BUFFER_LEN - self.to_board.len());
+        self.to_board.extend(bytes[..count].iter().map(|byte| (self.now_ns, *byte)));
+        count
+    }
+
+    /// Packets for the host that are ready now, at most `max` bytes; full ones may be followed by a short one, which ends a transfer.
+    pub fn bulk_in(&mut self, max: usize) -> Option<Vec<u8>> {
+        let mut transfer = Vec::new();
+        while max - transfer.len() >= descriptors::PACKET_LEN {
+            let count = self.received.len().min(PAYLOAD_LEN);
+            if count < PAYLOAD_LEN && !self.flush {
+                break;
+            }
+            transfer.extend(self.status());
+            transfer.extend(self.received.drain(..count));
+            self.line_errors = 0;
+            self.restart_timer();
+            if count < PAYLOAD_LEN {
+                self.flush = false;
+                break;
+            }
+        }
+        (!transfer.is_empty()).then_some(transfer)
+    }
+
+    fn status(&self) -> [u8; STATUS_LEN] {
+        let empty = if self.to_board.is_empty() { TRANSMITTER_EMPTY } else { 0 };
+        [MODEM_STATUS, empty | self.line_errors]
+    }
+
+    /// The next byte whose last bit has reached the board by `until_ns`.
+    pub fn next_for_board(&mut self, until_ns: u64) -> Option<WireByte> {
+        let (put_ns, byte) = *self.to_board.front()?;
+        let at_ns = put_ns.max(self.out_free_ns) + byte_ns(self.baud);
+        if at_ns > until_ns {
+            return None;
+        }
+        self.to_board.pop_front();
+        self.out_free_ns = at_ns;
+        Some(WireByte { at_ns, byte, baud: if self.is_8n1 { self.baud } else { OTHER_FORMAT } })
+    }
+
+    /// The board sends bytes, from `at_ns` on, or as soon as its transmitter is free.
+    pub fn from_board(&mut self, at_ns: u64, bytes: &[u8], baud: u32) {
+        for byte in bytes {
+            self.in_free_ns = self.in_free_ns.max(at_ns) + byte_ns(baud);
+            self.from_board.push_back(WireByte { at_ns: self.in_free_ns, byte: *byte, baud });
+        }
+    }
+
+    /// Moves on: bytes arrive, the timer runs.
+    pub fn advance(&mut self, now_us: u64) {
+        self.now_ns = self.now_ns.max(now_us * 1_000);
+        let baud = if self.is_8n1 { self.baud } else { OTHER_FORMAT };
+        while let Some(wire) = self.from_board.front().copied().filter(|wire| wire.at_ns <= self.now_ns) {
+            self.from_board.pop_front();
+            let byte = wire.heard_at(baud);
+            if byte != wire.byte {
+                self.line_errors |= FRAMING_ERROR;
+            }
+            if self.received.len() == IN_BUFFER_LEN {
+                self.line_errors |= OVERRUN;
+                continue;
+            }
+            self.received.push_back(byte);
+            self.flush |= self.event == Some(byte);
+        }
+        self.flush |= self.now_ns >= self.timer_due_ns;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(chip: &mut Chip, request: u8, value: u16) {
+        assert_eq!(chip.control(Setup::vendor(request, value), &[]), Ok(Vec::new()));
+    }
+
+    fn fast() -> Chip {
+        let mut chip = Chip::new(0);
+        set(&mut chip, 3, 0x2);
+        set(&mut chip, 9, 1);
+        chip
+    }
+
+    #[test]
+    fn bytes_take_their_time_on_the_wire_and_there_is_room_for_128() {
+        let mut chip = fast();
+        assert_eq!(chip.bulk_out(&[7; 200]), 128);
+        assert_eq!(chip.next_for_board(6_665), None);
+        let first = chip.next_for_board(6_666).expect("one byte time");
+        assert_eq!((first.byte, first.baud, first.heard_at(9_600) == 7), (7, 1_500_000, false));
+        let mut last_ns = 0;
+        while let Some(byte) = chip.next_for_board(u64::MAX) {
+            last_ns = byte.at_ns;
+        }
+        assert_eq!(last_ns, 128 * 6_666);
+    }
+
+    /// With nothing to say there is a packet of two bytes each time the timer has run out, and none before.
+    #[test]
+    fn an_idle_chip_sends_its_status_once_per_latency() {
+        let mut chip = fast();
+        for ms in 1..=5 {
+            chip.advance(ms * 1_000 - 1);
+            assert_eq!(chip.bulk_in(64), None);
+            chip.advance(ms * 1_000);
+            assert_eq!(chip.bulk_in(64), Some(vec![0x01, 0x60]));
+            assert_eq!(chip.bulk_in(64), None);
+        }
+        set(&mut chip, 9, 16);
+        chip.advance(20_999);
+        assert_eq!(chip.bulk_in(64), None);
+        chip.advance(21_000);
+        assert!(chip.bulk_in(64).is_some());
+    }
+
+    #[test]
+    fn bytes_wait_for_the_timer_for_62_of_them_or_for_the_event_character() {
+        let mut chip = fast();
+        chip.from_board(0, b"<abc>", 1_500_000);
+        chip.advance(999);
+        assert_eq!(chip.bulk_in(64), None);
+        chip.advance(1_000);
+        assert_eq!(chip.bulk_in(64), Some(b"\x01\x60<abc>".to_vec()));
+
+        chip.from_board(1_000_000, &[b'x'; 61], 1_500_000);
+        chip.advance(1_500);
+        assert_eq!(chip.bulk_in(64), None);
+        chip.from_board(1_500_000, b"yz", 1_500_000);
+        chip.advance(1_600);
+        let full = chip.bulk_in(512).expect("62 bytes");
+        assert_eq!((full.len(), full.last()), (64, Some(&b'y')));
+        assert_eq!(chip.bulk_in(512), None, "one more waits for the timer");
+
+        set(&mut chip, 6, 0x013e);
+        chip.from_board(1_700_000, b"<abc>", 1_500_000);
+        chip.advance(1_733);
+        assert_eq!(chip.bulk_in(64), None);
+        chip.advance(1_734);
+        assert_eq!(chip.bulk_in(64), Some(b"\x01\x60z<abc>".to_vec()));
+    }
+
+    #[test]
+    fn a_transfer_of_several_packets_has_the_status_in_each_and_ends_short() {
+        let mut chip = fast();
+        chip.from_board(0, &(0..130).collect::<Vec<u8>>(), 1_500_000);
+        chip.advance(1_000);
+        let transfer = chip.bulk_in(4_096).expect("three packets");
+        assert_eq!(transfer.len(), 130 + 3 * 2);
+        for packet in transfer.chunks(64) {
+            assert_eq!(packet[..2], [0x01, 0x60]);
+        }
+        let payload: Vec<u8> = transfer.chunks(64).flat_map(|packet| packet[2..].to_vec()).collect();
+        assert_eq!(payload, (0..130).collect::<Vec<u8>>());
+    }
+
+    #[test]
+    fn what_nobody_reads_overruns_and_purging_empties() {
+        let mut chip = fast();
+        chip.from_board(0, &[1; 300], 1_500_000);
+        chip.advance(10_000);
+        let transfer = chip.bulk_in(4_096).expect("full");
+        assert_eq!((transfer.len(), transfer[1] & OVERRUN), (256 + 5 * 2, OVERRUN));
+        chip.from_board(10_000_000, &[1; 20], 1_500_000);
+        chip.bulk_out(&[1; 20]);
+        chip.advance(10_200);
+        set(&mut chip, 0, 1);
+        set(&mut chip, 0, 2);
+        chip.advance(20_000);
+        assert_eq!(
+            (chip.bulk_in(64).map(|bytes| bytes.len()), chip.next_for_board(u64::MAX)),
+            (Some(2), None)
+        );
+    }
+
+    #[test]
+    fn another_rate_or_format_is_noise() {
+        let mut chip = fast();
+        chip.from_board(0, b"A", 142_857);
+        chip.advance(1_000);
+        let packet = chip.bulk_in(64).expect("one byte");
+        assert!(packet[1] & FRAMING_ERROR != 0 && packet[2] != b'A');
+        set(&mut chip, 4, 0x0108);
+        chip.from_board(1_000_000, b"A", 1_500_000);
+        chip.advance(2_000);
+        assert_ne!(chip.bulk_in(64).expect("one byte")[2], b'A');
+    }
+
+    #[test]
+    fn lines_move_by_their_mask_and_unknown_requests_stall() {
+        let mut chip = fast();
+        set(&mut chip, 1, 0x0101);
+        set(&mut chip, 1, 0x0200);
+        assert_eq!(chip.lines(), ModemLines { dtr: true, rts: false });
+        set(&mut chip, 1, 0x0100);
+        assert_eq!(chip.lines(), ModemLines::default());
+        set(&mut chip, 2, 0);
+        for (request, value) in [(9, 0), (9, 256), (0, 3), (2, 1), (0x77, 0)] {
+            assert_eq!(chip.control(Setup::vendor(request, value), &[]), Err(Stall), "{request} {value}");
+        }
+        let elsewhere = Setup { index: 1, ..Setup::vendor(9, 1) };
+        assert_eq!(chip.control(elsewhere, &[]), Err(Stall));
+        assert_eq!(chip.control(Setup::vendor(9, 1), &[0]), Err(Stall), "there is no data stage");
+    }
+
+    #[test]
+    fn it_is_enumerated() {
+        let mut chip = Chip::new(0);
+        let get = |value, length| Setup { request_type: 0x80, request: 6, value, index: 0, length };
+        assert_eq!(chip.control(get(0x0100, 8), &[]).expect("a descriptor").len(), 8);
+        assert_eq!(chip.control(get(0x0100, 64), &[]).expect("a descriptor").len(), 18);
+        assert_eq!(chip.control(get(0x0200, 255), &[]).expect("a descriptor").len(), 32);
+        assert_eq!(chip.control(get(0x0600, 10), &[]), Err(Stall), "no other speed");
+        let configure = Setup { request_type: 0, request: 9, value: 1, index: 0, length: 0 };
+        assert_eq!(chip.control(configure, &[]), Ok(Vec::new()));
+        let which = Setup { request_type: 0x80, request: 8, value: 0, index: 0, length: 1 };
+        assert_eq!(chip.control(which, &[]), Ok(vec![1]));
+        let latency = Setup { request_type: 0xc0, request: 10, value: 0, index: 0, length: 1 };
+        assert_eq!(chip.control(latency, &[]), Ok(vec![16]));
+    }
+}

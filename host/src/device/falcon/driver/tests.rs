@@ -1,0 +1,290 @@
+use super::*;
+use crate::device::falcon::fake::Fake;
+use crate::device::falcon::kinematics::CENTRE_M;
+use crate::device::falcon::packet::ALL_HOMED;
+
+const POLLED: FalconConfig = FalconConfig {
+    workspace: Workspace {
+        axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        scale: 1.0,
+        device_origin_m: [0.0; 3],
+        model_origin_m: [0.0; 3],
+    },
+    max_force_n: 8.0,
+    counts_per_n_m: -10_000.0,
+    gravity_n: 0.0,
+    mode: Mode::Polled,
+};
+
+fn start(chip: &Arc<Fake>) -> Falcon<Fake> {
+    Falcon::start(Arc::clone(chip), POLLED, None).expect("running")
+}
+
+/// A device that has been exchanged with until it gave a sample, and the time then.
+fn homed(chip: &Arc<Fake>) -> (Falcon<Fake>, u64) {
+    let mut falcon = start(chip);
+    assert_eq!(falcon.exchange(0, [0.0; 3]), Ok(None));
+    assert!(falcon.exchange(1_000, [0.0; 3]).expect("a link").is_some());
+    (falcon, 1_000)
+}
+
+fn kind(result: Result<Option<Sample>, DeviceError>) -> DeviceErrorKind {
+    result.expect_err("an error").kind()
+}
+
+#[test]
+fn a_sample_is_where_the_hand_was_when_it_was_asked_for() {
+    let chip = Fake::running();
+    chip.with(|script| script.reply.buttons = 0b1010);
+    let mut falcon = start(&chip);
+    assert_eq!(falcon.state(), DeviceState::FirmwareLoaded);
+    assert_eq!(falcon.exchange(5_000, [0.0; 3]), Ok(None), "it does not wait");
+    let sample = falcon.exchange(6_000, [0.0; 3]).expect("a link").expect("a sample");
+    assert_eq!((sample.t_us, sample.buttons), (5_000, 0b1010));
+    assert!(vec3::distance(sample.position_m, CENTRE_M.map(|m| m as f32)) < 60e-6);
+    assert_eq!(falcon.state(), DeviceState::Homed);
+}
+
+#[test]
+fn a_silent_device_needs_its_firmware_and_gets_it() {
+    let silent = Fake::silent();
+    let without = Falcon::start(Arc::clone(&silent), POLLED, None);
+    assert_eq!(without.err(), Some(FalconError::NeedsFirmware));
+    let image = Image::synthetic(100);
+    let falcon = Falcon::start(Arc::clone(&silent), POLLED, Some(&image)).expect("loaded");
+    assert_eq!(falcon.state(), DeviceState::FirmwareLoaded);
+    silent.with(|script| assert_eq!((script.loads, &script.image[1..]), (1, image.bytes())));
+    let running = Fake::running();
+    Falcon::start(Arc::clone(&running), POLLED, Some(&image)).expect("it answers");
+    assert_eq!(running.with(|script| script.loads), 0, "not loaded twice");
+}
+
+#[test]
+fn there_is_no_force_and_no_sample_before_all_three_axes_are_homed() {
+    let chip = Fake::running();
+    let mut falcon = start(&chip);
+    for (tick, homed) in [0, 1, 3, 5, 6].into_iter().cycle().take(20).enumerate() {
+        chip.with(|script| script.reply.homed = homed);
+        assert_eq!(falcon.exchange(1_000 * tick as u64, [0.0, 0.0, 3.0]), Ok(None));
+        let request = chip.last();
+        assert_eq!((request.motors, request.homing), ([0; 3], true));
+        assert_eq!(request.lights, Lights { red: true, ..Lights::default() });
+    }
+    assert_eq!(falcon.state(), DeviceState::Unhomed);
+    chip.with(|script| script.reply.homed = ALL_HOMED);
+    assert_eq!(falcon.exchange(20_000, [0.0; 3]), Ok(None), "this reply is from before");
+    assert!(falcon.exchange(21_000, [0.0; 3]).expect("a link").is_some());
+    assert_eq!(falcon.state(), DeviceState::Homed);
+    let request = chip.last();
+    assert_eq!((request.motors, request.homing), ([0; 3], false));
+    assert_eq!(request.lights, Lights { blue: true, ..Lights::default() });
+}
+
+#[test]
+fn a_force_reaches_the_motors_and_loses_them_with_the_homed_bits() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    falcon.exchange(now_us + 1_000, [0.0, 0.0, 2.0]).expect("a link");
+    let request = chip.last();
+    // Towards the user: the cranks turn up, and the scale is negative.
+    assert!(request.motors[0] < -100 && request.motors == [request.motors[0]; 3], "{request:?}");
+    assert_eq!(request.lights, Lights { green: true, ..Lights::default() });
+    chip.with(|script| script.reply.homed = 0b011);
+    falcon.exchange(now_us + 2_000, [0.0, 0.0, 2.0]).expect("a link");
+    assert_eq!(falcon.exchange(now_us + 3_000, [0.0, 0.0, 2.0]), Ok(None));
+    assert_eq!(falcon.state(), DeviceState::Unhomed);
+    assert_eq!((chip.last().motors, chip.last().homing), ([0; 3], true));
+}
+
+/// Homing sets the counts anew: the same place may have others, which is no jump.
+#[test]
+fn homing_again_resets_the_coordinates() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    chip.with(|script| script.reply.homed = 0);
+    assert!(falcon.exchange(now_us + 1_000, [0.0; 3]).is_ok());
+    assert_eq!(falcon.exchange(now_us + 2_000, [0.0; 3]), Ok(None));
+    chip.with(|script| {
+        script.reply.homed = ALL_HOMED;
+        script.put([0.03, -0.02, 0.14]);
+    });
+    falcon.exchange(now_us + 3_000, [0.0; 3]).expect("a link");
+    let sample = falcon.exchange(now_us + 4_000, [0.0; 3]).expect("a link").expect("a sample");
+    assert!(vec3::distance(sample.position_m, [0.03, -0.02, 0.14]) < 60e-6);
+}
+
+#[test]
+fn a_late_reply_is_as_old_as_its_request() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    // One is answered at once; the next waits.
+    falcon.exchange(now_us + 1_000, [0.0; 3]).expect("a link");
+    chip.with(|script| script.holds = true);
+    falcon.exchange(now_us + 2_000, [0.0; 3]).expect("a link");
+    assert_eq!(falcon.exchange(now_us + 3_000, [0.0; 3]), Ok(None), "nothing yet, and nothing is sent");
+    let sent = chip.with(|script| script.requests.len());
+    assert_eq!(kind(falcon.exchange(now_us + 4_000, [0.0; 3])), DeviceErrorKind::Timeout);
+    assert_eq!(chip.with(|script| script.requests.len()), sent + 1, "given up, and the next is sent");
+    chip.with(|script| {
+        script.held.truncate(1);
+        script.release();
+    });
+    let sample = falcon.exchange(now_us + 5_000, [0.0; 3]).expect("a link").expect("a sample");
+    assert_eq!(sample.t_us, now_us + 2_000);
+    // The other one is never answered: silence, and then all is as before.
+    chip.with(|script| script.holds = false);
+    let mut samples = (6..12).filter_map(|tick| falcon.exchange(now_us + 1_000 * tick, [0.0; 3]).ok()?);
+    assert!(samples.any(|sample| sample.t_us > now_us + 6_000 && sample.t_us < now_us + 11_000));
+}
+
+#[test]
+fn a_force_is_taken_away_whatever_the_link_does() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    chip.with(|script| script.holds = true);
+    falcon.exchange(now_us + 1_000, [1.0, 0.0, 0.0]).expect("a link");
+    assert_ne!(chip.last().motors, [0; 3]);
+    // No reply yet; the write fails as well, and is done again.
+    chip.with(|script| script.failing_writes = 1);
+    assert_eq!(kind(falcon.exchange(now_us + 1_500, [0.0; 3])), DeviceErrorKind::Timeout);
+    assert_ne!(chip.last().motors, [0; 3]);
+    let _ = falcon.exchange(now_us + 2_000, [0.0; 3]);
+    assert_eq!(chip.last().motors, [0; 3]);
+}
+
+#[test]
+fn stopping_dropping_and_the_second_way_send_zero_twice() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    let mut second = falcon.emergency_stop().expect("a second way");
+    let zeros = |act: &mut dyn FnMut()| {
+        let before = chip.with(|script| script.requests.len());
+        act();
+        chip.with(|script| {
+            assert!(script.requests[before..].iter().all(|request| request.motors == [0; 3]));
+            script.requests.len() - before
+        })
+    };
+    falcon.exchange(now_us + 1_000, [0.0, 4.0, 0.0]).expect("a link");
+    assert_ne!(chip.last().motors, [0; 3]);
+    assert_eq!(zeros(&mut || second.zero().expect("a link")), 2);
+    assert_eq!(zeros(&mut || falcon.stop()), 2);
+    let mut held = Some(falcon);
+    assert_eq!(zeros(&mut || drop(held.take())), 2);
+}
+
+#[test]
+fn damage_is_no_sample_and_the_next_packet_is() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    let whole = chip.with(|script| script.reply.encode());
+    chip.with(|script| script.holds = true);
+    falcon.exchange(now_us + 1_000, [0.0; 3]).expect("a link");
+    // Cut in two by the transfer: not damaged.
+    chip.with(|script| script.say(&whole[..9]));
+    assert_eq!(falcon.exchange(now_us + 2_000, [0.0; 3]), Ok(None));
+    chip.with(|script| script.say(&whole[9..]));
+    assert!(falcon.exchange(now_us + 2_500, [0.0; 3]).expect("a link").is_some());
+    // Cut for good: said so, then a pause, then a sample.
+    chip.with(|script| script.say(&[&whole[..5], b"\xFF"].concat()));
+    assert_eq!(kind(falcon.exchange(now_us + 3_000, [0.0; 3])), DeviceErrorKind::BadFrame);
+    chip.with(|script| script.holds = false);
+    let found =
+        (4..12).any(|tick| falcon.exchange(now_us + 1_000 * tick, [0.0; 3]).is_ok_and(|s| s.is_some()));
+    assert!(found, "it goes on");
+}
+
+#[test]
+fn where_no_hand_can_be_is_an_error_and_no_sample() {
+    for far in [[4000, -516, 900], [-100, -516, -900]] {
+        let chip = Fake::running();
+        let (mut falcon, now_us) = homed(&chip);
+        let good = chip.with(|script| core::mem::replace(&mut script.reply.encoders, far));
+        falcon.exchange(now_us + 1_000, [0.0; 3]).expect("from before");
+        assert_eq!(kind(falcon.exchange(now_us + 2_000, [0.0; 3])), DeviceErrorKind::BadFrame, "{far:?}");
+        chip.with(|script| script.reply.encoders = good);
+        let _ = falcon.exchange(now_us + 3_000, [0.0; 3]);
+        let sample = falcon.exchange(now_us + 4_000, [0.0; 3]).expect("a link").expect("a sample");
+        assert!(vec3::distance(sample.position_m, CENTRE_M.map(|m| m as f32)) < 60e-6);
+    }
+}
+
+#[test]
+fn a_fast_hand_is_followed() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    for tick in 1..20 {
+        // 2 m/s.
+        chip.with(|script| script.put([2e-3 * f64::from(tick), 0.0, 0.12]));
+        assert!(falcon.exchange(now_us + 1_000 * tick as u64, [0.0; 3]).expect("a link").is_some());
+    }
+}
+
+#[test]
+fn a_pulled_cable_ends_it() {
+    let chip = Fake::running();
+    let (mut falcon, now_us) = homed(&chip);
+    chip.with(|script| script.unplugged = true);
+    assert_eq!(kind(falcon.exchange(now_us + 1_000, [0.0; 3])), DeviceErrorKind::Disconnected);
+    assert_eq!(falcon.state(), DeviceState::Disconnected);
+    falcon.stop();
+}
+
+#[test]
+fn the_workspace_turns_the_force_and_the_profile_limits_it() {
+    let chip = Fake::running();
+    let profile = crate::device::profile::Profile::bundled("falcon").expect("bundled");
+    let config = FalconConfig { workspace: profile.workspace, max_force_n: profile.max_force_n, ..POLLED };
+    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
+    assert_eq!(falcon.exchange(0, [0.0; 3]), Ok(None));
+    let sample = falcon.exchange(1_000, [0.0; 3]).expect("a link").expect("a sample");
+    // The middle of the device is the model's origin; three metres of the model to one of the hand.
+    assert!(vec3::norm(sample.position_m) < 3.0 * 60e-6, "{sample:?}");
+    assert_eq!(falcon.info().max_force_n, 8.0);
+    assert!((falcon.info().max_stiffness_n_m - 1000.0 / 3.0).abs() < 1e-3);
+    falcon.exchange(2_000, [0.0, 0.0, 1e6]).expect("a link");
+    let limited = chip.last().motors;
+    falcon.exchange(3_000, [0.0, 0.0, 8.0]).expect("a link");
+    assert_eq!(chip.last().motors, limited);
+}
+
+#[test]
+fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
+    let chip = Fake::running();
+    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
+    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
+    let stop = AtomicBool::new(false);
+    assert_eq!(falcon.home(&stop), Ok(true));
+    let (mut samples, begun) = (0, Instant::now());
+    while samples < 50 {
+        let now_us = begun.elapsed().as_micros() as u64;
+        if let Ok(Some(sample)) = falcon.exchange(now_us, [0.5, 0.0, 0.0]) {
+            assert!(sample.t_us < now_us);
+            samples += 1;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(20), "{samples} samples");
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    drop(falcon);
+    assert_eq!(chip.last().motors, [0; 3]);
+    // The thread had a share of the chip.
+    assert_eq!(Arc::strong_count(&chip), 1);
+}
+
+#[test]
+fn homing_is_given_up_when_the_session_is_stopped() {
+    let chip = Fake::running();
+    chip.with(|script| script.reply.homed = 0);
+    let stop = AtomicBool::new(true);
+    assert_eq!(start(&chip).home(&stop), Ok(false));
+}
+
+#[test]
+fn errors_are_one_line_with_the_mend() {
+    let gone = DeviceError::new(DeviceErrorKind::Disconnected);
+    for error in [FalconError::Device(gone), FalconError::NeedsFirmware, FalconError::Usb(UsbError::NotFound)]
+    {
+        let text = error.to_string();
+        assert!(!text.contains('\n') && text.contains("; "), "{text}");
+    }
+}

@@ -1,0 +1,428 @@
+//! Geometry of the Falcon's delta: encoder counts to position and back, and the Jacobian between them.
+//!
+//! Three legs round the z axis, at 105, -15 and -135 degrees. In the plane of a leg
+//!
+//! ```text
+//! u =  x cos(phi) + y sin(phi) + U      v = -x sin(phi) + y cos(phi) + V      w = z
+//! crank e^(i theta) + L e^(i theta2) = u + i w,      L = gap + sqrt(rod^2 - v^2)
+//! ```
+//!
+//! so that position and crank angle theta are tied by one equation a leg,
+//!
+//! g = (u - crank cos theta)^2 + (w - crank sin theta)^2 - L^2 = 0
+//!
+//! The gap makes L depend on the position: there is no closed form as for three spheres, the three equations are solved by Newton's method
+//! from the last position. x is to the right, y up, z towards the user; metres and radians.
+//! Source of the figures: libnifalcon (after R. E. Stamper, 1997). Deviation: solved to 1e-9 m, not to 0.01 rad of a joint, which is 0.6 mm.
+
+/// Length of the driven crank, m.
+const CRANK_M: f64 = 0.060;
+/// Length of the parallelogram's rods, m.
+const ROD_M: f64 = 0.1025;
+/// What the joints at both ends of the rods add to them in the leg's plane, m.
+const GAP_M: f64 = 0.01125 + 0.01125;
+/// Radial offset of the handle's joint from that of the base, m.
+const U_OFFSET_M: f64 = 0.01443 - 0.0400;
+/// Sideways offset of the same, m.
+const V_OFFSET_M: f64 = -0.025 + 0.02309;
+/// Direction of each leg, degrees.
+const LEGS_DEG: [f64; 3] = [105.0, -15.0, -135.0];
+
+/// Counts of the encoder to one degree of a crank: a wheel of 320 slots, each counted four times, on a shaft of 14.25 mm that a cable
+/// drives from the crank's drum of 110 mm.
+pub const COUNTS_PER_DEGREE: f64 = 320.0 * 4.0 * (0.110 / 0.01425) / 360.0;
+/// Angle of the cranks at count 0, degrees.
+const ZERO_DEG: f64 = 35.0;
+
+/// Middle of the workspace, m: where the first solution begins.
+pub const CENTRE_M: [f64; 3] = [0.0, 0.0, 0.12];
+
+/// Most steps of Newton's method.
+pub const MAX_ITERATIONS: u32 = 10;
+/// A step below this is the last, m: the next would be its square over some centimetres.
+const LAST_STEP_M: f64 = 1e-6;
+/// Longest step, m: a longer one leaves the region where the equations are nearly linear.
+const MAX_STEP_M: f64 = 0.03;
+/// Farthest from the centre that the handle can be in any direction, m: beyond, something else was solved.
+const MAX_REACH_M: f64 = 0.1;
+/// Volume that the three rows of dg/dp, scaled to unit length, span at least; the legs go round clockwise, so its sign is turned. It is 0.34
+/// to 0.89 over the workspace, and zero where the handle gets loose; below zero it would be on the other side of its legs.
+const MIN_VOLUME: f64 = 0.05;
+
+/// One leg's direction.
+#[derive(Debug, Clone, Copy)]
+struct Leg {
+    cos: f64,
+    sin: f64,
+}
+
+/// The leg's equation at one place.
+#[derive(Debug, Clone, Copy)]
+struct Equation {
+    /// g, m^2.
+    g: f64,
+    /// dg/dp, m.
+    gradient: [f64; 3],
+    /// dg/dtheta, m^2. Negative where the leg bends the way it is built.
+    by_angle: f64,
+}
+
+impl Leg {
+    /// Position of the handle's joint in the leg's frame.
+    fn uv(self, p: [f64; 3]) -> (f64, f64) {
+        let Self { cos, sin } = self;
+        (p[0] * cos + p[1] * sin + U_OFFSET_M, p[1] * cos - p[0] * sin + V_OFFSET_M)
+    }
+
+    /// Crank angle, the smaller of the two; `None` where no angle reaches.
+    fn angle(self, p: [f64; 3]) -> Option<f64> {
+        let (u, v) = self.uv(p);
+        let rod = ROD_M * ROD_M - v * v;
+        if rod < 0.0 {
+            return None;
+        }
+        let length = GAP_M + rod.sqrt();
+        let away2 = u * u + p[2] * p[2];
+        let cos = (CRANK_M * CRANK_M + away2 - length * length) / (2.0 * CRANK_M * away2.sqrt());
+        (cos.abs() <= 1.0).then(|| p[2].atan2(u) - cos.acos())
+    }
+
+    /// The equation and its derivatives; `None` where the rods do not reach.
+    fn equation(self, p: [f64; 3], (sin_t, cos_t): (f64, f64)) -> Option<Equation> {
+        let (u, v) = self.uv(p);
+        let rod2 = ROD_M * ROD_M - v * v;
+        if rod2 <= 0.0 {
+            return None;
+        }
+        let rod = rod2.sqrt();
+        let length = GAP_M + rod;
+        let (du, dw) = (u - CRANK_M * cos_t, p[2] - CRANK_M * sin_t);
+        // dL/dv = -v / rod.
+        let by_v = 2.0 * length * v / rod;
+        Some(Equation {
+            g: du * du + dw * dw - length * length,
+            gradient: [
+                2.0 * du * self.cos - by_v * self.sin,
+                2.0 * du * self.sin + by_v * self.cos,
+                2.0 * dw,
+            ],
+            by_angle: 2.0 * CRANK_M * (u * sin_t - p[2] * cos_t),
+        })
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Inverse of the matrix with these rows, as columns not yet divided by the determinant; and that.
+fn adjugate([a, b, c]: [[f64; 3]; 3]) -> ([[f64; 3]; 3], f64) {
+    let columns = [cross(b, c), cross(c, a), cross(a, b)];
+    (columns, dot(a, columns[0]))
+}
+
+/// Angle of a crank at a count, rad.
+#[must_use]
+pub fn angle_of(count: f64) -> f64 {
+    (ZERO_DEG + count / COUNTS_PER_DEGREE).to_radians()
+}
+
+/// Count at an angle of a crank, not rounded.
+#[must_use]
+pub fn count_of(angle_rad: f64) -> f64 {
+    (angle_rad.to_degrees() - ZERO_DEG) * COUNTS_PER_DEGREE
+}
+
+/// Where the handle is, and how it moves with the cranks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Position, m.
+    pub position_m: [f64; 3],
+    /// J = d(position)/d(theta), m/rad: a row for each axis, a column for each crank.
+    pub jacobian: [[f64; 3]; 3],
+}
+
+impl Pose {
+    /// Torques at the cranks that put a force on the hand, N m.
+    ///
+    /// tau = J^T F: the power is the same on both sides, F . dp = tau . dtheta.
+    #[must_use]
+    pub fn torques_n_m(&self, force_n: [f64; 3]) -> [f64; 3] {
+        let j = &self.jacobian;
+        core::array::from_fn(|crank| (0..3).map(|axis| j[axis][crank] * force_n[axis]).sum())
+    }
+}
+
+/// What became of one set of counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Solution {
+    /// Solved; the pose is of these counts.
+    Solved {
+        /// Steps of Newton's method.
+        iterations: u32,
+    },
+    /// No place of the handle fits these counts, or none was found: the pose is still the last good one.
+    Kept,
+}
+
+/// The mechanism, with the last pose that was found.
+#[derive(Debug, Clone, Copy)]
+pub struct Kinematics {
+    legs: [Leg; 3],
+    pose: Pose,
+}
+
+impl Default for Kinematics {
+    fn default() -> Self {
+        let legs = LEGS_DEG.map(|degrees| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            Leg { cos, sin }
+        });
+        let mut mechanism = Self { legs, pose: Pose { position_m: CENTRE_M, jacobian: [[0.0; 3]; 3] } };
+        let angles = mechanism.angles_rad(CENTRE_M).expect("the centre can be reached");
+        mechanism.pose = mechanism.newton(angles).expect("and solved for").0;
+        mechanism
+    }
+}
+
+impl Kinematics {
+    /// The last pose that was found; the centre's before.
+    #[must_use]
+    pub const fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Forgets the last pose: the next solution begins in the centre.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Crank angles at a position, rad; `None` where the handle cannot be.
+    #[must_use]
+    pub fn angles_rad(&self, position_m: [f64; 3]) -> Option<[f64; 3]> {
+        let [a, b, c] = self.legs.map(|leg| leg.angle(position_m));
+        Some([a?, b?, c?])
+    }
+
+    /// Encoder counts at a position, as the device would send them.
+    #[must_use]
+    pub fn counts(&self, position_m: [f64; 3]) -> Option<[i16; 3]> {
+        // Angles within one turn are a few thousand counts.
+        Some(self.angles_rad(position_m)?.map(|angle| count_of(angle).round() as i16))
+    }
+
+    /// Finds the pose for encoder counts, from the last one.
+    pub fn solve(&mut self, counts: [i16; 3]) -> Solution {
+        self.solve_angles(counts.map(|count| angle_of(f64::from(count))))
+    }
+
+    /// Finds the pose for crank angles, rad, from the last one.
+    ///
+    /// Newton: p -= (dg/dp)^-1 g, and J = -(dg/dp)^-1 diag(dg/dtheta) at the end.
+    /// Cost: 3 or 4 steps of three square roots and a 3 x 3 inverse each; nothing is allocated.
+    pub fn solve_angles(&mut self, angles_rad: [f64; 3]) -> Solution {
+        match self.newton(angles_rad) {
+            Some((pose, iterations)) => {
+                self.pose = pose;
+                Solution::Solved { iterations }
+            }
+            None => Solution::Kept,
+        }
+    }
+
+    fn equations(&self, p: [f64; 3], angles: [(f64, f64); 3]) -> Option<[Equation; 3]> {
+        let [a, b, c] = core::array::from_fn(|i| self.legs[i].equation(p, angles[i]));
+        Some([a?, b?, c?])
+    }
+
+    fn newton(&self, angles_rad: [f64; 3]) -> Option<(Pose, u32)> {
+        let angles = angles_rad.map(f64::sin_cos);
+        let mut p = self.pose.position_m;
+        for iterations in 1..=MAX_ITERATIONS {
+            let equations = self.equations(p, angles)?;
+            let (columns, volume) = adjugate(equations.map(|e| e.gradient));
+            let step: [f64; 3] = core::array::from_fn(|axis| {
+                -(0..3).map(|leg| columns[leg][axis] * equations[leg].g).sum::<f64>() / volume
+            });
+            let length = dot(step, step).sqrt();
+            if length.is_nan() || length > 1.0 {
+                return None;
+            }
+            let scale = if length > MAX_STEP_M { MAX_STEP_M / length } else { 1.0 };
+            p = core::array::from_fn(|axis| p[axis] + scale * step[axis]);
+            if length < LAST_STEP_M {
+                return Some((self.pose_at(p, angles)?, iterations));
+            }
+        }
+        None
+    }
+
+    /// The pose at a root, if the mechanism can be there without having been taken apart.
+    fn pose_at(&self, p: [f64; 3], angles: [(f64, f64); 3]) -> Option<Pose> {
+        let equations = self.equations(p, angles)?;
+        let gradients = equations.map(|e| e.gradient);
+        let (columns, volume) = adjugate(gradients);
+        let lengths: f64 = gradients.iter().map(|g| dot(*g, *g).sqrt()).product();
+        let away = core::array::from_fn(|axis| p[axis] - CENTRE_M[axis]);
+        let is_built_so = equations.iter().all(|e| e.by_angle < 0.0)
+            && -volume > MIN_VOLUME * lengths
+            && dot(away, away) < MAX_REACH_M * MAX_REACH_M;
+        is_built_so.then(|| Pose {
+            position_m: p,
+            jacobian: core::array::from_fn(|axis| {
+                core::array::from_fn(|leg| -columns[leg][axis] * equations[leg].by_angle / volume)
+            }),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Positions of a box of 80 x 80 x 70 mm, 4 mm apart, that the mechanism reaches.
+    fn workspace(mechanism: &Kinematics) -> Vec<([f64; 3], [f64; 3])> {
+        let axis = |count: u32, from: f64, to: f64| {
+            (0..count).map(move |i| from + (to - from) * f64::from(i) / f64::from(count - 1))
+        };
+        let side = move || axis(21, -0.04, 0.04);
+        let places =
+            axis(18, 0.085, 0.155).flat_map(|z| side().flat_map(move |y| side().map(move |x| [x, y, z])));
+        places.filter_map(|p| Some((p, mechanism.angles_rad(p)?))).collect()
+    }
+
+    fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+        let d = core::array::from_fn(|i| a[i] - b[i]);
+        dot(d, d).sqrt()
+    }
+
+    #[test]
+    fn counts_on_the_axis_are_those_of_the_description() {
+        let mechanism = Kinematics::default();
+        for (z, count) in [(0.075, -1463), (0.11, -516), (0.13, -96), (0.15, 336), (0.17, 872)] {
+            assert_eq!(mechanism.counts([0.0, 0.0, z]), Some([count; 3]), "z = {z}");
+        }
+        assert!((COUNTS_PER_DEGREE - 27.446).abs() < 5e-4);
+        assert_eq!(mechanism.counts([0.2, 0.0, 0.12]), None);
+    }
+
+    /// Each from the centre, the hardest start there is.
+    #[test]
+    fn positions_come_back_from_their_angles_all_over_the_workspace() {
+        let mechanism = Kinematics::default();
+        let places = workspace(&mechanism);
+        let (mut failed, mut worst_m, mut most) = (0, 0.0_f64, 0);
+        for (p, angles) in &places {
+            let mut solver = mechanism;
+            match solver.solve_angles(*angles) {
+                Solution::Solved { iterations } => {
+                    worst_m = worst_m.max(distance(solver.pose().position_m, *p));
+                    most = most.max(iterations);
+                }
+                Solution::Kept => failed += 1,
+            }
+        }
+        println!("{} places, {failed} failed, worst {worst_m:.1e} m, {most} iterations", places.len());
+        assert!(worst_m < 1e-9, "{worst_m}");
+        assert!(places.len() > 7900 && failed <= 5, "{failed} of {}", places.len());
+    }
+
+    /// Along a path of the hand, as the driver goes: rounded to whole counts, from the last pose.
+    #[test]
+    fn a_hand_in_motion_is_followed_to_within_a_count() {
+        let mut mechanism = Kinematics::default();
+        let (mut worst_m, mut most) = (0.0_f64, 0);
+        for i in 0..20_000 {
+            let t = f64::from(i) * 1e-3;
+            let p = [0.038 * (9.0 * t).sin(), 0.038 * (7.0 * t).cos(), 0.12 + 0.033 * (5.0 * t).sin()];
+            let counts = mechanism.counts(p).expect("within reach");
+            let Solution::Solved { iterations } = mechanism.solve(counts) else { panic!("lost at {p:?}") };
+            // The first begins in the centre.
+            most = if i == 0 { 0 } else { most.max(iterations) };
+            worst_m = worst_m.max(distance(mechanism.pose().position_m, p));
+        }
+        // Half a count of every encoder; a count is 54 um at most, and more towards the corners.
+        assert!(worst_m < 60e-6 && most <= 4, "{worst_m} m, {most} iterations");
+    }
+
+    #[test]
+    fn the_jacobian_is_what_differences_say() {
+        let mut mechanism = Kinematics::default();
+        let step = 1e-4;
+        for (p, angles) in workspace(&mechanism).into_iter().step_by(37) {
+            assert_ne!(mechanism.solve_angles(angles), Solution::Kept, "{p:?}");
+            let pose = *mechanism.pose();
+            for crank in 0..3 {
+                let mut at = |sign: f64| {
+                    let mut moved = angles;
+                    moved[crank] += sign * step;
+                    assert_ne!(mechanism.solve_angles(moved), Solution::Kept);
+                    mechanism.pose().position_m
+                };
+                let (after, before) = (at(1.0), at(-1.0));
+                for axis in 0..3 {
+                    let slope = (after[axis] - before[axis]) / (2.0 * step);
+                    let j = pose.jacobian[axis][crank];
+                    assert!((slope - j).abs() < 1e-7 + 1e-6 * j.abs(), "{p:?}: {slope}, not {j}");
+                }
+            }
+        }
+    }
+
+    /// tau . dtheta = F . dp, and in the centre a push along the axis turns all cranks alike.
+    #[test]
+    fn torques_do_the_work_of_the_force() {
+        let mut mechanism = Kinematics::default();
+        for torque in mechanism.pose().torques_n_m([0.0, 0.0, 1.0]) {
+            // The cranks turn towards the user as z grows.
+            assert!((0.01..0.1).contains(&torque), "{torque}");
+        }
+        let (p, force) = ([0.012, -0.02, 0.13], [1.0, -2.0, 0.7]);
+        let angles = mechanism.angles_rad(p).expect("within reach");
+        assert_ne!(mechanism.solve_angles(angles), Solution::Kept);
+        let torques = mechanism.pose().torques_n_m(force);
+        let step = [1e-7, 2e-7, -1e-7];
+        let moved = mechanism.angles_rad([p[0] + step[0], p[1] + step[1], p[2] + step[2]]).expect("too");
+        let work = dot(torques, core::array::from_fn(|i| moved[i] - angles[i]));
+        assert!((work - dot(force, step)).abs() < 1e-5 * dot(force, step).abs(), "{work}");
+    }
+
+    #[test]
+    fn counts_of_no_pose_keep_the_last_good_one() {
+        let mut mechanism = Kinematics::default();
+        assert_ne!(mechanism.solve([-516, -500, -530]), Solution::Kept);
+        let good = *mechanism.pose();
+        let impossible =
+            [[i16::MAX, i16::MIN, 0], [i16::MIN; 3], [i16::MAX; 3], [-2500, 2500, -516], [5000, -516, -516]];
+        for counts in impossible {
+            assert_eq!(mechanism.solve(counts), Solution::Kept, "{counts:?}");
+            assert_eq!(*mechanism.pose(), good);
+        }
+        assert_eq!(mechanism.solve_angles([f64::NAN, 0.0, 0.0]), Solution::Kept);
+        assert_ne!(mechanism.solve([-516, -500, -530]), Solution::Kept, "and it goes on");
+        mechanism.reset();
+        assert!(distance(mechanism.pose().position_m, CENTRE_M) < 1e-12);
+    }
+
+    /// Whatever comes, a pose that is accepted has these counts.
+    #[test]
+    fn no_pose_is_accepted_that_has_other_counts() {
+        let (mut state, mut accepted) = (7_u32, 0);
+        let mut mechanism = Kinematics::default();
+        for _ in 0..20_000 {
+            let counts = core::array::from_fn(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                ((state >> 16) as i16) / 8
+            });
+            if mechanism.solve(counts) != Solution::Kept {
+                accepted += 1;
+                assert_eq!(mechanism.counts(mechanism.pose().position_m), Some(counts));
+            }
+        }
+        assert!(accepted > 100, "{accepted}");
+    }
+}

@@ -1,0 +1,27 @@
+//! Novint Falcon: three motors of a delta, behind an FTDI chip on USB.
+//!
+//! ```text
+//! usb (libusb) or an emulator = Ftdi -> line (settings, status bytes) -> packet -> kinematics -> position
+//!                                    <- packet <- motor (limits) <- kinematics (J^T) <- force
+//! driver: opening, homing, exchange, stopping;  loader, firmware: before the first packet
+//! ```
+
+pub mod driver;
+pub mod firmware;
+pub mod ftdi;
+mod intake;
+pub mod kinematics;
+pub mod line;
+pub mod loader;
+pub mod motor;
+pub mod packet;
+pub mod usb;
+
+#[cfg(test)]
+mod fake;
+
+pub use driver::{Falcon, FalconConfig, FalconError};
+pub use firmware::{FirmwareError, Image};
+pub use ftdi::Ftdi;
+pub use intake::Mode;
+pub use usb::UsbFtdi;

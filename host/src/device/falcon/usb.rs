@@ -1,0 +1,209 @@
+//! A real FTDI chip, through libusb.
+//!
+//! With a context of our own throughout: libusb's global one panics in `rusb` where there is no usbfs.
+
+use super::ftdi::Ftdi;
+use crate::device::{DeviceError, DeviceErrorKind};
+use core::fmt;
+use core::time::Duration;
+use rusb::{Context, DeviceHandle, UsbContext};
+use std::time::Instant;
+
+/// Novint's number under FTDI's vendor id.
+pub const VENDOR_ID: u16 = 0x0403;
+/// The Falcon.
+pub const PRODUCT_ID: u16 = 0xCB48;
+const INTERFACE: u8 = 0;
+const BULK_IN: u8 = 0x81;
+const BULK_OUT: u8 = 0x02;
+/// A vendor request to the device, without data.
+const REQUEST_TYPE: u8 = 0x40;
+const CONTROL_TIMEOUT: Duration = Duration::from_secs(1);
+/// How long the device is looked for: right after it was plugged in, opening it, configuring and claiming may each come too early.
+const SEARCH: Duration = Duration::from_secs(1);
+/// Pause between two looks.
+const SEARCH_PAUSE: Duration = Duration::from_millis(50);
+
+/// Why there is no chip to talk to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UsbError {
+    /// The system shows no USB at all.
+    NoUsb,
+    /// There is no Falcon.
+    NotFound,
+    /// There is one, and this user may not open it.
+    Denied,
+    /// Another program has it.
+    Busy,
+    /// Anything else.
+    Device(DeviceError),
+}
+
+impl fmt::Display for UsbError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoUsb => {
+                f.write_str("this system gives programs no USB (no usbfs); run where /dev/bus/usb exists")
+            }
+            Self::NotFound => write!(
+                f,
+                "no Falcon ({VENDOR_ID:04x}:{PRODUCT_ID:04x}) on USB; check the cable and its own power supply"
+            ),
+            Self::Denied => write!(
+                f,
+                "no permission to open the Falcon; add the udev rule SUBSYSTEM==\"usb\", ATTR{{idVendor}}==\"{VENDOR_ID:04x}\", \
+                 ATTR{{idProduct}}==\"{PRODUCT_ID:04x}\", TAG+=\"uaccess\" (docs/devices.md) and connect it again"
+            ),
+            Self::Busy => f.write_str("another program uses the Falcon; end it"),
+            Self::Device(error) => write!(f, "the Falcon cannot be opened: {error}; connect it again"),
+        }
+    }
+}
+
+impl core::error::Error for UsbError {}
+
+impl From<rusb::Error> for UsbError {
+    fn from(error: rusb::Error) -> Self {
+        match error {
+            rusb::Error::Access => Self::Denied,
+            rusb::Error::Busy => Self::Busy,
+            _ => Self::Device(from_usb(error)),
+        }
+    }
+}
+
+/// What to decide by.
+fn from_usb(error: rusb::Error) -> DeviceError {
+    DeviceError::new(match error {
+        rusb::Error::Timeout | rusb::Error::Interrupted => DeviceErrorKind::Timeout,
+        rusb::Error::Overflow => DeviceErrorKind::BadFrame,
+        rusb::Error::NoDevice | rusb::Error::Io | rusb::Error::Pipe | rusb::Error::NotFound => {
+            DeviceErrorKind::Disconnected
+        }
+        rusb::Error::Access | rusb::Error::Busy => DeviceErrorKind::Denied,
+        rusb::Error::NotSupported | rusb::Error::InvalidParam | rusb::Error::BadDescriptor => {
+            DeviceErrorKind::Unsupported
+        }
+        rusb::Error::NoMem | rusb::Error::Other => DeviceErrorKind::Io,
+    })
+}
+
+/// Whole milliseconds, at least one: libusb takes zero for ever.
+fn at_least_a_millisecond(timeout: Duration) -> Duration {
+    timeout.max(Duration::from_millis(1))
+}
+
+/// An open chip. Reading and writing from two threads at a time is what libusb allows.
+pub struct UsbFtdi {
+    handle: DeviceHandle<Context>,
+}
+
+impl fmt::Debug for UsbFtdi {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("UsbFtdi").finish_non_exhaustive()
+    }
+}
+
+impl UsbFtdi {
+    /// Opens the first Falcon there is. Blocks for up to a second if there is none.
+    pub fn open() -> Result<Self, UsbError> {
+        let give_up = Instant::now() + SEARCH;
+        loop {
+            let error = match Self::try_open() {
+                Ok(chip) => return Ok(chip),
+                // What the system does not have it will not have in a second either.
+                Err(UsbError::NoUsb) => return Err(UsbError::NoUsb),
+                Err(error) => error,
+            };
+            if Instant::now() >= give_up {
+                return Err(error);
+            }
+            std::thread::sleep(SEARCH_PAUSE);
+        }
+    }
+
+    fn try_open() -> Result<Self, UsbError> {
+        let context = Context::new().map_err(|_| UsbError::NoUsb)?;
+        let devices = context.devices()?;
+        // One that cannot even be read is none of ours.
+        let is_falcon = |device: &rusb::Device<Context>| {
+            let ids = device.device_descriptor().map(|d| (d.vendor_id(), d.product_id()));
+            ids == Ok((VENDOR_ID, PRODUCT_ID))
+        };
+        let device = devices.iter().find(is_falcon).ok_or(UsbError::NotFound)?;
+        let handle = device.open()?;
+        if handle.active_configuration()? == 0 {
+            handle.set_active_configuration(1)?;
+        }
+        // Linux gives the chip to its serial port driver; it is given back when the handle is closed.
+        match handle.set_auto_detach_kernel_driver(true) {
+            Ok(()) | Err(rusb::Error::NotSupported) => {}
+            Err(error) => return Err(error.into()),
+        }
+        handle.claim_interface(INTERFACE)?;
+        Ok(Self { handle })
+    }
+}
+
+impl Ftdi for UsbFtdi {
+    fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
+        self.handle
+            .write_control(REQUEST_TYPE, request, value, 0, &[], CONTROL_TIMEOUT)
+            .map(|_| ())
+            .map_err(from_usb)
+    }
+
+    fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
+        self.handle.write_bulk(BULK_OUT, bytes, at_least_a_millisecond(timeout)).map_err(from_usb)
+    }
+
+    fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
+        self.handle.read_bulk(BULK_IN, buffer, at_least_a_millisecond(timeout)).map_err(from_usb)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_find_their_kind_and_only_a_timeout_or_an_overflow_passes() {
+        use rusb::Error as E;
+        for (error, kind) in [
+            (E::Timeout, DeviceErrorKind::Timeout),
+            (E::NoDevice, DeviceErrorKind::Disconnected),
+            (E::Io, DeviceErrorKind::Disconnected),
+            (E::Pipe, DeviceErrorKind::Disconnected),
+            (E::Access, DeviceErrorKind::Denied),
+            (E::NotSupported, DeviceErrorKind::Unsupported),
+            (E::Overflow, DeviceErrorKind::BadFrame),
+        ] {
+            assert_eq!(from_usb(error).kind(), kind);
+        }
+        assert_eq!(UsbError::from(E::Access), UsbError::Denied);
+    }
+
+    #[test]
+    fn no_timeout_is_for_ever() {
+        assert_eq!(at_least_a_millisecond(Duration::ZERO), Duration::from_millis(1));
+        assert_eq!(at_least_a_millisecond(Duration::from_nanos(1)), Duration::from_millis(1));
+        assert_eq!(at_least_a_millisecond(Duration::from_millis(20)), Duration::from_millis(20));
+    }
+
+    #[test]
+    fn errors_are_one_line_with_the_mend() {
+        let lost = UsbError::Device(DeviceError::new(DeviceErrorKind::Io));
+        for error in [UsbError::NoUsb, UsbError::NotFound, UsbError::Denied, UsbError::Busy, lost] {
+            let text = error.to_string();
+            assert!(!text.contains('\n') && text.contains("; "), "{text}");
+        }
+    }
+
+    /// Where there is no USB, or no Falcon on it, opening says so: it neither panics nor hangs.
+    #[test]
+    fn opening_ends_wherever_it_runs() {
+        let begun = Instant::now();
+        let _ = UsbFtdi::open();
+        assert!(begun.elapsed() < Duration::from_secs(10));
+    }
+}

@@ -1,0 +1,122 @@
+//! Which reply answers which request, on a link whose packets have no numbers.
+
+/// After this long without an answer the next request is sent all the same, us.
+const REPLY_TIMEOUT_US: u64 = 2_000;
+/// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
+/// late all the time is not mistaken for one that loses.
+const SILENCE_US: u64 = 3_000;
+/// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
+pub(super) const MAX_PENDING: usize = 16;
+
+/// Send times of the requests without an answer, oldest first.
+///
+/// One in the good case. The protocol has no numbers: after a reply that did not come it is not known whether it is lost or late, so its
+/// place is kept and the next reply counts for it. Samples may look older than they are, not younger. As soon as a reply leaves
+/// others open, sending pauses: either they come too, or there is silence and they were lost.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pending {
+    sent_us: [u64; MAX_PENDING],
+    len: usize,
+    /// While sending pauses: when something last came.
+    pausing_since_us: Option<u64>,
+}
+
+impl Pending {
+    pub(super) fn sent(&mut self, now_us: u64) {
+        if self.len == MAX_PENDING {
+            self.take_oldest();
+        }
+        self.sent_us[self.len] = now_us;
+        self.len += 1;
+    }
+
+    fn take_oldest(&mut self) -> Option<u64> {
+        let oldest = self.sent_us.first().copied().filter(|_| self.len > 0)?;
+        self.sent_us.rotate_left(1);
+        self.len -= 1;
+        Some(oldest)
+    }
+
+    /// A reply, or what is left of one, has come: when its request was sent.
+    pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
+        let oldest = self.take_oldest();
+        self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
+        oldest
+    }
+
+    /// Ends the pause after silence; true if it just ended.
+    pub(super) fn ends_pause(&mut self, now_us: u64) -> bool {
+        let ends =
+            self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
+        if ends {
+            *self = Self::default();
+        }
+        ends
+    }
+
+    /// Whether the newest request has waited too long.
+    pub(super) fn is_overdue(&self, now_us: u64) -> bool {
+        let newest_us = self.len.checked_sub(1).map(|last| self.sent_us[last]);
+        newest_us.is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US)
+    }
+
+    /// Stops sending until there was silence.
+    pub(super) const fn pause(&mut self, now_us: u64) {
+        self.pausing_since_us = Some(now_us);
+    }
+
+    /// Whether the next request may go: nothing is open, or what is open has been given up.
+    pub(super) fn may_send(&self, now_us: u64) -> bool {
+        self.pausing_since_us.is_none() && (self.len == 0 || self.is_overdue(now_us))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reply_is_as_old_as_its_request() {
+        let mut pending = Pending::default();
+        assert!(pending.may_send(0));
+        pending.sent(0);
+        assert!(!pending.may_send(1_000), "one at a time");
+        assert_eq!(pending.answered(1_500, false), Some(0));
+        assert!(pending.may_send(2_000));
+    }
+
+    /// The late reply counts for the request that was given up, and the next one for the next.
+    #[test]
+    fn a_late_reply_is_not_one_to_a_newer_request() {
+        let mut pending = Pending::default();
+        pending.sent(0);
+        assert!(pending.is_overdue(2_000) && pending.may_send(2_000));
+        pending.sent(2_000);
+        assert_eq!(pending.answered(3_000, false), Some(0));
+        assert!(!pending.may_send(4_500), "another is open: silence first");
+        assert_eq!(pending.answered(5_000, false), Some(2_000));
+        assert!(pending.may_send(5_000) && pending.answered(6_000, false).is_none());
+    }
+
+    #[test]
+    fn silence_means_that_they_were_lost() {
+        let mut pending = Pending::default();
+        pending.sent(0);
+        pending.sent(2_000);
+        assert_eq!(pending.answered(3_000, false), Some(0));
+        assert!(!pending.ends_pause(5_999) && pending.ends_pause(6_000));
+        pending.sent(6_000);
+        assert_eq!(pending.answered(7_000, false), Some(6_000));
+        pending.pause(7_000);
+        assert!(!pending.may_send(9_000) && pending.ends_pause(10_000));
+    }
+
+    #[test]
+    fn the_oldest_are_forgotten_and_nothing_overflows() {
+        let mut pending = Pending::default();
+        for i in 0..100 {
+            pending.sent(i);
+        }
+        assert_eq!(pending.answered(200, false), Some(100 - MAX_PENDING as u64));
+    }
+}
