@@ -27,6 +27,7 @@ pub mod replay;
 pub mod rt;
 pub mod session;
 pub mod sliding;
+pub mod supervisor;
 pub mod sys;
 pub mod viewer;
 
