@@ -6,12 +6,15 @@
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use palpate_core::{Vec3, vec3};
-use palpate_hil::{EmulatedPolhem, Handle, PtyTransport};
+use palpate_hil::{EmulatedFalcon, EmulatedPolhem, FalconConfig, Handle, MemoryFtdi, PtyTransport};
+use palpate_host::device::DeviceState;
+use palpate_host::device::falcon::{self, Falcon};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
-use palpate_host::supervisor::{Supervised, serve_stdin};
+use palpate_host::supervisor::{Supervised, serve, serve_stdin};
 use palpate_host::sys::{self, Policy, RtRequest};
 use palpate_host::{Device, DeviceErrorKind};
 use serialport::SerialPort;
+use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -266,6 +269,67 @@ fn a_supervisor_that_was_stopped_obeys_the_present_only() {
         bench.felt().requests > before + 3
     });
     assert!(is_running(supervisor));
+}
+
+/// A Falcon in memory, so its supervisor is a thread; homed through it, and then its host hangs. Times are the emulated device's.
+#[test]
+fn a_falcon_is_zeroed_when_its_host_hangs() {
+    let config = FalconConfig { firmware_runs: true, ..FalconConfig::default() };
+    let ftdi = MemoryFtdi::in_real_time(EmulatedFalcon::new(config));
+    let seen = ftdi.open_again().expect("it is plugged in");
+    let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+    let open = move || {
+        let config = falcon::FalconConfig { mode: falcon::Mode::Polled, ..falcon::FalconConfig::default() };
+        Falcon::start(Arc::new(ftdi), config, None).map_err(|error| error.to_string())
+    };
+    let supervisor = std::thread::spawn(move || serve(&theirs, Policy::Other, open));
+    let mut device = Supervised::with_socket(ours, LIMIT_MS).expect("it opens the device");
+    assert_eq!(device.state(), DeviceState::FirmwareLoaded);
+    assert!(device.home(&AtomicBool::new(false)).expect("it is there"), "the hand homes it");
+    // A pause before the loop is no silence.
+    std::thread::sleep(Duration::from_millis(100));
+    assert!(!device.was_zeroed() && seen.falcon().felt().largest_unhomed_n == 0.0);
+
+    let begun = Instant::now();
+    let tick = |device: &mut Supervised| {
+        std::thread::sleep(Duration::from_millis(1));
+        let now_us = begun.elapsed().as_micros() as u64;
+        let sample = device.exchange(now_us, FORCE_N);
+        assert!(
+            !matches!(sample, Ok(Some(sample)) if sample.t_us > now_us),
+            "{sample:?}: of the time of homing"
+        );
+        seen.falcon().now_us()
+    };
+    let is_forced = || seen.falcon().felt().off_since_us.is_none();
+    let mut last_us = 0;
+    wait("a force", || {
+        last_us = tick(&mut device);
+        if device.was_zeroed() {
+            device.reset();
+        }
+        is_forced()
+    });
+    wait("zero", || !is_forced());
+    let off_us = seen.falcon().felt().off_since_us.expect("zero");
+    println!(
+        "host of a Falcon hangs: zero {:.1} ms after its last tick",
+        off_us.saturating_sub(last_us) as f64 * 1e-3
+    );
+    assert!(off_us - last_us < GENEROUS.as_micros() as u64);
+    for _ in 0..100 {
+        tick(&mut device);
+        assert!(!is_forced(), "a heartbeat and no more");
+    }
+    assert!(device.was_zeroed());
+    wait("the force again", || {
+        device.reset();
+        tick(&mut device);
+        is_forced()
+    });
+    drop(device);
+    let served = supervisor.join().expect("no panic").expect("it was spoken to");
+    assert!(served.silences > 0 && !is_forced(), "{served:?}");
 }
 
 fn process(function: &str, port: &str, folder: &Path) -> Command {
