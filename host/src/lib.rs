@@ -28,6 +28,7 @@ pub mod rt;
 pub mod session;
 pub mod settings;
 pub mod sliding;
+pub mod supervisor;
 pub mod sys;
 pub mod viewer;
 

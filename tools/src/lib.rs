@@ -11,6 +11,7 @@ mod cluster;
 mod cmd;
 mod displacements;
 mod failure;
+mod hardware;
 mod output;
 mod progress;
 mod resident;
@@ -47,6 +48,8 @@ enum Command {
     Inspect(cmd::inspect::Args),
     Report(cmd::report::Args),
     Run(cmd::run::Args),
+    #[command(hide = true)]
+    Supervise(cmd::supervise::Args),
     Doctor(cmd::doctor::Args),
     Bench(cmd::bench::Args),
 }
@@ -69,6 +72,7 @@ pub fn palpate() -> ExitCode {
         Command::Inspect(args) => cmd::inspect::run(&args),
         Command::Report(args) => cmd::report::run(&args),
         Command::Run(args) => cmd::run::run(&args),
+        Command::Supervise(args) => cmd::supervise::run(&args),
         Command::Doctor(args) => cmd::doctor::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
     };

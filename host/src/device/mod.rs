@@ -69,6 +69,11 @@ impl DeviceError {
         Self { kind, os_code: None }
     }
 
+    /// An error with the OS code that came with it, if one did.
+    pub(crate) const fn with_os_code(kind: DeviceErrorKind, os_code: Option<i32>) -> Self {
+        Self { kind, os_code }
+    }
+
     /// What the caller should decide by.
     #[must_use]
     pub const fn kind(&self) -> DeviceErrorKind {
@@ -187,6 +192,15 @@ pub trait Device: Send {
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         None
     }
+
+    /// Whether something beside the loop (a supervisor, the device itself) has taken the force away since the last call, and will obey no force
+    /// before [`Device::reset`]. Asked after every exchange.
+    fn was_zeroed(&mut self) -> bool {
+        false
+    }
+
+    /// The user has reset what was latched, or there was nothing to latch because nothing was armed: forces are meant again.
+    fn reset(&mut self) {}
 }
 
 /// Takes the force away from another thread than the one that exchanges, and whatever that one is doing.
@@ -215,6 +229,14 @@ impl<D: Device + ?Sized> Device for Box<D> {
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         (**self).emergency_stop()
     }
+
+    fn was_zeroed(&mut self) -> bool {
+        (**self).was_zeroed()
+    }
+
+    fn reset(&mut self) {
+        (**self).reset();
+    }
 }
 
 impl<D: Device + ?Sized> Device for &mut D {
@@ -236,6 +258,14 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         (**self).emergency_stop()
+    }
+
+    fn was_zeroed(&mut self) -> bool {
+        (**self).was_zeroed()
+    }
+
+    fn reset(&mut self) {
+        (**self).reset();
     }
 }
 

@@ -286,7 +286,12 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if !ready {
             self.state.trip(Fault::NotReady);
         }
+        let was_zeroed = self.device.0.was_zeroed() || was_zeroed;
         let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
+        // What is disarmed has lost no force: the deliberate act that is asked for is the arming.
+        if applied.reset || (applied.zeroed && self.state.phase() == Phase::Disarmed) {
+            self.device.0.reset();
+        }
         self.change_model();
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;

@@ -7,7 +7,7 @@
 //!
 //! It watches a counter, not a time: it needs no common clock, and it cannot fire early, because it sees a beat after it happened.
 //! A loop that comes back finds the firing, sends zero itself and latches a fault: only reset and arm bring a force back.
-//! What it cannot do: a process that is killed or stopped as a whole has no watchdog either.
+//! What it cannot do: a process that is killed or stopped as a whole has no watchdog either. That is what [`crate::supervisor`] is for.
 
 use super::clock::Clock;
 use crate::device::EmergencyStop;

@@ -3,6 +3,7 @@
 use super::{Outcome, Policy};
 use nix::errno::Errno;
 use nix::libc;
+use nix::poll::{PollFd, PollFlags, ppoll};
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall, munlockall};
 use nix::sys::resource::{Resource, getrlimit};
@@ -10,6 +11,8 @@ use nix::time::{ClockId, ClockNanosleepFlags, clock_getres, clock_gettime, clock
 use nix::unistd::Pid;
 use std::fs::File;
 use std::io::Write;
+use std::os::fd::BorrowedFd;
+use std::time::Duration;
 
 const CALLING_THREAD: Pid = Pid::from_raw(0);
 
@@ -147,4 +150,14 @@ pub fn sleep_until_ns(deadline_ns: u64) {
     while let Err(Errno::EINTR) =
         clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &request)
     {}
+}
+
+/// Waits until there is something to read, or to learn of an error, for at most `timeout`; false if there was nothing.
+///
+/// By a timer of high resolution: a read timeout of a socket is rounded up to ticks of the kernel, 4 ms each.
+#[must_use]
+pub fn wait_readable(fd: BorrowedFd<'_>, timeout: Duration) -> bool {
+    let mut fds = [PollFd::new(fd, PollFlags::POLLIN)];
+    // Interrupted is as good as readable: the caller looks, and waits again.
+    ppoll(&mut fds, Some(timeout.into()), None) != Ok(0)
 }

@@ -192,7 +192,7 @@ impl Drop for Held {
     }
 }
 
-pub use platform::{allowed_cpus, monotonic_ns, sleep_until_ns, timer_resolution_ns};
+pub use platform::{allowed_cpus, monotonic_ns, sleep_until_ns, timer_resolution_ns, wait_readable};
 
 #[cfg(target_os = "linux")]
 #[path = "linux.rs"]

@@ -1,6 +1,7 @@
 //! Elsewhere the loop runs as an ordinary thread with relative sleeps: good for a demonstration, not for a device.
 use super::{Outcome, Policy};
 use std::fs::File;
+use std::os::fd::BorrowedFd;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
@@ -54,4 +55,11 @@ pub fn monotonic_ns() -> u64 {
 /// Sleeps until a time of [`monotonic_ns`].
 pub fn sleep_until_ns(deadline_ns: u64) {
     std::thread::sleep(Duration::from_nanos(deadline_ns.saturating_sub(monotonic_ns())));
+}
+
+/// Waits a moment, and leaves it to the caller to look.
+#[must_use]
+pub fn wait_readable(_fd: BorrowedFd<'_>, timeout: Duration) -> bool {
+    std::thread::sleep(timeout.min(Duration::from_millis(1)));
+    true
 }

@@ -13,3 +13,4 @@ pub(crate) mod protocol;
 pub(crate) mod query;
 pub(crate) mod report;
 pub(crate) mod run;
+pub(crate) mod supervise;

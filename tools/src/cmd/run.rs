@@ -8,15 +8,14 @@ use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, vec3};
-use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
-use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
 use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
+use palpate_host::supervisor;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
 use serde_json::json;
@@ -25,6 +24,7 @@ use super::inspect::certificate;
 use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
+use crate::hardware::{self, Hardware, Holding};
 use crate::output;
 use crate::resident::Resident;
 use crate::summary;
@@ -36,6 +36,8 @@ use crate::workbench::stop_flag;
 ///
 /// Without a display (or with --headless) PNG frames are written instead of a window. A real device is armed by its
 /// button or by the window's key, never by starting. Ctrl-C ends the session with zero force.
+///
+/// A real device is held by a supervisor, a process of its own that takes the force away when this one dies, stops or hangs.
 ///
 /// With --record every tick goes into an MCAP file. --device replay:FILE.mcap runs the loop over such a file again, on the same blob,
 /// and compares every force: exit code 1 if one differs in a bit. With --method too it is replayed with that method, and the largest
@@ -94,6 +96,13 @@ pub(crate) struct Args {
     /// The summary as one JSON object, and nothing else on standard output
     #[arg(long)]
     json: bool,
+    /// Silence of this process after which the supervisor of a real device takes the force away, ms
+    #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = supervisor::DEFAULT_LIMIT_MS,
+          value_parser = clap::value_parser!(u32).range(3..=20))]
+    supervisor_ms: u32,
+    /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
+    #[arg(long)]
+    no_supervisor: bool,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -154,54 +163,32 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
     Ok(mouse(start_m, MouseConfig::default()))
 }
 
-/// The profile that was asked for, or that of the device.
+impl Args {
+    /// How a device with motors is held.
+    fn holding(&self) -> Holding<'_> {
+        Holding {
+            device: &self.device,
+            profile_name: self.profile.as_deref(),
+            loop_priority: self.timing.request().fifo_priority,
+            supervisor_ms: (!self.no_supervisor).then_some(self.supervisor_ms),
+        }
+    }
+}
+
+/// The profile that was asked for, or that of the device, as it is behind its supervisor.
 fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
-    let kind = args.device.split(':').next();
-    let own = ["polhem", "falcon"].into_iter().find(|own| kind == Some(*own));
-    let name = args.profile.as_deref().or(own);
-    let profile = name.map(Profile::load).transpose().map_err(Failure::input)?;
+    let profile = hardware::profile(&args.device, args.profile.as_deref())?;
     // What the cap stands on is the period that runs.
-    Ok(profile.map(|profile| match args.timing.period_us {
+    let mut profile = profile.map(|profile| match args.timing.period_us {
         Some(period_us) => profile.at_period(period_us),
         None => profile,
-    }))
-}
-
-/// What a profile says of a Polhem; without one its cautious defaults.
-fn polhem_config(profile: Option<&Profile>) -> PolhemConfig {
-    profile.map_or_else(PolhemConfig::default, |profile| PolhemConfig {
-        workspace: profile.workspace,
-        max_force_n: profile.max_force_n,
-        max_stiffness_n_m: profile.cap().n_m,
-        ..PolhemConfig::default()
-    })
-}
-
-/// The Falcon on USB, homed; or not, if the session is stopped before.
-fn open_falcon(
-    firmware: Option<&Path>,
-    args: &Args,
-    profile: Option<&Profile>,
-    stop: &AtomicBool,
-) -> Result<Falcon<UsbFtdi>, Failure> {
-    let image = firmware.map(|path| {
-        let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
-        Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
     });
-    // Above the loop, which spins before its deadline.
-    let fifo_priority = args.timing.request().fifo_priority.map(|priority| (priority + 1).min(99));
-    let mut config = FalconConfig { mode: Mode::Threaded { fifo_priority }, ..FalconConfig::default() };
-    if let Some(profile) = profile {
-        (config.workspace, config.max_force_n) = (profile.workspace, profile.max_force_n);
+    if let (Some(profile), Some(_), false) = (&mut profile, Hardware::named(&args.device), args.no_supervisor)
+    {
+        // A sample is handed on with the next tick.
+        profile.position_delay_us += profile.period_us();
     }
-    let mut falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
-    eprintln!(
-        "palpate: home the Falcon: pull its grip all the way out, then push it all the way in (red light: not homed, blue: homed)"
-    );
-    let homed = falcon.home(stop);
-    homed
-        .map_err(|error| Failure::input(format!("falcon: {error}; check cable and power and start again")))?;
-    Ok(falcon)
+    Ok(profile)
 }
 
 fn open_device(
@@ -209,8 +196,11 @@ fn open_device(
     organ: &Organ<'_>,
     profile: Option<&Profile>,
     stop: &AtomicBool,
-) -> Result<Box<dyn Device>, Failure> {
+) -> Result<hardware::Held, Failure> {
     let name = args.device.as_str();
+    if let (Some(hardware), Some(profile)) = (Hardware::named(name), profile) {
+        return hardware::open(hardware, args.holding(), profile, stop);
+    }
     let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
     match (kind, rest) {
         ("sim", rest) => {
@@ -222,15 +212,8 @@ fn open_device(
             }
             let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::on);
             config.random = seed.flatten().map(RandomConfig::new);
-            Ok(Box::new(SimulatedHand::new(organ, config)))
+            Ok((Box::new(SimulatedHand::new(organ, config)), None))
         }
-        ("polhem", Some(port)) => {
-            let device = Polhem::open(port, polhem_config(profile));
-            Ok(Box::new(
-                device.map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))?,
-            ))
-        }
-        ("falcon", firmware) => Ok(Box::new(open_falcon(firmware.map(Path::new), args, profile, stop)?)),
         _ => Err(Failure::input(format!(
             "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE] or replay:FILE.mcap"
         ))),
@@ -307,9 +290,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let show = touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, record) };
     let mut resident = Resident::start();
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
+    let mut supervision = None;
     let open = || match tool.take() {
         Some(tool) => Ok(Box::new(tool) as Box<dyn Device>),
-        None => open_device(args, organs[0], profile.as_ref(), &stop),
+        None => {
+            let (device, supervisor) = open_device(args, organs[0], profile.as_ref(), &stop)?;
+            supervision = supervisor;
+            Ok(device)
+        }
     };
     let mut ready = None;
     let touched = touch::run(&organs, method, show, &stop, open, |record| {
@@ -322,7 +310,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let figures = json!({
             "blobs": paths, "blob_bytes": bytes, "method": method.name(), "session": summary::session(&touched.summary),
             "profile": profile.as_ref().map(|profile| summary::profile(profile, &touched.summary.latency)),
-            "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
+            "supervisor": supervision.as_ref().map(ToString::to_string), "start_s": ready.map(|ready| ready.as_secs_f64()), "memory_kb": resident.figures(),
             "recording": args.record.as_ref().zip(touched.recording.as_ref()).map(|(path, report)| json!({
                 "file": path, "ticks": report.ticks, "dropped": report.dropped,
                 "error": report.error.as_ref().map(ToString::to_string),
@@ -331,6 +319,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         output::line(format!("{figures:#}"))?;
     }
     say(format!("method       {}\n{}", method.name(), touched.summary))?;
+    if Hardware::named(&args.device).is_some() {
+        let supervisor =
+            supervision.as_ref().map_or_else(|| "none (--no-supervisor)".into(), |s| s.to_string());
+        say(format!("supervisor   {supervisor}"))?;
+    }
     if let Some(profile) = &profile {
         say(format!("profile      {}: {}", profile.name, profile.verdict(&touched.summary.latency)))?;
     }
@@ -446,23 +439,4 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(
         }
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
-
-    /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
-    #[test]
-    fn a_stated_damping_lifts_the_cap_of_a_polhem() {
-        let mut profile = Profile::load("polhem").expect("bundled");
-        assert_eq!(polhem_config(Some(&profile)).max_stiffness_n_m, DEFAULT_CAP_N_M);
-        assert_eq!(polhem_config(None).max_stiffness_n_m, DEFAULT_CAP_N_M);
-        profile.mechanism.damping = Some(Damping { n_s_m: 3.5, measured: true });
-        let config = polhem_config(Some(&profile));
-        assert!(config.max_stiffness_n_m > 1.2 * DEFAULT_CAP_N_M, "{config:?}");
-        assert_eq!(config.max_stiffness_n_m, profile.cap().n_m);
-        assert_eq!((config.max_force_n, config.workspace), (5.0, profile.workspace));
-    }
 }

@@ -1,0 +1,425 @@
+//! The datagrams between a host and its supervisor: fixed sizes, little-endian, with a checksum.
+//!
+//! ```text
+//! order   magic, version, kind, nonce | number, sent | session, force | CRC-32              48 bytes
+//! report  magic, version, kind, nonce | answers, session | state, sample, error | CRC-32   64 bytes
+//! opening magic, version, kind, nonce | what the device is, or why there is none | CRC-32   1024 bytes
+//! ```
+//!
+//! The nonce is the host's, drawn for each supervisor. Whatever is of another length, kind, version, nonce or checksum is nothing. Both ends are
+//! the same program on the same machine, so times are of one clock (CLOCK_MONOTONIC).
+
+use crate::device::{DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
+use palpate_core::blob::format::CHECKSUM;
+use palpate_core::{Vec3, vec3};
+
+/// Length of an order.
+pub const ORDER_LEN: usize = 48;
+/// Length of a report.
+pub const REPORT_LEN: usize = 64;
+/// Length of an opening.
+pub const OPENING_LEN: usize = 1024;
+/// Longest text of an opening.
+const MAX_TEXT: usize = OPENING_LEN - 64;
+const MAGIC: [u8; 4] = *b"PSup";
+const VERSION: u8 = 1;
+const CHECKSUM_LEN: usize = 4;
+
+/// What a host asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// The first one: what time without a tick is too long.
+    Hello {
+        /// That time, us.
+        limit_us: u32,
+    },
+    /// A tick of the loop: exchange with the device. From the first one on silence takes the force away.
+    Tick {
+        /// The session it belongs to; in another one the force is not obeyed.
+        session: u32,
+        /// For the hand, model frame, N.
+        force_n: Vec3,
+    },
+    /// An exchange with zero force outside the loop. Ends the watch until the next tick.
+    Look,
+    /// Take the force away, and latch that.
+    Zero,
+    /// The loop has ended: take the force away. Ends the watch.
+    Stop,
+    /// The same, and end the process.
+    Leave,
+}
+
+/// An order with its address.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Numbered {
+    /// Of the host.
+    pub nonce: u32,
+    /// Above that of every order before it.
+    pub number: u64,
+    /// When it was sent, CLOCK_MONOTONIC, ns.
+    pub sent_ns: u64,
+    /// What is asked for.
+    pub order: Order,
+}
+
+/// Where a hand was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Number of the order with which its request went to the device.
+    pub asked_by: u64,
+    /// Model frame, m.
+    pub position_m: Vec3,
+    /// One bit a button.
+    pub buttons: u32,
+}
+
+/// What a supervisor says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Report {
+    /// Number of the order it answers; 0 for none.
+    pub answers: u64,
+    /// The session in which forces are obeyed.
+    pub session: u32,
+    /// The order answered is done and the device stopped.
+    pub stopped: bool,
+    /// How far the device is.
+    pub device: DeviceState,
+    /// A sample that was not reported before.
+    pub place: Option<Place>,
+    /// What the exchange failed with.
+    pub error: Option<DeviceError>,
+}
+
+/// The first report.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Opening {
+    /// The device is open.
+    Opened {
+        /// What it is.
+        info: DeviceInfo,
+        /// How far it is.
+        state: DeviceState,
+        /// SCHED_FIFO priority of the supervisor; 0 for ordinary scheduling.
+        fifo_priority: i32,
+    },
+    /// It is not.
+    Refused {
+        /// Why, and what to do, in one line.
+        text: String,
+    },
+}
+
+const KINDS: [DeviceErrorKind; 6] = [
+    DeviceErrorKind::Timeout,
+    DeviceErrorKind::BadFrame,
+    DeviceErrorKind::Disconnected,
+    DeviceErrorKind::Denied,
+    DeviceErrorKind::Unsupported,
+    DeviceErrorKind::Io,
+];
+
+/// Bytes of a fixed length, from the front; what does not fit is dropped, which no caller lets happen.
+struct Writer<const N: usize> {
+    bytes: [u8; N],
+    at: usize,
+}
+
+impl<const N: usize> Writer<N> {
+    fn new(kind: u8, nonce: u32) -> Self {
+        let mut writer = Self { bytes: [0; N], at: 0 };
+        writer.put(&MAGIC);
+        writer.put(&[VERSION, kind, 0, 0]);
+        writer.put(&nonce.to_le_bytes());
+        writer
+    }
+
+    fn put(&mut self, bytes: &[u8]) {
+        if let Some(place) = self.bytes.get_mut(self.at..self.at + bytes.len()) {
+            place.copy_from_slice(bytes);
+            self.at += bytes.len();
+        }
+    }
+
+    fn put_vec(&mut self, vector: Vec3) {
+        vector.iter().for_each(|value| self.put(&value.to_le_bytes()));
+    }
+
+    fn finish(mut self) -> [u8; N] {
+        let checksum = CHECKSUM.checksum(&self.bytes[..N - CHECKSUM_LEN]);
+        self.bytes[N - CHECKSUM_LEN..].copy_from_slice(&checksum.to_le_bytes());
+        self.bytes
+    }
+}
+
+/// Checked bytes, from the front.
+struct Reader<'b>(&'b [u8]);
+
+impl<'b> Reader<'b> {
+    /// Kind and nonce, and the rest of them.
+    fn new(bytes: &'b [u8], len: usize) -> Option<(u8, u32, Self)> {
+        let (body, checksum) = bytes.split_last_chunk::<CHECKSUM_LEN>()?;
+        if bytes.len() != len || CHECKSUM.checksum(body) != u32::from_le_bytes(*checksum) {
+            return None;
+        }
+        let mut reader = Self(body);
+        let [version, kind, 0, 0] = (reader.take::<4>()? == MAGIC).then(|| reader.take())?? else {
+            return None;
+        };
+        let nonce = reader.u32()?;
+        (version == VERSION).then_some((kind, nonce, reader))
+    }
+
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (taken, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*taken)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn i32(&mut self) -> Option<i32> {
+        self.take().map(i32::from_le_bytes)
+    }
+
+    fn u64(&mut self) -> Option<u64> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    fn f32(&mut self) -> Option<f32> {
+        self.take().map(f32::from_le_bytes)
+    }
+
+    fn vec(&mut self) -> Option<Vec3> {
+        Some([self.f32()?, self.f32()?, self.f32()?]).filter(|vector| vec3::is_finite(*vector))
+    }
+
+    fn text(&mut self) -> Option<String> {
+        let len = self.u32()? as usize;
+        let (text, rest) = self.0.split_at_checked(len)?;
+        self.0 = rest;
+        String::from_utf8(text.to_vec()).ok()
+    }
+}
+
+impl Numbered {
+    /// As it is sent.
+    #[must_use]
+    pub fn encode(&self) -> [u8; ORDER_LEN] {
+        let (kind, session, force_n) = match self.order {
+            Order::Hello { limit_us } => (1, limit_us, vec3::ZERO),
+            Order::Tick { session, force_n } => (2, session, force_n),
+            Order::Look => (3, 0, vec3::ZERO),
+            Order::Zero => (4, 0, vec3::ZERO),
+            Order::Stop => (5, 0, vec3::ZERO),
+            Order::Leave => (6, 0, vec3::ZERO),
+        };
+        let mut writer = Writer::new(kind, self.nonce);
+        writer.put(&self.number.to_le_bytes());
+        writer.put(&self.sent_ns.to_le_bytes());
+        writer.put(&session.to_le_bytes());
+        writer.put_vec(force_n);
+        writer.finish()
+    }
+
+    /// Out of a datagram; `None` for what is none of ours or damaged.
+    #[must_use]
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        let (kind, nonce, mut reader) = Reader::new(bytes, ORDER_LEN)?;
+        let (number, sent_ns, session, force_n) =
+            (reader.u64()?, reader.u64()?, reader.u32()?, reader.vec()?);
+        let order = match kind {
+            1 => Order::Hello { limit_us: session },
+            2 => Order::Tick { session, force_n },
+            3 => Order::Look,
+            4 => Order::Zero,
+            5 => Order::Stop,
+            6 => Order::Leave,
+            _ => return None,
+        };
+        Some(Self { nonce, number, sent_ns, order })
+    }
+}
+
+const REPORT: u8 = 16;
+const OPENED: u8 = 17;
+const REFUSED: u8 = 18;
+
+/// Position of a state or a kind among all; there are fewer than 255.
+fn index_of<T: PartialEq>(all: &[T], one: &T) -> u8 {
+    all.iter().position(|other| other == one).map_or(u8::MAX, |index| index as u8)
+}
+
+impl Report {
+    /// As it is sent.
+    #[must_use]
+    pub fn encode(&self, nonce: u32) -> [u8; REPORT_LEN] {
+        let mut writer = Writer::new(REPORT, nonce);
+        writer.put(&self.answers.to_le_bytes());
+        writer.put(&self.session.to_le_bytes());
+        let error = self.error.map_or(u8::MAX, |error| index_of(&KINDS, &error.kind()));
+        let has_place = u8::from(self.place.is_some());
+        writer.put(&[u8::from(self.stopped), index_of(&DeviceState::ALL, &self.device), has_place, error]);
+        writer.put(&self.error.and_then(|error| error.os_code()).unwrap_or(0).to_le_bytes());
+        if let Some(Place { asked_by, position_m, buttons }) = self.place {
+            writer.put(&asked_by.to_le_bytes());
+            writer.put_vec(position_m);
+            writer.put(&buttons.to_le_bytes());
+        }
+        writer.finish()
+    }
+
+    /// Out of a datagram; `None` for what is none of ours or damaged.
+    #[must_use]
+    pub fn decode(bytes: &[u8], nonce: u32) -> Option<Self> {
+        let (REPORT, sender, mut reader) = Reader::new(bytes, REPORT_LEN)? else { return None };
+        let (answers, session) = (reader.u64()?, reader.u32()?);
+        let [stopped, device, has_place, error] = reader.take()?;
+        let os_code = Some(reader.i32()?).filter(|code| *code != 0);
+        // A position that is not finite is the controller's to judge.
+        let place = Place {
+            asked_by: reader.u64()?,
+            position_m: [reader.f32()?, reader.f32()?, reader.f32()?],
+            buttons: reader.u32()?,
+        };
+        let error = match error {
+            u8::MAX => None,
+            index => Some(DeviceError::with_os_code(*KINDS.get(usize::from(index))?, os_code)),
+        };
+        let report = Self {
+            answers,
+            session,
+            stopped: stopped != 0,
+            device: *DeviceState::ALL.get(usize::from(device))?,
+            place: (has_place != 0).then_some(place),
+            error,
+        };
+        (sender == nonce).then_some(report)
+    }
+}
+
+/// The text as far as there is room for it.
+fn put_text<const N: usize>(writer: &mut Writer<N>, text: &str) {
+    let end = (0..=text.len().min(MAX_TEXT)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+    writer.put(&(end as u32).to_le_bytes());
+    writer.put(&text.as_bytes()[..end]);
+}
+
+impl Opening {
+    /// As it is sent.
+    #[must_use]
+    pub fn encode(&self, nonce: u32) -> [u8; OPENING_LEN] {
+        let mut writer;
+        match self {
+            Self::Opened { info, state, fifo_priority } => {
+                writer = Writer::new(OPENED, nonce);
+                for figure in [info.max_force_n, info.max_stiffness_n_m, info.resolution_m] {
+                    writer.put(&figure.to_le_bytes());
+                }
+                writer.put(&[u8::from(info.self_arming), index_of(&DeviceState::ALL, state)]);
+                writer.put(&fifo_priority.to_le_bytes());
+                put_text(&mut writer, &info.name);
+            }
+            Self::Refused { text } => {
+                writer = Writer::new(REFUSED, nonce);
+                put_text(&mut writer, text);
+            }
+        }
+        writer.finish()
+    }
+
+    /// Out of a datagram; `None` for what is none of ours or damaged.
+    #[must_use]
+    pub fn decode(bytes: &[u8], nonce: u32) -> Option<Self> {
+        let (kind, sender, mut reader) = Reader::new(bytes, OPENING_LEN)?;
+        let opening = match kind {
+            OPENED => {
+                let (max_force_n, max_stiffness_n_m, resolution_m) =
+                    (reader.f32()?, reader.f32()?, reader.f32()?);
+                let [self_arming, state] = reader.take()?;
+                let state = *DeviceState::ALL.get(usize::from(state))?;
+                let fifo_priority = reader.i32()?;
+                let (name, self_arming) = (reader.text()?, self_arming != 0);
+                let info = DeviceInfo { name, self_arming, max_force_n, max_stiffness_n_m, resolution_m };
+                Self::Opened { info, state, fifo_priority }
+            }
+            REFUSED => Self::Refused { text: reader.text()? },
+            _ => return None,
+        };
+        (sender == nonce).then_some(opening)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TICK: Numbered = Numbered {
+        nonce: 7,
+        number: 41,
+        sent_ns: 123_456_789,
+        order: Order::Tick { session: 3, force_n: [1.0, -2.5, 0.25] },
+    };
+
+    fn report() -> Report {
+        let place = Place { asked_by: 40, position_m: [0.1, -0.2, 0.3], buttons: 5 };
+        let error = DeviceError::with_os_code(DeviceErrorKind::Io, Some(5));
+        let device = DeviceState::Homed;
+        Report { answers: 41, session: 3, stopped: false, device, place: Some(place), error: Some(error) }
+    }
+
+    #[test]
+    fn what_is_sent_is_what_arrives() {
+        for order in [
+            Order::Hello { limit_us: 10_000 },
+            TICK.order,
+            Order::Look,
+            Order::Zero,
+            Order::Stop,
+            Order::Leave,
+        ] {
+            let order = Numbered { order, ..TICK };
+            assert_eq!(Numbered::decode(&order.encode()), Some(order));
+        }
+        let bare = Report { place: None, error: None, stopped: true, ..report() };
+        for report in [report(), bare] {
+            assert_eq!(Report::decode(&report.encode(7), 7), Some(report));
+            assert_eq!(Report::decode(&report.encode(7), 8), None, "of another host");
+        }
+        let info = DeviceInfo {
+            name: "Polhem on /dev/pts/7".into(),
+            self_arming: false,
+            max_force_n: 5.0,
+            max_stiffness_n_m: 1e3,
+            resolution_m: 1e-6,
+        };
+        let long = Opening::Refused { text: "ä".repeat(2_000) };
+        let Some(Opening::Refused { text }) = Opening::decode(&long.encode(7), 7) else {
+            panic!("it arrives")
+        };
+        assert!(text.len() == MAX_TEXT && text.chars().all(|c| c == 'ä'));
+        let opened = Opening::Opened { info, state: DeviceState::Unhomed, fifo_priority: 51 };
+        assert_eq!(Opening::decode(&opened.encode(7), 7), Some(opened));
+    }
+
+    #[test]
+    fn every_damage_makes_nothing_of_it() {
+        let good = TICK.encode();
+        for bit in 0..8 * good.len() {
+            let mut bad = good;
+            bad[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(Numbered::decode(&bad), None, "bit {bit}");
+        }
+        for len in 0..good.len() {
+            assert_eq!(Numbered::decode(&good[..len]), None);
+        }
+        assert_eq!(Numbered::decode(&report().encode(7)), None);
+        assert_eq!(Report::decode(&good, 7), None);
+        for force_n in [[f32::NAN, 0.0, 0.0], [0.0, f32::INFINITY, 0.0]] {
+            let order = Numbered { order: Order::Tick { session: 3, force_n }, ..TICK };
+            assert_eq!(Numbered::decode(&order.encode()), None);
+        }
+    }
+}

@@ -1,0 +1,511 @@
+//! A supervisor in a thread, with a scripted device: what passes over the socket and what does not.
+//!
+//! The limit is long where silence is not the question, so that a busy machine trips nothing; time is real.
+
+#[path = "common/synthetic.rs"]
+mod synthetic;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
+use palpate_host::device::{DeviceState, EmergencyStop};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::supervisor::wire::{Numbered, Order, Report};
+use palpate_host::supervisor::{Served, StartError, Supervised, serve};
+use palpate_host::sys::Policy;
+use palpate_host::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
+use std::os::unix::net::UnixDatagram;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+/// Too long to be reached by accident.
+const LONG_MS: u32 = 5_000;
+const CERTAIN: Duration = Duration::from_secs(20);
+const FORCE_N: Vec3 = [0.5, 0.0, -1.0];
+
+/// What was done to the device, and what it is to do.
+#[derive(Debug, Default)]
+struct Script {
+    forces: Vec<Vec3>,
+    stops: usize,
+    zeros: usize,
+    /// The next exchange hangs until this is false again.
+    hangs: bool,
+    panics: bool,
+    fails: Option<DeviceErrorKind>,
+    position_m: Vec3,
+    state: Option<DeviceState>,
+}
+
+type Shared = Arc<Mutex<Script>>;
+
+fn lock(script: &Shared) -> std::sync::MutexGuard<'_, Script> {
+    script.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Answers each request with the next exchange, as a real one does.
+struct Scripted {
+    script: Shared,
+    asked_us: Option<u64>,
+}
+
+struct Past(Shared);
+
+impl EmergencyStop for Past {
+    fn zero(&mut self) -> Result<(), DeviceError> {
+        let mut script = lock(&self.0);
+        script.zeros += 1;
+        script.forces.push(vec3::ZERO);
+        Ok(())
+    }
+}
+
+impl Device for Scripted {
+    fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        while lock(&self.script).hangs {
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        let mut script = lock(&self.script);
+        if script.panics {
+            drop(script);
+            panic!("planted panic");
+        }
+        script.forces.push(force_n);
+        if let Some(kind) = script.fails {
+            return Err(DeviceError::new(kind));
+        }
+        let position_m = script.position_m;
+        let answered = self.asked_us.replace(now_us);
+        Ok(answered.map(|t_us| Sample { t_us, position_m, buttons: 1 }))
+    }
+
+    fn stop(&mut self) {
+        let mut script = lock(&self.script);
+        script.stops += 1;
+        script.forces.push(vec3::ZERO);
+    }
+
+    fn info(&self) -> DeviceInfo {
+        DeviceInfo {
+            name: "scripted".into(),
+            self_arming: false,
+            max_force_n: 4.0,
+            max_stiffness_n_m: 900.0,
+            resolution_m: 1e-5,
+        }
+    }
+
+    fn state(&self) -> DeviceState {
+        lock(&self.script).state.unwrap_or(DeviceState::Homed)
+    }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        Some(Box::new(Past(Arc::clone(&self.script))))
+    }
+}
+
+/// Both ends.
+struct Bench {
+    device: Supervised,
+    script: Shared,
+    thread: JoinHandle<std::io::Result<Served>>,
+    /// A second handle of the host's end: a stranger's way to the supervisor.
+    stranger: UnixDatagram,
+    begun: Instant,
+}
+
+impl Bench {
+    fn new(limit_ms: u32) -> Self {
+        let script = Shared::default();
+        let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+        let stranger = ours.try_clone().expect("a second handle");
+        let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+        let thread = std::thread::spawn(move || serve(&theirs, Policy::Fifo(51), || Ok(scripted)));
+        let device = Supervised::with_socket(ours, limit_ms).expect("it opens");
+        Self { device, script, thread, stranger, begun: Instant::now() }
+    }
+
+    fn now_us(&self) -> u64 {
+        self.begun.elapsed().as_micros() as u64
+    }
+
+    /// One tick, and as long as it takes until the device has had it.
+    fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let (before, now_us) = (lock(&self.script).forces.len(), self.now_us());
+        let sample = self.device.exchange(now_us, force_n)?;
+        wait("exchange", || lock(&self.script).forces.len() > before);
+        Ok(sample)
+    }
+
+    fn last_n(&self) -> Vec3 {
+        lock(&self.script).forces.last().copied().unwrap_or_default()
+    }
+
+    /// Ends the host's part.
+    fn end(self) -> (Served, Shared) {
+        drop((self.device, self.stranger));
+        (self.thread.join().expect("no panic").expect("it was spoken to"), self.script)
+    }
+}
+
+fn wait(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < CERTAIN, "no {what}");
+        std::thread::sleep(Duration::from_micros(100));
+    }
+}
+
+#[test]
+fn forces_go_there_and_samples_come_back_with_the_time_of_their_request() {
+    let mut bench = Bench::new(LONG_MS);
+    assert_eq!(bench.device.info().name, "scripted");
+    assert_eq!((bench.device.info().max_force_n, bench.device.state()), (4.0, DeviceState::Homed));
+    let supervision = bench.device.supervision();
+    assert_eq!((supervision.limit_ms, supervision.policy), (LONG_MS, Policy::Fifo(51)));
+    let mut ticks_us = Vec::new();
+    let mut samples_us = Vec::new();
+    for i in 0..200 {
+        lock(&bench.script).position_m = [i as f32, 0.0, 0.0];
+        ticks_us.push(bench.now_us());
+        if let Some(sample) = bench.device.exchange(ticks_us[i], FORCE_N).expect("it is there") {
+            samples_us.push(sample.t_us);
+        }
+        wait("exchange", || lock(&bench.script).forces.len() > i);
+        assert_eq!(bench.last_n(), FORCE_N);
+        std::thread::sleep(Duration::from_micros(300));
+    }
+    assert!(samples_us.len() > 150, "{}", samples_us.len());
+    assert!(samples_us.windows(2).all(|pair| pair[1] > pair[0]), "each later than the last");
+    assert!(samples_us.iter().all(|t_us| ticks_us.contains(t_us)), "of ticks, to the microsecond");
+    let (served, script) = bench.end();
+    assert_eq!((served.exchanges, served.silences, served.strays, served.abandoned), (200, 0, 0, false));
+    assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
+    assert!(lock(&script).stops >= 1);
+}
+
+/// The device's reply is held up, the report comes after many ticks: it is as old as its request.
+#[test]
+fn a_late_report_never_passes_for_a_fresh_one() {
+    let mut bench = Bench::new(LONG_MS);
+    bench.tick(FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("it is there");
+    let asked_us = bench.now_us();
+    bench.device.exchange(asked_us, FORCE_N).expect("it is there");
+    std::thread::sleep(Duration::from_millis(5));
+    lock(&bench.script).hangs = true;
+    bench.device.exchange(bench.now_us(), FORCE_N).expect("it is there");
+    std::thread::sleep(Duration::from_millis(50));
+    // Reports of before the hang are taken out of the way.
+    while bench.device.exchange(bench.now_us(), FORCE_N).expect("it is there").is_some() {}
+    lock(&bench.script).hangs = false;
+    let mut late = None;
+    wait("late report", || {
+        late = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).unwrap_or_default();
+        late.is_some()
+    });
+    let late = late.expect("a sample");
+    assert!(
+        late.t_us <= asked_us + 40_000 && bench.now_us() - late.t_us > 10_000,
+        "{late:?} asked at {asked_us}"
+    );
+    bench.end();
+}
+
+#[test]
+fn silence_zeroes_the_device_and_only_a_reset_brings_a_force_back() {
+    let mut bench = Bench::new(10);
+    for _ in 0..20 {
+        bench.tick(FORCE_N).expect("it is there");
+        if bench.device.was_zeroed() {
+            bench.device.reset();
+        }
+    }
+    let zeros = lock(&bench.script).zeros;
+    let since = Instant::now();
+    wait("zero", || lock(&bench.script).zeros > zeros);
+    println!("silence: zero after {:.1} ms", since.elapsed().as_secs_f64() * 1e3);
+    assert!(since.elapsed() >= Duration::from_millis(9), "not before its limit");
+    // And again: a zero may be lost on the line.
+    wait("zero again", || lock(&bench.script).zeros > zeros + 2);
+    assert_eq!(bench.last_n(), vec3::ZERO);
+
+    let mut told = false;
+    for _ in 0..50 {
+        bench.tick(FORCE_N).expect("it is there");
+        told |= bench.device.was_zeroed();
+        assert_eq!(bench.last_n(), vec3::ZERO, "a heartbeat and no more");
+    }
+    assert!(told && bench.device.supervision().zeroed() >= 1);
+    wait("force after the reset", || {
+        bench.device.reset();
+        bench.tick(FORCE_N).expect("it is there");
+        bench.last_n() == FORCE_N
+    });
+    bench.end();
+}
+
+/// Another host's orders, numbers of the past, bytes of any kind and length: the device does not move, and the watch is not fed.
+#[test]
+fn strangers_change_nothing() {
+    let mut bench = Bench::new(LONG_MS);
+    bench.tick(FORCE_N).expect("it is there");
+    let before = lock(&bench.script).forces.len();
+    let zeros = lock(&bench.script).zeros;
+    let order = |nonce, number, order| Numbered { nonce, number, sent_ns: u64::MAX, order }.encode();
+    let mut sent = 0;
+    let mut seed = 1_u64;
+    for round in 0..300_usize {
+        let mut random = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 33) as u32
+        };
+        let mut bytes: Vec<u8> = match round % 3 {
+            0 => (0..round).map(|_| random() as u8).collect(),
+            1 => order(random(), u64::MAX, Order::Zero).to_vec(),
+            _ => order(random(), u64::MAX, Order::Tick { session: 0, force_n: [3.0; 3] }).to_vec(),
+        };
+        if round % 6 == 5 {
+            bytes.truncate(round % 48);
+        }
+        wait("room", || bench.stranger.send(&bytes).is_ok());
+        sent += 1;
+    }
+    // Behind them in the queue.
+    let mut done = false;
+    wait("force after the strangers", || {
+        done = bench.tick(FORCE_N).is_ok() && lock(&bench.script).forces.len() > before;
+        done
+    });
+    assert_eq!(bench.last_n(), FORCE_N);
+    assert!(lock(&bench.script).forces[before..].iter().all(|force_n| *force_n == FORCE_N));
+    assert_eq!(lock(&bench.script).zeros, zeros);
+    let (served, _) = bench.end();
+    assert_eq!((served.strays, served.silences), (sent, 0));
+}
+
+/// And the other way: what is no report of this supervisor is no sample.
+#[test]
+fn a_host_believes_its_own_supervisor_only() {
+    let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+    let stranger = theirs.try_clone().expect("a second handle");
+    let script = Shared::default();
+    let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+    let thread = std::thread::spawn(move || serve(&theirs, Policy::Other, || Ok(scripted)));
+    let mut device = Supervised::with_socket(ours, LONG_MS).expect("it opens");
+    let lie = Report {
+        answers: 1,
+        session: 9,
+        stopped: false,
+        device: DeviceState::Disconnected,
+        place: None,
+        error: Some(DeviceError::new(DeviceErrorKind::Disconnected)),
+    };
+    for nonce in 0..5 {
+        stranger.send(&lie.encode(nonce)).expect("room");
+        stranger.send(&[0x55; 64][..usize::try_from(nonce).expect("small") * 12]).expect("room");
+        let came = device.exchange(u64::from(nonce), FORCE_N).expect("no error of anybody's");
+        assert!(came.is_none_or(|sample| sample.t_us < u64::from(nonce)));
+        assert!(!device.was_zeroed() && device.state() == DeviceState::Homed);
+        wait("exchange", || lock(&script).forces.len() > nonce as usize);
+    }
+    drop(device);
+    thread.join().expect("no panic").expect("it was spoken to");
+}
+
+#[test]
+fn the_watchdogs_own_way_zeroes_past_the_loop_and_closes_the_session() {
+    let mut bench = Bench::new(LONG_MS);
+    bench.tick(FORCE_N).expect("it is there");
+    let mut path = (&mut bench.device as &mut dyn Device).emergency_stop().expect("a second way");
+    path.zero().expect("room");
+    wait("zero", || lock(&bench.script).zeros == 1);
+    path.zero().expect("room");
+    wait("zero", || lock(&bench.script).zeros == 2);
+    for _ in 0..20 {
+        bench.tick(FORCE_N).expect("it is there");
+        assert_eq!(bench.last_n(), vec3::ZERO);
+    }
+    assert!(bench.device.was_zeroed() && !bench.device.was_zeroed());
+    assert_eq!(bench.device.supervision().zeroed(), 1, "two zeros end one session");
+    bench.device.reset();
+    bench.tick(FORCE_N).expect("it is there");
+    assert_eq!(bench.last_n(), FORCE_N);
+    bench.end();
+}
+
+#[test]
+fn a_host_that_is_gone_is_noticed_and_the_device_stopped() {
+    let mut bench = Bench::new(10);
+    bench.tick(FORCE_N).expect("it is there");
+    // Every handle of its socket is closed, and no word of farewell: as a killed process leaves it.
+    let Bench { device, script, thread, stranger, .. } = bench;
+    drop(stranger);
+    std::mem::forget(device);
+    // The socket that was forgotten is still open: silence it is.
+    wait("zero", || lock(&script).zeros > 0);
+    assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
+    drop(thread);
+
+    let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+    let script = Shared::default();
+    let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+    let thread = std::thread::spawn(move || serve(&theirs, Policy::Other, || Ok(scripted)));
+    let order = |number, order| {
+        let sent_ns = palpate_host::sys::monotonic_ns();
+        Numbered { nonce: 3, number, sent_ns, order }.encode()
+    };
+    ours.send(&order(1, Order::Hello { limit_us: 10_000 })).expect("room");
+    ours.send(&order(2, Order::Tick { session: 0, force_n: FORCE_N })).expect("room");
+    wait("force", || lock(&script).forces.last() == Some(&FORCE_N));
+    drop(ours);
+    let served = thread.join().expect("no panic").expect("it was spoken to");
+    assert!(served.abandoned, "{served:?}");
+    let script = lock(&script);
+    assert_eq!((script.forces.last(), script.stops), (Some(&vec3::ZERO), 1));
+}
+
+#[test]
+fn a_supervisor_that_falls_takes_the_force_along_and_the_host_is_told() {
+    let mut bench = Bench::new(LONG_MS);
+    bench.tick(FORCE_N).expect("it is there");
+    lock(&bench.script).panics = true;
+    let mut end = None;
+    wait("end", || {
+        end = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).err();
+        end.is_some_and(|error| !error.kind().is_passing())
+    });
+    assert_eq!(end.map(|error| error.kind()), Some(DeviceErrorKind::Disconnected));
+    assert_eq!(bench.device.state(), DeviceState::Disconnected);
+    assert_eq!((bench.last_n(), lock(&bench.script).stops), (vec3::ZERO, 1));
+    assert!(bench.thread.join().is_err());
+}
+
+#[test]
+fn errors_of_the_device_reach_the_loop_as_they_are() {
+    let mut bench = Bench::new(LONG_MS);
+    for kind in [DeviceErrorKind::BadFrame, DeviceErrorKind::Timeout, DeviceErrorKind::Disconnected] {
+        lock(&bench.script).fails = Some(kind);
+        let mut seen = None;
+        wait("error", || {
+            seen = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).err();
+            seen.is_some_and(|error| error.kind() == kind)
+        });
+    }
+    lock(&bench.script).fails = None;
+    bench.end();
+
+    let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+    let thread = std::thread::spawn(move || {
+        serve(&theirs, Policy::Other, || Err::<Scripted, _>("no port; plug it in".into()))
+    });
+    let refused = Supervised::with_socket(ours, 10);
+    assert!(
+        matches!(&refused, Err(StartError::Refused(text)) if text == "no port; plug it in"),
+        "{refused:?}"
+    );
+    thread.join().expect("no panic").expect("it was spoken to");
+}
+
+#[test]
+fn an_exchange_allocates_nothing_and_waits_for_nobody() {
+    let mut bench = Bench::new(LONG_MS);
+    bench.tick(FORCE_N).expect("it is there");
+    let (begun, mut samples) = (bench.begun, 0);
+    assert_no_alloc(|| {
+        for _ in 0..2_000 {
+            let now_us = begun.elapsed().as_micros() as u64;
+            samples += u64::from(matches!(bench.device.exchange(now_us, FORCE_N), Ok(Some(_))));
+            let _ = bench.device.was_zeroed();
+            bench.device.reset();
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    });
+    assert!(samples > 100, "{samples}");
+    // Nobody answers, and the queue fills up: late, not held up.
+    lock(&bench.script).hangs = true;
+    let mut longest = Duration::ZERO;
+    let mut full = 0;
+    for _ in 0..1_000 {
+        let (at, now_us) = (Instant::now(), bench.now_us());
+        full +=
+            u64::from(bench.device.exchange(now_us, FORCE_N).is_err_and(|error| error.kind().is_passing()));
+        longest = longest.max(at.elapsed());
+    }
+    println!("longest of 1000 exchanges with a full queue: {longest:?}, {full} of them refused");
+    assert!(full > 500 && longest < Duration::from_millis(500));
+    lock(&bench.script).hangs = false;
+    bench.end();
+}
+
+/// The core's controller behind it: a silence is the watchdog's fault, latched, whatever keys were pressed in it.
+#[test]
+fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
+    let blob = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let controller: Controller<'_, '_, 256> =
+        Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
+    let Bench { device, script, thread, stranger, .. } = Bench::new(50);
+    let normal = organ.spaces[0].outward_normal;
+    let rest_m = organ.spaces[0].rest_position_m;
+    let (records, mut drained) = rtrb::RingBuffer::new(100_000);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (clock, controls) = (VirtualClock::default(), Controls::default());
+    let outputs = Outputs { records, latest };
+    // In a box, as the command line has it.
+    let device: Box<dyn Device> = Box::new(device);
+    let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
+    let mut index = 0;
+    let mut step = |height_m: f32| {
+        index += 1;
+        let before = {
+            let mut script = lock(&script);
+            script.position_m = vec3::add(rest_m, vec3::scale(normal, height_m));
+            script.forces.len()
+        };
+        clock.wait_until(index * 1_000_000, 0);
+        haptic.tick(index, 0, index * 1_000_000).expect("it is there");
+        wait("exchange", || lock(&script).forces.len() > before);
+        // Its report too.
+        std::thread::sleep(Duration::from_micros(300));
+        drained.pop().expect("one record a tick")
+    };
+    assert_eq!(step(0.005).phase, Phase::Disarmed);
+    // On a busy machine this may itself come to a silence: anew then.
+    let mut lean = || {
+        loop {
+            let phase = step(0.005).phase;
+            if phase != Phase::Disarmed {
+                controls.reset();
+                continue;
+            }
+            controls.arm();
+            if (0..1_000).all(|i| step(0.005 - 12e-6 * i as f32).phase == Phase::Active) {
+                return;
+            }
+        }
+    };
+    lean();
+    assert!(
+        vec3::norm(lock(&script).forces.last().copied().unwrap_or_default()) > 0.3,
+        "the organ pushes back"
+    );
+    let zeros = lock(&script).zeros;
+    wait("zero", || lock(&script).zeros > zeros);
+    // Keys that were pressed while it stood still.
+    controls.reset();
+    controls.arm();
+    let mut faulted = false;
+    for _ in 0..100 {
+        let record = step(-0.007);
+        faulted |= record.phase == Phase::SafeZero(Fault::Watchdog);
+        assert!(faulted || record.phase == Phase::Active, "{:?}", record.phase);
+        assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
+    }
+    assert!(faulted);
+    drop((haptic, stranger));
+    thread.join().expect("no panic").expect("it was spoken to");
+}

@@ -1,0 +1,202 @@
+//! Real devices: opened here, or by a supervisor that is started for it.
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
+use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::profile::Profile;
+use palpate_host::supervisor::{StartError, Supervised, Supervision};
+use palpate_host::{Device, DeviceError};
+
+use crate::failure::Failure;
+
+/// Highest priority that is asked for: 99 belongs to the kernel.
+const MOST_PRIORITY: i32 = 98;
+
+/// A device with motors, as the command line names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Hardware<'n> {
+    /// `polhem:PORT`
+    Polhem {
+        /// The serial port.
+        port: &'n str,
+    },
+    /// `falcon[:FIRMWARE]`
+    Falcon {
+        /// The file to load if it is silent.
+        firmware: Option<&'n Path>,
+    },
+}
+
+impl<'n> Hardware<'n> {
+    /// The device of this name; `None` if it is none with motors.
+    pub(crate) fn named(name: &'n str) -> Option<Self> {
+        let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
+        match (kind, rest) {
+            ("polhem", Some(port)) => Some(Self::Polhem { port }),
+            ("falcon", firmware) => Some(Self::Falcon { firmware: firmware.map(Path::new) }),
+            _ => None,
+        }
+    }
+
+    /// The bundled profile that is its own.
+    const fn own_profile(self) -> &'static str {
+        match self {
+            Self::Polhem { .. } => "polhem",
+            Self::Falcon { .. } => "falcon",
+        }
+    }
+
+    /// Opens it in this process. `fifo_priority` is for a thread that reads.
+    pub(crate) fn open(self, profile: &Profile, fifo_priority: Option<i32>) -> Result<Opened, Failure> {
+        match self {
+            Self::Polhem { port } => {
+                let device = Polhem::open(port, polhem_config(profile));
+                device
+                    .map(|device| Opened::Polhem(Box::new(device)))
+                    .map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))
+            }
+            Self::Falcon { firmware } => {
+                let image = firmware.map(|path| {
+                    let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
+                    Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+                });
+                let (workspace, max_force_n) = (profile.workspace, profile.max_force_n);
+                let mode = Mode::Threaded { fifo_priority };
+                let config = FalconConfig { mode, workspace, max_force_n, ..FalconConfig::default() };
+                let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
+                Ok(Opened::Falcon(Box::new(falcon)))
+            }
+        }
+    }
+}
+
+/// What a profile says of a Polhem.
+fn polhem_config(profile: &Profile) -> PolhemConfig {
+    PolhemConfig {
+        workspace: profile.workspace,
+        max_force_n: profile.max_force_n,
+        max_stiffness_n_m: profile.cap().n_m,
+        ..PolhemConfig::default()
+    }
+}
+
+/// An open device, in this process or in a supervisor's.
+#[derive(Debug)]
+pub(crate) enum Opened {
+    Polhem(Box<Polhem>),
+    Falcon(Box<Falcon<UsbFtdi>>),
+    Supervised(Box<Supervised>),
+}
+
+impl Opened {
+    /// As the loop takes it.
+    pub(crate) fn into_device(self) -> Box<dyn Device> {
+        match self {
+            Self::Polhem(device) => device,
+            Self::Falcon(device) => device,
+            Self::Supervised(device) => device,
+        }
+    }
+
+    fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
+        match self {
+            Self::Polhem(_) => Ok(true),
+            Self::Falcon(device) => device.home(stop),
+            Self::Supervised(device) => device.home(stop),
+        }
+    }
+}
+
+/// The profile that was asked for, or that of the device.
+pub(crate) fn profile(device: &str, name: Option<&str>) -> Result<Option<Profile>, Failure> {
+    let name = name.or_else(|| Hardware::named(device).map(Hardware::own_profile));
+    name.map(Profile::load).transpose().map_err(Failure::input)
+}
+
+/// One above the loop, which spins before its deadline; none if the loop asks for none.
+pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
+    loop_priority.map(|priority| (priority + 1).min(MOST_PRIORITY))
+}
+
+/// How a device is held.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Holding<'a> {
+    /// As the command line names it.
+    pub device: &'a str,
+    /// The profile as the command line names it.
+    pub profile_name: Option<&'a str>,
+    /// Priority of the loop.
+    pub loop_priority: Option<i32>,
+    /// Silence after which a supervisor zeroes it, ms; `None` for no supervisor.
+    pub supervisor_ms: Option<u32>,
+}
+
+/// A device for the loop, and its supervisor if it has one.
+pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
+
+/// Opens a device with motors and waits until it is homed, or until the session is stopped.
+pub(crate) fn open(
+    hardware: Hardware<'_>,
+    holding: Holding<'_>,
+    profile: &Profile,
+    stop: &AtomicBool,
+) -> Result<Held, Failure> {
+    let (mut opened, supervision) = match holding.supervisor_ms {
+        Some(limit_ms) => {
+            let device = supervised(holding, limit_ms, stop)?;
+            let supervision = device.supervision();
+            (Opened::Supervised(Box::new(device)), Some(supervision))
+        }
+        None => (hardware.open(profile, above(holding.loop_priority))?, None),
+    };
+    if let Hardware::Falcon { .. } = hardware {
+        eprintln!(
+            "palpate: home the Falcon: pull its grip all the way out, then push it all the way in (red light: not homed, blue: homed)"
+        );
+    }
+    opened.home(stop).map_err(|error| {
+        Failure::input(format!("{}: {error}; check cable and power and start again", holding.device))
+    })?;
+    Ok((opened.into_device(), supervision))
+}
+
+/// The same program again, as a supervisor.
+fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<Supervised, Failure> {
+    let this = std::env::current_exe().map_err(|error| {
+        Failure::work(format!("this program does not find itself ({error}); --no-supervisor does without"))
+    })?;
+    let mut command = Command::new(this);
+    command.args(["supervise", holding.device]);
+    if let Some(profile) = holding.profile_name {
+        command.args(["--profile", profile]);
+    }
+    if let Some(priority) = above(holding.loop_priority) {
+        command.args(["--fifo", &priority.to_string()]);
+    }
+    Supervised::start(command, limit_ms, stop).map_err(|error| match error {
+        StartError::Refused(text) => Failure::input(text),
+        error => Failure::work(error),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
+
+    /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
+    #[test]
+    fn a_stated_damping_lifts_the_cap_of_a_polhem() {
+        let mut profile = Profile::load("polhem").expect("bundled");
+        assert_eq!(polhem_config(&profile).max_stiffness_n_m, DEFAULT_CAP_N_M);
+        profile.mechanism.damping = Some(Damping { n_s_m: 3.5, measured: true });
+        let config = polhem_config(&profile);
+        assert!(config.max_stiffness_n_m > 1.2 * DEFAULT_CAP_N_M, "{config:?}");
+        assert_eq!(config.max_stiffness_n_m, profile.cap().n_m);
+        assert_eq!((config.max_force_n, config.workspace), (5.0, profile.workspace));
+    }
+}
