@@ -23,11 +23,11 @@ pub mod uart;
 
 pub use chip::{Chip, Setup, Stall};
 pub use faults::FaultyFtdi;
-pub use grip::Felt;
 pub use image::synthetic_image;
 pub use loader::{LoaderFault, LoaderOptions};
 pub use memory::MemoryFtdi;
 
+use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use firmware::Firmware;
 use grip::Grip;
