@@ -19,11 +19,13 @@
 //! Falcon's driver expects its chip, and (in [`rig`] and what stands on it) the drivers and the loop that are put to the test.
 #![forbid(unsafe_code)]
 
+pub mod closed_loop;
 pub mod contract;
 pub mod falcon;
 pub mod fault;
 pub mod faulty;
 pub mod felt;
+pub mod matrix;
 pub mod mechanism;
 pub mod polhem;
 pub mod port;

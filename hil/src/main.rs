@@ -1,15 +1,39 @@
-//! Stand-alone emulator: opens a pseudo terminal, prints its name and behaves like a Polhem until its time is over.
+//! The emulated devices on the command line: one to talk to, and what all of them are put through.
 //!
-//! `palpate-hil --seconds 60`, and in another shell `palpate run FILE.blob --device polhem:/dev/pts/N`.
+//! `palpate-hil --seconds 60`, and in another shell `palpate run FILE.blob --device polhem:/dev/pts/N`; `palpate-hil matrix` and
+//! `palpate-hil closed-loop` print the tables of the documentation.
 
-use clap::Parser;
+use anyhow::{Context, bail, ensure};
+use clap::{Args, Parser, Subcommand};
+use palpate_core::Method;
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
+use palpate_hil::{closed_loop, matrix, rig};
+use std::io::{IsTerminal, Write};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Emulated Polhem / WoodenHaptics on a pseudo terminal.
+/// Emulated haptic devices. Without a command: a Polhem / WoodenHaptics on a pseudo terminal.
 #[derive(Debug, Parser)]
-#[command(name = "palpate-hil", version)]
+#[command(name = "palpate-hil", version, args_conflicts_with_subcommands = true)]
 struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    emulate: Emulate,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Put every driver through everything that may go wrong, and print what the hand felt.
+    ///
+    /// Ends with code 1 if a limit was broken. The same seed gives the same runs.
+    Matrix(Matrix),
+    /// Palpate the golden organ through every driver on virtual time, and print the error of the force at the hand.
+    ClosedLoop(ClosedLoop),
+}
+
+#[derive(Debug, Args)]
+struct Emulate {
     /// How long to run, seconds.
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
@@ -21,10 +45,76 @@ struct Arguments {
     seed: u64,
 }
 
+#[derive(Debug, Args)]
+struct Matrix {
+    /// Runs in memory, over all devices and faults in turn.
+    #[arg(long, default_value_t = 1_000)]
+    runs: usize,
+    /// Runs over a pseudo terminal.
+    #[arg(long, default_value_t = 50)]
+    pty: usize,
+    /// Seed of all runs.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write every run to this file, as comma-separated values.
+    #[arg(long)]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+struct ClosedLoop {
+    /// Length of the palpation, seconds of virtual time.
+    #[arg(long, default_value_t = 60)]
+    seconds: u64,
+}
+
 fn main() -> anyhow::Result<()> {
-    let arguments = Arguments::parse();
+    let Arguments { command, emulate: alone } = Arguments::parse();
+    match command {
+        Some(Command::Matrix(arguments)) => run_matrix(&arguments),
+        Some(Command::ClosedLoop(ClosedLoop { seconds })) => {
+            let found = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
+            print!("{}", closed_loop::Table(&found.map_err(|error| anyhow::anyhow!(error))?));
+            Ok(())
+        }
+        None => emulate(&alone),
+    }
+}
+
+fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
+    let seen = std::io::stderr().is_terminal();
+    let progress = |done: usize, all: usize| {
+        if seen && (done.is_multiple_of(10) || done == all) {
+            let end = if done == all { "\n" } else { "" };
+            eprint!("\r{done} of {all} runs{end}");
+            // A line that cannot be shown is no reason to stop.
+            let _ = std::io::stderr().flush();
+        }
+    };
+    let size = matrix::Size { in_memory: arguments.runs, real: arguments.pty, seed: arguments.seed };
+    let runs = matrix::matrix(&rig::all(), size, &progress);
+    print!("{}", matrix::Table(&runs));
+    if let Some(path) = &arguments.csv {
+        std::fs::write(path, matrix::csv(&runs))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let broken: Vec<String> = runs
+        .iter()
+        .filter_map(|run| {
+            let why = run.broken()?;
+            Some(format!("{}, {}, seed {}: {why}", run.rig, run.wrong.name(), run.seed))
+        })
+        .collect();
+    if !broken.is_empty() {
+        bail!("{} of {} runs broke a limit:\n{}", broken.len(), runs.len(), broken.join("\n"));
+    }
+    println!("\n{} runs, seed {}: no limit was broken.", runs.len(), size.seed);
+    Ok(())
+}
+
+fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let rate = arguments.faults;
-    anyhow::ensure!((0.0..=1.0).contains(&rate), "--faults is a share from 0 to 1, not {rate}");
+    ensure!((0.0..=1.0).contains(&rate), "--faults is a share from 0 to 1, not {rate}");
     let (link, driver) = PtyTransport::pair()?;
     {
         use serialport::SerialPort;

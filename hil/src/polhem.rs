@@ -130,7 +130,8 @@ impl EmulatedPolhem {
     }
 
     /// Where the encoders say that the handle is: the step it is in, and what they have miscounted.
-    fn reported_m(&self) -> Vec3 {
+    #[must_use]
+    pub fn reported_m(&self) -> Vec3 {
         let at_m = vec3::add(self.handle.position_m(), self.jumped_m);
         if self.step_m > 0.0 { at_m.map(|metres| (metres / self.step_m).round() * self.step_m) } else { at_m }
     }

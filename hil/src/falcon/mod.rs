@@ -268,6 +268,12 @@ impl EmulatedFalcon {
         self.grip.position_m()
     }
 
+    /// What the wheels of the encoders stand at, from their indices.
+    #[must_use]
+    pub fn counts(&self) -> [i32; 3] {
+        self.grip.counts()
+    }
+
     /// The boot loader.
     #[must_use]
     pub const fn loader(&self) -> &Loader {

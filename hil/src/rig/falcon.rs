@@ -8,10 +8,12 @@ use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use palpate_core::Vec3;
 use palpate_host::Device;
+use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
 use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+use std::cell::Cell;
 use std::sync::Arc;
 
 /// How long after a request has left the cable is pulled in the middle of it, us: of 107 on the wire.
@@ -30,6 +32,8 @@ pub struct FalconRig {
     seed: u64,
     /// The device's time when the driver was opened, us.
     opened_us: u64,
+    /// From the emulated counts to a place: the driver's own, solved to a micrometre.
+    kinematics: Cell<Kinematics>,
 }
 
 impl FalconRig {
@@ -67,6 +71,7 @@ impl FalconRig {
             firmware: Some(Image::new(image).expect("a sound stream")),
             seed,
             opened_us: 0,
+            kinematics: Cell::default(),
         }
     }
 }
@@ -132,6 +137,14 @@ impl Rig for FalconRig {
 
     fn position_m(&self) -> Vec3 {
         self.device.falcon().position_m()
+    }
+
+    fn reported_m(&self) -> Vec3 {
+        let counts = self.device.falcon().counts();
+        let mut kinematics = self.kinematics.get();
+        kinematics.solve(counts.map(|count| i16::try_from(count).unwrap_or(0)));
+        self.kinematics.set(kinematics);
+        kinematics.pose().position_m.map(|metres| metres as f32)
     }
 
     fn follow(&mut self, path: Vec<Waypoint>) {

@@ -105,6 +105,9 @@ pub trait Rig {
     /// Where the grip really is, device frame, m.
     fn position_m(&self) -> Vec3;
 
+    /// Where its encoders say that it is, now, device frame, m.
+    fn reported_m(&self) -> Vec3;
+
     /// The hand leaves what it does for another path; device frame, times from now.
     fn follow(&mut self, path: Vec<Waypoint>);
 

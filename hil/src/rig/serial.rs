@@ -57,6 +57,9 @@ pub trait SerialDevice: Send + 'static {
     /// The handle with the hand on it.
     fn handle_mut(&mut self) -> &mut Handle;
 
+    /// Where its encoders say that the handle is, m.
+    fn reported_m(&self) -> Vec3;
+
     /// The hand holds these buttons.
     fn press(&mut self, buttons: u8);
 
@@ -116,6 +119,10 @@ impl SerialDevice for EmulatedPolhem {
 
     fn handle_mut(&mut self) -> &mut Handle {
         Self::handle_mut(self)
+    }
+
+    fn reported_m(&self) -> Vec3 {
+        Self::reported_m(self)
     }
 
     fn press(&mut self, buttons: u8) {
@@ -337,6 +344,10 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
 
     fn position_m(&self) -> Vec3 {
         self.far().device.handle().position_m()
+    }
+
+    fn reported_m(&self) -> Vec3 {
+        self.far().device.reported_m()
     }
 
     fn follow(&mut self, path: Vec<Waypoint>) {
