@@ -75,7 +75,8 @@ pub const CHECKS: [Check; 15] = [
 
 macro_rules! ensure {
     ($holds:expr, $($why:tt)+) => {
-        if !$holds {
+        let holds: bool = $holds;
+        if !holds {
             return Err(Broken(format!($($why)+)));
         }
     };

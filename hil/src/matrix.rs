@@ -119,7 +119,7 @@ struct Dice(u64);
 
 impl Dice {
     /// From `low` to `high`, both included.
-    fn from_to(self, what: u64, low: u64, high: u64) -> u64 {
+    fn draw(self, what: u64, low: u64, high: u64) -> u64 {
         low + crate::fault::split_mix(self.0, what) % (high - low + 1)
     }
 }
@@ -188,16 +188,16 @@ impl Run {
     #[must_use]
     pub fn broken(&self) -> Option<&'static str> {
         let latched = matches!(self.ended, Ended::Latched(_) | Ended::Lost);
-        if self.silent && !self.detected_us.is_some_and(|us| us <= STALE_US) {
+        if self.silent && self.detected_us.is_none_or(|us| us > STALE_US) {
             return Some("silence was not detected within 10 ms");
         }
         // A cable that is out carries no zero, and a device without a watchdog keeps its force.
-        if latched && self.way_is_sound && !self.zero_us.is_some_and(|us| us <= REACTION_US) {
+        if latched && self.way_is_sound && self.zero_us.is_none_or(|us| us > REACTION_US) {
             return Some("no zero two ticks after detection");
         }
         if matches!(self.ended, Ended::Latched(_))
             && !self.way_is_sound
-            && !self.mended_us.is_some_and(|us| us <= MENDED_US)
+            && self.mended_us.is_none_or(|us| us > MENDED_US)
         {
             return Some("no zero after the link was mended");
         }
@@ -265,20 +265,20 @@ impl Watch {
 
 fn plan(wrong: Wrong, dice: Dice) -> Plan {
     let none = Faults::NONE;
-    let ticks = dice.from_to(1, 1, 40);
+    let ticks = dice.draw(1, 1, 40);
     let faults = match wrong {
         Wrong::Drop => Faults { drop: 1.0, ..none },
         Wrong::Silence => Faults { drop: 1.0, ..none },
-        Wrong::Delay => Faults { delay: 1.0, delay_us: 1_000 * dice.from_to(2, 2, 40), ..none },
+        Wrong::Delay => Faults { delay: 1.0, delay_us: 1_000 * dice.draw(2, 2, 40), ..none },
         Wrong::Duplicate => Faults { duplicate: 1.0, ..none },
         Wrong::Truncate => Faults { truncate: 1.0, ..none },
         Wrong::CorruptReply | Wrong::CorruptRequest => Faults { corrupt: 1.0, ..none },
         Wrong::Reorder => Faults { reorder: 1.0, ..none },
-        Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.from_to(2, 3, 60), ..none },
+        Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.draw(2, 3, 60), ..none },
         Wrong::Babble => Faults { babble: 1.0, ..none },
         _ => none,
     };
-    let (to_device, to_host) = match (wrong, dice.from_to(3, 0, 2)) {
+    let (to_device, to_host) = match (wrong, dice.draw(3, 0, 2)) {
         (Wrong::Silence, _) => (faults, faults),
         (Wrong::CorruptReply, _) | (_, 0) if wrong != Wrong::CorruptRequest => (none, faults),
         (Wrong::CorruptRequest, _) | (_, 1) => (faults, none),
@@ -286,8 +286,8 @@ fn plan(wrong: Wrong, dice: Dice) -> Plan {
     };
     let ticks = match wrong {
         Wrong::Silence => 60,
-        Wrong::Delay => dice.from_to(1, 1, 60),
-        Wrong::CorruptReply | Wrong::CorruptRequest => dice.from_to(1, 1, 10),
+        Wrong::Delay => dice.draw(1, 1, 60),
+        Wrong::CorruptReply | Wrong::CorruptRequest => dice.draw(1, 1, 10),
         // One of them is enough.
         Wrong::Stall => 1,
         _ => ticks,
@@ -334,8 +334,8 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
         silent: silent_ticks > STALE_US / TICK_US + 1,
         checked_requests: traits.checked_requests,
     };
-    let depth_m = 1e-3 * dice.from_to(4, 8, 18) as f32;
-    let lead = dice.from_to(5, 650, 850);
+    let depth_m = 1e-3 * dice.draw(4, 8, 18) as f32;
+    let lead = dice.draw(5, 600, 720);
     let mut run = with_loop(&mut *rig, organ, Method::Energy, |bench| {
         let path = session::press(bench.rig, 0.006, depth_m);
         bench.rig.follow(path);
@@ -364,7 +364,7 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
         Ok::<Run, OpenError>(watch.run)
     })??;
     if run.ended == Ended::Lost {
-        let unplugged_ticks = dice.from_to(6, 30, 100);
+        let unplugged_ticks = dice.draw(6, 30, 100);
         let now_us = rig.now_us() + unplugged_ticks * TICK_US;
         rig.advance(now_us);
         rig.replug();
@@ -376,13 +376,13 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
 }
 
 fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, plan: &Plan, dice: Dice) {
-    let sign = if dice.from_to(7, 0, 1) == 0 { 1.0 } else { -1.0 };
+    let sign = if dice.draw(7, 0, 1) == 0 { 1.0 } else { -1.0 };
     match wrong {
         Wrong::UnplugMidFrame => bench.rig.unplug(Cut::MidFrame),
         Wrong::Replug => bench.rig.unplug(Cut::Between),
         Wrong::EncoderJump => {
-            let axis = dice.from_to(8, 0, 2) as usize;
-            let by_m = sign * 0.5e-3 * dice.from_to(9, 1, 80) as f32;
+            let axis = dice.draw(8, 0, 2) as usize;
+            let by_m = sign * 0.5e-3 * dice.draw(9, 1, 80) as f32;
             bench.rig.strike(Mishap::EncoderJump { axis, by_m });
         }
         Wrong::HomingLost => {
@@ -402,7 +402,7 @@ fn resumes(rig: &mut dyn Rig, organ: &Organ<'_>) -> Result<bool, OpenError> {
         bench.rig.follow(path);
         let mut forced = bench.rig.felt().force_n != vec3::ZERO;
         bench.rig.forget();
-        for _ in 0..700 {
+        for _ in 0..500 {
             forced |= bench.step()?.phase != Phase::Disarmed;
         }
         let felt = bench.rig.felt();
@@ -412,13 +412,13 @@ fn resumes(rig: &mut dyn Rig, organ: &Organ<'_>) -> Result<bool, OpenError> {
 
 /// A boot loader that does not do as it should, once or always.
 fn load(kind: Kind, dice: Dice) -> Run {
-    let at = dice.from_to(2, 0, 400) as usize;
-    let fault = match dice.from_to(1, 0, 3) {
+    let at = dice.draw(2, 0, 400) as usize;
+    let fault = match dice.draw(1, 0, 3) {
         0 | 1 => LoaderFault::WrongEcho { at },
         2 => LoaderFault::FallsSilent { at },
         _ => LoaderFault::NeverStarts,
     };
-    let tries = if dice.from_to(3, 0, 3) == 0 { 1_000 } else { dice.from_to(4, 1, 2) as u32 };
+    let tries = if dice.draw(3, 0, 3) == 0 { 1_000 } else { dice.draw(4, 1, 2) as u32 };
     let mut rig =
         FalconRig::silent(dice.0, LoaderOptions { leading_zero: false, fault: Some((fault, tries)) });
     let opened = {
