@@ -118,7 +118,7 @@ const MOST_BABBLE: u64 = 24;
 const OVERTAKE_US: u64 = 5_000;
 
 /// Number `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014).
-const fn split_mix(seed: u64, index: u64) -> u64 {
+pub(crate) const fn split_mix(seed: u64, index: u64) -> u64 {
     let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

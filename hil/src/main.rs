@@ -1,12 +1,17 @@
-//! Stand-alone emulators: a Polhem on a pseudo terminal, a Falcon on the USB of a virtual machine.
+//! The emulated devices on the command line: one to talk to, and what all of them are put through.
 //!
-//! `palpate-hil --seconds 60`, and in another shell `palpate run FILE.blob --device polhem:/dev/pts/N`.
+//! `palpate-hil --seconds 60`, and in another shell `palpate run FILE.blob --device polhem:/dev/pts/N`; `palpate-hil matrix` and
+//! `palpate-hil closed-loop` print the tables of the documentation.
 //! `palpate-hil falcon --usbredir SOCKET`, and then QEMU with `-device qemu-xhci,id=x -chardev socket,id=c,path=SOCKET,reconnect=1
 //! -device usb-redir,bus=x.0,chardev=c`: its guest sees 0403:cb48.
 
+use anyhow::{Context, bail, ensure};
 use clap::{Args, Parser, Subcommand};
+use palpate_core::Method;
 use palpate_hil::bench::{Options, serve};
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
+use palpate_hil::{closed_loop, matrix, rig};
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -17,13 +22,19 @@ struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
     #[command(flatten)]
-    polhem: Polhem,
+    emulate: Emulate,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Emulated Novint Falcon on the USB of a QEMU guest, in real time.
     Falcon(Falcon),
+    /// Put every driver through everything that may go wrong, and print what the hand felt.
+    ///
+    /// Ends with code 1 if a limit was broken. The same seed gives the same runs.
+    Matrix(Matrix),
+    /// Palpate the golden organ through every driver on virtual time, and print the error of the force at the hand.
+    ClosedLoop(ClosedLoop),
 }
 
 #[derive(Debug, Args)]
@@ -40,7 +51,7 @@ struct Falcon {
 }
 
 #[derive(Debug, Args)]
-struct Polhem {
+struct Emulate {
     /// How long to run, seconds.
     #[arg(long, default_value_t = 60.0)]
     seconds: f64,
@@ -52,21 +63,82 @@ struct Polhem {
     seed: u64,
 }
 
+#[derive(Debug, Args)]
+struct Matrix {
+    /// Runs in memory, over all devices and faults in turn.
+    #[arg(long, default_value_t = 1_000)]
+    runs: usize,
+    /// Runs over a pseudo terminal.
+    #[arg(long, default_value_t = 50)]
+    pty: usize,
+    /// Seed of all runs.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write every run to this file, as comma-separated values.
+    #[arg(long)]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+struct ClosedLoop {
+    /// Length of the palpation, seconds of virtual time.
+    #[arg(long, default_value_t = 60)]
+    seconds: u64,
+}
+
 fn main() -> anyhow::Result<()> {
-    let Arguments { command, polhem } = Arguments::parse();
+    let Arguments { command, emulate: alone } = Arguments::parse();
     match command {
-        None => serve_polhem(&polhem),
+        Some(Command::Matrix(arguments)) => run_matrix(&arguments),
+        Some(Command::ClosedLoop(ClosedLoop { seconds })) => {
+            let found = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
+            print!("{}", closed_loop::Table(&found.map_err(|error| anyhow::anyhow!(error))?));
+            Ok(())
+        }
         Some(Command::Falcon(Falcon { usbredir, control, seconds })) => {
-            anyhow::ensure!(seconds >= 0.0 && seconds.is_finite(), "--seconds is not {seconds}");
+            ensure!(seconds >= 0.0 && seconds.is_finite(), "--seconds is not {seconds}");
             let options = Options { usbredir, control, longest: Duration::from_secs_f64(seconds) };
             serve(&options, &mut std::io::stdout())?;
             Ok(())
         }
+        None => emulate(&alone),
     }
 }
 
-fn serve_polhem(&Polhem { seconds, faults: rate, seed }: &Polhem) -> anyhow::Result<()> {
-    anyhow::ensure!((0.0..=1.0).contains(&rate), "--faults is a share from 0 to 1, not {rate}");
+fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
+    let seen = std::io::stderr().is_terminal();
+    let progress = |done: usize, all: usize| {
+        if seen && (done.is_multiple_of(10) || done == all) {
+            let end = if done == all { "\n" } else { "" };
+            eprint!("\r{done} of {all} runs{end}");
+            // A line that cannot be shown is no reason to stop.
+            let _ = std::io::stderr().flush();
+        }
+    };
+    let size = matrix::Size { in_memory: arguments.runs, real: arguments.pty, seed: arguments.seed };
+    let runs = matrix::matrix(&rig::all(), size, &progress);
+    print!("{}", matrix::Table(&runs));
+    if let Some(path) = &arguments.csv {
+        std::fs::write(path, matrix::csv(&runs))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let broken: Vec<String> = runs
+        .iter()
+        .filter_map(|run| {
+            let why = run.broken()?;
+            Some(format!("{}, {}, seed {}: {why}", run.rig, run.wrong.name(), run.seed))
+        })
+        .collect();
+    if !broken.is_empty() {
+        bail!("{} of {} runs broke a limit:\n{}", broken.len(), runs.len(), broken.join("\n"));
+    }
+    println!("\n{} runs, seed {}: no limit was broken.", runs.len(), size.seed);
+    Ok(())
+}
+
+fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
+    let rate = arguments.faults;
+    ensure!((0.0..=1.0).contains(&rate), "--faults is a share from 0 to 1, not {rate}");
     let (link, driver) = PtyTransport::pair()?;
     {
         use serialport::SerialPort;
@@ -80,10 +152,10 @@ fn serve_polhem(&Polhem { seconds, faults: rate, seed }: &Polhem) -> anyhow::Res
         delay_us: 3_000,
         ..Faults::default()
     };
-    let mut link = Faulty::new(link, faults, seed);
-    let mut device = EmulatedPolhem::new(Handle::new(strokes(seconds)));
+    let mut link = Faulty::new(link, faults, arguments.seed);
+    let mut device = EmulatedPolhem::new(Handle::new(strokes(arguments.seconds)));
     let begun = Instant::now();
-    while begun.elapsed().as_secs_f64() < seconds {
+    while begun.elapsed().as_secs_f64() < arguments.seconds {
         device.poll(begun.elapsed().as_micros() as u64, &mut link)?;
         std::thread::sleep(Duration::from_micros(100));
     }

@@ -1,6 +1,8 @@
 //! The simulated handle: a mass held by a hand that moves from waypoint to waypoint, pushed by the device's force.
 
+use crate::felt::Felt;
 use palpate_core::{Vec3, vec3};
+use palpate_host::device::hand::{Drag, Hand, HandConfig};
 
 /// Where the hand wants the handle to be at some time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,60 +47,84 @@ impl Path {
     }
 }
 
-/// Handle and hand: m a = k (wanted - x) - c v + F.
-#[derive(Debug, Clone, PartialEq)]
+/// A handle with the host's own model of a hand on it, and the force of the device as it was told last.
+#[derive(Debug, Clone)]
 pub struct Handle {
+    hand: Hand,
+    drag: Drag,
     path: Path,
-    position_m: Vec3,
-    velocity_m_s: Vec3,
+    /// When the path began, us.
+    begun_us: u64,
     now_us: Option<u64>,
+    felt: Felt,
 }
 
-/// Effective mass of handle and hand, kg.
-const MASS_KG: f32 = 0.2;
-/// Stiffness of the hand, N/m.
-const STIFFNESS_N_M: f32 = 400.0;
-/// Damping of hand and mechanism, N s/m: critical.
-const DAMPING_N_S_M: f32 = 17.9;
 /// Longest integration step, us.
 const STEP_US: u64 = 250;
 /// Longest time made up for in one call: after a pause of the emulator the handle does not jump, us.
 const LONGEST_US: u64 = 50_000;
 
 impl Handle {
-    /// A handle at its first waypoint; waypoints in order of time. Without any it rests at the origin.
+    /// A handle without a mechanism, in a hand of 0.2 kg on 400 N/m with critical damping, at its first waypoint; waypoints in order of time.
+    /// Without any it rests at the origin.
     #[must_use]
     pub fn new(waypoints: Vec<Waypoint>) -> Self {
+        let hand =
+            HandConfig { stiffness_n_m: 400.0, persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
+        Self::held(hand, Drag::default(), waypoints)
+    }
+
+    /// A handle of a mechanism, in a hand.
+    #[must_use]
+    pub fn held(hand: HandConfig, drag: Drag, waypoints: Vec<Waypoint>) -> Self {
         let path = Path::new(waypoints);
-        let position_m = path.at(0).unwrap_or(vec3::ZERO);
-        Self { path, position_m, velocity_m_s: vec3::ZERO, now_us: None }
+        let hand = Hand::new(hand, path.at(0).unwrap_or(vec3::ZERO));
+        Self { hand, drag, path, begun_us: 0, now_us: None, felt: Felt::nothing(0) }
     }
 
     /// Where the handle is, device frame, m.
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
-        self.position_m
+        self.hand.position_m()
     }
 
-    /// Moves on to `now_us` under a constant force of the device.
-    pub fn advance(&mut self, now_us: u64, force_n: Vec3) {
+    /// What the hand felt.
+    #[must_use]
+    pub const fn felt(&self) -> &Felt {
+        &self.felt
+    }
+
+    /// Begins the record of what the hand felt anew.
+    pub fn forget(&mut self) {
+        self.felt.forget();
+    }
+
+    /// The hand leaves its path for another one, whose times count from now.
+    pub fn follow(&mut self, waypoints: Vec<Waypoint>) {
+        (self.path, self.begun_us) = (Path::new(waypoints), self.now_us.unwrap_or(0));
+    }
+
+    /// The motors are told another force, N; `motors` is how they are told it.
+    pub fn command(&mut self, force_n: Vec3, motors: [i16; 3]) {
+        self.felt.command(self.now_us.unwrap_or(0), force_n, motors, true);
+    }
+
+    /// Moves on to `now_us` under the force of the device.
+    pub fn advance(&mut self, now_us: u64) {
         let mut t_us = self.now_us.unwrap_or(now_us).max(now_us.saturating_sub(LONGEST_US));
         while t_us < now_us {
             let step_us = STEP_US.min(now_us - t_us);
+            let (from_m, before_m) = (self.wanted_m(t_us), self.hand.position_m());
             t_us += step_us;
-            self.step(t_us, step_us as f32 * 1e-6, force_n);
+            let to_m = self.wanted_m(t_us);
+            let drag_j = self.hand.push(from_m, to_m, self.felt.force_n, &self.drag, step_us as f32 * 1e-6);
+            self.felt.moved(vec3::sub(self.hand.position_m(), before_m), drag_j);
         }
         self.now_us = Some(now_us);
     }
 
-    /// Semi-implicit Euler: at 0.25 ms k dt^2 / m is 1e-4, far inside its stability.
-    fn step(&mut self, t_us: u64, dt_s: f32, force_n: Vec3) {
-        let wanted_m = self.path.at(t_us).unwrap_or(vec3::ZERO);
-        let spring_n = vec3::scale(vec3::sub(wanted_m, self.position_m), STIFFNESS_N_M);
-        let damper_n = vec3::scale(self.velocity_m_s, -DAMPING_N_S_M);
-        let total_n = vec3::add(vec3::add(spring_n, damper_n), force_n);
-        self.velocity_m_s = vec3::add(self.velocity_m_s, vec3::scale(total_n, dt_s / MASS_KG));
-        self.position_m = vec3::add(self.position_m, vec3::scale(self.velocity_m_s, dt_s));
+    fn wanted_m(&self, t_us: u64) -> Vec3 {
+        self.path.at(t_us.saturating_sub(self.begun_us)).unwrap_or(vec3::ZERO)
     }
 }
 
@@ -115,11 +141,12 @@ mod tests {
     fn it_arrives_and_a_force_moves_it_by_its_compliance() {
         let mut handle = there_and_back();
         for t_us in (0..=1_500_000).step_by(1_000) {
-            handle.advance(t_us, vec3::ZERO);
+            handle.advance(t_us);
         }
         assert!((handle.position_m()[0] - 0.02).abs() < 1e-4);
+        handle.command([-4.0, 0.0, 0.0], [-4_000, 0, 0]);
         for t_us in (1_500_000..=2_500_000).step_by(1_000) {
-            handle.advance(t_us, [-4.0, 0.0, 0.0]);
+            handle.advance(t_us);
         }
         assert!((handle.position_m()[0] - 0.01).abs() < 1e-4, "4 N on 400 N/m");
     }
@@ -127,8 +154,9 @@ mod tests {
     #[test]
     fn a_long_pause_neither_hangs_nor_throws_it() {
         let mut handle = there_and_back();
-        handle.advance(0, vec3::ZERO);
-        handle.advance(u64::MAX / 2, [8.0, 0.0, 0.0]);
+        handle.advance(0);
+        handle.command([8.0, 0.0, 0.0], [8_000, 0, 0]);
+        handle.advance(u64::MAX / 2);
         assert!(vec3::is_finite(handle.position_m()) && handle.position_m()[0].abs() < 0.1);
     }
 }

@@ -18,8 +18,11 @@ const NORMAL_OPERATION: i16 = 2;
 pub struct EmulatedPolhem {
     handle: Handle,
     line: Vec<u8>,
-    force_n: Vec3,
     info: i16,
+    /// Step of the encoders at the handle, m; 0 for none beyond the protocol's own micrometre.
+    step_m: f32,
+    /// By how much the encoders have miscounted, m.
+    jumped_m: Vec3,
     requests: u64,
     refused: u64,
 }
@@ -28,13 +31,36 @@ impl EmulatedPolhem {
     /// A device that has just been plugged in.
     #[must_use]
     pub const fn new(handle: Handle) -> Self {
-        Self { handle, line: Vec::new(), force_n: vec3::ZERO, info: 0, requests: 0, refused: 0 }
+        Self { handle, line: Vec::new(), info: 0, step_m: 0.0, jumped_m: vec3::ZERO, requests: 0, refused: 0 }
+    }
+
+    /// With encoders whose step is this at the handle, m.
+    #[must_use]
+    pub const fn with_step_m(mut self, step_m: f32) -> Self {
+        self.step_m = step_m;
+        self
+    }
+
+    /// The handle with the hand on it.
+    #[must_use]
+    pub const fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
+    /// The handle with the hand on it.
+    pub const fn handle_mut(&mut self) -> &mut Handle {
+        &mut self.handle
+    }
+
+    /// The encoders miscount by so much from now on, m.
+    pub fn jump(&mut self, by_m: Vec3) {
+        self.jumped_m = vec3::add(self.jumped_m, by_m);
     }
 
     /// Force on the motors now, N.
     #[must_use]
     pub const fn force_n(&self) -> Vec3 {
-        self.force_n
+        self.handle.felt().force_n
     }
 
     /// Where the handle is, m.
@@ -61,8 +87,8 @@ impl EmulatedPolhem {
     }
 
     /// Serves everything that has come over the link by `now_us`.
-    pub fn poll(&mut self, now_us: u64, link: &mut impl Transport) -> io::Result<()> {
-        self.handle.advance(now_us, self.force_n);
+    pub fn poll(&mut self, now_us: u64, link: &mut (impl Transport + ?Sized)) -> io::Result<()> {
+        self.handle.advance(now_us);
         let mut buffer = [0; 256];
         loop {
             let count = link.receive(now_us, &mut buffer)?;
@@ -91,8 +117,8 @@ impl EmulatedPolhem {
             return Some(self.reply());
         }
         match parse(&line) {
-            Some(force_n) => {
-                self.force_n = force_n;
+            Some(motors) => {
+                self.handle.command(motors.map(|milli_newtons| f32::from(milli_newtons) / 1000.0), motors);
                 self.requests += 1;
                 Some(self.reply())
             }
@@ -103,24 +129,30 @@ impl EmulatedPolhem {
         }
     }
 
+    /// Where the encoders say that the handle is: the step it is in, and what they have miscounted.
+    #[must_use]
+    pub fn reported_m(&self) -> Vec3 {
+        let at_m = vec3::add(self.handle.position_m(), self.jumped_m);
+        if self.step_m > 0.0 { at_m.map(|metres| (metres / self.step_m).round() * self.step_m) } else { at_m }
+    }
+
     fn reply(&self) -> String {
-        let [x, y, z] = self.handle.position_m().map(|metres| metres * 1e3);
+        let [x, y, z] = self.reported_m().map(|metres| metres * 1e3);
         let angles = format!("{:7.4} {:7.4} {:7.4} {:7.4}", 0.1, -0.2, 0.3, 0.0);
         let text = format!("{x:8.3} {y:8.3} {z:8.3} {angles} {}", self.info);
         format!("{text:<63}\n")
     }
 }
 
-/// Forces of a request in N; nothing for a line of another form, zero for another command than normal operation.
-fn parse(line: &[u8]) -> Option<Vec3> {
+/// Forces of a request in mN; nothing for a line of another form, zero for another command than normal operation.
+fn parse(line: &[u8]) -> Option<[i16; 3]> {
     if line.len() + 1 != LINE_LEN {
         return None;
     }
     let text = core::str::from_utf8(line).ok()?;
     let numbers: Vec<i16> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
     let [x, y, z, command, ..] = *<&[i16; 7]>::try_from(&numbers[..]).ok()?;
-    let force_n = [x, y, z].map(|milli_newtons| f32::from(milli_newtons) / 1000.0);
-    Some(if command == NORMAL_OPERATION { force_n } else { vec3::ZERO })
+    Some(if command == NORMAL_OPERATION { [x, y, z] } else { [0; 3] })
 }
 
 #[cfg(test)]

@@ -15,6 +15,16 @@ pub trait Transport {
     fn send(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()>;
 }
 
+impl<T: Transport + ?Sized> Transport for Box<T> {
+    fn receive(&mut self, now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
+        (**self).receive(now_us, buffer)
+    }
+
+    fn send(&mut self, now_us: u64, frame: &[u8]) -> io::Result<()> {
+        (**self).send(now_us, frame)
+    }
+}
+
 /// The master end of a pseudo terminal; the driver opens the other one like any serial port.
 #[derive(Debug)]
 pub struct PtyTransport {
@@ -77,6 +87,19 @@ impl MemoryTransport {
         let (one, other) = (Arc::default(), Arc::default());
         let first = Self { incoming: Arc::clone(&one), outgoing: Arc::clone(&other) };
         (first, Self { incoming: other, outgoing: one })
+    }
+}
+
+impl MemoryTransport {
+    /// How many bytes wait to be received.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        lock(&self.incoming).len()
+    }
+
+    /// Throws away what waits to be received.
+    pub fn clear(&self) {
+        lock(&self.incoming).clear();
     }
 }
 

@@ -4,8 +4,11 @@
 mod synthetic;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use core::time::Duration;
 use palpate_core::{Config, Method, Organ, Phase};
-use palpate_host::Device;
+use palpate_host::device::falcon::kinematics::Kinematics;
+use palpate_host::device::falcon::packet::{ALL_HOMED, Reply};
+use palpate_host::device::falcon::{Falcon, FalconConfig, Ftdi, Mode};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
@@ -14,6 +17,10 @@ use palpate_host::rt::{
     Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock,
 };
 use palpate_host::settings::controller_config;
+use palpate_host::{Device, DeviceError, DeviceErrorKind};
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -95,6 +102,58 @@ fn sliding_on_a_mechanism_without_an_allocation() {
     });
     assert!(blended > 20_000 && moved > 1_000, "{blended} ticks of several nodes, {moved} of them sliding");
     assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 1_000);
+}
+
+/// A chip in front of a homed device whose grip goes round; it answers what it is asked and keeps nothing else.
+#[derive(Default)]
+struct Echo {
+    asked: AtomicU32,
+    answered: AtomicU32,
+}
+
+/// Grip going round by a count or two a reply, never faster than a hand.
+fn encoders(reply: u32) -> [i16; 3] {
+    let middle = Kinematics::default().counts([0.0, 0.0, 0.12]).expect("within reach");
+    let away = (reply % 400).abs_diff(200) as i16;
+    middle.map(|count| count + away)
+}
+
+impl Ftdi for Echo {
+    fn control(&self, _request: u8, _value: u16) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    fn write(&self, bytes: &[u8], _timeout: Duration) -> Result<usize, DeviceError> {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        Ok(bytes.len())
+    }
+
+    fn read(&self, buffer: &mut [u8], _timeout: Duration) -> Result<usize, DeviceError> {
+        let reply = self.answered.load(Ordering::Relaxed);
+        if reply == self.asked.load(Ordering::Relaxed) {
+            return Err(DeviceError::new(DeviceErrorKind::Timeout));
+        }
+        self.answered.store(reply + 1, Ordering::Relaxed);
+        let reply = Reply { encoders: encoders(reply), homed: ALL_HOMED, ..Reply::default() };
+        buffer[..2].copy_from_slice(&[0x01, 0x60]);
+        buffer[2..18].copy_from_slice(&reply.encode());
+        Ok(18)
+    }
+}
+
+#[test]
+fn a_falcon_is_exchanged_with_without_an_allocation() {
+    let config = FalconConfig { mode: Mode::Polled, ..FalconConfig::default() };
+    let mut falcon = Falcon::start(Arc::new(Echo::default()), config, None).expect("it answers");
+    let mut samples = 0;
+    assert_no_alloc(|| {
+        for tick in 0..200_000_u64 {
+            let force_n = [0.5, -1.0, (tick % 100) as f32 * 0.05];
+            let sample = falcon.exchange(tick * 1_000, force_n).expect("a link");
+            samples += u32::from(sample.is_some());
+        }
+    });
+    assert!(samples > 199_000, "{samples}");
 }
 
 /// Not a test of its own: what the next one runs in a process of its own, because the trap ends the process.

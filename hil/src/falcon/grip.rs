@@ -4,6 +4,7 @@
 //! at the same times give the same bits however often somebody looks.
 
 use super::kinematics::Pose;
+use crate::felt::Felt;
 use crate::mechanism::{Path, Waypoint};
 use palpate_core::{Vec3, vec3};
 use palpate_host::device::hand::{Drag, Hand, HandConfig};
@@ -18,31 +19,6 @@ const REACH_M: Vec3 = [0.041, 0.041, 0.0415];
 const REACH: Reach = Reach::Box { half_m: REACH_M };
 /// Torque of one count of a motor command, N m; the command acts against its sign.
 const NM_PER_MOTOR_COUNT: f64 = -1e-4;
-
-/// What the hand felt since it was last asked to forget.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Felt {
-    /// Force of the motors on the hand now, N.
-    pub force_n: Vec3,
-    /// Largest force, N.
-    pub largest_force_n: f32,
-    /// Largest force while an axis was not homed, N.
-    pub largest_unhomed_n: f32,
-    /// Largest change of the force between two commands, the second not zero, N.
-    pub largest_step_n: f32,
-    /// Largest change of the force by a command of zero, N.
-    pub largest_drop_n: f32,
-    /// Largest motor count in a command.
-    pub largest_motor: u16,
-    /// Commands.
-    pub commands: u64,
-    /// When the last one came, us.
-    pub last_command_us: Option<u64>,
-    /// Since when the motors have been without a command, us; nothing while they have one.
-    pub off_since_us: Option<u64>,
-    /// Work of the motors on the hand, J: above 0, it was given energy.
-    pub work_j: f64,
-}
 
 /// Mechanism and hand.
 #[derive(Debug, Clone)]
@@ -76,7 +52,7 @@ impl Grip {
             now_us: 0,
             motors: [0; 3],
             pose: Pose::at(start_m).expect("the mechanism's stops are within reach of its legs"),
-            felt: Felt { off_since_us: Some(0), ..Felt::default() },
+            felt: Felt::nothing(0),
         }
     }
 
@@ -100,9 +76,7 @@ impl Grip {
 
     /// Begins the record anew; what acts now goes on to act.
     pub fn forget(&mut self) {
-        let Felt { force_n, last_command_us, off_since_us, .. } = self.felt;
-        self.felt = Felt { force_n, last_command_us, off_since_us, ..Felt::default() };
-        self.felt.largest_force_n = vec3::norm(force_n);
+        self.felt.forget();
     }
 
     /// The hand sets out on its path, unless it has.
@@ -117,41 +91,20 @@ impl Grip {
 
     /// The motors get another command.
     pub fn command(&mut self, at_us: u64, motors: [i16; 3], homed: bool) {
-        let before_n = self.felt.force_n;
         self.motors = motors;
-        self.felt.commands += 1;
-        self.felt.last_command_us = Some(at_us);
-        self.cut(at_us);
-        let changed_n = vec3::distance(self.felt.force_n, before_n);
-        let off = motors == [0; 3];
-        let change = if off { &mut self.felt.largest_drop_n } else { &mut self.felt.largest_step_n };
-        *change = change.max(changed_n);
-        let largest = motors.map(i16::unsigned_abs).into_iter().max().unwrap_or(0);
-        self.felt.largest_motor = self.felt.largest_motor.max(largest);
-        if !homed {
-            self.felt.largest_unhomed_n = self.felt.largest_unhomed_n.max(vec3::norm(self.felt.force_n));
-        }
+        self.felt.command(at_us, self.motors_n(), motors, homed);
     }
 
     /// The motors lose their command without one, as when the board is reset.
     pub fn power_off(&mut self, at_us: u64) {
         self.motors = [0; 3];
-        self.cut(at_us);
+        self.felt.switch(at_us, true);
+        self.felt.feel(vec3::ZERO);
     }
 
-    /// Takes note of the force with the motors as they are now.
-    fn cut(&mut self, at_us: u64) {
-        self.feel();
-        if self.motors == [0; 3] {
-            self.felt.off_since_us.get_or_insert(at_us);
-        } else {
-            self.felt.off_since_us = None;
-        }
-    }
-
-    fn feel(&mut self) {
-        self.felt.force_n = self.pose.force_n(self.motors.map(|count| f64::from(count) * NM_PER_MOTOR_COUNT));
-        self.felt.largest_force_n = self.felt.largest_force_n.max(vec3::norm(self.felt.force_n));
+    /// What the motors do to the hand where it is now.
+    fn motors_n(&self) -> Vec3 {
+        self.pose.force_n(self.motors.map(|count| f64::from(count) * NM_PER_MOTOR_COUNT))
     }
 
     /// Moves on by the next whole step if it ends by `until_us`; gives what the encoders stand at then.
@@ -162,16 +115,16 @@ impl Grip {
         }
         let (from_m, to_m) = (self.wanted_m(self.now_us), self.wanted_m(next_us));
         let (force_n, before_m) = (self.felt.force_n, self.hand.position_m());
-        self.hand.push(from_m, to_m, force_n, &self.drag, STEP_US as f32 * 1e-6);
+        let drag_j = self.hand.push(from_m, to_m, force_n, &self.drag, STEP_US as f32 * 1e-6);
         let held_m = within_reach(self.hand.position_m());
         if held_m != self.hand.position_m() {
             self.hand.stop_at(held_m);
         }
         self.now_us = next_us;
-        self.felt.work_j += f64::from(vec3::dot(force_n, vec3::sub(held_m, before_m)));
+        self.felt.moved(vec3::sub(held_m, before_m), drag_j);
         let seen_m = vec3::add(held_m, self.hand.tremor_m(next_us as f64 * 1e-6));
         self.pose = Pose::at(within_reach(seen_m)).unwrap_or(self.pose);
-        self.feel();
+        self.felt.feel(self.motors_n());
         Some(self.counts())
     }
 

@@ -23,11 +23,11 @@ pub mod uart;
 
 pub use chip::{Chip, Setup, Stall};
 pub use faults::FaultyFtdi;
-pub use grip::Felt;
 pub use image::synthetic_image;
 pub use loader::{LoaderFault, LoaderOptions};
 pub use memory::MemoryFtdi;
 
+use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use firmware::Firmware;
 use grip::Grip;
@@ -266,6 +266,12 @@ impl EmulatedFalcon {
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
         self.grip.position_m()
+    }
+
+    /// What the wheels of the encoders stand at, from their indices.
+    #[must_use]
+    pub fn counts(&self) -> [i32; 3] {
+        self.grip.counts()
     }
 
     /// The boot loader.

@@ -17,6 +17,8 @@ pub(super) const MAX_PENDING: usize = 16;
 pub(super) struct Pending {
     sent_us: [u64; MAX_PENDING],
     len: usize,
+    /// Older ones that found no room: the next replies are theirs, and too old to be of any use.
+    forgotten: u32,
     /// While sending pauses: when something last came.
     pausing_since_us: Option<u64>,
 }
@@ -25,6 +27,7 @@ impl Pending {
     pub(super) fn sent(&mut self, now_us: u64) {
         if self.len == MAX_PENDING {
             self.take_oldest();
+            self.forgotten = self.forgotten.saturating_add(1);
         }
         self.sent_us[self.len] = now_us;
         self.len += 1;
@@ -37,8 +40,13 @@ impl Pending {
         Some(oldest)
     }
 
-    /// A reply, or what is left of one, has come: when its request was sent.
+    /// A reply, or what is left of one, has come: when its request was sent. Nothing if that is not known any more.
     pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
+        if let Some(others) = self.forgotten.checked_sub(1) {
+            self.forgotten = others;
+            self.pausing_since_us = Some(now_us);
+            return None;
+        }
         let oldest = self.take_oldest();
         self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
         oldest
@@ -111,12 +119,22 @@ mod tests {
         assert!(!pending.may_send(9_000) && pending.ends_pause(10_000));
     }
 
+    /// A link that is late by more than what is remembered: no reply may count for a request that was sent long after its own.
     #[test]
-    fn the_oldest_are_forgotten_and_nothing_overflows() {
+    fn the_oldest_are_forgotten_and_their_replies_count_for_no_other() {
         let mut pending = Pending::default();
         for i in 0..100 {
             pending.sent(i);
         }
-        assert_eq!(pending.answered(200, false), Some(100 - MAX_PENDING as u64));
+        for reply in 0..100 {
+            let kept = (reply >= 100 - MAX_PENDING as u64).then_some(reply);
+            assert_eq!(pending.answered(200 + reply, false), kept);
+            assert_eq!(pending.may_send(200 + reply), reply == 99, "{reply}");
+        }
+        for i in 0..100 {
+            pending.sent(300 + i);
+        }
+        assert_eq!(pending.answered(500, false), None);
+        assert!(pending.ends_pause(3_500) && pending.may_send(3_500), "lost, all of them");
     }
 }

@@ -11,7 +11,7 @@ use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
-use palpate_core::{Sample, Vec3};
+use palpate_core::{Sample, Vec3, limit};
 use serialport::{ClearBuffer, SerialPort};
 use std::io::{Read, Write};
 use std::sync::Arc;
@@ -30,7 +30,7 @@ const WAKE_PAUSE: Duration = Duration::from_millis(100);
 pub struct PolhemConfig {
     /// Where the device's workspace lies in the model.
     pub workspace: Workspace,
-    /// Largest force of the mechanism, N; each axis is also clamped to it before it becomes an i16.
+    /// Largest force of the mechanism, N: of the vector, and of each axis before it becomes an i16.
     pub max_force_n: f32,
     /// Largest stiffness that may be rendered, N/m of the device: the cap of its profile.
     pub max_stiffness_n_m: f32,
@@ -144,9 +144,13 @@ impl Polhem {
     }
 
     fn send(&mut self, device_n: Vec3) -> Result<(), DeviceError> {
-        self.rendering = device_n != [0.0; 3];
+        // On the vector, whoever asks: three axes at the limit each would be 1.7 times as much. What is no number is no force.
+        let (device_n, _) = limit::clamp_force(device_n, self.config.max_force_n);
         let request = request(device_n, self.config.max_force_n);
-        self.port.write_all(&request).map_err(DeviceError::from)
+        let sent = self.port.write_all(&request).map_err(DeviceError::from);
+        // What may have gone is taken away again.
+        self.rendering = device_n != [0.0; 3] || (self.rendering && sent.is_err());
+        sent
     }
 
     /// Reads what is there.
@@ -244,6 +248,12 @@ impl Device for Polhem {
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         let port = self.port.try_clone().ok()?;
         Some(Box::new(SecondHandle { port, disturbed: Arc::clone(&self.disturbed) }))
+    }
+}
+
+impl Drop for Polhem {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 

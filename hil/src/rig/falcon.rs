@@ -1,0 +1,198 @@
+//! The Falcon in memory: the real driver on the emulated chip, all of it on virtual time.
+
+use super::{Cut, Mishap, OpenError, Rig, Traits};
+use crate::falcon::memory::Link;
+use crate::falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderOptions, MemoryFtdi, synthetic_image};
+use crate::fault::{FaultCounts, Faults};
+use crate::felt::Felt;
+use crate::mechanism::Waypoint;
+use palpate_core::Vec3;
+use palpate_host::Device;
+use palpate_host::device::falcon::kinematics::Kinematics;
+use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
+use palpate_host::device::hand::Drag;
+use palpate_host::device::profile::Profile;
+use palpate_host::device::workspace::Workspace;
+use std::cell::Cell;
+use std::sync::Arc;
+
+/// How long after a request has left the cable is pulled in the middle of it, us: of 107 on the wire.
+const MID_FRAME_US: u64 = 50;
+/// Counts of an encoder to a metre at the handle, about: the coarsest direction.
+const COUNTS_PER_M: f32 = 1.0 / 54e-6;
+
+/// The Falcon in memory.
+pub struct FalconRig {
+    /// The device; every driver has a handle of its own.
+    device: MemoryFtdi,
+    /// The link of the driver that was opened last.
+    link: Option<Arc<FaultyFtdi<MemoryFtdi>>>,
+    profile: Profile,
+    firmware: Option<Image>,
+    seed: u64,
+    /// The device's time when the driver was opened, us.
+    opened_us: u64,
+    /// From the emulated counts to a place: the driver's own, solved to a micrometre.
+    kinematics: Cell<Kinematics>,
+}
+
+impl FalconRig {
+    /// A device whose firmware runs and whose hand homes it as soon as it is asked to.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self::with(seed, true, LoaderOptions::default())
+    }
+
+    /// A device that has forgotten its firmware and a user who has the file.
+    #[must_use]
+    pub fn silent(seed: u64, loader: LoaderOptions) -> Self {
+        Self::with(seed, false, loader)
+    }
+
+    fn with(seed: u64, firmware_runs: bool, loader: LoaderOptions) -> Self {
+        let profile = Profile::bundled("falcon").expect("bundled");
+        let middle_m = profile.workspace.device_origin_m;
+        let out_m = [0.0, 0.0, 0.145];
+        // Held outside its indices, then pushed in: homed in a tenth of a second.
+        let path =
+            vec![Waypoint { t_us: 0, position_m: out_m }, Waypoint { t_us: 100_000, position_m: middle_m }];
+        let assumed = profile.assumed;
+        let drag = Drag {
+            mass_kg: assumed.mass_kg,
+            damping_n_s_m: assumed.damping_n_s_m,
+            coulomb_n: assumed.coulomb_n,
+        };
+        let config = FalconConfig { path, drag, firmware_runs, loader, ..FalconConfig::default() };
+        let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
+        Self {
+            device: MemoryFtdi::new(EmulatedFalcon::new(config)),
+            link: None,
+            profile,
+            firmware: Some(Image::new(image).expect("a sound stream")),
+            seed,
+            opened_us: 0,
+            kinematics: Cell::default(),
+        }
+    }
+}
+
+impl Rig for FalconRig {
+    fn name(&self) -> String {
+        "Falcon in memory".into()
+    }
+
+    fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    fn traits(&self) -> Traits {
+        Traits {
+            homes: true,
+            virtual_time: true,
+            middle_m: self.profile.workspace.device_origin_m,
+            // A count of each of the three encoders, rounded down.
+            count_m: 100e-6,
+            motor_step_n: 5e-3,
+            // USB ends at the chip; from there it is a UART without parity.
+            checked_requests: false,
+            numbered_replies: false,
+        }
+    }
+
+    fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
+        let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
+        let config = driver::FalconConfig {
+            workspace,
+            max_force_n: self.profile.max_force_n,
+            mode: Mode::Polled,
+            ..driver::FalconConfig::default()
+        };
+        self.link = Some(Arc::clone(&link));
+        let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
+        self.opened_us = self.device.falcon().now_us();
+        Ok(Box::new(falcon))
+    }
+
+    fn advance(&mut self, now_us: u64) {
+        self.device.falcon().advance(self.opened_us + now_us);
+    }
+
+    fn now_us(&self) -> u64 {
+        self.device.falcon().now_us().saturating_sub(self.opened_us)
+    }
+
+    fn felt(&self) -> Felt {
+        let felt = *self.device.falcon().felt();
+        let on_drivers_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(self.opened_us));
+        Felt {
+            last_command_us: on_drivers_clock(felt.last_command_us),
+            off_since_us: on_drivers_clock(felt.off_since_us),
+            ..felt
+        }
+    }
+
+    fn forget(&mut self) {
+        self.device.falcon().forget();
+    }
+
+    fn position_m(&self) -> Vec3 {
+        self.device.falcon().position_m()
+    }
+
+    fn reported_m(&self) -> Vec3 {
+        let counts = self.device.falcon().counts();
+        let mut kinematics = self.kinematics.get();
+        kinematics.solve(counts.map(|count| i16::try_from(count).unwrap_or(0)));
+        self.kinematics.set(kinematics);
+        kinematics.pose().position_m.map(|metres| metres as f32)
+    }
+
+    fn follow(&mut self, path: Vec<Waypoint>) {
+        self.device.falcon().follow(path);
+    }
+
+    fn press(&mut self, buttons: u8) {
+        self.device.falcon().press(buttons);
+    }
+
+    fn set_faults(&mut self, to_device: Faults, to_host: Faults) {
+        if let Some(link) = &self.link {
+            link.set_faults(to_device, to_host);
+        }
+    }
+
+    fn counts(&self) -> FaultCounts {
+        self.link.as_ref().map_or_else(FaultCounts::default, |link| {
+            let (to_device, to_host) = link.counts();
+            to_device + to_host
+        })
+    }
+
+    fn unplug(&mut self, cut: Cut) {
+        if cut == Cut::MidFrame {
+            let mut falcon = self.device.falcon();
+            let until_us = falcon.now_us() + MID_FRAME_US;
+            falcon.advance(until_us);
+        }
+        match &self.link {
+            Some(link) => link.unplug(),
+            None => self.device.unplug(),
+        }
+    }
+
+    fn replug(&mut self) {
+        self.device.replug();
+    }
+
+    fn strike(&mut self, mishap: Mishap) -> bool {
+        let mut falcon = self.device.falcon();
+        match mishap {
+            Mishap::EncoderJump { axis, by_m } => {
+                falcon.jump_encoder(axis, (by_m * COUNTS_PER_M).round() as i32);
+            }
+            Mishap::LoseHoming => falcon.lose_homing(),
+            Mishap::PowerCycle => falcon.power_cycle(),
+        }
+        true
+    }
+}

@@ -1,0 +1,290 @@
+//! A rig in step with the driver alone, or with the whole loop: an exchange or a tick each millisecond, then the device's turn.
+
+use crate::mechanism::Waypoint;
+use crate::rig::{OpenError, Rig};
+use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
+use palpate_host::device::profile::Profile;
+use palpate_host::device::workspace::Workspace;
+use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
+use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
+use palpate_host::{BlobFile, Device, DeviceError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Between two exchanges, us.
+pub const TICK_US: u64 = 1_000;
+/// How finely the truth is written down between them, us.
+const TRUTH_US: u64 = 250;
+/// Longest that homing may take, ticks.
+const HOMING_TICKS: u64 = 5_000;
+
+/// The organ that is touched: the golden blob of the core, which carries its own certificate.
+///
+/// # Panics
+///
+/// Never: a test of the core reads it.
+#[must_use]
+pub fn golden_organ() -> BlobFile {
+    BlobFile::of(include_bytes!("../../firmware-like-core/golden/organ-514.blob"))
+}
+
+/// The frame in which the device's +z is the outward normal of the organ's first active node and the middle of its workspace lies on the
+/// surface there; scale and middle are the profile's.
+#[must_use]
+pub fn on_organ(organ: &Organ<'_>, profile: &Profile) -> Workspace {
+    let node = &organ.spaces[0];
+    let normal = node.outward_normal;
+    let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
+    let second = vec3::cross(normal, first);
+    Workspace {
+        axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
+        model_origin_m: node.rest_position_m,
+        ..profile.workspace
+    }
+}
+
+/// The controller as `palpate run` sets it for a device with this profile, whose workspace lies in the organ as given.
+#[must_use]
+pub fn settings(organ: &Organ<'_>, profile: &Profile, workspace: Workspace, method: Method) -> Config {
+    /// Release height in counts of the encoder.
+    const HYSTERESIS_COUNTS: f32 = 2.0;
+    let profile = Profile { workspace, ..profile.clone() };
+    let mut config = Config::new(method);
+    config.limits.max_force_n = config.limits.max_force_n.min(organ.max_force_n);
+    profile.tighten(&mut config.limits);
+    config.limits.max_position_m = profile.largest_position_m();
+    let scale = workspace.scale;
+    config.passivity.workspace_scale = scale;
+    config.limits.max_speed_m_s *= scale;
+    let counts_m = HYSTERESIS_COUNTS * scale * profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
+    config.contact.release_height_m = config.contact.release_height_m.max(counts_m);
+    config
+}
+
+/// A driver on its rig, without a loop.
+pub struct Session<'r> {
+    /// The rig.
+    pub rig: &'r mut dyn Rig,
+    device: Option<Box<dyn Device>>,
+    now_us: u64,
+    /// Where the grip really was: time and place, as fine as [`TRUTH_US`].
+    truth: Vec<(u64, Vec3)>,
+    longest_wait_us: u64,
+    longest_wait: Duration,
+}
+
+impl<'r> Session<'r> {
+    /// Opens the driver.
+    pub fn open(rig: &'r mut dyn Rig, workspace: Workspace) -> Result<Self, OpenError> {
+        let device = Some(rig.open(workspace)?);
+        Ok(Self {
+            rig,
+            device,
+            now_us: 0,
+            truth: Vec::new(),
+            longest_wait_us: 0,
+            longest_wait: Duration::ZERO,
+        })
+    }
+
+    /// Opens the driver and waits until it is homed, asking for no force.
+    pub fn homed(rig: &'r mut dyn Rig, workspace: Workspace) -> Result<Self, OpenError> {
+        let mut session = Self::open(rig, workspace)?;
+        for _ in 0..HOMING_TICKS {
+            let sampled = session.tick(vec3::ZERO)?.is_some();
+            if sampled && session.state() == DeviceState::Homed {
+                return Ok(session);
+            }
+        }
+        Err("it was not homed in five seconds".into())
+    }
+
+    /// The driver.
+    ///
+    /// # Panics
+    ///
+    /// If it was dropped.
+    pub fn device(&mut self) -> &mut dyn Device {
+        self.device.as_mut().expect("not dropped yet")
+    }
+
+    /// How far the device is, as its driver says.
+    #[must_use]
+    pub fn state(&self) -> DeviceState {
+        self.device.as_ref().map_or(DeviceState::Disconnected, Device::state)
+    }
+
+    /// The time of the next exchange, us.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.now_us
+    }
+
+    /// Where the grip really was.
+    #[must_use]
+    pub fn truth(&self) -> &[(u64, Vec3)] {
+        &self.truth
+    }
+
+    /// The longest that an exchange has kept its caller: in virtual time, and on the clock of the wall.
+    #[must_use]
+    pub const fn longest_wait(&self) -> (u64, Duration) {
+        (self.longest_wait_us, self.longest_wait)
+    }
+
+    /// One exchange, then the device's turn.
+    pub fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let (now_us, before_us, begun) = (self.now_us, self.rig.now_us(), Instant::now());
+        let exchanged = self.device().exchange(now_us, force_n);
+        let waited_us = self.rig.now_us().saturating_sub(before_us);
+        self.longest_wait_us = self.longest_wait_us.max(waited_us);
+        self.longest_wait = self.longest_wait.max(begun.elapsed());
+        self.pass(TICK_US);
+        exchanged
+    }
+
+    /// Time passes without an exchange.
+    pub fn pass(&mut self, us: u64) {
+        let until_us = self.now_us + us;
+        while self.now_us < until_us {
+            self.truth.push((self.now_us, self.rig.position_m()));
+            self.now_us = (self.now_us + TRUTH_US).min(until_us);
+            self.rig.advance(self.now_us);
+        }
+    }
+
+    /// Drops the driver.
+    pub fn close(&mut self) {
+        self.device = None;
+    }
+
+    /// Gives the driver away, with the time of its next exchange.
+    ///
+    /// # Panics
+    ///
+    /// If it was dropped.
+    #[must_use]
+    pub fn into_device(self) -> (Box<dyn Device>, u64) {
+        (self.device.expect("not dropped yet"), self.now_us)
+    }
+}
+
+/// A driver that panics when it is told to.
+struct Mined {
+    inner: Box<dyn Device>,
+    fuse: Arc<AtomicBool>,
+}
+
+impl Device for Mined {
+    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        assert!(!self.fuse.load(Ordering::Relaxed), "planted");
+        self.inner.exchange(now_us, hand_force_n)
+    }
+
+    fn stop(&mut self) {
+        self.inner.stop();
+    }
+
+    fn info(&self) -> DeviceInfo {
+        self.inner.info()
+    }
+
+    fn state(&self) -> DeviceState {
+        self.inner.state()
+    }
+
+    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
+        self.inner.emergency_stop()
+    }
+}
+
+/// The loop of the host, with controller and organ, on a rig.
+pub struct Bench<'l, 'o> {
+    /// The rig.
+    pub rig: &'l mut dyn Rig,
+    /// What other threads would ask of the loop.
+    pub controls: &'l Controls,
+    haptic: Option<HapticLoop<'l, 'o, 'o, Mined, &'l VirtualClock, 256>>,
+    clock: &'l VirtualClock,
+    records: rtrb::Consumer<TickRecord>,
+    fuse: Arc<AtomicBool>,
+    index: u64,
+}
+
+impl Bench<'_, '_> {
+    /// The time of the next tick, us.
+    #[must_use]
+    pub const fn now_us(&self) -> u64 {
+        self.index * TICK_US
+    }
+
+    /// One tick, then the device's turn. An error is one after which the device is gone.
+    ///
+    /// # Panics
+    ///
+    /// If the loop has ended.
+    pub fn step(&mut self) -> Result<TickRecord, DeviceError> {
+        let haptic = self.haptic.as_mut().expect("the loop has not ended");
+        let deadline_ns = self.index * TICK_US * 1_000;
+        self.clock.wait_until(deadline_ns, 0);
+        let ticked = haptic.tick(self.index, 0, deadline_ns);
+        self.index += 1;
+        self.rig.advance(self.index * TICK_US);
+        ticked?;
+        Ok(self.records.pop().expect("a record each tick"))
+    }
+
+    /// So many ticks of a device that is there.
+    pub fn run(&mut self, ticks: u64) -> Result<Vec<TickRecord>, DeviceError> {
+        (0..ticks).map(|_| self.step()).collect()
+    }
+
+    /// Drops the loop, and the driver with it; then the device has two ticks of time.
+    pub fn end(&mut self) {
+        self.haptic = None;
+        self.index += 2;
+        self.rig.advance(self.index * TICK_US);
+    }
+
+    /// The next exchange panics in the loop.
+    pub fn plant_panic(&mut self) {
+        self.fuse.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Opens and homes the device of a rig on an organ, and runs `test` with the loop, disarmed. The hand waits in the middle of the workspace:
+/// on the surface.
+pub fn with_loop<T>(
+    rig: &mut dyn Rig,
+    organ: &Organ<'_>,
+    method: Method,
+    test: impl FnOnce(&mut Bench<'_, '_>) -> T,
+) -> Result<T, OpenError> {
+    let profile = rig.profile().clone();
+    let workspace = on_organ(organ, &profile);
+    let (device, now_us) = Session::homed(rig, workspace)?.into_device();
+    let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
+    let (producer, records) = rtrb::RingBuffer::new(4);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let outputs = Outputs { records: producer, latest };
+    let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
+    let mined = Mined { inner: device, fuse: Arc::clone(&fuse) };
+    let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs);
+    let index = now_us.div_ceil(TICK_US);
+    let mut bench =
+        Bench { rig, controls: &controls, haptic: Some(haptic), clock: &clock, records, fuse, index };
+    Ok(test(&mut bench))
+}
+
+/// From a little above the surface into the organ: in touch with all of it after 0.6 s. Depths in the model, metres.
+#[must_use]
+pub fn press(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
+    let middle_m = rig.traits().middle_m;
+    let scale = rig.profile().workspace.scale;
+    let at = |t_us, height_m: f32| Waypoint {
+        t_us,
+        position_m: vec3::add(middle_m, [0.0, 0.0, height_m / scale]),
+    };
+    vec![at(0, 0.0), at(100_000, above_m), at(200_000, above_m), at(600_000, -below_m)]
+}

@@ -1,0 +1,38 @@
+//! The fault matrix in the small; `palpate-hil matrix` prints the table of docs/fault-matrix.md.
+
+use palpate_hil::matrix::{Ended, Run, Size, Table, Wrong, matrix};
+use palpate_hil::rig;
+
+fn runs(size: Size) -> Vec<Run> {
+    let runs = matrix(&rig::all(), size, &|_, _| {});
+    println!("{}", Table(&runs));
+    let broken: Vec<String> =
+        runs.iter().filter_map(|run| run.broken().map(|why| format!("{why}: {run:?}"))).collect();
+    assert!(broken.is_empty(), "{} of {}:\n{}", broken.len(), runs.len(), broken.join("\n"));
+    runs
+}
+
+#[test]
+fn nothing_that_goes_wrong_breaks_a_limit() {
+    let runs = runs(Size { in_memory: 1_000, real: 50, seed: 1 });
+    assert_eq!(runs.len(), 1_050);
+    // The faults strike, and not all of them the same way.
+    for wrong in Wrong::ALL {
+        assert!(runs.iter().filter(|run| run.wrong == wrong).count() >= 20, "{wrong:?}");
+    }
+    let ends =
+        |wrong, is: fn(Ended) -> bool| runs.iter().filter(|run| run.wrong == wrong && is(run.ended)).count();
+    assert!(ends(Wrong::Drop, |end| matches!(end, Ended::Latched(_))) > 5);
+    assert!(ends(Wrong::Drop, |end| end == Ended::RodeOn) > 5);
+    assert_eq!(ends(Wrong::Silence, |end| !matches!(end, Ended::Latched(_))), 0);
+    assert_eq!(ends(Wrong::Replug, |end| end != Ended::Lost), 0);
+    assert_eq!(ends(Wrong::HomingLost, |end| !matches!(end, Ended::Latched(_))), 0);
+    assert!(ends(Wrong::WrongEcho, |end| end == Ended::Refused) > 0);
+}
+
+#[test]
+fn a_seed_repeats_its_runs() {
+    let memory: Vec<_> = rig::all().into_iter().filter(|kind| kind.in_memory).collect();
+    let size = Size { in_memory: 62, real: 0, seed: 9 };
+    assert_eq!(matrix(&memory, size, &|_, _| {}), matrix(&memory, size, &|_, _| {}));
+}
