@@ -14,7 +14,7 @@
 //! - the same seed and the same times give the same faults.
 //!
 //! Depends on palpate-core for its vectors, and on palpate-host for its model of a hand and the trait behind which the Falcon's driver
-//! expects its chip; the drivers themselves appear in the tests only.
+//! expects its chip; the drivers themselves appear in the tests and in the bench's guest only.
 #![forbid(unsafe_code)]
 
 pub mod bench;
