@@ -342,3 +342,73 @@ fn the_newest_record_reaches_the_eye() {
         assert_eq!(seen.read().tick, index);
     }
 }
+
+/// Says at some calls that it was zeroed past the loop, and counts the resets that it is given.
+struct Latching<'t> {
+    calls: u64,
+    zeroed_at: [u64; 2],
+    resets: &'t AtomicU64,
+}
+
+impl Device for Latching<'_> {
+    fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
+        self.calls += 1;
+        Ok(Some(Sample { t_us: now_us, position_m: [0.3, 0.0, 0.0], buttons: 0 }))
+    }
+
+    fn stop(&mut self) {}
+
+    fn info(&self) -> DeviceInfo {
+        let name = "latching".into();
+        DeviceInfo {
+            name,
+            self_arming: false,
+            max_force_n: 8.0,
+            max_stiffness_n_m: 1e3,
+            resolution_m: 0.0,
+        }
+    }
+
+    fn was_zeroed(&mut self) -> bool {
+        self.zeroed_at.contains(&self.calls)
+    }
+
+    fn reset(&mut self) {
+        self.resets.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// While nothing is armed there is nothing to reset, and the device is told so; armed, only the user's reset is passed on.
+#[test]
+fn a_device_that_was_zeroed_past_the_loop_is_reset_by_the_user_or_while_disarmed() {
+    let blob = synthetic::organ(&Shape::default());
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let controller: Controller<'_, '_, 256> =
+        Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
+    let (records, mut drained) = rtrb::RingBuffer::new(100);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
+    let device = Latching { calls: 0, zeroed_at: [10, 30], resets: &resets };
+    let outputs = Outputs { records, latest };
+    let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
+    let mut seen = Vec::new();
+    for index in 1..=60 {
+        match index {
+            20 => controls.arm(),
+            // In the very tick: a key that was pressed before the loop knew.
+            30 | 50 => controls.reset(),
+            _ => {}
+        }
+        clock.wait_until(index * 1_000_000, 0);
+        haptic.tick(index, 0, index * 1_000_000).expect("it never fails");
+        let record = drained.pop().expect("one record a tick");
+        seen.push((record.phase, record.applied.zeroed, resets.load(Ordering::Relaxed)));
+    }
+    assert_eq!(seen[9 - 1], (Phase::Disarmed, false, 0));
+    assert_eq!(seen[10 - 1], (Phase::Disarmed, true, 1));
+    assert_eq!(seen[29 - 1], (Phase::Active, false, 1));
+    assert_eq!(seen[30 - 1], (Phase::SafeZero(Fault::Watchdog), true, 1));
+    assert_eq!(seen[49 - 1], (Phase::SafeZero(Fault::Watchdog), false, 1));
+    assert_eq!(seen[50 - 1], (Phase::Disarmed, false, 2));
+    assert_eq!(seen[60 - 1], (Phase::Disarmed, false, 2));
+}
