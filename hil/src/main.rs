@@ -39,10 +39,10 @@ enum Command {
 
 #[derive(Debug, Args)]
 struct Falcon {
-    /// Unix socket to listen on for QEMU's usb-redir; made anew.
+    /// Unix socket to make and to listen on for QEMU's usb-redir.
     #[arg(long, value_name = "SOCKET")]
     usbredir: PathBuf,
-    /// Unix socket to listen on for orders, a line each: plug SEED, home, press, lift, strike, calm, forget, report, end.
+    /// Unix socket to make and to listen on for orders, a line each: plug SEED, home, press, lift, strike, calm, forget, report, end.
     #[arg(long, value_name = "SOCKET")]
     control: Option<PathBuf>,
     /// How long to run at most, seconds.
