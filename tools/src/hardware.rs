@@ -58,7 +58,7 @@ impl<'n> Hardware<'n> {
                 let config = PolhemConfig { workspace, max_force_n, ..PolhemConfig::default() };
                 let device = Polhem::open(port, config);
                 device
-                    .map(Opened::Polhem)
+                    .map(|device| Opened::Polhem(Box::new(device)))
                     .map_err(|error| Failure::input(format!("{port}: {error}; check port and power")))
             }
             Self::Falcon { firmware } => {
@@ -79,7 +79,7 @@ impl<'n> Hardware<'n> {
 /// An open device, in this process or in a supervisor's.
 #[derive(Debug)]
 pub(crate) enum Opened {
-    Polhem(Polhem),
+    Polhem(Box<Polhem>),
     Falcon(Box<Falcon<UsbFtdi>>),
     Supervised(Box<Supervised>),
 }
@@ -88,7 +88,7 @@ impl Opened {
     /// As the loop takes it.
     pub(crate) fn into_device(self) -> Box<dyn Device> {
         match self {
-            Self::Polhem(device) => Box::new(device),
+            Self::Polhem(device) => device,
             Self::Falcon(device) => device,
             Self::Supervised(device) => device,
         }
@@ -114,6 +114,9 @@ pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
     loop_priority.map(|priority| (priority + 1).min(MOST_PRIORITY))
 }
 
+/// A device for the loop, and who holds it.
+pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
+
 /// How a device is held.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Holding<'a> {
@@ -133,7 +136,7 @@ pub(crate) fn open(
     holding: Holding<'_>,
     profile: &Profile,
     stop: &AtomicBool,
-) -> Result<(Box<dyn Device>, Option<Arc<Supervision>>), Failure> {
+) -> Result<Held, Failure> {
     let (mut opened, supervision) = match holding.supervisor_ms {
         Some(limit_ms) => {
             let device = supervised(holding, limit_ms, stop)?;

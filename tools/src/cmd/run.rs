@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -16,7 +15,7 @@ use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
 use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_host::supervisor::{self, Supervision};
+use palpate_host::supervisor;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
 
@@ -187,7 +186,7 @@ fn open_device(
     organ: &Organ<'_>,
     profile: Option<&Profile>,
     stop: &AtomicBool,
-) -> Result<(Box<dyn Device>, Option<Arc<Supervision>>), Failure> {
+) -> Result<hardware::Held, Failure> {
     let name = args.device.as_str();
     if let (Some(hardware), Some(profile)) = (Hardware::named(name), profile) {
         return hardware::open(hardware, args.holding(), profile, stop);

@@ -360,13 +360,7 @@ impl Device for Latching<'_> {
 
     fn info(&self) -> DeviceInfo {
         let name = "latching".into();
-        DeviceInfo {
-            name,
-            self_arming: false,
-            max_force_n: 8.0,
-            max_stiffness_n_m: 1e3,
-            resolution_m: 0.0,
-        }
+        DeviceInfo { name, self_arming: false, max_force_n: 8.0, max_stiffness_n_m: 1e3, resolution_m: 0.0 }
     }
 
     fn was_zeroed(&mut self) -> bool {
