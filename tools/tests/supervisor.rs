@@ -72,7 +72,7 @@ impl Device {
         let serve = move || {
             let at = |i: u64| Waypoint {
                 t_us: i * 700_000,
-                position_m: [0.0, 0.0, if i % 2 == 0 { 0.006 } else { -0.010 }],
+                position_m: [0.0, 0.0, if i.is_multiple_of(2) { 0.006 } else { -0.010 }],
             };
             let mut device = EmulatedPolhem::new(Handle::new((0..200).map(at).collect()));
             let begun = Instant::now();
