@@ -122,6 +122,9 @@ pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
     loop_priority.map(|priority| (priority + 1).min(MOST_PRIORITY))
 }
 
+/// A device for the loop, and who holds it.
+pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
+
 /// How a device is held.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Holding<'a> {
