@@ -138,9 +138,6 @@ pub(crate) struct Holding<'a> {
     pub supervisor_ms: Option<u32>,
 }
 
-/// A device for the loop, and its supervisor if it has one.
-pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
-
 /// Opens a device with motors and waits until it is homed, or until the session is stopped.
 pub(crate) fn open(
     hardware: Hardware<'_>,
