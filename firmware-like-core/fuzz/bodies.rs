@@ -340,9 +340,7 @@ impl Line {
     }
 }
 
-fn assert_round_trip<T: serde::Serialize + serde::de::DeserializeOwned + PartialEq + std::fmt::Debug>(
-    message: &T,
-) {
+fn assert_round_trip<T: palpate_core::link::Message + PartialEq + std::fmt::Debug>(message: &T) {
     let mut frame = [0; MAX_FRAME];
     let mut bytes = encode(message, &mut frame).expect("it fits");
     let back = FrameReader::<T>::new().read(&mut bytes).expect("a whole frame").expect("a good one");

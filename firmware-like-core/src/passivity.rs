@@ -87,8 +87,8 @@ impl Sent {
     fn mean_n(&self, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
         let span_us = to_us.saturating_sub(from_us) as f32;
         let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
-        for age in 0..SENT {
-            let Some((sent_us, force_n)) = self.forces.get((self.newest + SENT - age) % SENT) else { break };
+        let (newer, older) = self.forces.split_at_checked(self.newest + 1).unwrap_or((&self.forces, &[]));
+        for (age, (sent_us, force_n)) in newer.iter().rev().chain(older.iter().rev()).enumerate() {
             // After `from_us`; the cast keeps the sign of what is before it.
             let since_us = sent_us.wrapping_add(delay_us).wrapping_sub(from_us as u32).cast_signed() as f32;
             let since_us = if age + 1 == SENT { 0.0 } else { since_us.max(0.0) };

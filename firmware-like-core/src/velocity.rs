@@ -39,40 +39,41 @@ impl AdaptiveWindow {
         self.known = (self.known + 1).min(LONGEST + 1);
     }
 
-    /// The position of so many samples ago: seconds before the newest, and where.
-    fn ago(&self, samples: usize) -> Option<(f32, Vec3)> {
-        if samples >= self.known {
-            return None;
-        }
-        let (now_us, _) = self.positions.get(self.newest)?;
-        let (then_us, then_m) = self.positions.get((self.newest + LONGEST + 1 - samples) % (LONGEST + 1))?;
-        Some((now_us.wrapping_sub(*then_us) as f32 * 1e-6, *then_m))
-    }
-
     /// Velocity now, metres a second, of positions that are known to within `step_m`; zero before there are two.
+    ///
+    /// A line from x_(k-n) passes x_(k-j) within a step if its slope is within step / (t_k - t_(k-j)) of the slope from x_(k-j): one pass
+    /// that narrows the slopes that are left, and no second look at what lies between.
     pub fn velocity_m_s(&self, step_m: f32) -> Vec3 {
-        [0, 1, 2].map(|axis| self.slope_m_s(axis, step_m))
-    }
-
-    fn slope_m_s(&self, axis: usize, step_m: f32) -> f32 {
-        let at = |samples| self.ago(samples).map(|(ago_s, m)| (ago_s, m.get(axis).copied().unwrap_or(0.0)));
-        let Some((_, now_m)) = at(0) else { return 0.0 };
-        let mut slope_m_s = 0.0;
-        for longest in 1..=LONGEST {
-            let Some((ago_s, then_m)) = at(longest) else { break };
-            if ago_s <= 0.0 {
+        let Some(&(now_us, now_m)) = self.positions.get(self.newest) else { return vec3::ZERO };
+        let (mut velocity, mut low, mut high) = (vec3::ZERO, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
+        for samples in 1..self.known {
+            let place = (self.newest + LONGEST + 1 - samples) % (LONGEST + 1);
+            let Some(&(then_us, then_m)) = self.positions.get(place) else { break };
+            let per_s = (now_us.wrapping_sub(then_us) as f32 * 1e-6).recip();
+            // Two samples of one time, or a time that ran backwards: nothing is known beyond.
+            if !(0.0..f32::INFINITY).contains(&per_s) {
                 break;
             }
-            let slope = (now_m - then_m) / ago_s;
-            let fits = |samples| {
-                at(samples).is_some_and(|(ago_s, m): (f32, f32)| (now_m - slope * ago_s - m).abs() <= step_m)
-            };
-            if !(1..longest).all(fits) {
+            let slopes = vec3::scale(vec3::sub(now_m, then_m), per_s);
+            let mut is_open = false;
+            for (((velocity, low), high), slope) in
+                velocity.iter_mut().zip(&mut low).zip(&mut high).zip(slopes)
+            {
+                if slope >= *low && slope <= *high {
+                    *velocity = slope;
+                    *low = low.max(slope - step_m * per_s);
+                    *high = high.min(slope + step_m * per_s);
+                    is_open = true;
+                } else {
+                    // This axis has its line.
+                    (*low, *high) = (f32::INFINITY, f32::NEG_INFINITY);
+                }
+            }
+            if !is_open {
                 break;
             }
-            slope_m_s = slope;
         }
-        slope_m_s
+        velocity
     }
 }
 

@@ -2,11 +2,10 @@
 
 use palpate_core::link::{
     DeviceFault, DeviceInfo, DeviceMessage, FrameCounts, FrameError, FrameReader, HostMessage, InfoError,
-    MAX_FRAME, VERSION, encode, message,
+    MAX_FRAME, Message, VERSION, encode, message,
 };
 use proptest::prelude::*;
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 
 const SESSION: u32 = 0x2a1b_3c4d;
 
@@ -38,7 +37,7 @@ fn stuffed(body: &[u8]) -> Vec<u8> {
 
 type Outcome<T> = Result<T, FrameError>;
 
-fn read_all<T: DeserializeOwned>(mut bytes: &[u8]) -> (Vec<Outcome<T>>, FrameCounts) {
+fn read_all<T: Message>(mut bytes: &[u8]) -> (Vec<Outcome<T>>, FrameCounts) {
     let mut reader = FrameReader::new();
     let mut found = Vec::new();
     while let Some(outcome) = reader.read(&mut bytes) {
@@ -172,7 +171,7 @@ fn every_truncation_is_refused_and_the_next_frame_read() {
 
 #[test]
 fn every_corrupted_byte_is_refused_and_the_next_frame_read() {
-    fn check<T: Serialize + DeserializeOwned + PartialEq + core::fmt::Debug>(message: &T) {
+    fn check<T: Message + PartialEq + core::fmt::Debug>(message: &T) {
         let good = frame(message);
         for index in 0..good.len() {
             for value in (0..=255).filter(|&value| value != good[index]) {
@@ -220,6 +219,13 @@ fn every_reason_is_named_and_counted() {
     assert_eq!(fault(&signed(&ok[..8])), (FrameError::Message, one(|c| c.message = 1)), "ends early");
     assert_eq!(fault(&trailing), (FrameError::Trailing, one(|c| c.trailing = 1)));
     assert_eq!(read_all::<DeviceMessage>(&signed(&[2, 5])).0, [Err(FrameError::Message)], "no such fault");
+    let longer = [&[0x83, 0][..], &ok[1..]].concat();
+    assert_eq!(fault(&signed(&longer)), (FrameError::Message, one(|c| c.message = 1)), "a longer tag");
+    assert_eq!(
+        read_all::<DeviceMessage>(&signed(&[2, 0x80, 0])).0,
+        [Err(FrameError::Message)],
+        "a longer fault"
+    );
 }
 
 #[test]
@@ -302,7 +308,7 @@ fn any_device() -> impl Strategy<Value = DeviceMessage> {
 }
 
 /// Reads a stream in pieces of some length.
-fn read_in_pieces<T: DeserializeOwned>(stream: &[u8], piece: usize) -> Vec<Outcome<T>> {
+fn read_in_pieces<T: Message>(stream: &[u8], piece: usize) -> Vec<Outcome<T>> {
     let mut reader = FrameReader::new();
     let mut found = Vec::new();
     for mut bytes in stream.chunks(piece) {

@@ -17,9 +17,8 @@ use core::marker::PhantomData;
 use cobs::{DecodeResult, DecoderState};
 use heapless::Vec;
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 
-use super::message::MAX_MESSAGE;
+use super::message::{MAX_MESSAGE, Message};
 use crate::blob::format::{CHECKSUM, CHECKSUM_LEN};
 
 /// Longest message and its checksum.
@@ -66,7 +65,7 @@ pub enum FrameError {
     TooShort,
     /// The bytes are not those that were sent.
     Checksum,
-    /// No message of this direction, though the checksum is right.
+    /// No message of this direction, or not as it is written, though the checksum is right.
     Message,
     /// A message and something behind it.
     Trailing,
@@ -169,7 +168,7 @@ impl<T> FrameReader<T> {
     }
 }
 
-impl<T: DeserializeOwned> FrameReader<T> {
+impl<T: Message> FrameReader<T> {
     /// Takes one byte. The last one of a frame gives its message or says why there is none.
     ///
     /// Cost: a few instructions; at the end of a frame one checksum and one decoding of at most 50 bytes.
@@ -206,7 +205,7 @@ impl<T: DeserializeOwned> FrameReader<T> {
 }
 
 /// The message in what COBS gave back.
-fn decode<T: DeserializeOwned>(body: &[u8]) -> Result<T, FrameError> {
+fn decode<T: Message>(body: &[u8]) -> Result<T, FrameError> {
     let (message, stored) = body.split_last_chunk::<CHECKSUM_LEN>().ok_or(FrameError::TooShort)?;
     if message.is_empty() {
         return Err(FrameError::TooShort);
@@ -214,9 +213,9 @@ fn decode<T: DeserializeOwned>(body: &[u8]) -> Result<T, FrameError> {
     if CHECKSUM.checksum(message) != u32::from_le_bytes(*stored) {
         return Err(FrameError::Checksum);
     }
-    match postcard::take_from_bytes(message) {
-        Ok((message, [])) => Ok(message),
-        Ok(_) => Err(FrameError::Trailing),
-        Err(_) => Err(FrameError::Message),
+    match postcard::take_from_bytes::<T>(message) {
+        Ok((found, [])) if found.encoded_len() == message.len() => Ok(found),
+        Ok((_, [_, ..])) => Err(FrameError::Trailing),
+        Ok(_) | Err(_) => Err(FrameError::Message),
     }
 }

@@ -15,6 +15,7 @@
 
 use core::fmt;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::fixed;
@@ -41,6 +42,15 @@ pub const ENABLED: u8 = 4;
 pub const REFUSED: u8 = 8;
 /// [`DeviceMessage::State`] flag: the torque was beyond a limit and has been shortened.
 pub const CLAMPED: u8 = 16;
+
+/// What one end says to the other.
+pub trait Message: Serialize + DeserializeOwned {
+    /// Bytes in postcard; a kind has always the same number.
+    ///
+    /// Whoever reads it holds the frame to that. The tags of kinds and faults are varints, and postcard reads those with zeros
+    /// behind them as well (`80 00` for `00`); a frame that is longer than its message says is none.
+    fn encoded_len(&self) -> usize;
+}
 
 /// What a host says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,9 +111,8 @@ pub enum HostMessage {
     },
 }
 
-impl HostMessage {
-    /// Bytes in postcard; a kind has always the same number.
-    pub const fn encoded_len(&self) -> usize {
+impl Message for HostMessage {
+    fn encoded_len(&self) -> usize {
         match self {
             Self::Hello { .. } => 7,
             Self::Enable { .. } | Self::Disable { .. } | Self::Home { .. } => 9,
@@ -152,9 +161,8 @@ pub enum DeviceMessage {
     },
 }
 
-impl DeviceMessage {
-    /// Bytes in postcard; a kind has always the same number.
-    pub const fn encoded_len(&self) -> usize {
+impl Message for DeviceMessage {
+    fn encoded_len(&self) -> usize {
         match self {
             Self::HelloAck { .. } => MAX_MESSAGE,
             Self::State { .. } => 23,

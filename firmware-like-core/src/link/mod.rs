@@ -21,4 +21,4 @@ pub mod message;
 
 pub use device::{Device, DeviceProfile, Inputs, Outputs, Phase};
 pub use frame::{EncodeError, FrameCounts, FrameError, FrameReader, MAX_FRAME, encode};
-pub use message::{DeviceFault, DeviceInfo, DeviceMessage, HostMessage, InfoError, VERSION};
+pub use message::{DeviceFault, DeviceInfo, DeviceMessage, HostMessage, InfoError, Message, VERSION};
