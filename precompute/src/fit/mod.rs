@@ -3,6 +3,7 @@
 mod displacement;
 mod ghosts;
 mod hermite;
+mod kernel;
 mod motion;
 mod rbf_iterative;
 mod rbf_weights;
@@ -12,6 +13,7 @@ pub use displacement::{
 };
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
+pub use kernel::{Derivatives, EnergyJet, Indistinct, KernelFit};
 pub use motion::SurfaceMotion;
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 

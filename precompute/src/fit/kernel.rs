@@ -1,0 +1,464 @@
+//! The energy from scattered configurations: a Gaussian kernel that takes W, h, S and W_ijk of every one of them.
+//!
+//! W(p) = p . S0 p / 2 + sum_n sum_|b|<=3 w_nb d^b/dq^b k(p, q) at q = p_n,   k(p, q) = exp(-|p - q|^2 / 2 l^2)
+//!
+//! Each configuration gives 20 numbers and takes 20 weights, those that make the fit meet all of its derivatives up to the third order
+//! (Hermite-Birkhoff interpolation; Wendland, Scattered Data Approximation, 2004, chapter 16). The force is the exact gradient of
+//! W, so the fit is conservative whatever its error. S0, the stiffness at rest, is what the kernel need not learn.
+//!
+//! With x = p / l and He_n the Hermite polynomials of probability, d^n/dr^n exp(-r^2/2) = (-1)^n He_n(r) exp(-r^2/2), so that the
+//! entry between derivative a at x_m and weight b at x_n is, with r = x_m - x_n,
+//!
+//! K = prod_i (-1)^a_i He_(a_i + b_i)(r_i) exp(-|r|^2 / 2),   on the diagonal prod_i (2 a_i - 1)!! .
+//!
+//! Rows and columns are scaled to a unit diagonal, and each row gets a little more on it by its order ([`NUGGET`]): the matrix of a
+//! smooth kernel is singular to working precision long before its data run out, and what it then cannot tell from noise rings.
+//!
+//! Its sums cancel (weights are thousands of times the values they make), so it is evaluated in f64.
+
+use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
+use faer::{Mat, Par, Side};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::material::{SymmetricThird, THIRD_INDICES};
+use crate::solve::Configuration;
+
+/// Derivatives that a configuration gives: how often along x, y and z.
+///
+/// The third ones are in the order of [`THIRD_INDICES`].
+const DATA: [[usize; 3]; 20] = [
+    [0, 0, 0],
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+    [2, 0, 0],
+    [1, 1, 0],
+    [1, 0, 1],
+    [0, 2, 0],
+    [0, 1, 1],
+    [0, 0, 2],
+    [3, 0, 0],
+    [2, 1, 0],
+    [2, 0, 1],
+    [1, 2, 0],
+    [1, 1, 1],
+    [1, 0, 2],
+    [0, 3, 0],
+    [0, 2, 1],
+    [0, 1, 2],
+    [0, 0, 3],
+];
+
+/// What is added to the unit diagonal, by order of the derivative.
+const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
+
+/// Largest order of the Hermite polynomials: of data against data 6, of the table's second derivatives against data 5.
+const POLYNOMIALS: usize = 7;
+
+/// W_abc as `[a][b][c]`, J/m^(a+b+c).
+pub type Derivatives = [[[f64; 3]; 3]; 3];
+
+/// The condensed energy and its derivatives at a solved configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EnergyJet {
+    /// Displacement of the active node, m.
+    pub displacement_m: [f64; 3],
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S, N/m.
+    pub stiffness_n_m: Matrix3<f64>,
+    /// W_ijk in the order of [`THIRD_INDICES`], N/m^2.
+    pub third_n_m2: SymmetricThird,
+}
+
+impl From<&Configuration> for EnergyJet {
+    fn from(c: &Configuration) -> Self {
+        Self {
+            displacement_m: c.seed.pose.displacement_m,
+            energy_j: c.energy_j,
+            force_n: c.force_n,
+            stiffness_n_m: c.stiffness_n_m,
+            third_n_m2: c.third_n_m2,
+        }
+    }
+}
+
+impl EnergyJet {
+    /// The data in the order of [`DATA`], less the quadratic energy of `base`.
+    fn beside(&self, base: &Matrix3<f64>) -> [f64; 20] {
+        let p = Vector3::from(self.displacement_m);
+        let (h, s) = (Vector3::from(self.force_n) - base * p, self.stiffness_n_m - base);
+        let mut values = [0.0; 20];
+        values[0] = self.energy_j - 0.5 * p.dot(&(base * p));
+        values[1..4].copy_from_slice(h.as_slice());
+        values[4..10].copy_from_slice(&[s[(0, 0)], s[(0, 1)], s[(0, 2)], s[(1, 1)], s[(1, 2)], s[(2, 2)]]);
+        values[10..].copy_from_slice(&self.third_n_m2);
+        values
+    }
+
+    /// Force at another displacement by the Taylor series of third order, N.
+    pub fn taylor_force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
+        let d = Vector3::from(displacement_m) - Vector3::from(self.displacement_m);
+        let mut force = Vector3::from(self.force_n) + self.stiffness_n_m * d;
+        for (triple, value) in THIRD_INDICES.iter().zip(self.third_n_m2) {
+            // d(W_ijk d_i d_j d_k / 6)/dd with as many orders of the triple as there are.
+            let [i, j, k] = *triple;
+            let orders = if i == k {
+                1.0
+            } else if i == j || j == k {
+                3.0
+            } else {
+                6.0
+            };
+            let share = orders * value / 6.0;
+            force[i] += share * d[j] * d[k];
+            force[j] += share * d[i] * d[k];
+            force[k] += share * d[i] * d[j];
+        }
+        force.into()
+    }
+}
+
+/// Two configurations so close that the kernel cannot tell them apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Indistinct;
+
+impl std::fmt::Display for Indistinct {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "two configurations are too close for the kernel; take a shorter length")
+    }
+}
+
+impl std::error::Error for Indistinct {}
+
+/// A fit that grows by configurations.
+#[derive(Debug, Clone)]
+pub struct KernelFit {
+    length_m: f64,
+    base: Matrix3<f64>,
+    /// Displacements in units of the length.
+    centres: Vec<[f64; 3]>,
+    /// Lower Cholesky factor of the scaled matrix.
+    factor: Mat<f64>,
+    /// What the factor makes of the scaled data: grows with it.
+    forward: Mat<f64>,
+    /// In the order of [`DATA`], J.
+    weights: Vec<[f64; 20]>,
+}
+
+impl KernelFit {
+    /// An empty fit with the kernel's length l, m, and the stiffness at rest, N/m.
+    pub fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
+        Self {
+            length_m,
+            base: rest_stiffness_n_m,
+            centres: Vec::new(),
+            factor: Mat::zeros(0, 0),
+            forward: Mat::zeros(0, 1),
+            weights: Vec::new(),
+        }
+    }
+
+    /// The kernel's length l, m.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
+    /// Configurations in it.
+    pub fn len(&self) -> usize {
+        self.centres.len()
+    }
+
+    /// Whether nothing is in it yet.
+    pub fn is_empty(&self) -> bool {
+        self.centres.is_empty()
+    }
+
+    /// Takes configurations in. The fit stays as it was if one of them is too close to another.
+    ///
+    /// The factor is extended by 20 rows each: of N configurations in all (20 N)^3 / 3 operations, however they come.
+    pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
+        let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
+        let added: Vec<[f64; 3]> =
+            jets.iter().map(|jet| jet.displacement_m.map(|x| x / self.length_m)).collect();
+        let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
+        // Columns of the new rows, against the old data and among themselves.
+        let mut across = Mat::<f64>::zeros(old, more);
+        let mut own = Mat::<f64>::zeros(more, more);
+        for (m, &x) in added.iter().enumerate() {
+            for (n, &y) in self.centres.iter().chain(&added).enumerate() {
+                let (tables, e) = polynomials(x, y);
+                for a in 0..DATA.len() {
+                    for b in 0..DATA.len() {
+                        let value = scale[a] * scale[b] * e * entry(DATA[a], DATA[b], &tables);
+                        let (row, column) = (DATA.len() * m + a, DATA.len() * n + b);
+                        if column < old {
+                            across[(column, row)] = value;
+                        } else {
+                            own[(row, column - old)] = value;
+                        }
+                    }
+                }
+            }
+            for (a, orders) in DATA.iter().enumerate() {
+                own[(DATA.len() * m + a, DATA.len() * m + a)] += NUGGET[orders.iter().sum::<usize>()];
+            }
+        }
+        solve_lower_triangular_in_place(self.factor.as_ref(), across.as_mut(), Par::Seq);
+        own -= across.transpose() * &across;
+        let corner = own.llt(Side::Lower).map_err(|_| Indistinct)?;
+        let corner = corner.L();
+        // Data in the same scale: derivatives by x = p / l.
+        let mut right = Mat::<f64>::zeros(more, 1);
+        for (m, jet) in jets.iter().enumerate() {
+            for ((a, orders), value) in DATA.iter().enumerate().zip(jet.beside(&self.base)) {
+                let order = orders.iter().sum::<usize>() as i32;
+                right[(DATA.len() * m + a, 0)] = scale[a] * value * self.length_m.powi(order);
+            }
+        }
+        right -= across.transpose() * &self.forward;
+        solve_lower_triangular_in_place(corner, right.as_mut(), Par::Seq);
+        let n = old + more;
+        self.factor.resize_with(n, n, |_, _| 0.0);
+        self.forward.resize_with(n, 1, |_, _| 0.0);
+        for row in 0..more {
+            for column in 0..old {
+                self.factor[(old + row, column)] = across[(column, row)];
+            }
+            for column in 0..=row {
+                self.factor[(old + row, old + column)] = corner[(row, column)];
+            }
+            self.forward[(old + row, 0)] = right[(row, 0)];
+        }
+        self.centres.extend(added);
+        let mut solved = self.forward.clone();
+        solve_upper_triangular_in_place(self.factor.transpose(), solved.as_mut(), Par::Seq);
+        self.weights = (0..self.centres.len())
+            .map(|m| std::array::from_fn(|a| scale[a] * solved[(DATA.len() * m + a, 0)]))
+            .collect();
+        Ok(())
+    }
+
+    /// h = dW/dp, N.
+    pub fn force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
+        let x = displacement_m.map(|p| p / self.length_m);
+        let mut sum = [0.0; 3];
+        for (&centre, weights) in self.centres.iter().zip(&self.weights) {
+            let (tables, e) = polynomials(x, centre);
+            let mut gradient = [0.0; 3];
+            for (b, weight) in DATA.iter().zip(weights) {
+                let [[x0, x1], [y0, y1], [z0, z1]]: [[f64; 2]; 3] =
+                    std::array::from_fn(|axis| [tables[axis][b[axis]], -tables[axis][b[axis] + 1]]);
+                gradient[0] += weight * x1 * y0 * z0;
+                gradient[1] += weight * x0 * y1 * z0;
+                gradient[2] += weight * x0 * y0 * z1;
+            }
+            for (sum, slope) in sum.iter_mut().zip(gradient) {
+                *sum += slope * e;
+            }
+        }
+        let p = Vector3::from(displacement_m);
+        (self.base * p + Vector3::from(sum) / self.length_m).into()
+    }
+
+    /// All derivatives of W up to the second along each axis.
+    pub fn derivatives(&self, displacement_m: [f64; 3]) -> Derivatives {
+        let x = displacement_m.map(|p| p / self.length_m);
+        let mut sum = Derivatives::default();
+        for (&centre, weights) in self.centres.iter().zip(&self.weights) {
+            let (tables, e) = polynomials(x, centre);
+            for (b, weight) in DATA.iter().zip(weights) {
+                let along = |axis: usize| -> [f64; 3] {
+                    std::array::from_fn(|c| {
+                        let value = tables[axis][c + b[axis]];
+                        if c == 1 { -value } else { value }
+                    })
+                };
+                let [along_x, along_y, along_z] = [along(0), along(1), along(2)];
+                for (sum, x) in sum.iter_mut().zip(along_x) {
+                    for (sum, y) in sum.iter_mut().zip(along_y) {
+                        let xy = weight * e * x * y;
+                        for (sum, z) in sum.iter_mut().zip(along_z) {
+                            *sum += xy * z;
+                        }
+                    }
+                }
+            }
+        }
+        for (a, plane) in sum.iter_mut().enumerate() {
+            for (b, row) in plane.iter_mut().enumerate() {
+                for (c, value) in row.iter_mut().enumerate() {
+                    *value *= self.length_m.powi(-((a + b + c) as i32));
+                }
+            }
+        }
+        let p = Vector3::from(displacement_m);
+        let (s, slope) = (&self.base, self.base * p);
+        sum[0][0][0] += 0.5 * p.dot(&slope);
+        sum[1][0][0] += slope.x;
+        sum[0][1][0] += slope.y;
+        sum[0][0][1] += slope.z;
+        sum[2][0][0] += s[(0, 0)];
+        sum[0][2][0] += s[(1, 1)];
+        sum[0][0][2] += s[(2, 2)];
+        sum[1][1][0] += s[(0, 1)];
+        sum[1][0][1] += s[(0, 2)];
+        sum[0][1][1] += s[(1, 2)];
+        sum
+    }
+}
+
+/// prod (2 a_i - 1)!!
+fn diagonal(orders: [usize; 3]) -> f64 {
+    orders.iter().map(|&a| [1.0, 1.0, 3.0, 15.0][a]).product()
+}
+
+/// prod_i (-1)^a_i He_(a_i + b_i)(r_i)
+fn entry(a: [usize; 3], b: [usize; 3], tables: &[[f64; POLYNOMIALS]; 3]) -> f64 {
+    let product: f64 = (0..3).map(|axis| tables[axis][a[axis] + b[axis]]).product();
+    if a.iter().sum::<usize>() % 2 == 0 { product } else { -product }
+}
+
+/// He_n(x - y) along each axis, and exp(-|x - y|^2 / 2).
+fn polynomials(x: [f64; 3], y: [f64; 3]) -> ([[f64; POLYNOMIALS]; 3], f64) {
+    let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - y[axis]);
+    let tables = r.map(|r| {
+        let mut he = [1.0; POLYNOMIALS];
+        he[1] = r;
+        for n in 1..POLYNOMIALS - 1 {
+            he[n + 1] = r * he[n] - n as f64 * he[n - 1];
+        }
+        he
+    });
+    (tables, (-0.5 * r.iter().map(|r| r * r).sum::<f64>()).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An energy like that of a soft body, N and m: stiffer the further it is pushed, and not the same all round.
+    fn jet(p: [f64; 3]) -> EnergyJet {
+        // W = 50 |A p|^2 + 20 q^2 sin-free polynomial and exponential: W = k/2 p.D p + c (exp(g.p) - 1 - g.p).
+        let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
+        let along: f64 = (0..3).map(|i| g[i] * p[i]).sum();
+        let e = c * along.exp();
+        let third = std::array::from_fn(|n| THIRD_INDICES[n].iter().map(|&i| g[i]).product::<f64>() * e);
+        EnergyJet {
+            displacement_m: p,
+            energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i]).sum::<f64>() + e - c - c * along,
+            force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
+            stiffness_n_m: Matrix3::from_fn(|i, j| e * g[i] * g[j] + if i == j { d[i] } else { 0.0 }),
+            third_n_m2: third,
+        }
+    }
+
+    /// Number `n` of points spread evenly in a ball of `radius_m`.
+    fn spread(n: u32, radius_m: f64) -> [f64; 3] {
+        let [r, z, turn] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5]
+            .map(|step| (f64::from(n + 1) * step).fract());
+        let (r, z, (s, c)) = (radius_m * r.cbrt(), 2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+        let across = (1.0 - z * z).sqrt();
+        [r * across * c, r * across * s, r * z]
+    }
+
+    fn fit(configurations: u32, length_m: f64) -> KernelFit {
+        let mut fit = KernelFit::new(length_m, jet([0.0; 3]).stiffness_n_m);
+        fit.add(&[jet([0.0; 3])]).expect("the first");
+        for n in 1..configurations {
+            fit.add(&[jet(spread(n, 0.05))]).expect("apart");
+        }
+        fit
+    }
+
+    fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn worst_n(fit: &KernelFit) -> f64 {
+        let at = |n| spread(n, 0.045);
+        (1000..1200).map(|n| apart(fit.force_n(at(n)), jet(at(n)).force_n)).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn a_taylor_force_is_exact_to_third_order() {
+        let from = jet([0.01, -0.02, 0.015]);
+        let error = |step: f64| {
+            let at = [0.01 + 0.8 * step, -0.02 + 0.3 * step, 0.015 - 0.5 * step];
+            apart(from.taylor_force_n(at), jet(at).force_n)
+        };
+        let order = (error(0.008) / error(0.004)).log2();
+        assert!((order - 3.0).abs() < 0.1, "order {order}");
+    }
+
+    #[test]
+    fn few_configurations_are_enough_and_more_are_better() {
+        let errors = [4, 12, 36].map(|n| worst_n(&fit(n, 0.04)));
+        // The largest force is some 20 N.
+        assert!(
+            errors[2] < 0.01 && errors[0] > 10.0 * errors[1] && errors[1] > 5.0 * errors[2],
+            "{errors:?} N"
+        );
+    }
+
+    #[test]
+    fn what_is_given_is_met() {
+        let fit = fit(20, 0.03);
+        for n in 1..20 {
+            let (given, found) = (jet(spread(n, 0.05)), fit.derivatives(spread(n, 0.05)));
+            assert!((found[0][0][0] - given.energy_j).abs() < 1e-6, "{n}");
+            assert!(apart([found[1][0][0], found[0][1][0], found[0][0][1]], given.force_n) < 1e-4, "{n}");
+            assert!((found[1][1][0] - given.stiffness_n_m[(0, 1)]).abs() < 0.02, "{n}");
+        }
+    }
+
+    /// All 27, each against a difference of the one below it.
+    #[test]
+    fn derivatives_are_those_of_the_energy() {
+        let (fit, at, step) = (fit(15, 0.03), [0.012, -0.008, 0.019], 1e-5);
+        let here = fit.derivatives(at);
+        assert!(apart([here[1][0][0], here[0][1][0], here[0][0][1]], fit.force_n(at)) < 1e-9);
+        for axis in 0..3 {
+            let beside = [-step, step].map(|step| {
+                let mut at = at;
+                at[axis] += step;
+                fit.derivatives(at)
+            });
+            for (a, b, c) in (0..27).map(|n| (n / 9, n / 3 % 3, n % 3)) {
+                let mut below = [a, b, c];
+                if below[axis] == 0 {
+                    continue;
+                }
+                below[axis] -= 1;
+                let [i, j, k] = below;
+                let difference = (beside[1][i][j][k] - beside[0][i][j][k]) / (2.0 * step);
+                let size = 1.0 + here[a][b][c].abs();
+                assert!(
+                    (difference - here[a][b][c]).abs() < 1e-3 * size,
+                    "{a}{b}{c}: {difference} {}",
+                    here[a][b][c]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn one_by_one_is_as_all_at_once() {
+        let jets: Vec<EnergyJet> = (1..12).map(|n| jet(spread(n, 0.05))).collect();
+        let mut whole = KernelFit::new(0.03, jet([0.0; 3]).stiffness_n_m);
+        whole.add(&[&[jet([0.0; 3])], &jets[..]].concat()).expect("apart");
+        let at = [0.02, 0.01, -0.03];
+        assert!(apart(whole.force_n(at), fit(12, 0.03).force_n(at)) < 1e-6);
+    }
+
+    #[test]
+    fn the_same_configuration_twice_changes_nothing_or_is_refused() {
+        let mut fit = fit(5, 0.03);
+        let before = fit.force_n([0.01; 3]);
+        let twice = fit.add(&[jet(spread(3, 0.05)), jet(spread(3, 0.05))]);
+        assert!(twice.is_err() == (fit.len() == 5));
+        assert!(apart(before, fit.force_n([0.01; 3])) < 1e-3);
+    }
+}
