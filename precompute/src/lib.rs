@@ -24,6 +24,7 @@ pub mod material;
 pub mod mesh;
 pub mod output;
 pub mod pressure;
+pub mod scattered;
 pub mod scene;
 pub mod solve;
 pub mod tensor;

@@ -337,32 +337,8 @@ fn polynomials(x: [f64; 3], y: [f64; 3]) -> ([[f64; POLYNOMIALS]; 3], f64) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::made_up::{jet, spread};
     use super::*;
-
-    /// An energy like that of a soft body, N and m: stiffer the further it is pushed, and not the same all round.
-    fn jet(p: [f64; 3]) -> EnergyJet {
-        // W = 50 |A p|^2 + 20 q^2 sin-free polynomial and exponential: W = k/2 p.D p + c (exp(g.p) - 1 - g.p).
-        let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
-        let along: f64 = (0..3).map(|i| g[i] * p[i]).sum();
-        let e = c * along.exp();
-        let third = std::array::from_fn(|n| THIRD_INDICES[n].iter().map(|&i| g[i]).product::<f64>() * e);
-        EnergyJet {
-            displacement_m: p,
-            energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i]).sum::<f64>() + e - c - c * along,
-            force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
-            stiffness_n_m: Matrix3::from_fn(|i, j| e * g[i] * g[j] + if i == j { d[i] } else { 0.0 }),
-            third_n_m2: third,
-        }
-    }
-
-    /// Number `n` of points spread evenly in a ball of `radius_m`.
-    fn spread(n: u32, radius_m: f64) -> [f64; 3] {
-        let [r, z, turn] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5]
-            .map(|step| (f64::from(n + 1) * step).fract());
-        let (r, z, (s, c)) = (radius_m * r.cbrt(), 2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
-        let across = (1.0 - z * z).sqrt();
-        [r * across * c, r * across * s, r * z]
-    }
 
     fn fit(configurations: u32, length_m: f64) -> KernelFit {
         let mut fit = KernelFit::new(length_m, jet([0.0; 3]).stiffness_n_m);

@@ -4,6 +4,8 @@ mod displacement;
 mod ghosts;
 mod hermite;
 mod kernel;
+#[cfg(test)]
+pub(crate) mod made_up;
 mod motion;
 mod rbf_iterative;
 mod rbf_weights;

@@ -1,0 +1,30 @@
+//! An energy known in closed form, for tests.
+
+use nalgebra::Matrix3;
+
+use super::EnergyJet;
+use crate::material::THIRD_INDICES;
+
+/// The configuration at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p): stiffer the further it is pushed, and not the same all round.
+pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
+    let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
+    let along: f64 = (0..3).map(|i| g[i] * p[i]).sum();
+    let e = c * along.exp();
+    let third = std::array::from_fn(|n| THIRD_INDICES[n].iter().map(|&i| g[i]).product::<f64>() * e);
+    EnergyJet {
+        displacement_m: p,
+        energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i]).sum::<f64>() + e - c - c * along,
+        force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
+        stiffness_n_m: Matrix3::from_fn(|i, j| e * g[i] * g[j] + if i == j { d[i] } else { 0.0 }),
+        third_n_m2: third,
+    }
+}
+
+/// Number `n` of points spread evenly in a ball of `radius_m`.
+pub(crate) fn spread(n: u32, radius_m: f64) -> [f64; 3] {
+    let [r, z, turn] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5]
+        .map(|step| (f64::from(n + 1) * step).fract());
+    let (r, z, (s, c)) = (radius_m * r.cbrt(), 2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+    let across = (1.0 - z * z).sqrt();
+    [r * across * c, r * across * s, r * z]
+}

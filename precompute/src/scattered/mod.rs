@@ -1,0 +1,36 @@
+//! A space from as few solves as its error needs: scattered configurations, each a test of the fit before it is part of it.
+//!
+//! [`Search`] decides where to solve next and when it is enough, a pure function of what was solved; [`Tolerance`] says what counts as
+//! enough; the fit is [`crate::fit::KernelFit`].
+
+mod reach;
+mod search;
+
+pub use search::{Found, Search, Step, Target, Test, Verdict, Wanted};
+
+/// What an error may be: beside the larger of the two it is within tolerance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Share of |h|.
+    pub relative: f64,
+    /// N.
+    pub absolute_n: f64,
+}
+
+impl Tolerance {
+    /// Half the just noticeable difference of force, 7 % of it, and never less than what a finger tells from nothing.
+    pub const CANNOT_BE_FELT: Self = Self { relative: 0.035, absolute_n: 0.02 };
+
+    /// What an error may be where the force is `force_n`, N.
+    pub fn at(&self, force_n: [f64; 3]) -> f64 {
+        (self.relative * norm(force_n)).max(self.absolute_n)
+    }
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+fn difference(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| a[i] - b[i])
+}

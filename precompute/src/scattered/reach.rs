@@ -1,0 +1,83 @@
+//! Where the tool can be: within the radius, with no more force than the device has, and if it only pushes, pressing.
+
+use super::{Wanted, norm};
+use crate::fit::{EnergyJet, KernelFit};
+
+/// Directions that are looked at.
+const RAYS: u32 = 256;
+/// Halvings of a ray's length when its reach is sought: within 1 / 500 of the radius.
+const HALVINGS: u32 = 9;
+/// Predictions may be this much beyond the limit: the rim itself is to be met from both sides.
+const ALLOWANCE: f64 = 1.02;
+/// Positions on a ray, as shares of the volume within its reach.
+const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
+
+/// What is known of the force so far.
+pub(super) struct Known<'a> {
+    pub(super) wanted: &'a Wanted,
+    pub(super) fit: &'a KernelFit,
+    pub(super) jets: &'a [EnergyJet],
+}
+
+impl Known<'_> {
+    /// Positions spread over what seems to be within reach, in a fixed order.
+    ///
+    /// Along each ray as far as both the fit and the Taylor series of the nearest configuration say that the force is within the
+    /// limit: a fit alone may say anything where it has no data.
+    pub(super) fn candidates(&self, round: u32) -> Vec<[f64; 3]> {
+        let mut found = Vec::new();
+        for n in 0..RAYS {
+            let direction = direction(round * RAYS + n);
+            let reach = self.reach(direction);
+            for share in SHARES {
+                let at = direction.map(|x| x * reach * f64::cbrt(share));
+                if self.presses(at) {
+                    found.push(at);
+                }
+            }
+        }
+        found
+    }
+
+    /// How far the tool gets in a direction, m.
+    fn reach(&self, direction: [f64; 3]) -> f64 {
+        let at = |t: f64| direction.map(|x| x * t * self.wanted.radius_m);
+        let within = |t: f64| self.largest_n(at(t)) <= ALLOWANCE * self.wanted.max_force_n;
+        if within(1.0) {
+            return self.wanted.radius_m;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if within(middle) { low = middle } else { high = middle }
+        }
+        low * self.wanted.radius_m
+    }
+
+    /// The larger of the two predictions of |h|, N.
+    fn largest_n(&self, at: [f64; 3]) -> f64 {
+        let taylor = self.nearest(at).map_or(0.0, |jet| norm(jet.taylor_force_n(at)));
+        norm(self.fit.force_n(at)).max(taylor)
+    }
+
+    /// Whether the tool presses there, if it must.
+    fn presses(&self, at: [f64; 3]) -> bool {
+        let Some(normal) = self.wanted.push else { return true };
+        let along: f64 = self.fit.force_n(at).iter().zip(normal).map(|(h, n)| h * n).sum();
+        along <= 0.0
+    }
+
+    fn nearest(&self, at: [f64; 3]) -> Option<&EnergyJet> {
+        let distance = |jet: &EnergyJet| norm(super::difference(at, jet.displacement_m));
+        self.jets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+}
+
+/// Number `n` of directions that fill the sphere evenly, however many are taken (R2 sequence: Roberts 2018).
+fn direction(n: u32) -> [f64; 3] {
+    const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+    let [z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
+    let (z, (s, c)) = (2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+    let across = (1.0 - z * z).sqrt();
+    [across * c, across * s, z]
+}

@@ -1,0 +1,404 @@
+//! The blind loop: take the position farthest from all that is known, predict, solve, score, and only then learn.
+//!
+//! A batch is chosen with one fit, whoever solves it and in whatever order: the outcome depends on neither.
+//!
+//! The score of a prediction is its error by the tolerance there. The loop stops when the last [`PASSES`] of them are all within it: a
+//! verdict that is honest because no prediction had seen its answer, and strict because they were made where the fit knows least, but
+//! no certificate: ten passes prove little by themselves.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::reach::Known;
+use super::{Tolerance, difference, norm};
+use crate::fit::{EnergyJet, KernelFit};
+
+/// Positions of a batch.
+const BATCH: usize = 4;
+/// Predictions in a row that must be within tolerance.
+const PASSES: usize = 10;
+/// Lengths of the kernel that are tried side by side, as shares of the reach at first sight.
+const LENGTHS: [f64; 4] = [0.5, 0.75, 1.1, 1.6];
+/// What comes out beyond this share of the limit is not learned from: the fit is for the other side.
+const TOO_FAR: f64 = 1.15;
+
+/// What is wanted of a space.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wanted {
+    /// What an error may be.
+    pub tolerance: Tolerance,
+    /// Largest displacement r_G, m.
+    pub radius_m: f64,
+    /// Largest |h|, N.
+    pub max_force_n: f64,
+    /// Outward normal, if the tool only pushes: positions where h pulls are out of reach.
+    pub push: Option<[f64; 3]>,
+    /// Configurations at most.
+    pub most: usize,
+}
+
+/// A position to be solved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// Counts the targets of a search.
+    pub number: u32,
+    /// Where, m.
+    pub displacement_m: [f64; 3],
+    /// Which of the configurations known so far to come from: 0 is rest, then in the order they were found.
+    pub parent: usize,
+    /// The force that the fit says, N.
+    pub predicted_n: [f64; 3],
+}
+
+/// What came of a target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Found {
+    /// A configuration on the branch of its parent.
+    Solved(EnergyJet),
+    /// A configuration on another branch.
+    Elsewhere(EnergyJet),
+    /// Nothing.
+    Failed,
+}
+
+/// A prediction and what was true.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Test {
+    /// Which target.
+    pub number: u32,
+    /// Where, m.
+    pub displacement_m: [f64; 3],
+    /// |error|, N.
+    pub error_n: f64,
+    /// What it may have been, N.
+    pub tolerance_n: f64,
+    /// Whether |h| is within the limit: only those count.
+    pub within: bool,
+}
+
+/// How a search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The last ten predictions were within tolerance.
+    Passed,
+    /// As many configurations as may be, and still not.
+    NotReached,
+}
+
+/// What to do next.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Solve these, in any order.
+    Solve(Vec<Target>),
+    /// It is over.
+    Done(Verdict),
+}
+
+/// A search in progress.
+#[derive(Debug, Clone)]
+pub struct Search {
+    wanted: Wanted,
+    /// What was learned from; the first is rest.
+    jets: Vec<EnergyJet>,
+    /// Solved, beyond the limit or elsewhere: parents and places to keep away from.
+    others: Vec<[f64; 3]>,
+    fits: Vec<Candidate>,
+    /// Which fit predicts.
+    chosen: usize,
+    /// Square root of the metric in which distances count.
+    metric: Matrix3<f64>,
+    tests: Vec<Test>,
+    /// Positions nearer to rest than one that came out too far.
+    pulled_back: Vec<([f64; 3], usize)>,
+    out: Vec<Target>,
+    next: u32,
+    round: u32,
+}
+
+/// A fit and how well it predicted.
+#[derive(Debug, Clone)]
+struct Candidate {
+    fit: KernelFit,
+    scores: Vec<f64>,
+}
+
+impl Candidate {
+    /// Root mean square of the last scores.
+    fn recent(&self) -> f64 {
+        let last = self.scores.iter().rev().take(PASSES);
+        last.map(|s| s * s).sum::<f64>() / self.scores.len().clamp(1, PASSES) as f64
+    }
+}
+
+impl Search {
+    /// A search that knows the configuration at rest.
+    pub fn new(wanted: Wanted, rest: &EnergyJet) -> Self {
+        let stiffness = rest.stiffness_n_m;
+        let eigen = stiffness.symmetric_eigen();
+        let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
+        // Stiff directions count more: the fourth root of the stiffness, as measured best.
+        let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).powf(0.25));
+        let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
+        // How far a linear body would let the device get, on the average.
+        let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
+        let fits = LENGTHS
+            .iter()
+            .filter_map(|share| {
+                let mut fit = KernelFit::new(share * reach, stiffness);
+                fit.add(&[*rest]).ok()?;
+                Some(Candidate { fit, scores: Vec::new() })
+            })
+            .collect();
+        Self {
+            wanted,
+            jets: vec![*rest],
+            others: Vec::new(),
+            fits,
+            chosen: 1,
+            metric,
+            tests: Vec::new(),
+            pulled_back: Vec::new(),
+            out: Vec::new(),
+            next: 1,
+            round: 0,
+        }
+    }
+
+    /// What was learned from, rest first.
+    pub fn jets(&self) -> &[EnergyJet] {
+        &self.jets
+    }
+
+    /// All predictions so far.
+    pub fn tests(&self) -> &[Test] {
+        &self.tests
+    }
+
+    /// The fit that predicts.
+    pub fn fit(&self) -> &KernelFit {
+        &self.fits[self.chosen].fit
+    }
+
+    /// What to do next. Until all targets of a batch came back it is that batch.
+    pub fn step(&mut self) -> Step {
+        if !self.out.is_empty() {
+            return Step::Solve(self.out.clone());
+        }
+        let mut counted = self.tests.iter().rev().filter(|test| test.within);
+        let passes =
+            counted.by_ref().take(PASSES).take_while(|test| test.error_n <= test.tolerance_n).count();
+        if passes == PASSES {
+            return Step::Done(Verdict::Passed);
+        }
+        if self.jets.len() + self.others.len() >= self.wanted.most {
+            return Step::Done(Verdict::NotReached);
+        }
+        self.choose();
+        if self.out.is_empty() { Step::Done(Verdict::NotReached) } else { Step::Solve(self.out.clone()) }
+    }
+
+    /// A batch: what was pulled back first, then the farthest candidates.
+    fn choose(&mut self) {
+        for (at, parent) in std::mem::take(&mut self.pulled_back) {
+            self.aim(at, parent);
+        }
+        let known = Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets };
+        let candidates = known.candidates(self.round);
+        self.round += 1;
+        let distance =
+            |a: [f64; 3], b: [f64; 3]| (self.metric * Vector3::from(difference(a, b))).norm_squared();
+        let taken = self.jets.iter().map(|jet| jet.displacement_m).chain(self.others.iter().copied());
+        let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(|target| target.displacement_m)).collect();
+        let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
+        let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
+        while self.out.len() < BATCH {
+            let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
+            let Some(farthest) = farthest.filter(|&n| gaps[n] > 0.0) else { break };
+            let at = candidates[farthest];
+            for (gap, &other) in gaps.iter_mut().zip(&candidates) {
+                *gap = gap.min((self.metric * Vector3::from(difference(at, other))).norm_squared());
+            }
+            let near = |jet: &EnergyJet| norm(difference(at, jet.displacement_m));
+            let parent =
+                (0..self.jets.len()).min_by(|&a, &b| near(&self.jets[a]).total_cmp(&near(&self.jets[b])));
+            self.aim(at, parent.unwrap_or(0));
+        }
+    }
+
+    fn aim(&mut self, displacement_m: [f64; 3], parent: usize) {
+        let predicted_n = self.fit().force_n(displacement_m);
+        self.out.push(Target { number: self.next, displacement_m, parent, predicted_n });
+        self.next += 1;
+    }
+
+    /// Takes what came of the whole batch, in the order of its targets.
+    ///
+    /// # Panics
+    /// If it is not one outcome for each target.
+    pub fn take(&mut self, found: &[Found]) {
+        let batch = std::mem::take(&mut self.out);
+        assert_eq!(batch.len(), found.len(), "one outcome for each target");
+        let mut learned = Vec::new();
+        for (target, found) in batch.iter().zip(found) {
+            let at = target.displacement_m;
+            match found {
+                Found::Solved(jet) => {
+                    self.score(target, jet);
+                    if norm(jet.force_n) <= TOO_FAR * self.wanted.max_force_n {
+                        learned.push(*jet);
+                    } else {
+                        self.others.push(at);
+                        self.pull_back(target, norm(jet.force_n));
+                    }
+                }
+                Found::Elsewhere(jet) => {
+                    self.score(target, jet);
+                    self.others.push(at);
+                }
+                Found::Failed => {
+                    self.others.push(at);
+                    self.pull_back(target, f64::INFINITY);
+                }
+            }
+        }
+        self.fits.retain_mut(|candidate| candidate.fit.add(&learned).is_ok());
+        self.jets.extend(learned);
+        let best =
+            (0..self.fits.len()).min_by(|&a, &b| self.fits[a].recent().total_cmp(&self.fits[b].recent()));
+        self.chosen = best.unwrap_or(0);
+    }
+
+    fn score(&mut self, target: &Target, jet: &EnergyJet) {
+        let tolerance_n = self.wanted.tolerance.at(jet.force_n);
+        let within = norm(jet.force_n) <= self.wanted.max_force_n;
+        let error_n = norm(difference(target.predicted_n, jet.force_n));
+        let Target { number, displacement_m, .. } = *target;
+        self.tests.push(Test { number, displacement_m, error_n, tolerance_n, within });
+        for candidate in &mut self.fits {
+            let error_n = norm(difference(candidate.fit.force_n(displacement_m), jet.force_n));
+            if within {
+                candidate.scores.push(error_n / tolerance_n);
+            }
+        }
+    }
+
+    /// Aims again where a straight line from the parent's force to `came_out_n` meets the limit.
+    fn pull_back(&mut self, target: &Target, came_out_n: f64) {
+        let parent = &self.jets[target.parent];
+        let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
+        let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
+        let at = std::array::from_fn(|i| {
+            parent.displacement_m[i] + share * (target.displacement_m[i] - parent.displacement_m[i])
+        });
+        self.pulled_back.push((at, target.parent));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::made_up::{jet, spread};
+
+    const WANTED: Wanted = Wanted {
+        tolerance: Tolerance::CANNOT_BE_FELT,
+        radius_m: 0.05,
+        max_force_n: 8.0,
+        push: None,
+        most: 100,
+    };
+
+    /// Solves to the end; `solve` is what a position gives.
+    fn searched(wanted: Wanted, solve: impl Fn([f64; 3]) -> Found) -> (Search, Verdict) {
+        let mut search = Search::new(wanted, &jet([0.0; 3]));
+        loop {
+            match search.step() {
+                Step::Done(verdict) => return (search, verdict),
+                Step::Solve(targets) => {
+                    let found: Vec<Found> =
+                        targets.iter().map(|target| solve(target.displacement_m)).collect();
+                    search.take(&found);
+                }
+            }
+        }
+    }
+
+    fn solved(at: [f64; 3]) -> Found {
+        Found::Solved(jet(at))
+    }
+
+    /// Reachable positions that no search chose, and the share of them where the error is felt.
+    fn felt(search: &Search, wanted: &Wanted) -> f64 {
+        let truths: Vec<EnergyJet> = (5000..9000)
+            .map(|n| jet(spread(n, wanted.radius_m)))
+            .filter(|truth| norm(truth.force_n) <= wanted.max_force_n)
+            .collect();
+        assert!(truths.len() > 300);
+        let felt = truths.iter().filter(|truth| {
+            let error_n = norm(difference(search.fit().force_n(truth.displacement_m), truth.force_n));
+            error_n > wanted.tolerance.at(truth.force_n)
+        });
+        felt.count() as f64 / truths.len() as f64
+    }
+
+    #[test]
+    fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
+        let (search, verdict) = searched(WANTED, solved);
+        assert_eq!(verdict, Verdict::Passed);
+        assert!(search.jets().len() < 50, "{}", search.jets().len());
+        assert!(felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
+        // A tolerance a hundredth as wide takes more.
+        let strict = Wanted { tolerance: Tolerance { relative: 3.5e-4, absolute_n: 2e-4 }, ..WANTED };
+        let (finer, verdict) = searched(strict, solved);
+        assert_eq!(verdict, Verdict::Passed);
+        assert!(finer.jets().len() > search.jets().len());
+        assert!(felt(&finer, &strict) <= 0.01, "{}", felt(&finer, &strict));
+    }
+
+    #[test]
+    fn nothing_is_learned_from_beyond_the_limit() {
+        let (search, _) = searched(WANTED, solved);
+        let largest = search.jets().iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
+        assert!(largest > 0.9 * WANTED.max_force_n && largest <= TOO_FAR * WANTED.max_force_n, "{largest} N");
+        assert!(search.tests().iter().all(|test| test.within || test.error_n >= 0.0));
+    }
+
+    #[test]
+    fn a_tool_that_only_pushes_stays_on_its_side() {
+        let normal = [0.0, 0.6, 0.8];
+        let (search, verdict) = searched(Wanted { push: Some(normal), ..WANTED }, solved);
+        assert_eq!(verdict, Verdict::Passed);
+        let (both, _) = searched(WANTED, solved);
+        assert!(search.jets().len() < both.jets().len(), "{} {}", search.jets().len(), both.jets().len());
+        for jet in &search.jets()[1..] {
+            let along: f64 = (0..3).map(|i| jet.force_n[i] * normal[i]).sum();
+            assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.displacement_m);
+        }
+    }
+
+    /// A force that jumps at a plane: no smooth fit is within tolerance there, and none is said to be.
+    #[test]
+    fn a_jump_does_not_pass() {
+        let jumps = |at: [f64; 3]| {
+            let mut jet = jet(at);
+            if at[0] > 0.015 {
+                jet.force_n[1] += 2.0;
+            }
+            Found::Solved(jet)
+        };
+        assert_eq!(searched(Wanted { most: 60, ..WANTED }, jumps).1, Verdict::NotReached);
+    }
+
+    #[test]
+    fn failures_are_gone_round() {
+        let (search, verdict) = searched(WANTED, |at| if at[2] < -0.02 { Found::Failed } else { solved(at) });
+        assert_eq!(verdict, Verdict::Passed);
+        assert!(search.jets().iter().all(|jet| jet.displacement_m[2] >= -0.02));
+        assert!(search.jets().iter().any(|jet| jet.displacement_m[2] < -0.01), "right up to them");
+    }
+
+    #[test]
+    fn nothing_solvable_ends() {
+        let (search, verdict) = searched(Wanted { most: 20, ..WANTED }, |_| Found::Failed);
+        assert_eq!(verdict, Verdict::NotReached);
+        assert_eq!(search.jets().len(), 1);
+    }
+}
