@@ -1,6 +1,7 @@
 //! The emulated Falcon of one run, its hand, and what goes wrong with it.
 
 use super::order::{Order, Report};
+use super::stepped::control;
 use super::strike::Strike;
 use crate::falcon::descriptors::PACKET_LEN;
 use crate::falcon::memory::Link;
@@ -28,7 +29,6 @@ const ABOVE_M: f32 = 0.120;
 const BELOW_M: f32 = 0.103;
 /// Between the two, us.
 const STROKE_US: u64 = 400_000;
-const VENDOR_OUT: u8 = 0x40;
 
 /// A device, a hand and a fault.
 #[derive(Debug)]
@@ -181,11 +181,7 @@ impl Rig {
 
 impl UsbDevice for Rig {
     fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
-        if setup == Setup::vendor(setup.request, setup.value) && setup.request_type == VENDOR_OUT {
-            // Through the wire's faults: a purge also throws away what they hold back.
-            return self.link.control(setup.request, setup.value).map(|()| Vec::new()).map_err(|_| Stall);
-        }
-        self.link.inner().falcon().control(setup, data)
+        control(&self.link, setup, data)
     }
 
     fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {

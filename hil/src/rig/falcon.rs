@@ -7,12 +7,12 @@ use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use palpate_core::Vec3;
-use palpate_host::Device;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
 use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+use palpate_host::{Device, DeviceError};
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -74,6 +74,18 @@ impl FalconRig {
             kinematics: Cell::default(),
         }
     }
+
+    /// A link for one driver, as opening a device gives it: without faults, until it is told.
+    pub fn connect(&mut self) -> Result<Arc<FaultyFtdi<MemoryFtdi>>, DeviceError> {
+        let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
+        self.link = Some(Arc::clone(&link));
+        Ok(link)
+    }
+
+    /// The driver's clock begins now.
+    pub fn begin(&mut self) {
+        self.opened_us = self.device.falcon().now_us();
+    }
 }
 
 impl Rig for FalconRig {
@@ -100,16 +112,15 @@ impl Rig for FalconRig {
     }
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
-        let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
+        let link = self.connect()?;
         let config = driver::FalconConfig {
             workspace,
             max_force_n: self.profile.max_force_n,
             mode: Mode::Polled,
             ..driver::FalconConfig::default()
         };
-        self.link = Some(Arc::clone(&link));
         let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
-        self.opened_us = self.device.falcon().now_us();
+        self.begin();
         Ok(Box::new(falcon))
     }
 

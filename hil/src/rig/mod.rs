@@ -92,6 +92,16 @@ pub trait Rig {
     /// The device's turn: everything up to a time of the driver's.
     fn advance(&mut self, now_us: u64);
 
+    /// As [`Rig::advance`] from one time to a later one; writes down where the grip really is at the first, and then every so many us.
+    fn advance_noting(&mut self, from_us: u64, until_us: u64, every_us: u64, truth: &mut Vec<(u64, Vec3)>) {
+        let mut now_us = from_us;
+        while now_us < until_us {
+            truth.push((now_us, self.position_m()));
+            now_us = (now_us + every_us).min(until_us);
+            self.advance(now_us);
+        }
+    }
+
     /// The device's time on the driver's clock, us. Ahead of the last [`Rig::advance`] by what calls of the driver have waited, where
     /// time is virtual.
     fn now_us(&self) -> u64;
