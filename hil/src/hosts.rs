@@ -11,7 +11,7 @@
 mod process;
 mod stage;
 
-pub use process::{Device, Role, process};
+pub use process::{Device, Role, host, process, supervise};
 pub use stage::{CERTAIN, Host, Seen, Stage, is_running, wait};
 
 use crate::fault::split_mix;
@@ -48,7 +48,7 @@ pub fn run(program: &Path, device: Device, wrong: Wrong, seed: u64) -> Run {
     let supervisor = host.supervisor();
     std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
     stage.forget();
-    let mut run = Run::of_host(device.name(), wrong, seed, device.limit_n());
+    let mut run = Run::with_nothing(device.name(), wrong, seed, device.limit_n());
     host.signal(if wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
     wait("zero", || stage.seen().force_n == vec3::ZERO);
     let seen = stage.seen();

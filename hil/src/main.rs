@@ -84,6 +84,9 @@ struct Matrix {
     /// Seed of all runs.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Add the runs of `hil/bench/run`, whose output is in this file, to the table.
+    #[arg(long, value_name = "FILE")]
+    qemu: Option<PathBuf>,
     /// Write every run to this file, as comma-separated values.
     #[arg(long)]
     csv: Option<PathBuf>,
@@ -133,7 +136,12 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
     let host_runs = hosts::runs(&std::env::current_exe()?, arguments.hosts, size.seed);
     let median = hosts::median_zero(&host_runs);
     runs.extend(host_runs);
-    print!("{}", matrix::Table(&runs));
+    let mut rows = runs.clone();
+    if let Some(path) = &arguments.qemu {
+        let log = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        rows.extend(palpate_hil::bench::log::runs(&log)?);
+    }
+    print!("{}", matrix::Table(&rows));
     if let Some(path) = &arguments.csv {
         std::fs::write(path, matrix::csv(&runs))
             .with_context(|| format!("cannot write {}", path.display()))?;

@@ -49,6 +49,12 @@ pub enum Wrong {
     PowerCycle,
     /// The boot loader echoes a wrong byte, stops, or never starts what it was given.
     WrongEcho,
+    /// A transfer of USB is stalled.
+    TransferStall,
+    /// The cable is pulled, and the device loses its power with it.
+    UnplugPower,
+    /// A little of everything on the wire.
+    Noise,
     /// The host's process is killed.
     HostKilled,
     /// The host's process stands still, and goes on later.
@@ -56,7 +62,7 @@ pub enum Wrong {
 }
 
 impl Wrong {
-    /// All that happen in step; the last two need processes: [`crate::hosts`].
+    /// All that happen in step. The others need USB ([`crate::bench`]) or processes ([`crate::hosts`]).
     pub const ALL: [Self; 16] = [
         Self::Drop,
         Self::Silence,
@@ -96,6 +102,9 @@ impl Wrong {
             Self::HomingLost => "homing lost",
             Self::PowerCycle => "power cycle",
             Self::WrongEcho => "wrong firmware echo",
+            Self::TransferStall => "transfer stalled",
+            Self::UnplugPower => "unplug, power too",
+            Self::Noise => "noise",
             Self::HostKilled => "host-killed",
             Self::HostPaused => "host-paused",
         }
@@ -193,8 +202,8 @@ const REACTION_US: u64 = 2 * TICK_US;
 const MENDED_US: u64 = 12_000;
 
 impl Run {
-    /// A run in which a process is struck, before anything has come of it; limit in N.
-    pub(crate) const fn of_host(rig: &'static str, wrong: Wrong, seed: u64, limit_n: f32) -> Self {
+    /// A run of which nothing is known yet; limit in N.
+    pub(crate) const fn with_nothing(rig: &'static str, wrong: Wrong, seed: u64, limit_n: f32) -> Self {
         Self {
             rig,
             wrong,

@@ -94,6 +94,8 @@ impl Rig {
             }
             Order::Press => self.stroke(BELOW_M),
             Order::Lift => self.stroke(ABOVE_M),
+            // Where there is none it is the host that something happens to, now.
+            Order::Strike if self.strike.is_none() => self.struck_us = Some(self.link.now_us()),
             Order::Strike => self.countdown = Some(Strike::passes(self.seed)),
             Order::Calm => {
                 self.countdown = None;
@@ -138,6 +140,7 @@ impl Rig {
             force_n: vec3::norm(felt.force_n),
             push_n: felt.force_n[2],
             largest_n: felt.largest_force_n,
+            step_n: felt.largest_step_n,
             unhomed_n: felt.largest_unhomed_n,
             struck: self.struck + wire,
             zero_ms: zero_us.map(|us| us as f32 * 1e-3),

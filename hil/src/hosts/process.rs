@@ -108,22 +108,32 @@ pub fn process(arguments: &[String]) -> Result<(), String> {
     if *role == Role::Host.name() {
         let program = std::env::current_exe().map_err(|error| error.to_string())?;
         let supervisor = command(&program, Role::Supervisor, device, place, force_n);
-        let never = AtomicBool::new(false);
-        let mut held =
-            Supervised::start(supervisor, DEFAULT_LIMIT_MS, &never).map_err(|error| error.to_string())?;
-        println!("supervisor {}", held.supervision().pid.unwrap_or_default());
-        if device == Device::Falcon {
-            held.home(&never).map_err(|error| error.to_string())?;
-        }
-        render(held, force_n);
+        host(supervisor, DEFAULT_LIMIT_MS, device == Device::Falcon, force_n)
     } else if *role == Role::Alone.name() {
         render(device.open(place)?, force_n);
+        Ok(())
     } else {
-        let request = RtRequest { fifo_priority: Some(51), keep_awake: false, ..RtRequest::default() };
-        let (_, _held) = sys::enter_real_time(&request);
-        serve_stdin(Policy::Other, || device.open(place)).map_err(|error| error.to_string())?;
+        supervise(|| device.open(place))
     }
+}
+
+/// The life of a host with a supervisor, which is started by `supervisor`.
+pub fn host(supervisor: Command, limit_ms: u32, homes: bool, force_n: Vec3) -> Result<(), String> {
+    let never = AtomicBool::new(false);
+    let mut held = Supervised::start(supervisor, limit_ms, &never).map_err(|error| error.to_string())?;
+    println!("supervisor {}", held.supervision().pid.unwrap_or_default());
+    if homes {
+        held.home(&never).map_err(|error| error.to_string())?;
+    }
+    render(held, force_n);
     Ok(())
+}
+
+/// The life of a supervisor.
+pub fn supervise<D: palpate_host::Device>(open: impl FnOnce() -> Result<D, String>) -> Result<(), String> {
+    let request = RtRequest { fifo_priority: Some(51), keep_awake: false, ..RtRequest::default() };
+    let (_, _held) = sys::enter_real_time(&request);
+    serve_stdin(Policy::Other, open).map(drop).map_err(|error| error.to_string())
 }
 
 /// A thousand times a second until the device is gone. Resets by itself what a busy machine trips, until it is told to hold.

@@ -12,7 +12,7 @@ use palpate_core::{Vec3, vec3};
 use serialport::{SerialPort, TTYPort};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -179,18 +179,7 @@ impl Stage {
     /// If `program` does not start.
     #[must_use]
     pub fn host(&self, program: &Path, role: Role, force_n: Vec3) -> Host {
-        let mut command = command(program, role, self.device, &self.place, force_n);
-        let mut child =
-            command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
-        let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
-        let lines = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&lines);
-        std::thread::spawn(move || {
-            for line in BufReader::new(said).lines().map_while(Result::ok) {
-                heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
-            }
-        });
-        Host { child, words, lines }
+        Host::start(command(program, role, self.device, &self.place, force_n))
     }
 
     /// Waits until the device has a host's force on its motors and goes on to get it.
@@ -255,6 +244,26 @@ pub struct Host {
 }
 
 impl Host {
+    /// Starts one.
+    ///
+    /// # Panics
+    ///
+    /// If it does not start.
+    #[must_use]
+    pub fn start(mut command: Command) -> Self {
+        let mut child =
+            command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
+        let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let heard = Arc::clone(&lines);
+        std::thread::spawn(move || {
+            for line in BufReader::new(said).lines().map_while(Result::ok) {
+                heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+            }
+        });
+        Self { child, words, lines }
+    }
+
     /// Sends a signal.
     ///
     /// # Panics

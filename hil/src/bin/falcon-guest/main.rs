@@ -1,11 +1,12 @@
 //! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
 //!
-//! `falcon-guest no-usb` before the machine has USB, `falcon-guest run LINE SEEDS EXCHANGES` or `falcon-guest contract LINE` after; LINE is the
-//! serial line to the bench. Prints a line a step, a line a run or a check, and at the end one that begins with `summary PASS` or
-//! `contract PASS`, or with FAIL. See `hil/bench/run`.
+//! `falcon-guest no-usb` before the machine has USB; after that `run LINE SEEDS EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
+//! the bench. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
+//! `FAIL`. See `hil/bench/run`.
 
 mod far;
 mod line;
+mod orphans;
 mod runs;
 mod waiting;
 
@@ -40,10 +41,10 @@ fn main() -> ExitCode {
             _ => Err("SEEDS and EXCHANGES are numbers".into()),
         },
         ["contract", line] => contract(line),
-        _ => {
-            Err("falcon-guest no-usb | falcon-guest run LINE SEEDS EXCHANGES | falcon-guest contract LINE"
-                .into())
-        }
+        ["hosts", line] => orphans::orphans(line),
+        ["host"] => orphans::host(),
+        ["supervise"] => orphans::supervise(),
+        _ => Err("falcon-guest no-usb | run LINE SEEDS EXCHANGES | contract LINE | hosts LINE".into()),
     };
     match passed {
         Ok(()) => ExitCode::SUCCESS,
