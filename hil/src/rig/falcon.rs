@@ -9,7 +9,6 @@ use crate::mechanism::Waypoint;
 use palpate_core::Vec3;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
-use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::{Device, DeviceError};
@@ -56,12 +55,7 @@ impl FalconRig {
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
             vec![Waypoint { t_us: 0, position_m: out_m }, Waypoint { t_us: 100_000, position_m: middle_m }];
-        let assumed = profile.assumed;
-        let drag = Drag {
-            mass_kg: assumed.mass_kg,
-            damping_n_s_m: assumed.damping_n_s_m,
-            coulomb_n: assumed.coulomb_n,
-        };
+        let drag = super::assumed_drag(&profile);
         let config = FalconConfig { path, drag, firmware_runs, loader, ..FalconConfig::default() };
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
@@ -133,13 +127,7 @@ impl Rig for FalconRig {
     }
 
     fn felt(&self) -> Felt {
-        let felt = *self.device.falcon().felt();
-        let on_drivers_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(self.opened_us));
-        Felt {
-            last_command_us: on_drivers_clock(felt.last_command_us),
-            off_since_us: on_drivers_clock(felt.off_since_us),
-            ..felt
-        }
+        self.device.falcon().felt().on_clock(self.opened_us)
     }
 
     fn forget(&mut self) {

@@ -23,8 +23,15 @@ use crate::polhem::EmulatedPolhem;
 use core::error::Error;
 use palpate_core::Vec3;
 use palpate_host::Device;
+use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+
+/// What the mechanism of a device does to the hand on it, as its profile assumes it.
+fn assumed_drag(profile: &Profile) -> Drag {
+    let assumed = profile.assumed;
+    Drag { mass_kg: assumed.mass_kg, damping_n_s_m: assumed.damping_n_s_m, coulomb_n: assumed.coulomb_n }
+}
 
 /// What a device needs and how exact it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
