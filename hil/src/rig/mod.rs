@@ -7,8 +7,8 @@
 //!
 //! What is asked of every device is asked of a [`Rig`]: the contract suite ([`crate::contract`]), the fault matrix ([`crate::matrix`]) and the
 //! closed loop ([`crate::closed_loop`]). A new device on a serial line is one [`SerialDevice`] and comes with two rigs, in memory and over a
-//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the driver of the device link belongs there as a `SerialDevice`,
-//! and the Falcon on QEMU's bus as a rig of its own.
+//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the driver of the device link belongs there as a `SerialDevice`.
+//! The Falcon on QEMU's bus is a rig of the guest's (`bin/falcon-guest/far.rs`).
 
 mod falcon;
 mod serial;
