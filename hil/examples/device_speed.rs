@@ -1,8 +1,7 @@
-//! What a frame and a pose cost on one core: what docs/devices.md quotes.
+//! What a packet and a pose of a Falcon cost on one core: what docs/devices.md quotes. Frames of the device link: `link_speed` of the core.
 //!
 //! `cargo run --release -p palpate-hil --example device_speed`
 
-use palpate_core::link::{DeviceMessage, FrameReader, MAX_FRAME, encode};
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::motor::MotorConfig;
 use palpate_host::device::falcon::packet::{ALL_HOMED, Decoder, Reply};
@@ -37,31 +36,18 @@ fn way() -> Vec<[i16; 3]> {
 }
 
 fn main() {
-    let state = DeviceMessage::State {
-        seq_echo: 1000,
-        t_dev_us: 123_456,
-        encoders: [100, -2000, 70_000],
-        buttons: 1,
-        flags: 5,
-    };
-    let mut buffer = [0; MAX_FRAME];
-    let frame = encode(&state, &mut buffer).expect("fits");
-    let mut reader = FrameReader::<DeviceMessage>::new();
-    measure("device link, decode State", 2_000_000, |_| {
-        matches!(reader.read(&mut black_box(frame)), Some(Ok(_)))
-    });
     let packet = Reply { encoders: [-516, 20, 871], homed: ALL_HOMED, ..Reply::default() }.encode();
     let mut decoder = Decoder::default();
-    measure("Falcon, decode a packet", 2_000_000, |_| decoder.push(black_box(&packet)).whole == 1);
+    measure("decode a packet", 2_000_000, |_| decoder.push(black_box(&packet)).whole == 1);
     let way = way();
     let mut mechanism = Kinematics::default();
     let mut at = 0;
-    measure("Falcon, counts to pose", 1_000_000, |_| {
+    measure("counts to pose", 1_000_000, |_| {
         at = (at + 1) % way.len();
         mechanism.solve(black_box(way[at])) != palpate_host::device::falcon::kinematics::Solution::Kept
     });
     let (motor, pose) = (MotorConfig::default(), *mechanism.pose());
-    measure("Falcon, force to motors", 2_000_000, |i| {
+    measure("force to motors", 2_000_000, |i| {
         motor.commands(black_box(&pose), [1.0, -2.0, i as f32 * 1e-6]) != [0; 3]
     });
 }

@@ -92,6 +92,14 @@ impl Felt {
         self.largest_force_n = vec3::norm(force_n);
     }
 
+    /// The same with its times on a clock that began at `begun_us`.
+    #[must_use]
+    pub(crate) fn on_clock(self, begun_us: u64) -> Self {
+        let on_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(begun_us));
+        let (last_command_us, off_since_us) = (on_clock(self.last_command_us), on_clock(self.off_since_us));
+        Self { last_command_us, off_since_us, ..self }
+    }
+
     /// Energy that the hand got out of motors and mechanism together, J: below 0 for what takes more than it gives.
     #[must_use]
     pub const fn given_j(&self) -> f64 {

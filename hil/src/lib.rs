@@ -26,6 +26,7 @@ pub mod falcon;
 pub mod fault;
 pub mod faulty;
 pub mod felt;
+pub mod hosts;
 pub mod matrix;
 pub mod mechanism;
 pub mod polhem;

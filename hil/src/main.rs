@@ -10,7 +10,7 @@ use clap::{Args, Parser, Subcommand};
 use palpate_core::Method;
 use palpate_hil::bench::{Options, serve};
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
-use palpate_hil::{closed_loop, matrix, rig};
+use palpate_hil::{closed_loop, hosts, matrix, rig};
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -33,6 +33,13 @@ enum Command {
     ///
     /// Ends with code 1 if a limit was broken. The same seed gives the same runs.
     Matrix(Matrix),
+    /// A host or a supervisor of the matrix, which starts this program again.
+    #[command(hide = true)]
+    Process {
+        /// ROLE DEVICE PLACE and a force.
+        #[arg(allow_hyphen_values = true)]
+        arguments: Vec<String>,
+    },
     /// Palpate the golden organ through every driver on virtual time, and print the error of the force at the hand.
     ClosedLoop(ClosedLoop),
 }
@@ -71,9 +78,15 @@ struct Matrix {
     /// Runs over a pseudo terminal.
     #[arg(long, default_value_t = 50)]
     pty: usize,
+    /// Runs with hosts that are killed and stopped, over both devices in turn; a second each.
+    #[arg(long, default_value_t = 20)]
+    hosts: usize,
     /// Seed of all runs.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Add the runs of `hil/bench/run`, whose output is in this file, to the table.
+    #[arg(long, value_name = "FILE")]
+    qemu: Option<PathBuf>,
     /// Write every run to this file, as comma-separated values.
     #[arg(long)]
     csv: Option<PathBuf>,
@@ -90,6 +103,9 @@ fn main() -> anyhow::Result<()> {
     let Arguments { command, emulate: alone } = Arguments::parse();
     match command {
         Some(Command::Matrix(arguments)) => run_matrix(&arguments),
+        Some(Command::Process { arguments }) => {
+            hosts::process(&arguments).map_err(|error| anyhow::anyhow!(error))
+        }
         Some(Command::ClosedLoop(ClosedLoop { seconds })) => {
             let found = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
             print!("{}", closed_loop::Table(&found.map_err(|error| anyhow::anyhow!(error))?));
@@ -116,8 +132,16 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         }
     };
     let size = matrix::Size { in_memory: arguments.runs, real: arguments.pty, seed: arguments.seed };
-    let runs = matrix::matrix(&rig::all(), size, &progress);
-    print!("{}", matrix::Table(&runs));
+    let mut runs = matrix::matrix(&rig::all(), size, &progress);
+    let host_runs = hosts::runs(&std::env::current_exe()?, arguments.hosts, size.seed);
+    let median = hosts::median_zero(&host_runs);
+    runs.extend(host_runs);
+    let mut rows = runs.clone();
+    if let Some(path) = &arguments.qemu {
+        let log = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        rows.extend(palpate_hil::bench::log::runs(&log)?);
+    }
+    print!("{}", matrix::Table(&rows));
     if let Some(path) = &arguments.csv {
         std::fs::write(path, matrix::csv(&runs))
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -131,6 +155,13 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         .collect();
     if !broken.is_empty() {
         bail!("{} of {} runs broke a limit:\n{}", broken.len(), runs.len(), broken.join("\n"));
+    }
+    if let Some(median) = median {
+        println!(
+            "\nzero after the last force of a killed or stopped host, median: {:.1} ms",
+            median.as_secs_f64() * 1e3
+        );
+        ensure!(median <= hosts::TARGET, "later than {} ms", hosts::TARGET.as_millis());
     }
     println!("\n{} runs, seed {}: no limit was broken.", runs.len(), size.seed);
     Ok(())

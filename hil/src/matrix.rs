@@ -6,6 +6,7 @@
 
 use crate::falcon::{LoaderFault, LoaderOptions};
 use crate::fault::Faults;
+use crate::hosts::GENEROUS;
 use crate::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig};
 use crate::session::{self, Bench, TICK_US, with_loop};
 use core::fmt::{self, Write};
@@ -48,10 +49,20 @@ pub enum Wrong {
     PowerCycle,
     /// The boot loader echoes a wrong byte, stops, or never starts what it was given.
     WrongEcho,
+    /// A transfer of USB is stalled.
+    TransferStall,
+    /// The cable is pulled, and the device loses its power with it.
+    UnplugPower,
+    /// A little of everything on the wire.
+    Noise,
+    /// The host's process is killed.
+    HostKilled,
+    /// The host's process stands still, and goes on later.
+    HostPaused,
 }
 
 impl Wrong {
-    /// All of them.
+    /// All that happen in step. The others need USB ([`crate::bench`]) or processes ([`crate::hosts`]).
     pub const ALL: [Self; 16] = [
         Self::Drop,
         Self::Silence,
@@ -91,6 +102,11 @@ impl Wrong {
             Self::HomingLost => "homing lost",
             Self::PowerCycle => "power cycle",
             Self::WrongEcho => "wrong firmware echo",
+            Self::TransferStall => "transfer stalled",
+            Self::UnplugPower => "unplug, power too",
+            Self::Noise => "noise",
+            Self::HostKilled => "host-killed",
+            Self::HostPaused => "host-paused",
         }
     }
 
@@ -137,6 +153,8 @@ pub enum Ended {
     Refused,
     /// It was opened all the same, without a force.
     Opened,
+    /// The supervisor took the force away.
+    Supervisor,
 }
 
 /// One run.
@@ -184,6 +202,28 @@ const REACTION_US: u64 = 2 * TICK_US;
 const MENDED_US: u64 = 12_000;
 
 impl Run {
+    /// A run of which nothing is known yet; limit in N.
+    pub(crate) const fn with_nothing(rig: &'static str, wrong: Wrong, seed: u64, limit_n: f32) -> Self {
+        Self {
+            rig,
+            wrong,
+            seed,
+            ended: Ended::RodeOn,
+            degraded_us: None,
+            detected_us: None,
+            zero_us: None,
+            mended_us: None,
+            largest_n: 0.0,
+            step_n: 0.0,
+            beyond_us: 0,
+            limit_n,
+            resumed: false,
+            way_is_sound: true,
+            silent: false,
+            checked_requests: true,
+        }
+    }
+
     /// What of the limits it breaks.
     #[must_use]
     pub fn broken(&self) -> Option<&'static str> {
@@ -200,6 +240,10 @@ impl Run {
             && self.mended_us.is_none_or(|us| us > MENDED_US)
         {
             return Some("no zero after the link was mended");
+        }
+        let is_late = self.zero_us.is_none_or(|us| us > GENEROUS.as_micros() as u64);
+        if matches!(self.wrong, Wrong::HostKilled | Wrong::HostPaused) && is_late {
+            return Some("no zero by the supervisor");
         }
         let damaged = self.wrong == Wrong::CorruptRequest && !self.checked_requests;
         if self.largest_n > self.limit_n && !damaged {
@@ -533,6 +577,7 @@ impl Row<'_> {
                 Ended::Lost => "loop ended".into(),
                 Ended::Refused => "not opened".into(),
                 Ended::Opened => "opened".into(),
+                Ended::Supervisor => "supervisor".into(),
             };
             match ends.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, count)) => *count += 1,

@@ -147,11 +147,8 @@ impl<'r> Session<'r> {
     /// Time passes without an exchange.
     pub fn pass(&mut self, us: u64) {
         let until_us = self.now_us + us;
-        while self.now_us < until_us {
-            self.truth.push((self.now_us, self.rig.position_m()));
-            self.now_us = (self.now_us + TRUTH_US).min(until_us);
-            self.rig.advance(self.now_us);
-        }
+        self.rig.advance_noting(self.now_us, until_us, TRUTH_US, &mut self.truth);
+        self.now_us = until_us;
     }
 
     /// Drops the driver.

@@ -118,6 +118,12 @@ impl Session {
         self.connected
     }
 
+    /// Whether a transfer to the host waits: then everything the device had was taken, and the one before was dealt with.
+    #[must_use]
+    pub fn is_read(&self) -> bool {
+        !self.ins.is_empty()
+    }
+
     /// What went over the bus so far.
     #[must_use]
     pub const fn traffic(&self) -> Traffic {

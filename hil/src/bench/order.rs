@@ -95,6 +95,8 @@ pub struct Report {
     pub push_n: f32,
     /// Largest force since the record began, N.
     pub largest_n: f32,
+    /// Largest change of the force by one command that was not zero, N.
+    pub step_n: f32,
     /// Largest force while not homed, N.
     pub unhomed_n: f32,
     /// How often the fault of this run has struck.
@@ -105,10 +107,10 @@ pub struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { plugged, homed, loads, requests, force_n, push_n, largest_n, unhomed_n, struck, zero_ms } =
-            self;
+        let Self { plugged, homed, loads, requests, force_n, push_n, .. } = self;
+        let Self { largest_n, step_n, unhomed_n, struck, zero_ms, .. } = self;
         write!(f, "report {} {} {loads} {requests} ", u8::from(*plugged), u8::from(*homed))?;
-        write!(f, "{force_n:.4} {push_n:.4} {largest_n:.4} {unhomed_n:.4} {struck} ")?;
+        write!(f, "{force_n:.4} {push_n:.4} {largest_n:.4} {step_n:.4} {unhomed_n:.4} {struck} ")?;
         match zero_ms {
             Some(zero_ms) => write!(f, "{zero_ms:.3}"),
             None => f.write_str("-"),
@@ -133,6 +135,7 @@ impl FromStr for Report {
             force_n: next(words)?,
             push_n: next(words)?,
             largest_n: next(words)?,
+            step_n: next(words)?,
             unhomed_n: next(words)?,
             struck: next(words)?,
             zero_ms: match words.next() {
@@ -179,15 +182,16 @@ mod tests {
             force_n: 1.5,
             push_n: -0.25,
             largest_n: 2.5,
+            step_n: 0.5,
             unhomed_n: 0.0,
             struck: 3,
             zero_ms: Some(12.5),
         };
-        assert_eq!(report.to_string(), "report 1 0 2 12345 1.5000 -0.2500 2.5000 0.0000 3 12.500");
+        assert_eq!(report.to_string(), "report 1 0 2 12345 1.5000 -0.2500 2.5000 0.5000 0.0000 3 12.500");
         for report in [report, Report { zero_ms: None, ..report }] {
             assert_eq!(report.to_string().parse(), Ok(report));
         }
-        for line in ["ok", "report 1 0 2", "report 1 0 2 12345 1.5 1.5 2.5 0 3 - 4"] {
+        for line in ["ok", "report 1 0 2", "report 1 0 2 12345 1.5 1.5 2.5 0.5 0 3 - 4"] {
             assert_eq!(line.parse::<Report>(), Err(NotUnderstood));
         }
     }

@@ -1,6 +1,7 @@
 //! The emulated Falcon of one run, its hand, and what goes wrong with it.
 
 use super::order::{Order, Report};
+use super::stepped::control;
 use super::strike::Strike;
 use crate::falcon::descriptors::PACKET_LEN;
 use crate::falcon::memory::Link;
@@ -28,7 +29,6 @@ const ABOVE_M: f32 = 0.120;
 const BELOW_M: f32 = 0.103;
 /// Between the two, us.
 const STROKE_US: u64 = 400_000;
-const VENDOR_OUT: u8 = 0x40;
 
 /// A device, a hand and a fault.
 #[derive(Debug)]
@@ -94,6 +94,8 @@ impl Rig {
             }
             Order::Press => self.stroke(BELOW_M),
             Order::Lift => self.stroke(ABOVE_M),
+            // Where there is none it is the host that something happens to, now.
+            Order::Strike if self.strike.is_none() => self.struck_us = Some(self.link.now_us()),
             Order::Strike => self.countdown = Some(Strike::passes(self.seed)),
             Order::Calm => {
                 self.countdown = None;
@@ -138,6 +140,7 @@ impl Rig {
             force_n: vec3::norm(felt.force_n),
             push_n: felt.force_n[2],
             largest_n: felt.largest_force_n,
+            step_n: felt.largest_step_n,
             unhomed_n: felt.largest_unhomed_n,
             struck: self.struck + wire,
             zero_ms: zero_us.map(|us| us as f32 * 1e-3),
@@ -181,11 +184,7 @@ impl Rig {
 
 impl UsbDevice for Rig {
     fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
-        if setup == Setup::vendor(setup.request, setup.value) && setup.request_type == VENDOR_OUT {
-            // Through the wire's faults: a purge also throws away what they hold back.
-            return self.link.control(setup.request, setup.value).map(|()| Vec::new()).map_err(|_| Stall);
-        }
-        self.link.inner().falcon().control(setup, data)
+        control(&self.link, setup, data)
     }
 
     fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {

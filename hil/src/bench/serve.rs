@@ -1,8 +1,11 @@
 //! The bench on its sockets, in real time.
 
-use super::order::Order;
+use super::ask::Ask;
+use super::order::{NotUnderstood, Order};
 use super::rig::Rig;
-use crate::usbredir::{Session, Traffic};
+use super::stepped::Stepped;
+use crate::falcon::{Setup, Stall};
+use crate::usbredir::{Session, Traffic, UsbDevice};
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -82,13 +85,89 @@ impl Line {
     }
 }
 
+/// How long the guest may take to deal with what the device sent, however busy the machine.
+const CERTAIN: Duration = Duration::from_secs(20);
+
+/// The device on the bus.
+enum Stand {
+    /// In real time.
+    Free(Box<Rig>),
+    /// In the guest's.
+    Stepped(Box<Stepped>),
+}
+
+impl Stand {
+    fn is_plugged(&self) -> bool {
+        match self {
+            Self::Free(rig) => rig.is_plugged(),
+            Self::Stepped(device) => device.is_plugged(),
+        }
+    }
+
+    /// Does what is due; somebody may wait for what it sends.
+    fn poll(&mut self, is_read: bool) {
+        match self {
+            Self::Free(rig) => rig.poll(),
+            Self::Stepped(device) if is_read => device.wait(),
+            Self::Stepped(_) => {}
+        }
+    }
+
+    fn obey(&mut self, order: Order) -> String {
+        if let (Self::Stepped(_), Order::Plug { seed }) = (&self, order) {
+            *self = Self::Free(Box::new(Rig::new(seed)));
+            return "ok".into();
+        }
+        match self {
+            Self::Free(rig) => rig.obey(order),
+            Self::Stepped(_) if order == Order::End => "ok".into(),
+            Self::Stepped(_) => NotUnderstood.to_string(),
+        }
+    }
+
+    fn ask(&mut self, ask: Ask) -> String {
+        if let (Self::Free(_), Ask::Fresh { seed }) = (&self, &ask) {
+            *self = Self::Stepped(Box::new(Stepped::new(*seed)));
+        }
+        match self {
+            Self::Free(_) => NotUnderstood.to_string(),
+            Self::Stepped(device) => device.obey(ask).to_string(),
+        }
+    }
+}
+
+impl UsbDevice for Stand {
+    fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
+        match self {
+            Self::Free(rig) => rig.control(setup, data),
+            Self::Stepped(device) => device.control(setup, data),
+        }
+    }
+
+    fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {
+        match self {
+            Self::Free(rig) => rig.bulk_out(bytes),
+            Self::Stepped(device) => device.bulk_out(bytes),
+        }
+    }
+
+    fn bulk_in(&mut self, max: usize) -> Result<Option<Vec<u8>>, Stall> {
+        match self {
+            Self::Free(rig) => rig.bulk_in(max),
+            Self::Stepped(device) => device.bulk_in(max),
+        }
+    }
+}
+
 /// Serves until the peer is gone, `end` was ordered, or the time is over; writes a log.
 pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let begun = Instant::now();
     let mut bus = Line::listen(&options.usbredir)?;
     let mut control = options.control.as_deref().map(Line::listen).transpose()?;
-    let (mut session, mut rig) = (Session::new(), Rig::new(0));
+    let (mut session, mut rig) = (Session::new(), Stand::Free(Box::new(Rig::new(0))));
     let mut orders = Vec::new();
+    // An answer that waits until the driver has dealt with what the device sent, and since when.
+    let mut owed: Option<(String, Instant)> = None;
     writeln!(log, "listening")?;
     let ended = loop {
         if begun.elapsed() >= options.longest {
@@ -96,7 +175,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
         }
         let mut busy = false;
         if bus.is_open()? {
-            rig.poll();
+            rig.poll(session.is_read());
             if session.is_greeted() && rig.is_plugged() != session.is_connected() {
                 if session.is_connected() {
                     session.disconnect();
@@ -130,9 +209,29 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                 Err(error) => return Err(error),
             }
             let mut end = false;
+            if let Some((answer, since)) = &owed {
+                // A cable that is out brings nothing more.
+                if session.is_read() || !session.is_connected() {
+                    control.write(format!("{answer}\n").as_bytes())?;
+                    (owed, busy) = (None, true);
+                } else if since.elapsed() > CERTAIN {
+                    break "the driver does not read";
+                }
+            }
             while let Some(at) = orders.iter().position(|byte| *byte == b'\n') {
                 let line: Vec<u8> = orders.drain(..=at).collect();
                 let line = String::from_utf8_lossy(&line).trim().to_string();
+                busy = true;
+                if let Ok(ask) = line.parse::<Ask>() {
+                    let waits = matches!(ask, Ask::Pass { is_read: true, .. });
+                    let answer = rig.ask(ask);
+                    if waits {
+                        owed = Some((answer, Instant::now()));
+                    } else {
+                        control.write(format!("{answer}\n").as_bytes())?;
+                    }
+                    continue;
+                }
                 let answer = match line.parse::<Order>() {
                     Ok(order) => {
                         end |= order == Order::End;
@@ -146,7 +245,6 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                 };
                 writeln!(log, "[{:9.3}] {line}: {answer}", begun.elapsed().as_secs_f64())?;
                 control.write(format!("{answer}\n").as_bytes())?;
-                busy = true;
             }
             control.write(&[])?;
             if end {

@@ -7,12 +7,11 @@ use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use palpate_core::Vec3;
-use palpate_host::Device;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
-use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+use palpate_host::{Device, DeviceError};
 use std::cell::Cell;
 use std::sync::Arc;
 
@@ -56,12 +55,7 @@ impl FalconRig {
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
             vec![Waypoint { t_us: 0, position_m: out_m }, Waypoint { t_us: 100_000, position_m: middle_m }];
-        let assumed = profile.assumed;
-        let drag = Drag {
-            mass_kg: assumed.mass_kg,
-            damping_n_s_m: assumed.damping_n_s_m,
-            coulomb_n: assumed.coulomb_n,
-        };
+        let drag = super::assumed_drag(&profile);
         let config = FalconConfig { path, drag, firmware_runs, loader, ..FalconConfig::default() };
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
@@ -73,6 +67,18 @@ impl FalconRig {
             opened_us: 0,
             kinematics: Cell::default(),
         }
+    }
+
+    /// A link for one driver, as opening a device gives it: without faults, until it is told.
+    pub fn connect(&mut self) -> Result<Arc<FaultyFtdi<MemoryFtdi>>, DeviceError> {
+        let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
+        self.link = Some(Arc::clone(&link));
+        Ok(link)
+    }
+
+    /// The driver's clock begins now.
+    pub fn begin(&mut self) {
+        self.opened_us = self.device.falcon().now_us();
     }
 }
 
@@ -100,16 +106,15 @@ impl Rig for FalconRig {
     }
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
-        let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
+        let link = self.connect()?;
         let config = driver::FalconConfig {
             workspace,
             max_force_n: self.profile.max_force_n,
             mode: Mode::Polled,
             ..driver::FalconConfig::default()
         };
-        self.link = Some(Arc::clone(&link));
         let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
-        self.opened_us = self.device.falcon().now_us();
+        self.begin();
         Ok(Box::new(falcon))
     }
 
@@ -122,13 +127,7 @@ impl Rig for FalconRig {
     }
 
     fn felt(&self) -> Felt {
-        let felt = *self.device.falcon().felt();
-        let on_drivers_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(self.opened_us));
-        Felt {
-            last_command_us: on_drivers_clock(felt.last_command_us),
-            off_since_us: on_drivers_clock(felt.off_since_us),
-            ..felt
-        }
+        self.device.falcon().felt().on_clock(self.opened_us)
     }
 
     fn forget(&mut self) {

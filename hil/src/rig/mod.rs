@@ -7,8 +7,8 @@
 //!
 //! What is asked of every device is asked of a [`Rig`]: the contract suite ([`crate::contract`]), the fault matrix ([`crate::matrix`]) and the
 //! closed loop ([`crate::closed_loop`]). A new device on a serial line is one [`SerialDevice`] and comes with two rigs, in memory and over a
-//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the driver of the device link belongs there as a `SerialDevice`,
-//! and the Falcon on QEMU's bus as a rig of its own.
+//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the driver of the device link belongs there as a `SerialDevice`.
+//! The Falcon on QEMU's bus is a rig of the guest's (`bin/falcon-guest/far.rs`).
 
 mod falcon;
 mod serial;
@@ -23,8 +23,15 @@ use crate::polhem::EmulatedPolhem;
 use core::error::Error;
 use palpate_core::Vec3;
 use palpate_host::Device;
+use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+
+/// What the mechanism of a device does to the hand on it, as its profile assumes it.
+fn assumed_drag(profile: &Profile) -> Drag {
+    let assumed = profile.assumed;
+    Drag { mass_kg: assumed.mass_kg, damping_n_s_m: assumed.damping_n_s_m, coulomb_n: assumed.coulomb_n }
+}
 
 /// What a device needs and how exact it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,6 +98,16 @@ pub trait Rig {
 
     /// The device's turn: everything up to a time of the driver's.
     fn advance(&mut self, now_us: u64);
+
+    /// As [`Rig::advance`] from one time to a later one; writes down where the grip really is at the first, and then every so many us.
+    fn advance_noting(&mut self, from_us: u64, until_us: u64, every_us: u64, truth: &mut Vec<(u64, Vec3)>) {
+        let mut now_us = from_us;
+        while now_us < until_us {
+            truth.push((now_us, self.position_m()));
+            now_us = (now_us + every_us).min(until_us);
+            self.advance(now_us);
+        }
+    }
 
     /// The device's time on the driver's clock, us. Ahead of the last [`Rig::advance`] by what calls of the driver have waited, where
     /// time is virtual.

@@ -10,7 +10,7 @@ use crate::port::{FarEnd, MemoryPort};
 use crate::transport::{MemoryTransport, PtyTransport, Transport};
 use palpate_core::{Vec3, vec3};
 use palpate_host::Device;
-use palpate_host::device::hand::{Drag, HandConfig};
+use palpate_host::device::hand::HandConfig;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
@@ -71,12 +71,7 @@ impl SerialDevice for EmulatedPolhem {
     const NAME: &'static str = "Polhem";
 
     fn new(profile: &Profile) -> Self {
-        let assumed = profile.assumed;
-        let drag = Drag {
-            mass_kg: assumed.mass_kg,
-            damping_n_s_m: assumed.damping_n_s_m,
-            coulomb_n: assumed.coulomb_n,
-        };
+        let drag = super::assumed_drag(profile);
         let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
         let middle = Waypoint { t_us: 0, position_m: profile.workspace.device_origin_m };
         Self::new(Handle::held(hand, drag, vec![middle]))
@@ -334,13 +329,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
     }
 
     fn felt(&self) -> Felt {
-        let felt = *self.far().device.handle().felt();
-        let on_drivers_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(self.opened_us));
-        Felt {
-            last_command_us: on_drivers_clock(felt.last_command_us),
-            off_since_us: on_drivers_clock(felt.off_since_us),
-            ..felt
-        }
+        self.far().device.handle().felt().on_clock(self.opened_us)
     }
 
     fn forget(&mut self) {

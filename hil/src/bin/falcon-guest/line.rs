@@ -1,11 +1,12 @@
 //! The serial line to the bench: an order, a line back.
 
 use crate::Outcome;
+use core::fmt::Display;
 use palpate_hil::bench::{Order, Report};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 
-/// The line, raw and without echo already.
+/// The line: a port that carries bytes as they are.
 #[derive(Debug)]
 pub(crate) struct Line(File);
 
@@ -15,13 +16,16 @@ impl Line {
         opened.map(Self).map_err(|error| format!("{path}: {error}"))
     }
 
-    fn ask(&mut self, order: Order) -> Outcome<String> {
+    pub(crate) fn ask(&mut self, order: impl Display) -> Outcome<String> {
         let failed = |error: std::io::Error| format!("the line to the bench: {error}");
         self.0.write_all(format!("{order}\n").as_bytes()).map_err(failed)?;
-        let (mut answer, mut byte) = (Vec::new(), [0]);
-        while byte != *b"\n" {
-            self.0.read_exact(&mut byte).map_err(failed)?;
-            answer.extend(byte);
+        // One line for each, so nothing comes after its end.
+        let (mut answer, mut some) = (Vec::new(), [0; 4096]);
+        while answer.last() != Some(&b'\n') {
+            match self.0.read(&mut some).map_err(failed)? {
+                0 => return Err("the line to the bench: it is gone".into()),
+                count => answer.extend(&some[..count]),
+            }
         }
         Ok(String::from_utf8_lossy(&answer).trim().into())
     }

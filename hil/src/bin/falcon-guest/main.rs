@@ -1,18 +1,23 @@
 //! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
 //!
-//! `falcon-guest no-usb` before the machine has USB, `falcon-guest run LINE SEEDS EXCHANGES` after; LINE is the serial line to the bench.
-//! Prints a line a step, a line a run, and at the end one that begins with `summary PASS` or `summary FAIL`. See `hil/bench/run`.
+//! `falcon-guest no-usb` before the machine has USB; after that `run LINE SEEDS EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
+//! the bench. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
+//! `FAIL`. See `hil/bench/run`.
 
+mod far;
 mod line;
+mod orphans;
 mod runs;
 mod waiting;
 
 use line::Line;
 use palpate_core::Organ;
 use palpate_hil::bench::Order;
+use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
 use runs::{Bench, Run};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -35,7 +40,11 @@ fn main() -> ExitCode {
             (Ok(seeds), Ok(exchanges)) => run(line, seeds, exchanges),
             _ => Err("SEEDS and EXCHANGES are numbers".into()),
         },
-        _ => Err("falcon-guest no-usb | falcon-guest run LINE SEEDS EXCHANGES".into()),
+        ["contract", line] => contract(line),
+        ["hosts", line] => orphans::orphans(line),
+        ["host"] => orphans::host(),
+        ["supervise"] => orphans::supervise(),
+        _ => Err("falcon-guest no-usb | run LINE SEEDS EXCHANGES | contract LINE | hosts LINE".into()),
     };
     match passed {
         Ok(()) => ExitCode::SUCCESS,
@@ -57,6 +66,25 @@ fn no_usb() -> Outcome<()> {
         Err(error) => Err(format!("no-usb: another error than expected: {error}")),
         Ok(_) => Err("no-usb: a Falcon without USB".into()),
     }
+}
+
+/// Holds the driver to the contract that every rig is held to.
+fn contract(line: &str) -> Outcome<()> {
+    let begun = Instant::now();
+    let kind = far::kind(Line::open(line)?);
+    let mut failed = 0;
+    for check in CHECKS {
+        let since = Instant::now();
+        // A line that breaks is a panic of the rig.
+        let kept = catch_unwind(AssertUnwindSafe(|| check.run(kind).map_err(|broken| broken.to_string())));
+        let kept = kept.unwrap_or_else(|_| Err("panicked".into()));
+        failed += u32::from(kept.is_err());
+        let (word, why) = kept.map_or_else(|why| ("FAIL", format!(": {why}")), |()| ("PASS", String::new()));
+        println!("check {word} {:.1} s {}{why}", since.elapsed().as_secs_f64(), check.name);
+    }
+    let (word, all) = (if failed == 0 { "PASS" } else { "FAIL" }, CHECKS.len());
+    println!("contract {word} checks={all} failed={failed} seconds={:.1}", begun.elapsed().as_secs_f64());
+    Ok(())
 }
 
 fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {

@@ -79,6 +79,7 @@ pub(crate) struct Run {
     pub struck: u64,
     pub touch_n: f32,
     pub largest_n: f32,
+    pub step_n: f32,
     pub unhomed_n: f32,
     /// Ticks from the first one without a sample to a command of zero.
     pub zero_ticks: u64,
@@ -99,6 +100,7 @@ impl Run {
         struck: 0,
         touch_n: 0.0,
         largest_n: 0.0,
+        step_n: 0.0,
         unhomed_n: 0.0,
         zero_ticks: 0,
         zero_ms: None,
@@ -126,8 +128,8 @@ impl fmt::Display for Run {
         write!(f, "exchanges={exchanges} lost={lost} mean_us={mean_us} longest_us={longest_us} ")?;
         write!(
             f,
-            "touch_n={:.2} largest_n={:.2} unhomed_n={:.2} ",
-            self.touch_n, self.largest_n, self.unhomed_n
+            "touch_n={:.2} largest_n={:.2} step_n={:.2} unhomed_n={:.2} ",
+            self.touch_n, self.largest_n, self.step_n, self.unhomed_n
         )?;
         match self.zero_ms {
             Some(zero_ms) => write!(f, "zero_ms={zero_ms:.0} ")?,
@@ -404,6 +406,7 @@ impl<'o> Bench<'o> {
         drop(session);
         let report = self.off("after the end")?;
         run.largest_n = run.largest_n.max(report.largest_n);
+        run.step_n = run.step_n.max(report.step_n);
         run.unhomed_n = run.unhomed_n.max(report.unhomed_n);
         self.say("disarmed, closed: no force");
         Ok(())
@@ -463,7 +466,7 @@ impl<'o> Bench<'o> {
         };
         let mut report = self.safe()?;
         run.struck = report.struck;
-        run.largest_n = report.largest_n;
+        (run.largest_n, run.step_n) = (report.largest_n, report.step_n);
         check(fault == Strike::WrongEcho || report.struck > 0, || "the fault did not strike".into())?;
         let is_pulled = matches!(fault, Strike::UnplugCable);
         if lost && !is_pulled {

@@ -1,0 +1,137 @@
+//! Hosts in the guest that are killed and stopped while they hold a force, and what their supervisor makes of it on a real bus.
+
+use crate::Outcome;
+use crate::line::Line;
+use nix::sys::signal::Signal;
+use palpate_core::Vec3;
+use palpate_hil::bench::{Order, Report};
+use palpate_hil::hosts::{self, Host, is_running, wait};
+use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+/// What the host asks for, N; towards the user.
+const FORCE_N: Vec3 = [0.0, 0.0, 1.5];
+/// What of it must be felt, N.
+const FELT_N: f32 = 1.0;
+/// Limit of the supervisor: the longest there is, for a machine whose time is not real.
+const LIMIT_MS: u32 = 20;
+/// How long nothing must be felt, at each look.
+const STAYS: Duration = Duration::from_millis(500);
+/// Times that the force may be gone already, because the machine itself stood still.
+const TRIES: u32 = 20;
+/// Words of the firmware, which is none.
+const FIRMWARE_WORDS: u16 = 500;
+
+/// The life of a host process.
+pub(crate) fn host() -> Outcome<()> {
+    hosts::host(this("supervise")?, LIMIT_MS, true, FORCE_N)
+}
+
+/// The life of its supervisor.
+pub(crate) fn supervise() -> Outcome<()> {
+    let image = Image::synthetic(FIRMWARE_WORDS);
+    hosts::supervise(|| {
+        Falcon::open(FalconConfig::default(), Some(&image)).map_err(|error| error.to_string())
+    })
+}
+
+fn this(word: &str) -> Outcome<Command> {
+    let program = std::env::current_exe().map_err(|error| error.to_string())?;
+    let mut command = Command::new(program);
+    command.arg(word);
+    Ok(command)
+}
+
+/// Each of them once.
+pub(crate) fn orphans(line: &str) -> Outcome<()> {
+    let begun = Instant::now();
+    let mut line = Line::open(line)?;
+    let all = [("host-killed", Signal::SIGKILL), ("host-paused", Signal::SIGSTOP)];
+    let mut failed = 0;
+    for (name, signal) in all {
+        match orphan(&mut line, signal) {
+            Ok(Report { largest_n, step_n, zero_ms, .. }) => {
+                let zero_ms = zero_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.1}"));
+                println!(
+                    "host fault={name} end=supervisor largest_n={largest_n:.2} step_n={step_n:.2} zero_ms={zero_ms} PASS"
+                );
+            }
+            Err(reason) => {
+                failed += 1;
+                println!("host fault={name} FAIL {reason}");
+            }
+        }
+    }
+    line.order(Order::End)?;
+    let word = if failed == 0 { "PASS" } else { "FAIL" };
+    println!("hosts {word} runs={} failed={failed} seconds={:.1}", all.len(), begun.elapsed().as_secs_f64());
+    Ok(())
+}
+
+fn orphan(line: &mut Line, signal: Signal) -> Outcome<Report> {
+    line.order(Order::Plug { seed: 0 })?;
+    wait("Falcon on the bus", || UsbFtdi::open().is_ok());
+    let host = Host::start(this("host")?);
+    let supervisor = host.supervisor();
+    let mut is_held = || -> Outcome<bool> {
+        let report = line.report()?;
+        Ok(report.push_n > FELT_N)
+    };
+    let mut broken = None;
+    wait("force", || is_held().map_err(|error| broken = Some(error)).unwrap_or(true));
+    if let Some(error) = broken {
+        return Err(error);
+    }
+    host.say("hold");
+    wait("word that the host holds", || host.said("holds"));
+    let mut tries = 0;
+    while line.report()?.push_n <= FELT_N {
+        // The machine stood still, and the supervisor did as it should.
+        tries += 1;
+        if tries > TRIES {
+            return Err("the host cannot hold a force".into());
+        }
+        host.say("reset");
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    line.order(Order::Forget)?;
+    line.order(Order::Strike)?;
+    host.signal(signal);
+    let since = Instant::now();
+    let zeroed = loop {
+        let report = line.report()?;
+        if report.force_n == 0.0 {
+            break report;
+        }
+        if since.elapsed() > hosts::CERTAIN {
+            return Err(format!("{} N, and the host is gone", report.force_n));
+        }
+    };
+    if zeroed.largest_n <= FELT_N {
+        return Err("there was no force to take away".into());
+    }
+    stays_zero(line)?;
+    if signal == Signal::SIGKILL {
+        wait("end of the supervisor", || !is_running(supervisor));
+    } else {
+        // It goes on with its force as if nothing had been.
+        host.signal(Signal::SIGCONT);
+        wait("word that it was zeroed", || host.said("zeroed"));
+        stays_zero(line)?;
+    }
+    drop(host);
+    wait("end of the supervisor", || !is_running(supervisor));
+    stays_zero(line)?;
+    Ok(zeroed)
+}
+
+fn stays_zero(line: &mut Line) -> Outcome<()> {
+    line.order(Order::Forget)?;
+    std::thread::sleep(STAYS);
+    let report = line.report()?;
+    if report.largest_n == 0.0 && report.force_n == 0.0 {
+        return Ok(());
+    }
+    Err(format!("{} N came back", report.largest_n))
+}

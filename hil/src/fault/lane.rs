@@ -1,0 +1,320 @@
+//! One direction of a link: which frames are struck, and when what is left of them comes out.
+
+use super::{FaultCounts, Faults, split_mix};
+use std::collections::VecDeque;
+
+/// What is drawn for a frame, each from a place of its own in the sequence.
+#[derive(Debug, Clone, Copy)]
+enum Draw {
+    Drop,
+    Truncate,
+    Corrupt,
+    Place,
+    Bit,
+    Delay,
+    Duplicate,
+    Reorder,
+    Stall,
+    Unplug,
+    Babble,
+    BabbleLen,
+}
+
+/// Places in the sequence that a frame has.
+const DRAWS: u64 = 16;
+/// Longest babble.
+const MOST_BABBLE: u64 = 24;
+/// How long a frame waits to be overtaken, us.
+const OVERTAKE_US: u64 = 5_000;
+
+/// One direction of a link with its faults.
+#[derive(Debug, Clone)]
+pub struct Lane {
+    seed: u64,
+    faults: Faults,
+    counts: FaultCounts,
+    frames: u64,
+    /// Frames on their way: (due time, bytes).
+    late: VecDeque<(u64, Vec<u8>)>,
+    /// A frame that waits to be overtaken, and until when.
+    overtaken: Option<(u64, Vec<u8>)>,
+    stalled_until_us: u64,
+    cut_until_us: u64,
+}
+
+impl Lane {
+    /// A lane without faults.
+    #[must_use]
+    pub fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            faults: Faults::NONE,
+            counts: FaultCounts::default(),
+            frames: 0,
+            late: VecDeque::new(),
+            overtaken: None,
+            stalled_until_us: 0,
+            cut_until_us: 0,
+        }
+    }
+
+    /// Changes the faults from here on.
+    pub const fn set_faults(&mut self, faults: Faults) {
+        self.faults = faults;
+    }
+
+    /// What was done so far.
+    #[must_use]
+    pub const fn counts(&self) -> FaultCounts {
+        self.counts
+    }
+
+    /// When the link is mended, if it is cut.
+    #[must_use]
+    pub fn cut_until_us(&self, now_us: u64) -> Option<u64> {
+        (now_us < self.cut_until_us).then_some(self.cut_until_us)
+    }
+
+    fn draw(&self, what: Draw) -> u64 {
+        split_mix(self.seed, self.frames * DRAWS + what as u64)
+    }
+
+    fn strikes(&self, what: Draw, rate: f32) -> bool {
+        let drawn = (self.draw(what) >> 40) as f32 / (1_u64 << 24) as f32;
+        drawn < rate
+    }
+
+    /// A frame goes in.
+    pub fn put(&mut self, now_us: u64, frame: &[u8]) {
+        self.frames += 1;
+        let faults = self.faults;
+        if self.strikes(Draw::Unplug, faults.unplug) && now_us >= self.cut_until_us {
+            self.counts.unplugged += 1;
+            self.cut_until_us = now_us.saturating_add(faults.unplug_us);
+            // What was on its way is lost with it.
+            self.late.clear();
+            self.overtaken = None;
+        }
+        if now_us < self.cut_until_us {
+            return;
+        }
+        if self.strikes(Draw::Stall, faults.stall) && now_us >= self.stalled_until_us {
+            self.counts.stalled += 1;
+            self.stalled_until_us = now_us.saturating_add(faults.stall_us);
+        }
+        if self.strikes(Draw::Babble, faults.babble) {
+            self.counts.babbled += 1;
+            self.queue(now_us, self.babble());
+        }
+        if self.strikes(Draw::Drop, faults.drop) {
+            self.counts.dropped += 1;
+            return;
+        }
+        let frame = self.spoiled(frame);
+        let late = self.strikes(Draw::Delay, faults.delay);
+        self.counts.delayed += u64::from(late);
+        let due_us = if late { now_us.saturating_add(faults.delay_us) } else { now_us };
+        if self.overtaken.is_none() && self.strikes(Draw::Reorder, faults.reorder) {
+            self.counts.reordered += 1;
+            self.overtaken = Some((due_us.saturating_add(OVERTAKE_US), frame));
+            return;
+        }
+        if self.strikes(Draw::Duplicate, faults.duplicate) {
+            self.counts.duplicated += 1;
+            self.queue(due_us, frame.clone());
+        }
+        self.queue(due_us, frame);
+        if let Some((_, overtaken)) = self.overtaken.take() {
+            self.queue(due_us, overtaken);
+        }
+    }
+
+    /// Bytes of any value: other draws of the same sequence, from a seed of their own.
+    fn babble(&self) -> Vec<u8> {
+        let len = 1 + self.draw(Draw::BabbleLen) % MOST_BABBLE;
+        let seed = self.draw(Draw::Babble);
+        (0..len).map(|i| split_mix(seed, i) as u8).collect()
+    }
+
+    fn spoiled(&mut self, frame: &[u8]) -> Vec<u8> {
+        let mut frame = frame.to_vec();
+        let place = self.draw(Draw::Place) as usize % frame.len().max(1);
+        if self.strikes(Draw::Corrupt, self.faults.corrupt) {
+            self.counts.corrupted += 1;
+            let bit = self.draw(Draw::Bit) % 8;
+            if let Some(byte) = frame.get_mut(place) {
+                *byte ^= 1 << bit;
+            }
+        }
+        if self.strikes(Draw::Truncate, self.faults.truncate) {
+            self.counts.truncated += 1;
+            frame.truncate(place);
+        }
+        frame
+    }
+
+    /// Not before the frame ahead of it.
+    fn queue(&mut self, due_us: u64, frame: Vec<u8>) {
+        let due_us = self.late.back().map_or(due_us, |(ahead_us, _)| due_us.max(*ahead_us));
+        self.late.push_back((due_us, frame));
+    }
+
+    /// The next frame that comes out by now.
+    pub fn take(&mut self, now_us: u64) -> Option<Vec<u8>> {
+        if now_us < self.stalled_until_us || now_us < self.cut_until_us {
+            return None;
+        }
+        if self.overtaken.as_ref().is_some_and(|(until_us, _)| *until_us <= now_us)
+            && let Some((_, frame)) = self.overtaken.take()
+        {
+            self.queue(now_us, frame);
+        }
+        if self.late.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
+            return self.late.pop_front().map(|(_, frame)| frame);
+        }
+        None
+    }
+
+    /// Throws away what is on its way.
+    pub fn purge(&mut self) {
+        self.late.clear();
+        self.overtaken = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Frames of 16 equal bytes, one a millisecond; what came out and when.
+    fn through(faults: Faults, seed: u64) -> (Vec<(u64, Vec<u8>)>, FaultCounts) {
+        let mut lane = Lane::new(seed);
+        lane.set_faults(faults);
+        let mut got = Vec::new();
+        for i in 0..2_000_u64 {
+            lane.put(i * 1_000, &[(i % 251) as u8; 16]);
+            while let Some(frame) = lane.take(i * 1_000) {
+                got.push((i * 1_000, frame));
+            }
+        }
+        while let Some(frame) = lane.take(u64::MAX) {
+            got.push((u64::MAX, frame));
+        }
+        (got, lane.counts())
+    }
+
+    fn numbers(got: &[(u64, Vec<u8>)]) -> Vec<u8> {
+        got.iter().map(|(_, frame)| frame[0]).collect()
+    }
+
+    #[test]
+    fn without_faults_everything_passes_at_once() {
+        let (got, counts) = through(Faults::default(), 7);
+        assert_eq!((got.len(), counts), (2_000, FaultCounts::default()));
+        assert!(
+            got.iter().enumerate().all(|(i, (t_us, frame))| *t_us == i as u64 * 1_000 && frame.len() == 16)
+        );
+    }
+
+    #[test]
+    fn each_fault_strikes_as_often_as_asked_and_repeats_with_its_seed() {
+        let faults = Faults {
+            drop: 0.1,
+            truncate: 0.05,
+            corrupt: 0.2,
+            delay: 0.02,
+            delay_us: 5_000,
+            duplicate: 0.05,
+            reorder: 0.05,
+            stall: 0.01,
+            stall_us: 3_000,
+            babble: 0.1,
+            ..Faults::default()
+        };
+        let (got, counts) = through(faults, 7);
+        assert_eq!((got.clone(), counts), through(faults, 7));
+        assert_ne!(got, through(faults, 8).0);
+        for (struck, low, high) in [
+            (counts.dropped, 150, 250),
+            (counts.truncated, 60, 130),
+            (counts.corrupted, 300, 440),
+            (counts.delayed, 20, 60),
+            (counts.duplicated, 60, 130),
+            (counts.reordered, 60, 130),
+            (counts.stalled, 8, 35),
+            (counts.babbled, 150, 250),
+        ] {
+            assert!((low..=high).contains(&struck), "{struck} is not from {low} to {high}: {counts:?}");
+        }
+    }
+
+    #[test]
+    fn switching_one_fault_on_leaves_the_others_where_they_were() {
+        let few = Faults { drop: 0.1, ..Faults::default() };
+        let more = Faults { corrupt: 0.3, ..few };
+        let (one, other) = (through(few, 5).0, through(more, 5).0);
+        assert_eq!(one.len(), other.len());
+        assert!(
+            one.iter().zip(&other).all(|(a, b)| a.1.iter().zip(&b.1).filter(|(x, y)| x != y).count() <= 1)
+        );
+    }
+
+    #[test]
+    fn delayed_frames_arrive_late_and_in_order() {
+        let (got, counts) = through(Faults { delay: 0.1, delay_us: 7_000, ..Faults::default() }, 3);
+        assert!(counts.delayed > 150);
+        assert_eq!(numbers(&got), (0..2_000).map(|i| (i % 251) as u8).collect::<Vec<u8>>());
+        assert!(
+            got.iter()
+                .enumerate()
+                .all(|(i, (t_us, _))| *t_us <= i as u64 * 1_000 + 7_000 || *t_us == u64::MAX)
+        );
+    }
+
+    #[test]
+    fn a_frame_is_overtaken_by_the_next_and_none_is_lost() {
+        let (got, counts) = through(Faults { reorder: 0.1, ..Faults::default() }, 3);
+        let swapped =
+            numbers(&got).windows(2).filter(|pair| pair[1] == pair[0].wrapping_sub(1)).count() as u64;
+        assert_eq!(got.len(), 2_000);
+        assert!(swapped > 100 && swapped <= counts.reordered, "{swapped} of {counts:?}");
+        let mut lane = Lane::new(3);
+        lane.set_faults(Faults { reorder: 1.0, ..Faults::default() });
+        lane.put(0, b"alone");
+        assert_eq!((lane.take(4_999), lane.take(5_000)), (None, Some(b"alone".to_vec())));
+    }
+
+    #[test]
+    fn a_stall_holds_everything_and_lets_it_out_at_once() {
+        let mut lane = Lane::new(1);
+        lane.set_faults(Faults { stall: 1.0, stall_us: 30_000, ..Faults::default() });
+        lane.put(0, b"a");
+        lane.set_faults(Faults::default());
+        lane.put(10_000, b"b");
+        assert_eq!(lane.take(29_999), None);
+        assert_eq!((lane.take(30_000), lane.take(30_000)), (Some(b"a".to_vec()), Some(b"b".to_vec())));
+    }
+
+    #[test]
+    fn a_cut_link_loses_everything_until_it_is_mended() {
+        let mut lane = Lane::new(1);
+        lane.set_faults(Faults { delay: 1.0, delay_us: 500, ..Faults::default() });
+        lane.put(0, b"on its way");
+        lane.set_faults(Faults { unplug: 1.0, unplug_us: 30_000, ..Faults::default() });
+        lane.put(100, b"a");
+        lane.set_faults(Faults::default());
+        lane.put(30_099, b"b");
+        assert_eq!((lane.cut_until_us(30_099), lane.take(30_099)), (Some(30_100), None));
+        lane.put(30_100, b"c");
+        assert_eq!((lane.cut_until_us(30_100), lane.take(30_100)), (None, Some(b"c".to_vec())));
+        assert_eq!(lane.take(u64::MAX), None);
+    }
+
+    #[test]
+    fn babble_comes_before_the_frame_and_is_bounded() {
+        let (got, counts) = through(Faults { babble: 1.0, ..Faults::default() }, 9);
+        assert_eq!((got.len(), counts.babbled), (4_000, 2_000));
+        assert!(got.iter().step_by(2).all(|(_, bytes)| (1..=24).contains(&bytes.len())));
+        assert!(got.iter().skip(1).step_by(2).all(|(_, frame)| frame.len() == 16));
+    }
+}

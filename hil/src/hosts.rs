@@ -1,0 +1,90 @@
+//! Hosts that are killed and hosts that stand still: real processes with a real supervisor, on emulated devices, in real time.
+//!
+//! ```text
+//! Stage (this process): emulated device <- pty | socket <- supervisor process <- socket pair <- host process: a loop that asks for a force
+//!   |---------------------------------- signals, words ---------------------------------------------|
+//! ```
+//!
+//! A host process says where it is, a line each: `supervisor PID`, `holds`, `zeroed`, `end KIND`. It takes the words `hold`, from when on it resets
+//! nothing by itself, and `reset`.
+
+mod process;
+mod stage;
+
+pub use process::{Device, Role, host, process, supervise};
+pub use stage::{CERTAIN, Host, Seen, Stage, is_running, wait};
+
+use crate::fault::split_mix;
+use crate::matrix::{Ended, Run, Wrong};
+use nix::sys::signal::Signal;
+use palpate_core::{Vec3, vec3};
+use std::path::Path;
+use std::time::Duration;
+
+/// Longest time to zero of a single run on a busy machine; the target is 20 ms, for the median.
+pub const GENEROUS: Duration = Duration::from_millis(500);
+
+/// Longest median of the times to zero.
+pub const TARGET: Duration = Duration::from_millis(20);
+
+/// How long it must stay at zero, at each look.
+const STAYS: Duration = Duration::from_millis(150);
+
+/// One run: a host with a force on a device, then the signal.
+///
+/// `program` is `palpate-hil`, of which the processes are made.
+///
+/// # Panics
+///
+/// If the processes do not come up, or nothing happens in [`CERTAIN`].
+#[must_use]
+pub fn run(program: &Path, device: Device, wrong: Wrong, seed: u64) -> Run {
+    let draw = |what: u64, low: u64, high: u64| low + split_mix(seed, what) % (high - low + 1);
+    let component = |what| 0.1 * draw(what, 0, 30) as f32 - 1.5;
+    let force_n: Vec3 = [component(1), component(2), 0.5 + 0.1 * draw(3, 0, 15) as f32];
+    let stage = Stage::new(device);
+    let host = stage.host(program, Role::Host, force_n);
+    stage.hold(&host, force_n);
+    let supervisor = host.supervisor();
+    std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
+    stage.forget();
+    let mut run = Run::with_nothing(device.name(), wrong, seed, device.limit_n());
+    host.signal(if wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
+    wait("zero", || stage.seen().force_n == vec3::ZERO);
+    let seen = stage.seen();
+    run.ended = Ended::Supervisor;
+    run.zero_us = seen.zero_after().map(|time| time.as_micros() as u64);
+    if wrong == Wrong::HostKilled {
+        wait("end of the supervisor", || !is_running(supervisor));
+        run.resumed = !stage.is_zero_for(STAYS);
+    } else {
+        std::thread::sleep(Duration::from_millis(draw(5, 0, 100)));
+        run.resumed = !stage.is_zero_for(STAYS);
+        // It goes on with its force as if nothing had been.
+        host.signal(Signal::SIGCONT);
+        wait("word that it was zeroed", || host.said("zeroed"));
+        run.resumed |= !stage.is_zero_for(STAYS);
+    }
+    let felt = stage.felt();
+    (run.largest_n, run.step_n) = (felt.largest_force_n, felt.largest_step_n);
+    run
+}
+
+/// So many runs, over both devices and both signals in turn, one after the other: they measure time.
+#[must_use]
+pub fn runs(program: &Path, count: usize, seed: u64) -> Vec<Run> {
+    let cells = Device::ALL.map(|device| [Wrong::HostKilled, Wrong::HostPaused].map(|wrong| (device, wrong)));
+    let cells = cells.iter().flatten().cycle().take(count);
+    cells
+        .enumerate()
+        .map(|(index, (device, wrong))| run(program, *device, *wrong, split_mix(!seed, index as u64)))
+        .collect()
+}
+
+/// The middle one of the times to zero, if there is any.
+#[must_use]
+pub fn median_zero(runs: &[Run]) -> Option<Duration> {
+    let mut times: Vec<u64> = runs.iter().filter_map(|run| run.zero_us).collect();
+    times.sort_unstable();
+    times.get(times.len() / 2).map(|us| Duration::from_micros(*us))
+}

@@ -1,0 +1,183 @@
+//! The processes: a host that renders a force, with a supervisor or without, and that supervisor.
+
+use crate::falcon::socket::SocketFtdi;
+use palpate_core::Vec3;
+use palpate_host::DeviceErrorKind;
+use palpate_host::device::falcon::{Falcon, FalconConfig, Mode};
+use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::profile::Profile;
+use palpate_host::supervisor::{DEFAULT_LIMIT_MS, Supervised, serve_stdin};
+use palpate_host::sys::{self, Policy, RtRequest};
+use std::io::BufRead;
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Device {
+    /// A Polhem on a pseudo terminal.
+    Polhem,
+    /// A Falcon whose chip is at the other end of a socket.
+    Falcon,
+}
+
+impl Device {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Polhem, Self::Falcon];
+
+    /// Device and link, as in the table.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Polhem => "polhem-pty",
+            Self::Falcon => "falcon-socket",
+        }
+    }
+
+    /// Limit of its force, N.
+    ///
+    /// # Panics
+    ///
+    /// Never: both profiles are bundled.
+    #[must_use]
+    pub fn limit_n(self) -> f32 {
+        let profile = match self {
+            Self::Polhem => "polhem",
+            Self::Falcon => "falcon",
+        };
+        Profile::bundled(profile).expect("bundled").max_force_n
+    }
+
+    fn open(self, place: &str) -> Result<Box<dyn palpate_host::Device>, String> {
+        match self {
+            Self::Polhem => Polhem::open(place, PolhemConfig::default())
+                .map(|device| Box::new(device) as _)
+                .map_err(|error| error.to_string()),
+            Self::Falcon => {
+                let chip = SocketFtdi::connect(place).map_err(|error| error.to_string())?;
+                let config = FalconConfig { mode: Mode::Polled, ..FalconConfig::default() };
+                Falcon::start(Arc::new(chip), config, None)
+                    .map(|device| Box::new(device) as _)
+                    .map_err(|error| error.to_string())
+            }
+        }
+    }
+}
+
+/// What a process is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// A host with a supervisor.
+    Host,
+    /// A host that holds the device itself.
+    Alone,
+    /// A supervisor; a host starts it.
+    Supervisor,
+}
+
+impl Role {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Host => "host",
+            Self::Alone => "alone",
+            Self::Supervisor => "supervisor",
+        }
+    }
+}
+
+/// How `program` is started as one of the processes.
+#[must_use]
+pub(super) fn command(program: &Path, role: Role, device: Device, place: &str, force_n: Vec3) -> Command {
+    let mut command = Command::new(program);
+    command.args(["process", role.name(), device.name(), place]);
+    command.args(force_n.map(|component| component.to_string()));
+    command
+}
+
+/// The life of a process, by the arguments after `process`; an error is a line for people.
+pub fn process(arguments: &[String]) -> Result<(), String> {
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let [role, device, place, force_n @ ..] = &words[..] else {
+        return Err("ROLE DEVICE PLACE FORCE".into());
+    };
+    let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("no such device")?;
+    let numbers: Vec<f32> = force_n.iter().filter_map(|word| word.parse().ok()).collect();
+    let force_n: Vec3 = numbers.try_into().map_err(|_| "a force has three components")?;
+    if *role == Role::Host.name() {
+        let program = std::env::current_exe().map_err(|error| error.to_string())?;
+        let supervisor = command(&program, Role::Supervisor, device, place, force_n);
+        host(supervisor, DEFAULT_LIMIT_MS, device == Device::Falcon, force_n)
+    } else if *role == Role::Alone.name() {
+        render(device.open(place)?, force_n);
+        Ok(())
+    } else {
+        supervise(|| device.open(place))
+    }
+}
+
+/// The life of a host with a supervisor, which is started by `supervisor`.
+pub fn host(supervisor: Command, limit_ms: u32, homes: bool, force_n: Vec3) -> Result<(), String> {
+    let never = AtomicBool::new(false);
+    let mut held = Supervised::start(supervisor, limit_ms, &never).map_err(|error| error.to_string())?;
+    println!("supervisor {}", held.supervision().pid.unwrap_or_default());
+    if homes {
+        held.home(&never).map_err(|error| error.to_string())?;
+    }
+    render(held, force_n);
+    Ok(())
+}
+
+/// The life of a supervisor.
+pub fn supervise<D: palpate_host::Device>(open: impl FnOnce() -> Result<D, String>) -> Result<(), String> {
+    let request = RtRequest { fifo_priority: Some(51), keep_awake: false, ..RtRequest::default() };
+    let (_, _held) = sys::enter_real_time(&request);
+    serve_stdin(Policy::Other, open).map(drop).map_err(|error| error.to_string())
+}
+
+/// A thousand times a second until the device is gone. Resets by itself what a busy machine trips, until it is told to hold.
+fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
+    let (hold, reset) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+    let words = (Arc::clone(&hold), Arc::clone(&reset));
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+            match &line[..] {
+                "hold" => words.0.store(true, Ordering::Relaxed),
+                "reset" => words.1.store(true, Ordering::Relaxed),
+                _ => {}
+            }
+        }
+    });
+    let request = RtRequest { lock_memory: false, keep_awake: false, ..RtRequest::default() };
+    let (_, _held) = sys::enter_real_time(&request);
+    let begun = sys::monotonic_ns();
+    let mut holds = false;
+    for tick in 0_u64.. {
+        sys::sleep_until_ns(begun + tick * 1_000_000);
+        let now_us = (sys::monotonic_ns() - begun) / 1_000;
+        match device.exchange(now_us, force_n) {
+            Err(error) if !error.kind().is_passing() => {
+                println!("end {:?}", error.kind());
+                assert_eq!(error.kind(), DeviceErrorKind::Disconnected);
+                return;
+            }
+            Ok(Some(sample)) => assert!(sample.t_us <= now_us),
+            _ => {}
+        }
+        if device.was_zeroed() {
+            if holds {
+                println!("zeroed");
+            } else {
+                device.reset();
+            }
+        }
+        if !holds && hold.load(Ordering::Relaxed) {
+            holds = true;
+            println!("holds");
+        }
+        if reset.swap(false, Ordering::Relaxed) {
+            device.reset();
+        }
+    }
+}

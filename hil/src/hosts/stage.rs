@@ -1,0 +1,339 @@
+//! What the processes play on: an emulated device in real time, and a record of what was seen at its motors.
+
+use super::process::{Device, Role, command};
+use crate::falcon::{EmulatedFalcon, FalconConfig, MemoryFtdi, socket};
+use crate::felt::Felt;
+use crate::mechanism::{Handle, Waypoint};
+use crate::polhem::EmulatedPolhem;
+use crate::transport::PtyTransport;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use palpate_core::{Vec3, vec3};
+use serialport::{SerialPort, TTYPort};
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long what must happen is waited for, however busy the machine.
+pub const CERTAIN: Duration = Duration::from_secs(20);
+/// Between two looks at the device.
+const LOOK: Duration = Duration::from_micros(100);
+
+/// What was seen at the motors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Their force now, N.
+    pub force_n: Vec3,
+    /// Good requests so far.
+    pub requests: u64,
+    /// When the newest request that left a force on them was taken.
+    pub forced: Option<Instant>,
+    /// When the force last became zero.
+    pub released: Option<Instant>,
+}
+
+impl Seen {
+    /// From the last request with a force to zero.
+    #[must_use]
+    pub fn zero_after(&self) -> Option<Duration> {
+        Some(self.released?.duration_since(self.forced?))
+    }
+}
+
+/// An emulated device that is looked at from outside.
+trait Watched: Send + 'static {
+    /// Serves what has come by `now_us`.
+    fn poll(&mut self, now_us: u64);
+    fn felt(&self) -> Felt;
+    fn forget(&mut self);
+    fn requests(&self) -> u64;
+}
+
+struct OnTerminal {
+    device: EmulatedPolhem,
+    link: PtyTransport,
+    /// Holds the terminal open.
+    _driver_end: TTYPort,
+}
+
+impl Watched for OnTerminal {
+    fn poll(&mut self, now_us: u64) {
+        self.device.poll(now_us, &mut self.link).expect("the terminal is open");
+    }
+
+    fn felt(&self) -> Felt {
+        *self.device.handle().felt()
+    }
+
+    fn forget(&mut self) {
+        self.device.handle_mut().forget();
+    }
+
+    fn requests(&self) -> u64 {
+        self.device.requests()
+    }
+}
+
+struct OnSocket {
+    chip: MemoryFtdi,
+    listener: std::os::unix::net::UnixListener,
+}
+
+impl Watched for OnSocket {
+    fn poll(&mut self, _now_us: u64) {
+        if let Ok((stream, _)) = self.listener.accept() {
+            let chip = self.chip.open_again().expect("it is plugged in");
+            // Ends with its driver, whose end is no error of ours.
+            std::thread::spawn(move || drop(socket::serve(stream, &chip)));
+        }
+    }
+
+    fn felt(&self) -> Felt {
+        *self.chip.falcon().felt()
+    }
+
+    fn forget(&mut self) {
+        self.chip.falcon().forget();
+    }
+
+    fn requests(&self) -> u64 {
+        self.chip.falcon().firmware().map_or(0, |firmware| firmware.requests())
+    }
+}
+
+/// An emulated device with a thread that serves it.
+pub struct Stage {
+    device: Device,
+    watched: Arc<Mutex<(Box<dyn Watched>, Seen)>>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    place: String,
+}
+
+impl Stage {
+    /// A device that waits for a driver.
+    ///
+    /// # Panics
+    ///
+    /// Where there are no pseudo terminals or sockets.
+    #[must_use]
+    pub fn new(device: Device) -> Self {
+        let (watched, place): (Box<dyn Watched>, String) = match device {
+            Device::Polhem => {
+                let (link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
+                let place = driver_end.name().expect("a terminal has a name");
+                let device = EmulatedPolhem::new(Handle::new(Vec::new()));
+                (Box::new(OnTerminal { device, link, _driver_end: driver_end }), place)
+            }
+            Device::Falcon => {
+                static NUMBER: AtomicU64 = AtomicU64::new(0);
+                let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+                let place = format!("palpate-hil-{}-{number}", std::process::id());
+                let listener = socket::listen(&place).expect("a name of our own");
+                // Held outside its indices, then pushed in.
+                let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
+                let path = vec![at(0, 0.145), at(100_000, 0.12)];
+                let config = FalconConfig { path, firmware_runs: true, ..FalconConfig::default() };
+                let chip = MemoryFtdi::in_real_time(EmulatedFalcon::new(config));
+                (Box::new(OnSocket { chip, listener }), place)
+            }
+        };
+        let seen = Seen { force_n: vec3::ZERO, requests: 0, forced: None, released: None };
+        let (watched, ends) = (Arc::new(Mutex::new((watched, seen))), Arc::new(AtomicBool::new(false)));
+        let (served, stop) = (Arc::clone(&watched), Arc::clone(&ends));
+        let serve = move || {
+            let begun = Instant::now();
+            while !stop.load(Ordering::Relaxed) {
+                look(&mut served.lock().unwrap_or_else(PoisonError::into_inner), begun);
+                std::thread::sleep(LOOK);
+            }
+        };
+        Self { device, watched, ends, thread: Some(std::thread::spawn(serve)), place }
+    }
+
+    /// What was seen so far.
+    #[must_use]
+    pub fn seen(&self) -> Seen {
+        self.watched.lock().unwrap_or_else(PoisonError::into_inner).1
+    }
+
+    /// What the hand felt.
+    #[must_use]
+    pub fn felt(&self) -> Felt {
+        self.watched.lock().unwrap_or_else(PoisonError::into_inner).0.felt()
+    }
+
+    /// Begins the record of what the hand felt anew.
+    pub fn forget(&self) {
+        self.watched.lock().unwrap_or_else(PoisonError::into_inner).0.forget();
+    }
+
+    /// Starts a host process that asks for a force.
+    ///
+    /// # Panics
+    ///
+    /// If `program` does not start.
+    #[must_use]
+    pub fn host(&self, program: &Path, role: Role, force_n: Vec3) -> Host {
+        Host::start(command(program, role, self.device, &self.place, force_n))
+    }
+
+    /// Waits until the device has a host's force on its motors and goes on to get it.
+    pub fn wait_for_force(&self, force_n: Vec3) {
+        wait("force", || {
+            let before = self.seen().requests;
+            std::thread::sleep(Duration::from_millis(20));
+            let seen = self.seen();
+            // A Falcon's torques stand on where the grip was a moment ago.
+            let off_n = vec3::distance(seen.force_n, force_n);
+            off_n <= 0.1 * vec3::norm(force_n) && seen.requests > before
+        });
+    }
+
+    /// From now on the host resets nothing by itself, and its force is on the motors.
+    pub fn hold(&self, host: &Host, force_n: Vec3) {
+        self.wait_for_force(force_n);
+        host.say("hold");
+        wait("word that the host holds", || host.said("holds"));
+        self.wait_for_force(force_n);
+    }
+
+    /// Whether the force is zero for so long on end.
+    #[must_use]
+    pub fn is_zero_for(&self, time: Duration) -> bool {
+        let (begun, forced) = (Instant::now(), self.seen().forced);
+        while begun.elapsed() < time {
+            std::thread::sleep(2 * LOOK);
+            let seen = self.seen();
+            if seen.force_n != vec3::ZERO || seen.forced != forced {
+                return false;
+            }
+        }
+        true
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn look((watched, seen): &mut (Box<dyn Watched>, Seen), begun: Instant) {
+    watched.poll(begun.elapsed().as_micros() as u64);
+    let (now, force_n, requests) = (Instant::now(), watched.felt().force_n, watched.requests());
+    if requests > seen.requests && force_n != vec3::ZERO {
+        seen.forced = Some(now);
+    }
+    if force_n == vec3::ZERO && seen.force_n != vec3::ZERO {
+        seen.released = Some(now);
+    }
+    (seen.force_n, seen.requests) = (force_n, requests);
+}
+
+/// A host process. Ends with this.
+pub struct Host {
+    child: Child,
+    words: ChildStdin,
+    lines: Arc<Mutex<Vec<String>>>,
+}
+
+impl Host {
+    /// Starts one.
+    ///
+    /// # Panics
+    ///
+    /// If it does not start.
+    #[must_use]
+    pub fn start(mut command: Command) -> Self {
+        let mut child =
+            command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
+        let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let heard = Arc::clone(&lines);
+        std::thread::spawn(move || {
+            for line in BufReader::new(said).lines().map_while(Result::ok) {
+                heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+            }
+        });
+        Self { child, words, lines }
+    }
+
+    /// Sends a signal.
+    ///
+    /// # Panics
+    ///
+    /// If it is not there.
+    pub fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.child.id() as i32), signal).expect("it is there");
+    }
+
+    /// Says a word to it; one that is gone does not hear it.
+    pub fn say(&self, word: &str) {
+        let _ = (&self.words).write_all(format!("{word}\n").as_bytes());
+    }
+
+    /// Whether it has said this.
+    #[must_use]
+    pub fn said(&self, line: &str) -> bool {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|said| said == line)
+    }
+
+    /// Its supervisor.
+    ///
+    /// # Panics
+    ///
+    /// If it does not say in time which.
+    #[must_use]
+    pub fn supervisor(&self) -> Pid {
+        let mut found = None;
+        wait("word of the supervisor", || {
+            let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+            found = lines.iter().find_map(|line| line.strip_prefix("supervisor ")?.parse().ok());
+            found.is_some()
+        });
+        Pid::from_raw(found.unwrap_or_default())
+    }
+
+    /// Waits until it ends by itself; whether it ended well.
+    ///
+    /// # Panics
+    ///
+    /// If it is not ours to wait for.
+    pub fn end(&mut self) -> bool {
+        self.child.wait().expect("it ends by itself").success()
+    }
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Waits until something has happened.
+///
+/// # Panics
+///
+/// If it has not in [`CERTAIN`].
+pub fn wait(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < CERTAIN, "no {what}");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// Whether a process is there.
+#[must_use]
+pub fn is_running(process: Pid) -> bool {
+    // An ended one whose parent was killed may lie about as a zombie for a moment.
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+    !stat.is_empty() && !stat.contains(") Z ")
+}
