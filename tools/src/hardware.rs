@@ -64,9 +64,7 @@ impl<'n> Hardware<'n> {
                     let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
                     Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
                 });
-                let (workspace, max_force_n) = (profile.workspace, profile.max_force_n);
-                let mode = Mode::Threaded { fifo_priority };
-                let config = FalconConfig { mode, workspace, max_force_n, ..FalconConfig::default() };
+                let config = FalconConfig::of(profile, Mode::Threaded { fifo_priority });
                 let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
                 Ok(Opened::Falcon(Box::new(falcon)))
             }

@@ -21,6 +21,9 @@ const MID_FRAME_US: u64 = 50;
 /// Counts of an encoder to a metre at the handle, about: the coarsest direction.
 const COUNTS_PER_M: f32 = 1.0 / 54e-6;
 
+/// Outside the indices of all three axes, m.
+const OUT_M: Vec3 = [0.0, 0.0, 0.145];
+
 /// The Falcon in memory.
 pub struct FalconRig {
     /// The device; every driver has a handle of its own.
@@ -52,10 +55,9 @@ impl FalconRig {
     fn with(seed: u64, firmware_runs: bool, loader: LoaderOptions) -> Self {
         let profile = Profile::bundled("falcon").expect("bundled");
         let middle_m = profile.workspace.device_origin_m;
-        let out_m = [0.0, 0.0, 0.145];
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
-            vec![Waypoint { t_us: 0, position_m: out_m }, Waypoint { t_us: 100_000, position_m: middle_m }];
+            vec![Waypoint { t_us: 0, position_m: OUT_M }, Waypoint { t_us: 100_000, position_m: middle_m }];
         let assumed = profile.assumed;
         let drag = Drag {
             mass_kg: assumed.mass_kg,
@@ -74,6 +76,13 @@ impl FalconRig {
             kinematics: Cell::default(),
         }
     }
+}
+
+/// Out past the indices and in again.
+fn home_again(middle_m: Vec3) -> Vec<Waypoint> {
+    [(0, middle_m), (200_000, OUT_M), (300_000, OUT_M), (400_000, middle_m)]
+        .map(|(t_us, position_m)| Waypoint { t_us, position_m })
+        .to_vec()
 }
 
 impl Rig for FalconRig {
@@ -101,14 +110,14 @@ impl Rig for FalconRig {
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
         let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
-        let config = driver::FalconConfig {
-            workspace,
-            max_force_n: self.profile.max_force_n,
-            mode: Mode::Polled,
-            ..driver::FalconConfig::default()
-        };
-        self.link = Some(Arc::clone(&link));
+        let config =
+            driver::FalconConfig { workspace, ..driver::FalconConfig::of(&self.profile, Mode::Polled) };
+        let opened_before = self.link.replace(Arc::clone(&link)).is_some();
         let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
+        if opened_before {
+            // It has to be homed once more, and the user does it.
+            self.device.falcon().follow(home_again(self.profile.workspace.device_origin_m));
+        }
         self.opened_us = self.device.falcon().now_us();
         Ok(Box::new(falcon))
     }

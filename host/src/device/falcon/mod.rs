@@ -14,6 +14,7 @@ pub mod kinematics;
 pub mod line;
 pub mod loader;
 pub mod motor;
+mod outlet;
 pub mod packet;
 pub mod usb;
 

@@ -1,9 +1,9 @@
 //! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
 
-use super::{Assumed, Damping, Mechanism, Profile};
+use super::{Assumed, Calibration, Damping, Mechanism, Profile};
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
-use core::ops::Range;
+use core::ops::{Range, RangeInclusive};
 use palpate_core::{Vec3, vec3};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -47,6 +47,8 @@ struct ProfileFile {
     workspace: Spanned<WorkspaceTable>,
     #[serde(default)]
     mapping: MappingTable,
+    #[serde(default)]
+    calibration: CalibrationTable,
     #[serde(default)]
     simulation: SimulationTable,
 }
@@ -101,6 +103,13 @@ struct MappingTable {
 
 #[derive(Default, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
+struct CalibrationTable {
+    counts_per_n_m: Option<Numbers>,
+    gravity_n: Option<Number>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SimulationTable {
     mass_kg: Option<Number>,
     damping_n_s_m: Option<Number>,
@@ -109,6 +118,9 @@ struct SimulationTable {
 
 /// Slowest and fastest cycle, Hz: below, a sample or two would be as old as a fault; above, no thread of this program wakes.
 const RATES_HZ: Range<f64> = 400.0..10_000.0;
+
+/// Size of a motor's scale, counts to one N m: a tenth and ten times the uncalibrated figure. Beyond, a digit is wrong.
+const COUNTS_PER_N_M: RangeInclusive<f64> = 1e3..=1e5;
 
 /// Longest delay of a link, us: ten milliseconds are a fault of the controller.
 const LONGEST_DELAY_US: i64 = 9_000;
@@ -128,7 +140,7 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
 pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     let place = Place { path, text };
     let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
-    let ProfileFile { name, limits, mechanism, link, workspace, mapping, simulation } = file;
+    let ProfileFile { name, limits, mechanism, link, workspace, mapping, calibration, simulation } = file;
     if name.get_ref().is_empty() {
         return Err(place.error(name.span(), "the name is empty", "name the device"));
     }
@@ -158,6 +170,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
         force_delay_us: place.delay_us("force_delay_us", link.force_delay_us.as_ref())?,
         reach: place.reach(&workspace)?,
         workspace: place.mapping(&mapping)?,
+        calibration: place.calibration(&calibration, *limits.max_force_n.get_ref())?,
         assumed: Assumed {
             mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
             damping_n_s_m: place
@@ -241,6 +254,27 @@ impl Place<'_> {
             let what = format!("`{key}` = {}", value.get_ref());
             self.error(value.span(), what, format!("give 0 to {LONGEST_DELAY_US} us"))
         })
+    }
+
+    fn calibration(&self, table: &CalibrationTable, max_force_n: f64) -> Result<Calibration, ProfileError> {
+        let mut calibration = Calibration::default();
+        if let Some(given) = &table.counts_per_n_m {
+            if !given.get_ref().iter().all(|counts| COUNTS_PER_N_M.contains(&counts.abs())) {
+                let what = format!("`counts_per_n_m` = {:?}", given.get_ref());
+                let mend = "give each motor 1000 to 100000 counts to one N m, with its sign (-10000 is not calibrated)";
+                return Err(self.error(given.span(), what, mend));
+            }
+            calibration.counts_per_n_m = given.get_ref().map(|counts| counts as f32);
+        }
+        if let Some(given) = &table.gravity_n {
+            // Beyond half of what the motors may do there is too little left to touch with.
+            if !(0.0..=0.5 * max_force_n).contains(given.get_ref()) {
+                let what = format!("`gravity_n` = {}", given.get_ref());
+                return Err(self.error(given.span(), what, "give 0 to half of `max_force_n`: it carries upwards"));
+            }
+            calibration.gravity_n = *given.get_ref() as f32;
+        }
+        Ok(calibration)
     }
 
     fn reach(&self, table: &Spanned<WorkspaceTable>) -> Result<Reach, ProfileError> {
@@ -330,6 +364,10 @@ axes = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
 scale = 2
 model_origin_m = [0.0, 0.0, 0.05]
 
+[calibration]
+counts_per_n_m = [-9000, 11000, -1e4]
+gravity_n = 0.7
+
 [simulation]
 mass_kg = 0.3
 "#;
@@ -343,7 +381,9 @@ mass_kg = 0.3
         assert_eq!((profile.position_delay_us, profile.force_delay_us), (0, 40));
         assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
         assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
+        assert_eq!(profile.calibration.counts_per_n_m, [-9e3, 11e3, -1e4]);
         // The device's y is the model's x.
+        assert_eq!(profile.carried_n(), [0.7, 0.0, 0.0]);
         assert_eq!(profile.workspace.to_model_m([0.0, 0.01, 0.0]), [0.02, 0.0, 0.05]);
     }
 
@@ -376,7 +416,13 @@ mass_kg = 0.3
         refuses("[0, 1, 0],", "[0, 2, 0],", 19, "`axes` is no rotation", "unit length");
         refuses("scale = 2", "scale = 0", 20, "`scale` = 0", "above zero");
         refuses("0.0, 0.05", "0.0, inf", 21, "`model_origin_m`", "finite");
-        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 24, "`coulomb_n` is assumed", "remove it");
+        refuses("-9000,", "-900,", 24, "`counts_per_n_m`", "1000 to 100000");
+        refuses("11000,", "nan,", 24, "`counts_per_n_m`", "with its sign");
+        refuses("-9000, ", "", 24, "invalid length", "expected type");
+        refuses("= 0.7", "= -0.7", 25, "`gravity_n` = -0.7", "upwards");
+        refuses("= 0.7", "= 2.6", 25, "`gravity_n` = 2.6", "half");
+        refuses("gravity_n", "gravity_N", 25, "unknown key `gravity_N`", "gravity_n");
+        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 28, "`coulomb_n` is assumed", "remove it");
         refuses("\"bench\"", "\"\"", 1, "the name is empty", "name the device");
         refuses("[limits]", "[limits", 3, "not valid TOML", "correct the syntax");
     }
