@@ -52,8 +52,24 @@ impl FalconRig {
         Self::with(seed, false, loader)
     }
 
+    /// A device whose motors turn with these torques a count, N m, and a user who has the profile for it.
+    #[must_use]
+    pub fn calibrated(nm_per_motor_count: [f64; 3], profile: Profile) -> Self {
+        Self::made(7, true, LoaderOptions::default(), nm_per_motor_count, profile)
+    }
+
     fn with(seed: u64, firmware_runs: bool, loader: LoaderOptions) -> Self {
         let profile = Profile::bundled("falcon").expect("bundled");
+        Self::made(seed, firmware_runs, loader, FalconConfig::default().nm_per_motor_count, profile)
+    }
+
+    fn made(
+        seed: u64,
+        firmware_runs: bool,
+        loader: LoaderOptions,
+        nm_per_motor_count: [f64; 3],
+        profile: Profile,
+    ) -> Self {
         let middle_m = profile.workspace.device_origin_m;
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
@@ -64,7 +80,8 @@ impl FalconRig {
             damping_n_s_m: assumed.damping_n_s_m,
             coulomb_n: assumed.coulomb_n,
         };
-        let config = FalconConfig { path, drag, firmware_runs, loader, ..FalconConfig::default() };
+        let config =
+            FalconConfig { path, drag, firmware_runs, loader, nm_per_motor_count, ..FalconConfig::default() };
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
             device: MemoryFtdi::new(EmulatedFalcon::new(config)),

@@ -37,7 +37,11 @@ impl MotorConfig {
         if force_n == [0.0; 3] {
             return [0; 3];
         }
-        let within = |force_n: [f64; 3]| (self.max_force_n / norm(force_n)).min(1.0);
+        let within = |force_n: [f64; 3]| {
+            let size_n = norm(force_n);
+            // So that what is no number stays none.
+            if size_n <= self.max_force_n { 1.0 } else { self.max_force_n / size_n }
+        };
         let force_n = force_n.map(f64::from);
         let shorten = within(force_n);
         let torques_n_m = pose.torques_n_m(force_n.map(|f| f * shorten));
@@ -138,7 +142,8 @@ mod tests {
     /// Two motors of another make, one of them turned round: the force is the same, the commands are not.
     #[test]
     fn each_motor_has_its_own_scale_and_sign() {
-        let config = MotorConfig { counts_per_n_m: [-8_000.0, 12_000.0, -10_000.0], ..MotorConfig::default() };
+        let config =
+            MotorConfig { counts_per_n_m: [-8_000.0, 12_000.0, -10_000.0], ..MotorConfig::default() };
         let force_n = [0.5, 1.0, -3.0];
         let [a, b, c] = commands(&config, force_n);
         let rendered = rendered_n(&config, &centre(), [a, b, c]);
@@ -170,6 +175,9 @@ mod tests {
                 }
             }
         }
-        assert!(most_n > 1.05 * config.max_force_n, "otherwise there is nothing to look ahead for: {most_n} N");
+        assert!(
+            most_n > 1.05 * config.max_force_n,
+            "otherwise there is nothing to look ahead for: {most_n} N"
+        );
     }
 }

@@ -67,11 +67,7 @@ pub(super) struct Threaded {
 }
 
 /// Sends a request in one piece: what is cut the device throws away.
-pub(super) fn write_whole(
-    ftdi: &impl Ftdi,
-    request: &Request,
-    timeout: Duration,
-) -> Result<(), DeviceError> {
+pub(super) fn write_whole(ftdi: &impl Ftdi, request: &Request, timeout: Duration) -> Result<(), DeviceError> {
     let packet = request.encode();
     if ftdi.write(&packet, timeout)? < packet.len() {
         return Err(DeviceError::new(DeviceErrorKind::Timeout));

@@ -270,7 +270,11 @@ impl Place<'_> {
             // Beyond half of what the motors may do there is too little left to touch with.
             if !(0.0..=0.5 * max_force_n).contains(given.get_ref()) {
                 let what = format!("`gravity_n` = {}", given.get_ref());
-                return Err(self.error(given.span(), what, "give 0 to half of `max_force_n`: it carries upwards"));
+                return Err(self.error(
+                    given.span(),
+                    what,
+                    "give 0 to half of `max_force_n`: it carries upwards",
+                ));
             }
             calibration.gravity_n = *given.get_ref() as f32;
         }
