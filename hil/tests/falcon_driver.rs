@@ -113,7 +113,8 @@ fn torques_that_are_held_stay_within_the_limit_while_the_grip_moves() {
                 felt_n <= most_n,
                 "{felt_n} N of {limit_n} with {force_n:?} asked for and moved along {along}"
             );
-            assert!(felt_n > 0.9 * limit_n, "{felt_n} N: shortened more than it needs");
+            // A single motor at its most, 0.41 N m, is no eight newtons in every direction.
+            assert!(felt_n > 0.75 * limit_n, "{felt_n} N: shortened more than it needs");
             largest_n = largest_n.max(felt_n);
             for pair in session.truth().windows(2) {
                 let metres = vec3::distance(pair[0].1, pair[1].1);
