@@ -7,15 +7,15 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ, Phase, Sample, vec3};
+use palpate_core::{Method, Organ, vec3};
 use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::replay::ReplayError;
+use palpate_host::rt::Miss;
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_host::rt::{Miss, TickRecord};
 use palpate_host::supervisor;
 use palpate_host::viewer::ViewerError;
 use palpate_host::{BlobFile, Device, Recording, replay};
@@ -26,6 +26,7 @@ use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
 use crate::hardware::{self, Hardware, Holding};
+use crate::motors_off;
 use crate::output;
 use crate::resident::Resident;
 use crate::summary;
@@ -142,30 +143,6 @@ fn print_misses(worst: &[Miss]) -> Result<(), Failure> {
         ))?;
     }
     Ok(())
-}
-
-/// Ticks between two lines of what would have been sent.
-const SHOWN_TICKS: u64 = 200;
-
-/// Where the hand is and what it would have felt, with the motors off.
-fn unsent(record: &TickRecord) -> String {
-    let TickRecord { device, phase, sample, hand_force_n: [x, y, z], .. } = record;
-    let place = sample.map_or_else(
-        || "no position".into(),
-        |Sample { position_m, buttons, .. }| {
-            let [x, y, z] = position_m.map(|metres| 1e3 * metres);
-            format!("x {x:+.1} y {y:+.1} z {z:+.1} mm, buttons {buttons:04b}")
-        },
-    );
-    format!("{}, {}: {place}; not sent {x:+.2} {y:+.2} {z:+.2} N", device.name(), phase_name(*phase))
-}
-
-const fn phase_name(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Disarmed => "disarmed",
-        Phase::Active => "active",
-        Phase::SafeZero(fault) => fault.name(),
-    }
 }
 
 fn frame_rate(text: &str) -> Result<f32, String> {
@@ -331,8 +308,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut ready = None;
     let touched = touch::run(&organs, method, show, &stop, open, |record| {
         ready.get_or_insert_with(|| begun.elapsed());
-        if args.motors_off && record.tick.is_multiple_of(SHOWN_TICKS) {
-            eprintln!("palpate: {}", unsent(record));
+        if args.motors_off {
+            motors_off::show(record);
         }
         resident.take(record);
     })?;

@@ -1,7 +1,10 @@
 use super::*;
+use crate::device::falcon::Mode;
 use crate::device::falcon::fake::{self, Fake};
 use crate::device::falcon::kinematics::CENTRE_M;
-use crate::device::falcon::packet::ALL_HOMED;
+use crate::device::falcon::usb::UsbError;
+use crate::device::profile::Profile;
+use crate::device::workspace::Workspace;
 
 const POLLED: FalconConfig = FalconConfig {
     workspace: Workspace {
