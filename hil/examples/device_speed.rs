@@ -48,6 +48,6 @@ fn main() {
     });
     let (motor, pose) = (MotorConfig::default(), *mechanism.pose());
     measure("force to motors", 2_000_000, |i| {
-        motor.commands(black_box(&pose), [1.0, -2.0, i as f32 * 1e-6]) != [0; 3]
+        motor.commands(black_box(&pose), black_box(&pose), [1.0, -2.0, i as f32 * 1e-6]) != [0; 3]
     });
 }

@@ -267,7 +267,9 @@ pub fn with_loop<T>(
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
     let mined = Mined { inner: device, fuse: Arc::clone(&fuse) };
-    let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs);
+    let carried_n = Profile { workspace, ..profile }.carried_n();
+    let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
+        .carrying(carried_n);
     let index = now_us.div_ceil(TICK_US);
     let mut bench =
         Bench { rig, controls: &controls, haptic: Some(haptic), clock: &clock, records, fuse, index };

@@ -39,6 +39,8 @@ pub struct SessionOptions {
     pub change_every: Option<Duration>,
     /// Standstill of the loop after which the watchdog zeroes the device, ms; never less than the age at which a sample is a fault.
     pub watchdog_ms: u32,
+    /// Force that carries the weight of the handle while the controller is active, model frame, N.
+    pub carried_n: Vec3,
     /// What the operating system granted, as soon as it is known: before the first tick.
     pub granted: Arc<OnceLock<RtReport>>,
 }
@@ -54,6 +56,7 @@ impl Default for SessionOptions {
             view: View::Nothing,
             change_every: None,
             watchdog_ms: DEFAULT_LIMIT_MS,
+            carried_n: vec3::ZERO,
             granted: Arc::default(),
         }
     }
@@ -337,6 +340,7 @@ pub fn run_session<D: Device, const N: usize>(
         let haptic =
             HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
                 .watched(&heartbeat)
+                .carrying(options.carried_n)
                 .stopped_by(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);

@@ -104,7 +104,7 @@ fn sliding_on_a_mechanism_without_an_allocation() {
     assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 1_000);
 }
 
-/// A chip in front of a homed device whose grip goes round; it answers what it is asked and keeps nothing else.
+/// A chip in front of a device that is homed after its first reply, and whose grip goes round; it answers what it is asked and keeps nothing else.
 #[derive(Default)]
 struct Echo {
     asked: AtomicU32,
@@ -134,7 +134,8 @@ impl Ftdi for Echo {
             return Err(DeviceError::new(DeviceErrorKind::Timeout));
         }
         self.answered.store(reply + 1, Ordering::Relaxed);
-        let reply = Reply { encoders: encoders(reply), homed: ALL_HOMED, ..Reply::default() };
+        let homed = if reply == 0 { 0 } else { ALL_HOMED };
+        let reply = Reply { encoders: encoders(reply), homed, ..Reply::default() };
         buffer[..2].copy_from_slice(&[0x01, 0x60]);
         buffer[2..18].copy_from_slice(&reply.encode());
         Ok(18)

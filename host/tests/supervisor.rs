@@ -11,8 +11,9 @@ use palpate_host::device::{DeviceState, EmergencyStop};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::supervisor::wire::{Numbered, Order, Report};
 use palpate_host::supervisor::{Served, StartError, Supervised, serve};
-use palpate_host::sys::Policy;
+use palpate_host::sys::{self, Policy};
 use palpate_host::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
+use std::os::fd::AsFd;
 use std::os::unix::net::UnixDatagram;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -185,6 +186,38 @@ fn forces_go_there_and_samples_come_back_with_the_time_of_their_request() {
     assert_eq!((served.exchanges, served.silences, served.strays, served.abandoned), (200, 0, 0, false));
     assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
     assert!(lock(&script).stops >= 1);
+}
+
+/// Counted in exchanges, whatever the clock says: the force of a tick is at the device in that tick, and a sample, which without a supervisor comes
+/// with the exchange after its request, comes with the one after that.
+#[test]
+fn a_supervisor_costs_one_tick_and_no_more() {
+    let lags = |device: &mut dyn Device, settle: &dyn Fn(u64)| -> Vec<u64> {
+        let lag = |tick: u64, device: &mut dyn Device| {
+            let sample = device.exchange(1_000 * tick, [tick as f32, 0.0, 0.0]).expect("it is there");
+            settle(tick);
+            sample.map(|sample| tick - sample.t_us / 1_000)
+        };
+        (0..200).filter_map(|tick| lag(tick, device)).collect()
+    };
+    let script = Shared::default();
+    let direct = lags(&mut Scripted { script, asked_us: None }, &|_| ());
+    assert_eq!(direct, vec![1; 199]);
+
+    let Bench { mut device, script, thread, stranger, .. } = Bench::new(LONG_MS);
+    let settle = |tick: u64| {
+        wait("report", || {
+            sys::wait_readable(stranger.as_fd(), Duration::from_millis(50))
+                && lock(&script).forces.len() > tick as usize
+        });
+        assert_eq!(lock(&script).forces.last(), Some(&[tick as f32, 0.0, 0.0]), "with its own tick");
+        // So that no two exchanges are of one microsecond.
+        std::thread::sleep(Duration::from_micros(50));
+    };
+    let supervised = lags(&mut device, &settle);
+    assert_eq!(supervised, vec![2; 198]);
+    drop(device);
+    thread.join().expect("no panic").expect("it was spoken to");
 }
 
 /// The device's reply is held up, the report comes after many ticks: it is as old as its request.

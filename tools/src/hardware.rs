@@ -4,17 +4,21 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
-use palpate_host::supervisor::{StartError, Supervised, Supervision};
+use palpate_host::supervisor::{self, StartError, Supervised, Supervision};
 use palpate_host::{Device, DeviceError};
 
 use crate::failure::Failure;
 
 /// Highest priority that is asked for: 99 belongs to the kernel.
 const MOST_PRIORITY: i32 = 98;
+
+/// A name that no device has.
+const NO_DEVICE: &str = "none";
 
 /// A device with motors, as the command line names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,9 +68,7 @@ impl<'n> Hardware<'n> {
                     let bytes = std::fs::read(path).map_err(|error| Failure::file(path, &error))?;
                     Image::new(bytes).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
                 });
-                let (workspace, max_force_n) = (profile.workspace, profile.max_force_n);
-                let mode = Mode::Threaded { fifo_priority };
-                let config = FalconConfig { mode, workspace, max_force_n, ..FalconConfig::default() };
+                let config = FalconConfig::of(profile, Mode::Threaded { fifo_priority });
                 let falcon = Falcon::open(config, image.transpose()?.as_ref()).map_err(Failure::input)?;
                 Ok(Opened::Falcon(Box::new(falcon)))
             }
@@ -164,13 +166,30 @@ pub(crate) fn open(
     Ok((opened.into_device(), supervision))
 }
 
-/// The same program again, as a supervisor.
+/// The same program again, as a supervisor of this device.
+fn supervisor(device: &str) -> std::io::Result<Command> {
+    let mut command = Command::new(std::env::current_exe()?);
+    command.args(["supervise", device]);
+    Ok(command)
+}
+
+/// Starts a supervisor for a device that there is not, and how long it takes until it says so: all of it works then but the device.
+pub(crate) fn try_supervisor() -> Result<Duration, StartError> {
+    try_command(supervisor(NO_DEVICE)?)
+}
+
+fn try_command(command: Command) -> Result<Duration, StartError> {
+    let begun = Instant::now();
+    match Supervised::start(command, supervisor::DEFAULT_LIMIT_MS, &AtomicBool::new(false)) {
+        Ok(_) | Err(StartError::Refused(_)) => Ok(begun.elapsed()),
+        Err(error) => Err(error),
+    }
+}
+
 fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<Supervised, Failure> {
-    let this = std::env::current_exe().map_err(|error| {
+    let mut command = supervisor(holding.device).map_err(|error| {
         Failure::work(format!("this program does not find itself ({error}); --no-supervisor does without"))
     })?;
-    let mut command = Command::new(this);
-    command.args(["supervise", holding.device]);
     if let Some(profile) = holding.profile_name {
         command.args(["--profile", profile]);
     }
@@ -186,6 +205,13 @@ fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_supervisor_is_told_from_one() {
+        assert!(Hardware::named(NO_DEVICE).is_none());
+        assert!(matches!(try_command(Command::new("/no/such/program")), Err(StartError::Io(_))));
+        assert!(matches!(try_command(Command::new("true")), Err(StartError::Ended)));
+    }
     use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
 
     /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.

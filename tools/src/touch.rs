@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, SystemTime};
 
-use palpate_core::{Config, Method, Organ, Phase};
+use palpate_core::{Config, Method, Organ, Phase, vec3};
 use palpate_host::device::mouse::MouseHandle;
 use palpate_host::device::profile::Profile;
 use palpate_host::model::ModelError;
@@ -154,6 +154,7 @@ pub(crate) fn run<D: Device>(
         haptic: show.timing.haptic(show.profile),
         real_time: show.timing.request(),
         watchdog_ms: show.watchdog_ms,
+        carried_n: show.profile.map_or(vec3::ZERO, Profile::carried_n),
         ..SessionOptions::default()
     };
     if options.haptic.spin_us >= options.haptic.period_us {

@@ -32,6 +32,14 @@ fn it_looks_without_measuring() {
     );
     let json = palpate(&["doctor", "--seconds", "0", "--json", "--cpu", "0"]);
     let figures: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    // It was really started, and there is none left.
+    let supervisor = figures["checks"].as_array().and_then(|checks| {
+        checks.iter().find(|check| check["name"] == "supervisor").map(|check| check.to_string())
+    });
+    let supervisor = supervisor.expect("a check");
+    let is_started =
+        supervisor.contains("starts within") && supervisor.contains("after 10 ms without an order");
+    assert!(is_started && !supervisor.contains("\"bad\"") && table.contains("supervisor"), "{supervisor}");
     assert!(figures["checks"].as_array().is_some_and(|checks| checks.len() >= 15));
     assert_eq!((&figures["cpu"], &figures["measured"]), (&0.into(), &serde_json::Value::Null));
 }

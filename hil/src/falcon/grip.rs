@@ -17,8 +17,8 @@ const MIDDLE_M: Vec3 = [0.0, 0.0, 0.1165];
 /// And how far from there, m: a little more than the 40 mm of the workspace, and short of where a leg is stretched.
 const REACH_M: Vec3 = [0.041, 0.041, 0.0415];
 const REACH: Reach = Reach::Box { half_m: REACH_M };
-/// Torque of one count of a motor command, N m; the command acts against its sign.
-const NM_PER_MOTOR_COUNT: f64 = -1e-4;
+/// Torque of one count of each motor's command, N m; the command acts against its sign. As libnifalcon has it.
+pub const NM_PER_MOTOR_COUNT: [f64; 3] = [-1e-4; 3];
 
 /// Mechanism and hand.
 #[derive(Debug, Clone)]
@@ -30,6 +30,7 @@ pub struct Grip {
     begun_us: Option<u64>,
     now_us: u64,
     motors: [i16; 3],
+    nm_per_count: [f64; 3],
     pose: Pose,
     felt: Felt,
 }
@@ -51,9 +52,17 @@ impl Grip {
             begun_us: None,
             now_us: 0,
             motors: [0; 3],
+            nm_per_count: NM_PER_MOTOR_COUNT,
             pose: Pose::at(start_m).expect("the mechanism's stops are within reach of its legs"),
             felt: Felt::nothing(0),
         }
+    }
+
+    /// The same with motors of its own: torque of one count of each command, N m.
+    #[must_use]
+    pub const fn with_motors(mut self, nm_per_count: [f64; 3]) -> Self {
+        self.nm_per_count = nm_per_count;
+        self
     }
 
     /// Where the grip is, device frame, m.
@@ -104,7 +113,8 @@ impl Grip {
 
     /// What the motors do to the hand where it is now.
     fn motors_n(&self) -> Vec3 {
-        self.pose.force_n(self.motors.map(|count| f64::from(count) * NM_PER_MOTOR_COUNT))
+        self.pose
+            .force_n(core::array::from_fn(|motor| f64::from(self.motors[motor]) * self.nm_per_count[motor]))
     }
 
     /// Moves on by the next whole step if it ends by `until_us`; gives what the encoders stand at then.

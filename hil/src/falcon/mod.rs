@@ -31,7 +31,7 @@ pub use memory::MemoryFtdi;
 use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use firmware::Firmware;
-use grip::Grip;
+use grip::{Grip, NM_PER_MOTOR_COUNT};
 use image::Image;
 use loader::Loader;
 use palpate_core::Vec3;
@@ -50,6 +50,8 @@ pub struct FalconConfig {
     pub drag: Drag,
     /// What the hand does; it begins when the first packet asks for homing.
     pub path: Vec<Waypoint>,
+    /// Torque of one count of each motor's command, N m.
+    pub nm_per_motor_count: [f64; 3],
     /// How far the encoders are off before homing, counts.
     pub raw_offset: [i16; 3],
     /// How the boot loader behaves.
@@ -65,6 +67,7 @@ impl Default for FalconConfig {
             // As the profile "falcon" assumes it.
             drag: Drag { mass_kg: 0.15, damping_n_s_m: 1.0, coulomb_n: 0.2 },
             path: homing_path(),
+            nm_per_motor_count: NM_PER_MOTOR_COUNT,
             raw_offset: [1_234, -4_321, 77],
             loader: LoaderOptions::default(),
             firmware_runs: false,
@@ -100,8 +103,8 @@ impl EmulatedFalcon {
     /// A device that was just plugged in, at time 0.
     #[must_use]
     pub fn new(config: FalconConfig) -> Self {
-        let FalconConfig { hand, drag, path, raw_offset, loader, firmware_runs } = config;
-        let grip = Grip::new(hand, drag, path);
+        let FalconConfig { hand, drag, path, nm_per_motor_count, raw_offset, loader, firmware_runs } = config;
+        let grip = Grip::new(hand, drag, path).with_motors(nm_per_motor_count);
         Self {
             chip: Chip::new(0),
             loader: Loader::new(loader),

@@ -20,6 +20,9 @@ const MID_FRAME_US: u64 = 50;
 /// Counts of an encoder to a metre at the handle, about: the coarsest direction.
 const COUNTS_PER_M: f32 = 1.0 / 54e-6;
 
+/// Outside the indices of all three axes, m.
+const OUT_M: Vec3 = [0.0, 0.0, 0.145];
+
 /// The Falcon in memory.
 pub struct FalconRig {
     /// The device; every driver has a handle of its own.
@@ -31,6 +34,8 @@ pub struct FalconRig {
     seed: u64,
     /// The device's time when the driver was opened, us.
     opened_us: u64,
+    /// A driver had it before.
+    was_open: bool,
     /// From the emulated counts to a place: the driver's own, solved to a micrometre.
     kinematics: Cell<Kinematics>,
 }
@@ -48,15 +53,31 @@ impl FalconRig {
         Self::with(seed, false, loader)
     }
 
+    /// A device whose motors turn with these torques a count, N m, and a user who has the profile for it.
+    #[must_use]
+    pub fn calibrated(nm_per_motor_count: [f64; 3], profile: Profile) -> Self {
+        Self::made(7, true, LoaderOptions::default(), nm_per_motor_count, profile)
+    }
+
     fn with(seed: u64, firmware_runs: bool, loader: LoaderOptions) -> Self {
         let profile = Profile::bundled("falcon").expect("bundled");
+        Self::made(seed, firmware_runs, loader, FalconConfig::default().nm_per_motor_count, profile)
+    }
+
+    fn made(
+        seed: u64,
+        firmware_runs: bool,
+        loader: LoaderOptions,
+        nm_per_motor_count: [f64; 3],
+        profile: Profile,
+    ) -> Self {
         let middle_m = profile.workspace.device_origin_m;
-        let out_m = [0.0, 0.0, 0.145];
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
-            vec![Waypoint { t_us: 0, position_m: out_m }, Waypoint { t_us: 100_000, position_m: middle_m }];
+            vec![Waypoint { t_us: 0, position_m: OUT_M }, Waypoint { t_us: 100_000, position_m: middle_m }];
         let drag = super::assumed_drag(&profile);
-        let config = FalconConfig { path, drag, firmware_runs, loader, ..FalconConfig::default() };
+        let config =
+            FalconConfig { path, drag, firmware_runs, loader, nm_per_motor_count, ..FalconConfig::default() };
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
             device: MemoryFtdi::new(EmulatedFalcon::new(config)),
@@ -65,6 +86,7 @@ impl FalconRig {
             firmware: Some(Image::new(image).expect("a sound stream")),
             seed,
             opened_us: 0,
+            was_open: false,
             kinematics: Cell::default(),
         }
     }
@@ -76,10 +98,20 @@ impl FalconRig {
         Ok(link)
     }
 
-    /// The driver's clock begins now.
+    /// A driver has the device, and its clock begins now. After the first one it has to be homed once more, and the user does it.
     pub fn begin(&mut self) {
         self.opened_us = self.device.falcon().now_us();
+        if std::mem::replace(&mut self.was_open, true) {
+            self.device.falcon().follow(home_again(self.profile.workspace.device_origin_m));
+        }
     }
+}
+
+/// Out past the indices and in again.
+fn home_again(middle_m: Vec3) -> Vec<Waypoint> {
+    [(0, middle_m), (200_000, OUT_M), (300_000, OUT_M), (400_000, middle_m)]
+        .map(|(t_us, position_m)| Waypoint { t_us, position_m })
+        .to_vec()
 }
 
 impl Rig for FalconRig {
@@ -107,12 +139,8 @@ impl Rig for FalconRig {
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
         let link = self.connect()?;
-        let config = driver::FalconConfig {
-            workspace,
-            max_force_n: self.profile.max_force_n,
-            mode: Mode::Polled,
-            ..driver::FalconConfig::default()
-        };
+        let config =
+            driver::FalconConfig { workspace, ..driver::FalconConfig::of(&self.profile, Mode::Polled) };
         let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
         self.begin();
         Ok(Box::new(falcon))

@@ -6,6 +6,7 @@
 pub mod falcon;
 pub mod hand;
 pub mod impedance;
+pub mod motors_off;
 pub mod mouse;
 pub mod palpation;
 mod pending;

@@ -40,6 +40,9 @@ pub struct Outputs {
     pub latest: triple_buffer::Input<TickRecord>,
 }
 
+/// Time in which the force that carries the handle rises, us: that of the ramp after arming.
+const CARRY_RISE_US: f32 = 500_000.0;
+
 /// Why the loop ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoopEnd {
@@ -99,6 +102,11 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
     controls: &'l Controls,
     outputs: Outputs,
     hand_force_n: Vec3,
+    /// Force that carries the weight of the handle, and what share of it is on.
+    carried_n: Vec3,
+    carried_share: f32,
+    /// Ticks since the last sample.
+    missed: u32,
     buttons: u32,
     latency: LatencyRecorder,
     ticks: u64,
@@ -181,6 +189,9 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             controls,
             outputs,
             hand_force_n: vec3::ZERO,
+            carried_n: vec3::ZERO,
+            carried_share: 0.0,
+            missed: 0,
             // All held: arming needs a press that was seen to happen.
             buttons: u32::MAX,
             latency: LatencyRecorder::new(),
@@ -199,6 +210,16 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     #[must_use]
     pub const fn watched(mut self, heartbeat: &'l Heartbeat) -> Self {
         self.heartbeat = Some(heartbeat);
+        self
+    }
+
+    /// Carries the weight of the handle with this force, model frame, N, while the controller is active.
+    ///
+    /// It is no force of the model: it is neither recorded nor counted by the guard on energy, and the device's own clamp holds the sum. It rises over
+    /// half a second and is gone at once with whatever takes the force away.
+    #[must_use]
+    pub const fn carrying(mut self, force_n: Vec3) -> Self {
+        self.carried_n = force_n;
         self
     }
 
@@ -224,6 +245,19 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     /// The instructions the force is interpolated with.
     pub fn instructions(&self) -> Instructions {
         self.models[self.model].interpolator.instructions()
+    }
+
+    /// What is added to the force for the weight of the handle. Samples that do not come take it away with the model's force: one policy.
+    fn carried_n(&mut self, phase: Phase, has_sample: bool) -> Vec3 {
+        self.missed = if has_sample { 0 } else { self.missed.saturating_add(1) };
+        let hold_ticks = self.models[self.model].controller.config().limits.stale_hold_ticks;
+        if phase == Phase::Active && self.missed <= hold_ticks {
+            let step = self.config.period_us as f32 / CARRY_RISE_US;
+            self.carried_share = (self.carried_share + step).min(1.0);
+        } else {
+            self.carried_share = 0.0;
+        }
+        vec3::scale(self.carried_n, self.carried_share)
     }
 
     /// Goes over to the model that was asked for.
@@ -306,7 +340,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
                 interpolator.force(space, displacement_m)
             });
-        self.hand_force_n = command.hand_force_n;
+        let carried_n = self.carried_n(command.phase, sample.is_some());
+        self.hand_force_n = vec3::add(command.hand_force_n, carried_n);
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
         let (device_ns, compute_ns) = (exchanged_ns - start_ns, end_ns - start_ns);

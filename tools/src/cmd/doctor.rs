@@ -1,13 +1,17 @@
 //! `palpate doctor`: what of this PC stands in the way of 1 kHz, and how to mend it.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args as ClapArgs;
 use palpate_host::doctor::{Check, Measurement, Probe, Surroundings, Verdict, examine, loop_cpu, measure};
 use palpate_host::rt::LatencyReport;
+use palpate_host::supervisor::{DEFAULT_LIMIT_MS, StartError};
+use palpate_host::sys::{self, Policy, RtRequest};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::hardware;
 use crate::output;
 use crate::summary::percentiles;
 use crate::timing::Timing;
@@ -15,7 +19,7 @@ use crate::workbench::stop_flag;
 
 /// What of this PC stands in the way of 1 kHz, and how to mend it.
 ///
-/// Looks at kernel, rights, CPUs and ports, in order of importance, changes nothing, and measures how late the loop wakes with what this
+/// Looks at kernel, rights, CPUs and ports, in order of importance, starts a supervisor without a device, changes nothing, and measures how late the loop wakes with what this
 /// user is granted. Exit code 0 also where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
@@ -46,7 +50,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let request = args.timing.request();
     let priority = request.fifo_priority.unwrap_or(palpate_host::sys::DEFAULT_FIFO_PRIORITY);
     // Looked at first: the load is that before the measurement.
-    let checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
+    let mut checks = if args.measure.is_none() { examine(&probe, cpu, priority) } else { Vec::new() };
+    if args.measure.is_none() {
+        checks.push(supervisor(hardware::try_supervisor(), hardware::above(request.fifo_priority)));
+    }
     let measured = if seconds > 0.0 {
         let stop = stop_flag()?;
         let measured = measure(seconds, args.timing.haptic(None), request, &stop);
@@ -73,6 +80,41 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             measured.latency.wake.p99_ns as f64 * 1e-6
         ))),
         _ => Ok(()),
+    }
+}
+
+/// Whether a session's device would have somebody to take its force away.
+fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>) -> Check {
+    let check = |verdict, found, mend: &[&str]| Check {
+        name: "supervisor",
+        verdict,
+        found,
+        mend: mend.iter().map(ToString::to_string).collect(),
+    };
+    let started = match started {
+        Ok(started) => started,
+        Err(error) => {
+            let mend = [
+                "a session that is killed leaves a real device its last force:",
+                "run palpate from a file that this user may read and execute, and leave room for one more process (ulimit -u)",
+            ];
+            return check(Verdict::Bad, error.to_string(), &mend);
+        }
+    };
+    // A thread of its own: what it is granted must not stay with this one.
+    let request = RtRequest { fifo_priority, ..RtRequest::nothing() };
+    let policy = std::thread::spawn(move || sys::enter_real_time(&request).0.policy).join();
+    let policy = policy.unwrap_or(Policy::Other);
+    let found = format!(
+        "starts within {} ms, as a process of its own with {policy}; answers over a socket pair, which is no file and which no other process \
+         can open. Takes the force of a polhem or a falcon away after {DEFAULT_LIMIT_MS} ms without an order",
+        started.as_millis()
+    );
+    match (policy, fifo_priority) {
+        (Policy::Other, Some(_)) => {
+            check(Verdict::Better, found, &["it is as late as this PC is busy: see `priority`"])
+        }
+        _ => check(Verdict::Good, found, &[]),
     }
 }
 
@@ -122,4 +164,19 @@ fn figures(measured: &Measurement) -> serde_json::Value {
         "missed_deadlines": latency.skipped_periods, "overruns": latency.overruns,
         "worst": latency.worst.iter().map(|miss| json!({ "tick": miss.tick, "late_ns": miss.late_ns })).collect::<Vec<_>>(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_supervisor_that_does_not_start_is_bad_and_says_what_is_at_stake() {
+        let bad = supervisor(Err(StartError::Ended), Some(51));
+        assert_eq!((bad.name, bad.verdict), ("supervisor", Verdict::Bad));
+        assert!(bad.found.contains("ended at once") && bad.mend[0].contains("last force"), "{bad}");
+        let plain = supervisor(Ok(Duration::from_millis(7)), None);
+        assert_eq!(plain.verdict, Verdict::Good, "nothing was asked for, nothing is missing");
+        assert!(plain.found.contains("within 7 ms") && plain.found.contains("SCHED_OTHER"), "{plain}");
+    }
 }

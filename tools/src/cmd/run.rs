@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, vec3};
+use palpate_host::device::motors_off::MotorsOff;
 use palpate_host::device::mouse::{Mouse, MouseConfig, MouseHandle, mouse};
 use palpate_host::device::palpation::RandomConfig;
 use palpate_host::device::profile::Profile;
@@ -25,6 +26,7 @@ use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
 use crate::hardware::{self, Hardware, Holding};
+use crate::motors_off;
 use crate::output;
 use crate::resident::Resident;
 use crate::summary;
@@ -103,6 +105,10 @@ pub(crate) struct Args {
     /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
     #[arg(long)]
     no_supervisor: bool,
+    /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a second on standard error). For
+    /// the first power-up of a real device: docs/devices.md
+    #[arg(long)]
+    motors_off: bool,
     /// Folder for frames and screenshots
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
@@ -296,12 +302,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         None => {
             let (device, supervisor) = open_device(args, organs[0], profile.as_ref(), &stop)?;
             supervision = supervisor;
-            Ok(device)
+            Ok(if args.motors_off { Box::new(MotorsOff::new(device)) } else { device })
         }
     };
     let mut ready = None;
     let touched = touch::run(&organs, method, show, &stop, open, |record| {
         ready.get_or_insert_with(|| begun.elapsed());
+        if args.motors_off {
+            motors_off::show(record);
+        }
         resident.take(record);
     })?;
     let resident = resident.end();

@@ -8,7 +8,7 @@ use palpate_hil::felt::Felt;
 use palpate_hil::mechanism::Waypoint;
 use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig, Traits};
 use palpate_host::device::falcon::usb::UsbError;
-use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Ftdi, Image, UsbFtdi};
+use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Ftdi, Image, Mode, UsbFtdi};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
@@ -98,7 +98,10 @@ impl Drop for Driver {
 
 impl Device for Driver {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        self.inner.exchange(now_us, hand_force_n)
+        let exchanged = self.inner.exchange(now_us, hand_force_n);
+        // The device's time does not go on before it has what was sent.
+        self.inner.wait_sent(WRITE);
+        exchanged
     }
 
     fn stop(&mut self) {
@@ -175,8 +178,10 @@ impl Rig for FarRig {
     }
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
-        let config =
-            FalconConfig { workspace, max_force_n: self.profile.max_force_n, ..FalconConfig::default() };
+        let config = FalconConfig {
+            workspace,
+            ..FalconConfig::of(&self.profile, Mode::Threaded { fifo_priority: None })
+        };
         let (image, until) = (Image::synthetic(FIRMWARE_WORDS), Instant::now() + PATIENCE);
         ask(Ask::Run);
         let driver = loop {

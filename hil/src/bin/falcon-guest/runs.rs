@@ -491,7 +491,7 @@ impl<'o> Bench<'o> {
         }
         run.zero_ms = report.zero_ms;
         if run.end != End::Active {
-            self.nothing_by_itself(&mut session, controls, fault)?;
+            self.nothing_by_itself(&mut session, controls, fault, run.end)?;
         }
         self.order(Order::Lift)?;
         session.ticks(LIFT_TICKS)?;
@@ -505,6 +505,7 @@ impl<'o> Bench<'o> {
         session: &mut Session<'_, '_, Opened>,
         controls: &Controls,
         fault: Strike,
+        run_end: End,
     ) -> Outcome<()> {
         self.order(Order::Forget)?;
         self.unhomed_passes = false;
@@ -522,7 +523,8 @@ impl<'o> Bench<'o> {
             session.ticks(20)?;
             self.nothing("though the fault was latched")?;
         }
-        if matches!(fault, Strike::Homing | Strike::UnplugPower) {
+        // A device that was opened anew counts for not homed, whatever it has kept.
+        if fault == Strike::Homing || matches!(run_end, End::Lost(_)) {
             check(record.device == DeviceState::Unhomed, || format!("{:?}, not unhomed", record.device))?;
             controls.reset();
             session.ticks(2)?;

@@ -1,22 +1,26 @@
 //! The Falcon as a device of the loop: opening, homing, exchanging, stopping.
 //!
-//! An exchange never waits for a reply. It takes what has come, and sends the next request once the last one was answered or given up. A
-//! sample is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
+//! An exchange waits neither for a reply nor for a transfer. It takes what has come, and sends the next request once the last one was answered or
+//! given up. A sample is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
+//!
+//! Homing counts only if it was done since the device was opened. A board that keeps its power keeps its homing, and nobody has seen what was done
+//! to the grip since: it is made to forget, by loading its firmware anew, or it is not opened.
 //!
 //! Lights: red, not homed (and no force); blue, homed; green, a force is on the motors.
 //! The device has no watchdog as far as is known: its motors keep the last command. See [`Device::stop`] and [`Device::emergency_stop`].
 
+use super::config::{FalconConfig, FalconError};
 use super::firmware::Image;
 use super::ftdi::Ftdi;
-use super::intake::{Intake, Mode, Tally};
-use super::kinematics::{Kinematics, Solution};
+use super::intake::{Intake, Tally};
+use super::kinematics::{Kinematics, Pose, Solution};
 use super::line::Setting;
-use super::loader::{self, LoadError};
+use super::loader;
 use super::motor::MotorConfig;
-use super::packet::{Lights, Reply, Request};
-use super::usb::{UsbError, UsbFtdi};
+use super::outlet::{Outlet, WRITE_TIMEOUT, write_whole};
+use super::packet::{ALL_HOMED, Lights, Reply, Request};
+use super::usb::UsbFtdi;
 use crate::device::pending::Pending;
-use crate::device::workspace::Workspace;
 use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -25,93 +29,21 @@ use palpate_core::{Sample, Vec3, vec3};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Longest wait for a request to leave; a healthy link takes a tenth of a millisecond.
-const WRITE_TIMEOUT: Duration = Duration::from_millis(2);
-/// Largest stiffness as long as nobody has measured the mechanism's damping, N/m.
-const MAX_STIFFNESS_N_M: f32 = 1_000.0;
 /// Coarsest step of the position, m: 42 to 54 um in x and y, 27 um in z.
 const RESOLUTION_M: f32 = 54e-6;
 /// Fastest that a hand moves the grip, m/s: a jump beyond it is a miscounted encoder or a damaged packet that looks whole.
 const FASTEST_M_S: f32 = 3.0;
 /// What it may jump in no time, m: requests are stamped within a tick.
 const JUMP_M: f32 = 2e-3;
+/// How long torques may be held: until the next exchange, and two more on a link that is late, s.
+const HELD_S: f64 = 3e-3;
+/// Longest wait for a zero to leave when the device is stopped.
+const STOP_PATIENCE: Duration = Duration::from_millis(10);
 /// Pause between two exchanges while the user homes it.
 const HOMING_PAUSE: Duration = Duration::from_millis(1);
 
 /// After this nothing is on its way any more.
 const SETTLING: Duration = Duration::from_millis(10);
-
-/// How to use the device.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FalconConfig {
-    /// Where the device's workspace lies in the model.
-    pub workspace: Workspace,
-    /// Largest force of the mechanism, N.
-    pub max_force_n: f32,
-    /// Motor counts to one N m at a crank, with its sign (`MotorConfig`).
-    pub counts_per_n_m: f64,
-    /// Force up that carries the weight of the grip, N; comes and goes with the force.
-    pub gravity_n: f64,
-    /// How replies are read.
-    pub mode: Mode,
-}
-
-impl Default for FalconConfig {
-    fn default() -> Self {
-        let MotorConfig { counts_per_n_m, gravity_n, max_force_n } = MotorConfig::default();
-        Self {
-            workspace: Workspace::default(),
-            max_force_n: max_force_n as f32,
-            counts_per_n_m,
-            gravity_n,
-            mode: Mode::Threaded { fifo_priority: None },
-        }
-    }
-}
-
-impl FalconConfig {
-    fn motor(&self) -> MotorConfig {
-        MotorConfig {
-            counts_per_n_m: self.counts_per_n_m,
-            gravity_n: self.gravity_n,
-            max_force_n: self.max_force_n.into(),
-        }
-    }
-}
-
-/// Why the device cannot be used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum FalconError {
-    /// No chip to talk to.
-    Usb(UsbError),
-    /// The link failed.
-    Device(DeviceError),
-    /// Silent, and no firmware was given.
-    NeedsFirmware,
-    /// The firmware could not be loaded.
-    Load(LoadError),
-}
-
-impl fmt::Display for FalconError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Usb(error) => error.fmt(f),
-            Self::Device(error) => write!(f, "{error}; check the cable and connect the device again"),
-            Self::NeedsFirmware => f.write_str(
-                "the Falcon is silent: it has forgotten its firmware; give the file with falcon:FIRMWARE (docs/devices.md)",
-            ),
-            Self::Load(error) => error.fmt(f),
-        }
-    }
-}
-
-impl core::error::Error for FalconError {}
-
-impl From<DeviceError> for FalconError {
-    fn from(error: DeviceError) -> Self {
-        Self::Device(error)
-    }
-}
 
 /// What is known of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,6 +59,7 @@ pub struct Falcon<F: Ftdi + 'static> {
     config: FalconConfig,
     motor: MotorConfig,
     intake: Intake,
+    outlet: Outlet,
     /// What of it has been looked at.
     seen: Tally,
     pending: Pending,
@@ -134,6 +67,8 @@ pub struct Falcon<F: Ftdi + 'static> {
     homing: Homing,
     /// When and where the last sample was, device frame.
     last: Option<(u64, Vec3)>,
+    /// Between the last two samples, device frame, m/s.
+    velocity_m_s: Vec3,
     /// The motors may still have a force of ours.
     rendering: bool,
     lost: bool,
@@ -151,7 +86,7 @@ impl<F: Ftdi + 'static> fmt::Debug for Falcon<F> {
 }
 
 impl Falcon<UsbFtdi> {
-    /// Opens the Falcon on USB; its firmware is loaded if it is silent. Blocks for up to some seconds.
+    /// Opens the Falcon on USB; its firmware is loaded if it is silent, or homed already. Blocks for up to some seconds.
     pub fn open(config: FalconConfig, firmware: Option<&Image>) -> Result<Self, FalconError> {
         let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
         Self::start(Arc::new(chip), config, firmware)
@@ -159,18 +94,30 @@ impl Falcon<UsbFtdi> {
 }
 
 impl<F: Ftdi + 'static> Falcon<F> {
-    /// Brings up the device behind a chip and leaves it with zero force. Blocks for up to some seconds.
+    /// Brings up the device behind a chip and leaves it with zero force and not homed. Blocks for up to some seconds.
+    ///
+    /// It asks for no homing, so no axis is homed before the first exchange, and what is homed later was homed by the user of this session.
     pub fn start(ftdi: Arc<F>, config: FalconConfig, firmware: Option<&Image>) -> Result<Self, FalconError> {
         Setting::Reset.apply(&ftdi)?;
         loader::set_normal(&ftdi)?;
-        if loader::probe(&ftdi)?.is_none() {
-            let image = firmware.ok_or(FalconError::NeedsFirmware)?;
-            loader::load(&ftdi, image).map_err(FalconError::Load)?;
+        let forgotten = |reply: &Reply| reply.homed & ALL_HOMED == 0;
+        match (loader::probe(&ftdi)?, firmware) {
+            (Some(reply), _) if forgotten(&reply) => {}
+            (_, Some(image)) => {
+                let reply = loader::load(&ftdi, image).map_err(FalconError::Load)?;
+                if !forgotten(&reply) {
+                    return Err(FalconError::HomedBefore);
+                }
+            }
+            (Some(_), None) => return Err(FalconError::HomedBefore),
+            (None, None) => return Err(FalconError::NeedsFirmware),
         }
         // Replies to the probe are no answers to what follows.
         loader::set_normal(&ftdi)?;
+        let disturbed = Arc::default();
         Ok(Self {
             intake: Intake::start(&ftdi, config.mode)?,
+            outlet: Outlet::start(&ftdi, config.mode, &disturbed)?,
             ftdi,
             config,
             motor: config.motor(),
@@ -179,9 +126,10 @@ impl<F: Ftdi + 'static> Falcon<F> {
             kinematics: Kinematics::default(),
             homing: Homing::Unknown,
             last: None,
+            velocity_m_s: [0.0; 3],
             rendering: false,
             lost: false,
-            disturbed: Arc::default(),
+            disturbed,
         })
     }
 
@@ -202,24 +150,36 @@ impl<F: Ftdi + 'static> Falcon<F> {
         Ok(self.homing == Homing::Homed)
     }
 
+    /// Waits until the newest request has left, or for so long: for a bench whose device must not run ahead of its driver.
+    pub fn wait_sent(&mut self, patience: Duration) {
+        self.outlet.flush(patience);
+    }
+
     fn lights(&self, rendering: bool) -> Lights {
         let homed = self.homing == Homing::Homed;
         Lights { red: !homed, blue: homed && !rendering, green: homed && rendering }
     }
 
     /// Motor commands for a force in the model's frame; none before the device is homed, and none without a pose.
-    fn commands(&self, hand_force_n: Vec3) -> [i16; 3] {
-        if self.homing != Homing::Homed || self.last.is_none() {
-            return [0; 3];
-        }
-        self.motor.commands(self.kinematics.pose(), self.config.workspace.to_device_n(hand_force_n))
+    fn commands(&self, now_us: u64, hand_force_n: Vec3) -> [i16; 3] {
+        let Some((last_us, _)) = self.last.filter(|_| self.homing == Homing::Homed) else { return [0; 3] };
+        let pose = self.kinematics.pose();
+        let ahead = self.ahead(pose, now_us.saturating_sub(last_us));
+        self.motor.commands(pose, &ahead, self.config.workspace.to_device_n(hand_force_n))
+    }
+
+    /// Where the handle may have come to by the time the next torques replace these; the same pose where its legs would not reach.
+    fn ahead(&self, pose: &Pose, age_us: u64) -> Pose {
+        let seconds = HELD_S + age_us as f64 * 1e-6;
+        let there_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(self.velocity_m_s[axis]);
+        self.kinematics.pose_with(core::array::from_fn(there_m)).unwrap_or(*pose)
     }
 
     fn send(&mut self, motors: [i16; 3]) -> Result<(), DeviceError> {
         let rendering = motors != [0; 3];
         let homing = self.homing != Homing::Homed;
         let request = Request { motors, homing, lights: self.lights(rendering) };
-        let sent = write_whole(&*self.ftdi, &request);
+        let sent = self.outlet.send(&*self.ftdi, request);
         // What may have gone is taken away again.
         self.rendering = rendering || (self.rendering && sent.is_err());
         sent
@@ -254,6 +214,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             // Homing sets the coordinates anew.
             self.homing = homing;
             self.last = None;
+            self.velocity_m_s = [0.0; 3];
             self.kinematics.reset();
         }
     }
@@ -275,6 +236,10 @@ impl<F: Ftdi + 'static> Falcon<F> {
             self.kinematics = before;
             return Err(DeviceError::new(DeviceErrorKind::BadFrame));
         }
+        self.velocity_m_s = self.last.map_or([0.0; 3], |(last_us, last_m)| {
+            let per_second = 1e6 / t_us.saturating_sub(last_us).max(1) as f32;
+            vec3::scale(vec3::sub(device_m, last_m), per_second)
+        });
         self.last = Some((t_us, device_m));
         let position_m = self.config.workspace.to_model_m(device_m);
         Ok(Some(Sample { t_us, position_m, buttons: u32::from(reply.buttons) }))
@@ -282,6 +247,10 @@ impl<F: Ftdi + 'static> Falcon<F> {
 
     fn exchange_packets(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (reply, damaged) = self.receive(now_us)?;
+        let unsent = self.outlet.failure();
+        if let Some(error) = unsent.filter(|error| !error.kind().is_passing()) {
+            return Err(error);
+        }
         let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, &reply));
         if self.disturbed.swap(false, Ordering::Acquire) {
             // Its replies are no answers to ours: silence first.
@@ -289,7 +258,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         }
         self.pending.ends_pause(now_us);
         let overdue = self.pending.is_overdue(now_us);
-        let motors = self.commands(hand_force_n);
+        let motors = self.commands(now_us, hand_force_n);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && motors == [0; 3];
         if self.pending.may_send(now_us) || release {
@@ -299,19 +268,10 @@ impl<F: Ftdi + 'static> Falcon<F> {
         }
         match sample? {
             None if damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
-            None if overdue => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            None if overdue || unsent.is_some() => Err(DeviceError::new(DeviceErrorKind::Timeout)),
             sample => Ok(sample),
         }
     }
-}
-
-/// Sends a request in one piece: what is cut the device throws away.
-fn write_whole(ftdi: &impl Ftdi, request: &Request) -> Result<(), DeviceError> {
-    let packet = request.encode();
-    if ftdi.write(&packet, WRITE_TIMEOUT)? < packet.len() {
-        return Err(DeviceError::new(DeviceErrorKind::Timeout));
-    }
-    Ok(())
 }
 
 impl<F: Ftdi + 'static> Device for Falcon<F> {
@@ -323,10 +283,11 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
 
     fn stop(&mut self) {
         // Twice: should the device be in the middle of a damaged packet, the first one only resynchronises it. A device that is gone cannot
-        // be helped, and there is nobody left to tell.
-        for _ in 0..2 {
-            let _ = self.send([0; 3]);
-        }
+        // be helped, and there is nobody left to tell. The second one goes past the thread, should that hang or have fallen.
+        let _ = self.send([0; 3]);
+        self.wait_sent(STOP_PATIENCE);
+        let zero = Request { lights: self.lights(false), ..Request::default() };
+        let _ = write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT);
     }
 
     fn info(&self) -> DeviceInfo {
@@ -334,7 +295,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
             name: "Novint Falcon on USB".into(),
             self_arming: false,
             max_force_n: self.config.max_force_n,
-            max_stiffness_n_m: MAX_STIFFNESS_N_M / self.config.workspace.scale,
+            max_stiffness_n_m: self.config.max_stiffness_n_m / self.config.workspace.scale,
             resolution_m: RESOLUTION_M * self.config.workspace.scale,
         }
     }
@@ -370,8 +331,8 @@ impl<F: Ftdi> EmergencyStop for SecondHandle<F> {
         self.disturbed.store(true, Ordering::Release);
         let zero = Request { lights: Lights { red: true, ..Lights::default() }, ..Request::default() };
         // Twice, as in stop().
-        let first = write_whole(&*self.ftdi, &zero);
-        write_whole(&*self.ftdi, &zero).and(first)
+        let first = write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT);
+        write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT).and(first)
     }
 }
 

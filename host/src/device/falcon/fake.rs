@@ -8,7 +8,7 @@ use super::packet::{self, Reply, Request};
 use crate::device::{DeviceError, DeviceErrorKind};
 use core::time::Duration;
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 
 /// What the script may set and look at.
 #[derive(Debug, Default)]
@@ -33,8 +33,14 @@ pub(super) struct Script {
     pub holds: bool,
     /// These.
     pub held: Vec<Vec<u8>>,
+    /// It says that it is homed whatever is loaded.
+    pub never_forgets: bool,
     /// The cable is out.
     pub unplugged: bool,
+    /// There is no room for what is written: a write waits until there is.
+    pub stalls: bool,
+    /// Writes that wait now.
+    pub stalled: u32,
     /// Writes to come that fail.
     pub failing_writes: u32,
     incoming: VecDeque<Vec<u8>>,
@@ -101,6 +107,8 @@ impl Script {
         }
         let begins = self.image.len() - 1;
         self.image.extend(bytes);
+        // Whatever ran before is gone, and its homing with it.
+        self.reply.homed = if self.never_forgets { packet::ALL_HOMED } else { 0 };
         let mut echo = bytes.to_vec();
         let (loads, at) = self.wrong_echoes;
         if let Some(byte) =
@@ -118,10 +126,13 @@ impl Script {
 
 /// The chip.
 #[derive(Debug)]
-pub(super) struct Fake(Mutex<Script>);
+pub(super) struct Fake {
+    script: Mutex<Script>,
+    room: Condvar,
+}
 
 impl Fake {
-    /// A homed device in the middle of its workspace, with its firmware.
+    /// A device in the middle of its workspace, with its firmware, that nobody has homed.
     pub(super) fn running() -> Arc<Self> {
         Self::of(Script { loaded: true, ..Script::default() })
     }
@@ -132,14 +143,24 @@ impl Fake {
     }
 
     fn of(mut script: Script) -> Arc<Self> {
-        script.reply.homed = packet::ALL_HOMED;
         script.put(CENTRE_M);
-        Arc::new(Self(Mutex::new(script)))
+        Arc::new(Self { script: Mutex::new(script), room: Condvar::new() })
+    }
+
+    /// The user has homed it.
+    pub(super) fn home(&self) {
+        self.with(|script| script.reply.homed = packet::ALL_HOMED);
+    }
+
+    /// Lets the write that is stalled go on.
+    pub(super) fn make_room(&self) {
+        self.with(|script| script.stalls = false);
+        self.room.notify_all();
     }
 
     /// Looks at the script, or changes it.
     pub(super) fn with<R>(&self, act: impl FnOnce(&mut Script) -> R) -> R {
-        act(&mut self.0.lock().expect("no test panics within"))
+        act(&mut self.script.lock().expect("no test panics within"))
     }
 
     /// The last request.
@@ -147,6 +168,9 @@ impl Fake {
         self.with(|script| *script.requests.last().expect("a request"))
     }
 }
+
+/// Longest that a write is stalled: a test that waits for it fails instead of hanging.
+pub(super) const STALL: Duration = Duration::from_secs(20);
 
 fn gone() -> DeviceError {
     DeviceError::new(DeviceErrorKind::Disconnected)
@@ -156,6 +180,8 @@ impl Ftdi for Fake {
     fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
         self.with(|script| {
             script.settings.push((request, value));
+            // DTR that rises resets the board: its boot loader listens.
+            script.loaded &= (request, value) != Setting::Dtr(true).request();
             if (request, value) == Setting::PurgeReceived.request() {
                 script.incoming.clear();
             }
@@ -165,6 +191,15 @@ impl Ftdi for Fake {
 
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
         assert!(!timeout.is_zero(), "for ever, to libusb");
+        let mut script = self.script.lock().expect("no test panics within");
+        script.stalled += 1;
+        // Longer than it is asked to wait: a test is not to depend on how long that is.
+        let (mut script, _) = self
+            .room
+            .wait_timeout_while(script, STALL, |script| script.stalls)
+            .expect("no test panics within");
+        script.stalled -= 1;
+        drop(script);
         self.with(|script| {
             if script.unplugged {
                 return Err(gone());

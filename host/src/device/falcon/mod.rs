@@ -3,9 +3,10 @@
 //! ```text
 //! usb (libusb) or an emulator = Ftdi -> line (settings, status bytes) -> packet -> kinematics -> position
 //!                                    <- packet <- motor (limits) <- kinematics (J^T) <- force
-//! driver: opening, homing, exchange, stopping;  loader, firmware: before the first packet
+//! driver: opening, homing, exchange (intake, outlet: without waiting), stopping;  loader, firmware: before the first packet
 //! ```
 
+pub mod config;
 pub mod driver;
 pub mod firmware;
 pub mod ftdi;
@@ -14,13 +15,15 @@ pub mod kinematics;
 pub mod line;
 pub mod loader;
 pub mod motor;
+mod outlet;
 pub mod packet;
 pub mod usb;
 
 #[cfg(test)]
 mod fake;
 
-pub use driver::{Falcon, FalconConfig, FalconError};
+pub use config::{FalconConfig, FalconError};
+pub use driver::Falcon;
 pub use firmware::{FirmwareError, Image};
 pub use ftdi::Ftdi;
 pub use intake::Mode;

@@ -9,40 +9,45 @@ pub const MAX_COUNTS: i16 = 4096;
 /// How forces become motor commands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorConfig {
-    /// Motor counts to one N m at a crank, with its sign. Nobody has calibrated it: of a device of your own, check that a pushed grip is
-    /// pushed back, and turn the sign if it is not.
-    pub counts_per_n_m: f64,
-    /// Force up (+y of the device) that carries the weight of the grip, N; found by trying. It goes and comes with the force: a command of
-    /// zero is zero.
-    pub gravity_n: f64,
+    /// Counts of each motor to one N m at its crank, with their sign: the profile's calibration.
+    pub counts_per_n_m: [f64; 3],
     /// Largest force, N.
     pub max_force_n: f64,
 }
 
+/// Counts to one N m as long as nobody has calibrated a motor. Source: libnifalcon.
+const UNCALIBRATED: f64 = -10_000.0;
+
 impl Default for MotorConfig {
     fn default() -> Self {
-        Self { counts_per_n_m: -10_000.0, gravity_n: 0.0, max_force_n: 8.0 }
+        Self { counts_per_n_m: [UNCALIBRATED; 3], max_force_n: 8.0 }
     }
 }
 
 impl MotorConfig {
-    /// Motor commands that put this force on the hand, where the handle is now.
+    /// Motor commands that put this force on the hand, where the handle is now, and no more than the limit where it will be.
     ///
     /// counts = s k J^T F,   |F| <= `max_force_n`, k `counts_per_n_m`, s <= 1 so that none is above [`MAX_COUNTS`]
     ///
-    /// Clamps keep the direction of F: they shorten it, and all three torques together. What is no number is no force.
+    /// Torques are held until the next command, and what force they are changes with the handle: |s J_ahead^-T J^T F| <= `max_force_n` as well,
+    /// for the pose `ahead` that it may have come to by then. Clamps keep the direction of F: they shorten it, and all three torques together.
+    /// What is no number is no force.
     #[must_use]
-    pub fn commands(&self, pose: &Pose, force_n: Vec3) -> [i16; 3] {
+    pub fn commands(&self, pose: &Pose, ahead: &Pose, force_n: Vec3) -> [i16; 3] {
         if force_n == [0.0; 3] {
             return [0; 3];
         }
-        let mut force_n = force_n.map(f64::from);
-        force_n[1] += self.gravity_n;
-        let size_n = force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
-        if size_n > self.max_force_n {
-            force_n = force_n.map(|f| f * (self.max_force_n / size_n));
-        }
-        let counts = pose.torques_n_m(force_n).map(|torque| self.counts_per_n_m * torque);
+        let within = |force_n: [f64; 3]| {
+            let size_n = norm(force_n);
+            // So that what is no number stays none.
+            if size_n <= self.max_force_n { 1.0 } else { self.max_force_n / size_n }
+        };
+        let force_n = force_n.map(f64::from);
+        let shorten = within(force_n);
+        let torques_n_m = pose.torques_n_m(force_n.map(|f| f * shorten));
+        let shorten = within(ahead.force_n(torques_n_m));
+        let counts: [f64; 3] =
+            core::array::from_fn(|motor| self.counts_per_n_m[motor] * torques_n_m[motor] * shorten);
         if !counts.iter().all(|count| count.is_finite()) {
             return [0; 3];
         }
@@ -54,6 +59,10 @@ impl MotorConfig {
     }
 }
 
+fn norm(v: [f64; 3]) -> f64 {
+    v.iter().map(|c| c * c).sum::<f64>().sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -63,25 +72,14 @@ mod tests {
         *Kinematics::default().pose()
     }
 
-    /// F of the commands that really go out: solved back through J^T.
+    /// F of the commands that really go out.
     fn rendered_n(config: &MotorConfig, pose: &Pose, commands: [i16; 3]) -> [f64; 3] {
-        let columns: [[f64; 3]; 3] = core::array::from_fn(|axis| {
-            let mut unit = [0.0; 3];
-            unit[axis] = 1.0;
-            pose.torques_n_m(unit)
-        });
-        let torque = commands.map(|count| f64::from(count) / config.counts_per_n_m);
-        let det = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
-            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
-                + a[2] * (b[0] * c[1] - b[1] * c[0])
-        };
-        let [x, y, z] = columns;
-        let all = det(x, y, z);
-        [det(torque, y, z) / all, det(x, torque, z) / all, det(x, y, torque) / all]
+        pose.force_n(core::array::from_fn(|i| f64::from(commands[i]) / config.counts_per_n_m[i]))
     }
 
-    fn norm(v: [f64; 3]) -> f64 {
-        v.iter().map(|c| c * c).sum::<f64>().sqrt()
+    /// At rest.
+    fn commands(config: &MotorConfig, force_n: Vec3) -> [i16; 3] {
+        config.commands(&centre(), &centre(), force_n)
     }
 
     fn assert_along(rendered: [f64; 3], force_n: Vec3) {
@@ -93,7 +91,7 @@ mod tests {
 
     #[test]
     fn a_push_along_the_axis_is_three_equal_negative_commands() {
-        let commands = MotorConfig::default().commands(&centre(), [0.0, 0.0, 2.0]);
+        let commands = commands(&MotorConfig::default(), [0.0, 0.0, 2.0]);
         assert!(commands[0] < -100 && commands == [commands[0]; 3], "{commands:?}");
     }
 
@@ -101,7 +99,7 @@ mod tests {
     fn small_forces_come_out_as_they_went_in() {
         let config = MotorConfig::default();
         for force_n in [[1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.5, 1.0, -3.0]] {
-            let rendered = rendered_n(&config, &centre(), config.commands(&centre(), force_n));
+            let rendered = rendered_n(&config, &centre(), commands(&config, force_n));
             let off = core::array::from_fn(|i| rendered[i] - f64::from(force_n[i]));
             // Half a count of three motors, 1e-4 N m each.
             assert!(norm(off) < 2e-3, "{rendered:?}, not {force_n:?}");
@@ -112,7 +110,7 @@ mod tests {
     fn too_large_a_force_is_shortened_and_not_turned() {
         let config = MotorConfig::default();
         for force_n in [[30.0, 20.0, -10.0], [0.0, 1e20, 1e20], [f32::MAX, 0.0, 0.0], [-9.0, 0.0, 0.0]] {
-            let rendered = rendered_n(&config, &centre(), config.commands(&centre(), force_n));
+            let rendered = rendered_n(&config, &centre(), commands(&config, force_n));
             assert!(norm(rendered) < config.max_force_n + 2e-3, "{rendered:?}");
             let scaled = force_n.map(|f| f / 1e20_f32.min(force_n.iter().fold(0.0, |m, f| m.max(f.abs()))));
             assert_along(rendered, scaled);
@@ -121,9 +119,9 @@ mod tests {
 
     #[test]
     fn commands_are_scaled_together_and_never_wrap() {
-        let strong = MotorConfig { counts_per_n_m: -1e6, ..MotorConfig::default() };
+        let strong = MotorConfig { counts_per_n_m: [-1e6; 3], ..MotorConfig::default() };
         for force_n in [[3.0, 2.0, -1.0], [0.0, 0.0, 5.0], [-1.0, 1.0, 8.0]] {
-            let commands = strong.commands(&centre(), force_n);
+            let commands = commands(&strong, force_n);
             let largest = commands.iter().map(|c| c.unsigned_abs()).max();
             assert_eq!(largest, Some(MAX_COUNTS.unsigned_abs()), "{commands:?}");
             assert_along(rendered_n(&strong, &centre(), commands), force_n);
@@ -132,20 +130,54 @@ mod tests {
 
     #[test]
     fn nothing_and_what_is_no_number_are_no_force() {
-        let config = MotorConfig { gravity_n: 0.5, ..MotorConfig::default() };
+        let config = MotorConfig::default();
         for force_n in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0]] {
-            assert_eq!(config.commands(&centre(), force_n), [0; 3], "{force_n:?}");
+            assert_eq!(commands(&config, force_n), [0; 3], "{force_n:?}");
         }
         let broken = Pose { jacobian: [[f64::NAN; 3]; 3], ..centre() };
-        assert_eq!(config.commands(&broken, [1.0; 3]), [0; 3]);
+        assert_eq!(config.commands(&broken, &centre(), [1.0; 3]), [0; 3]);
+        assert_eq!(config.commands(&centre(), &broken, [1.0; 3]), [0; 3]);
     }
 
+    /// Two motors of another make, one of them turned round: the force is the same, the commands are not.
     #[test]
-    fn the_weight_of_the_grip_is_carried_upwards_and_counts_for_the_limit() {
-        let config = MotorConfig { gravity_n: 0.5, max_force_n: 2.0, ..MotorConfig::default() };
-        let rendered = rendered_n(&config, &centre(), config.commands(&centre(), [1.0, 0.0, 0.0]));
-        assert!((rendered[1] - 0.5).abs() < 2e-3 && (rendered[0] - 1.0).abs() < 2e-3, "{rendered:?}");
-        let rendered = rendered_n(&config, &centre(), config.commands(&centre(), [0.0, 2.0, 0.0]));
-        assert!(norm(rendered) < 2.002, "{rendered:?}");
+    fn each_motor_has_its_own_scale_and_sign() {
+        let config =
+            MotorConfig { counts_per_n_m: [-8_000.0, 12_000.0, -10_000.0], ..MotorConfig::default() };
+        let force_n = [0.5, 1.0, -3.0];
+        let [a, b, c] = commands(&config, force_n);
+        let rendered = rendered_n(&config, &centre(), [a, b, c]);
+        assert!(norm(core::array::from_fn(|i| rendered[i] - f64::from(force_n[i]))) < 2e-3, "{rendered:?}");
+        let [x, y, z] = commands(&MotorConfig::default(), force_n);
+        assert!((f64::from(a) - 0.8 * f64::from(x)).abs() < 1.0 && c == z, "{a} {c}, {x} {z}");
+        assert!((f64::from(b) + 1.2 * f64::from(y)).abs() < 1.0, "{b}, {y}");
+    }
+
+    /// Torques that are the limit here are more than it a few millimetres on: they are shortened before the handle gets there.
+    #[test]
+    fn held_torques_stay_within_the_limit_where_the_handle_is_going() {
+        let (config, mechanism) = (MotorConfig::default(), Kinematics::default());
+        let mut most_n: f64 = 0.0;
+        for from_m in [[0.0, 0.0, 0.12], [0.03, 0.0, 0.11], [-0.02, 0.03, 0.14], [0.0, -0.03, 0.095]] {
+            let here = mechanism.pose_with(from_m).expect("within reach");
+            for axis in 0..6 {
+                let mut to_m = from_m;
+                to_m[axis % 3] += if axis < 3 { 5e-3 } else { -5e-3 };
+                let there = mechanism.pose_with(to_m).expect("within reach");
+                for force_n in [[9.0, 0.0, 0.0], [0.0, -9.0, 0.0], [0.0, 0.0, 9.0], [-6.0, 6.0, 6.0]] {
+                    let counts = config.commands(&here, &there, force_n);
+                    for pose in [&here, &there] {
+                        let rendered = norm(rendered_n(&config, pose, counts));
+                        assert!(rendered < config.max_force_n + 2e-3, "{rendered} N, {from_m:?} to {to_m:?}");
+                    }
+                    let blind = config.commands(&here, &here, force_n);
+                    most_n = most_n.max(norm(rendered_n(&config, &there, blind)));
+                }
+            }
+        }
+        assert!(
+            most_n > 1.05 * config.max_force_n,
+            "otherwise there is nothing to look ahead for: {most_n} N"
+        );
     }
 }

@@ -1,9 +1,9 @@
 //! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
 
-use super::{Assumed, Damping, Mechanism, Profile};
+use super::{Assumed, Calibration, Damping, Mechanism, Profile};
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
-use core::ops::Range;
+use core::ops::{Range, RangeInclusive};
 use palpate_core::{Vec3, vec3};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -47,6 +47,8 @@ struct ProfileFile {
     workspace: Spanned<WorkspaceTable>,
     #[serde(default)]
     mapping: MappingTable,
+    #[serde(default)]
+    calibration: CalibrationTable,
     #[serde(default)]
     simulation: SimulationTable,
 }
@@ -101,6 +103,13 @@ struct MappingTable {
 
 #[derive(Default, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
+struct CalibrationTable {
+    counts_per_n_m: Option<Numbers>,
+    gravity_n: Option<Number>,
+}
+
+#[derive(Default, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SimulationTable {
     mass_kg: Option<Number>,
     damping_n_s_m: Option<Number>,
@@ -109,6 +118,9 @@ struct SimulationTable {
 
 /// Slowest and fastest cycle, Hz: below, a sample or two would be as old as a fault; above, no thread of this program wakes.
 const RATES_HZ: Range<f64> = 400.0..10_000.0;
+
+/// Size of a motor's scale, counts to one N m: a tenth and ten times the uncalibrated figure. Beyond, a digit is wrong.
+const COUNTS_PER_N_M: RangeInclusive<f64> = 1e3..=1e5;
 
 /// Longest delay of a link, us: ten milliseconds are a fault of the controller.
 const LONGEST_DELAY_US: i64 = 9_000;
@@ -128,7 +140,7 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
 pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     let place = Place { path, text };
     let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
-    let ProfileFile { name, limits, mechanism, link, workspace, mapping, simulation } = file;
+    let ProfileFile { name, limits, mechanism, link, workspace, mapping, calibration, simulation } = file;
     if name.get_ref().is_empty() {
         return Err(place.error(name.span(), "the name is empty", "name the device"));
     }
@@ -158,6 +170,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
         force_delay_us: place.delay_us("force_delay_us", link.force_delay_us.as_ref())?,
         reach: place.reach(&workspace)?,
         workspace: place.mapping(&mapping)?,
+        calibration: place.calibration(&calibration, *limits.max_force_n.get_ref())?,
         assumed: Assumed {
             mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
             damping_n_s_m: place
@@ -243,6 +256,31 @@ impl Place<'_> {
         })
     }
 
+    fn calibration(&self, table: &CalibrationTable, max_force_n: f64) -> Result<Calibration, ProfileError> {
+        let mut calibration = Calibration::default();
+        if let Some(given) = &table.counts_per_n_m {
+            if !given.get_ref().iter().all(|counts| COUNTS_PER_N_M.contains(&counts.abs())) {
+                let what = format!("`counts_per_n_m` = {:?}", given.get_ref());
+                let mend = "give each motor 1000 to 100000 counts to one N m, with its sign (-10000 is not calibrated)";
+                return Err(self.error(given.span(), what, mend));
+            }
+            calibration.counts_per_n_m = given.get_ref().map(|counts| counts as f32);
+        }
+        if let Some(given) = &table.gravity_n {
+            // Beyond half of what the motors may do there is too little left to touch with.
+            if !(0.0..=0.5 * max_force_n).contains(given.get_ref()) {
+                let what = format!("`gravity_n` = {}", given.get_ref());
+                return Err(self.error(
+                    given.span(),
+                    what,
+                    "give 0 to half of `max_force_n`: it carries upwards",
+                ));
+            }
+            calibration.gravity_n = *given.get_ref() as f32;
+        }
+        Ok(calibration)
+    }
+
     fn reach(&self, table: &Spanned<WorkspaceTable>) -> Result<Reach, ProfileError> {
         match table.get_ref() {
             WorkspaceTable { radius_m: Some(radius), half_m: None } => {
@@ -305,79 +343,4 @@ fn is_rotation(axes: &[Vec3; 3]) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SOUND: &str = r#"name = "bench"
-
-[limits]
-max_force_n = 5.0
-max_stiffness_n_m = 900.0
-rate_hz = 2000.0
-
-[mechanism]
-damping = { n_s_m = 0.5, measured = false }
-coulomb_n = 0.1
-
-[link]
-force_delay_us = 40
-
-[workspace]
-half_m = [0.1, 0.2, 0.3]
-
-[mapping]
-axes = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
-scale = 2
-model_origin_m = [0.0, 0.0, 0.05]
-
-[simulation]
-mass_kg = 0.3
-"#;
-
-    #[test]
-    fn every_figure_is_read() {
-        let profile = parse(Path::new("bench.toml"), SOUND).expect("sound");
-        assert_eq!((profile.max_force_n, profile.max_stiffness_n_m, profile.period_us()), (5.0, 900.0, 500));
-        assert_eq!(profile.mechanism.damping, Some(Damping { n_s_m: 0.5, measured: false }));
-        assert_eq!((profile.mechanism.coulomb_n, profile.mechanism.encoder_quantum_m), (Some(0.1), None));
-        assert_eq!((profile.position_delay_us, profile.force_delay_us), (0, 40));
-        assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
-        assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
-        // The device's y is the model's x.
-        assert_eq!(profile.workspace.to_model_m([0.0, 0.01, 0.0]), [0.02, 0.0, 0.05]);
-    }
-
-    #[track_caller]
-    fn refuses(from: &str, to: &str, line: usize, what: &str, mend: &str) {
-        assert!(SOUND.contains(from));
-        let text = SOUND.replacen(from, to, 1);
-        let error = parse(Path::new("bench.toml"), &text).expect_err("planted fault").to_string();
-        assert!(error.starts_with(&format!("bench.toml:{line}: ")), "{error}");
-        let (said, mended) = error.split_once("; ").expect("a what and a mend");
-        assert!(said.contains(what) && mended.contains(mend) && !error.contains('\n'), "{error}");
-    }
-
-    #[test]
-    fn every_fault_has_its_line_and_its_mend() {
-        refuses("coulomb_n", "coulomb", 10, "unknown key `coulomb`", "coulomb_n");
-        refuses("[link]", "[links]", 12, "unknown key `links`", "link");
-        refuses("measured = false", "measurd = false", 9, "unknown key `measurd`", "measured");
-        refuses(", measured = false", "", 9, "`measured` is missing", "add");
-        refuses("rate_hz = 2000.0\n", "", 3, "`rate_hz` is missing", "add `rate_hz`");
-        refuses("5.0", "0", 4, "`max_force_n` = 0", "above zero");
-        refuses("5.0", "nan", 4, "`max_force_n` = NaN", "above zero");
-        refuses("900.0", "\"stiff\"", 5, "invalid type", "expected type");
-        refuses("2000.0", "50", 6, "`rate_hz` = 50", "400 to 10000 Hz");
-        refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
-        refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
-        refuses("half_m =", "radius_m = 0.1\nhalf_m =", 15, "[workspace]", "`radius_m`, or `half_m`");
-        refuses("0.1, 0.2", "0.1, 0.0", 16, "`half_m`", "above zero");
-        refuses("[1, 0, 0]]", "[-1, 0, 0]]", 19, "`axes` is no rotation", "right-handed");
-        refuses("[0, 1, 0],", "[0, 2, 0],", 19, "`axes` is no rotation", "unit length");
-        refuses("scale = 2", "scale = 0", 20, "`scale` = 0", "above zero");
-        refuses("0.0, 0.05", "0.0, inf", 21, "`model_origin_m`", "finite");
-        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 24, "`coulomb_n` is assumed", "remove it");
-        refuses("\"bench\"", "\"\"", 1, "the name is empty", "name the device");
-        refuses("[limits]", "[limits", 3, "not valid TOML", "correct the syntax");
-    }
-}
+mod tests;

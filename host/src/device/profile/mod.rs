@@ -15,7 +15,7 @@ pub use cap::{
 pub use file::ProfileError;
 
 use super::workspace::{Reach, Workspace};
-use palpate_core::LimitConfig;
+use palpate_core::{LimitConfig, Vec3};
 use std::path::Path;
 
 /// A device's profile.
@@ -39,8 +39,26 @@ pub struct Profile {
     pub reach: Reach,
     /// Where that lies in the model.
     pub workspace: Workspace,
+    /// What was found by trying on the device itself.
+    pub calibration: Calibration,
     /// What the simulation assumes where nothing is known.
     pub assumed: Assumed,
+}
+
+/// What differs from one device of a kind to the next, found at its first power-up (docs/devices.md).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibration {
+    /// Counts of each motor to one N m at its crank, with their sign. Of a Falcon.
+    pub counts_per_n_m: [f32; 3],
+    /// Force along the device's +y that carries the weight of the handle, N.
+    pub gravity_n: f32,
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        // Nobody has calibrated anything; libnifalcon's figure.
+        Self { counts_per_n_m: [-10_000.0; 3], gravity_n: 0.0 }
+    }
 }
 
 /// What is known of a mechanism; `None` is not known.
@@ -136,6 +154,13 @@ impl Profile {
     #[must_use]
     pub fn max_model_stiffness_n_m(&self) -> f32 {
         self.cap().n_m / self.workspace.scale
+    }
+
+    /// Force that carries the weight of the handle, model frame, N.
+    #[must_use]
+    pub fn carried_n(&self) -> Vec3 {
+        // The model's axes in device coordinates: what of each is up.
+        self.workspace.axes.map(|axis| axis[1] * self.calibration.gravity_n)
     }
 
     /// Tightens limits to what the device can do; none is ever loosened.

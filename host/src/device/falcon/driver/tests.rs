@@ -1,7 +1,10 @@
 use super::*;
-use crate::device::falcon::fake::Fake;
+use crate::device::falcon::Mode;
+use crate::device::falcon::fake::{self, Fake};
 use crate::device::falcon::kinematics::CENTRE_M;
-use crate::device::falcon::packet::ALL_HOMED;
+use crate::device::falcon::usb::UsbError;
+use crate::device::profile::Profile;
+use crate::device::workspace::Workspace;
 
 const POLLED: FalconConfig = FalconConfig {
     workspace: Workspace {
@@ -11,8 +14,8 @@ const POLLED: FalconConfig = FalconConfig {
         model_origin_m: [0.0; 3],
     },
     max_force_n: 8.0,
-    counts_per_n_m: -10_000.0,
-    gravity_n: 0.0,
+    max_stiffness_n_m: 1_000.0,
+    counts_per_n_m: [-10_000.0; 3],
     mode: Mode::Polled,
 };
 
@@ -23,6 +26,7 @@ fn start(chip: &Arc<Fake>) -> Falcon<Fake> {
 /// A device that has been exchanged with until it gave a sample, and the time then.
 fn homed(chip: &Arc<Fake>) -> (Falcon<Fake>, u64) {
     let mut falcon = start(chip);
+    chip.home();
     assert_eq!(falcon.exchange(0, [0.0; 3]), Ok(None));
     assert!(falcon.exchange(1_000, [0.0; 3]).expect("a link").is_some());
     (falcon, 1_000)
@@ -38,6 +42,7 @@ fn a_sample_is_where_the_hand_was_when_it_was_asked_for() {
     chip.with(|script| script.reply.buttons = 0b1010);
     let mut falcon = start(&chip);
     assert_eq!(falcon.state(), DeviceState::FirmwareLoaded);
+    chip.home();
     assert_eq!(falcon.exchange(5_000, [0.0; 3]), Ok(None), "it does not wait");
     let sample = falcon.exchange(6_000, [0.0; 3]).expect("a link").expect("a sample");
     assert_eq!((sample.t_us, sample.buttons), (5_000, 0b1010));
@@ -57,6 +62,32 @@ fn a_silent_device_needs_its_firmware_and_gets_it() {
     let running = Fake::running();
     Falcon::start(Arc::clone(&running), POLLED, Some(&image)).expect("it answers");
     assert_eq!(running.with(|script| script.loads), 0, "not loaded twice");
+}
+
+/// A board that kept its power says that it is homed. Nobody of this session has seen that, so it counts for nothing: one axis is too many.
+#[test]
+fn a_homing_of_an_earlier_session_is_forgotten_or_refused() {
+    let image = Image::synthetic(100);
+    for homed in [ALL_HOMED, 1, 4] {
+        let chip = Fake::running();
+        chip.with(|script| script.reply.homed = homed);
+        let without = Falcon::start(Arc::clone(&chip), POLLED, None);
+        assert_eq!(without.err(), Some(FalconError::HomedBefore), "{homed}");
+        let mut falcon = Falcon::start(Arc::clone(&chip), POLLED, Some(&image)).expect("loaded anew");
+        assert_eq!(chip.with(|script| script.loads), 1);
+        for tick in 0..20 {
+            assert_eq!(falcon.exchange(1_000 * tick, [0.0, 0.0, 3.0]), Ok(None));
+            assert_eq!((chip.last().motors, chip.last().homing), ([0; 3], true));
+        }
+        assert_eq!(falcon.state(), DeviceState::Unhomed);
+        chip.home();
+        let _ = falcon.exchange(20_000, [0.0; 3]);
+        assert!(falcon.exchange(21_000, [0.0; 3]).expect("a link").is_some());
+    }
+    let stubborn = Fake::running();
+    stubborn.with(|script| (script.never_forgets, script.reply.homed) = (true, ALL_HOMED));
+    let refused = Falcon::start(Arc::clone(&stubborn), POLLED, Some(&image));
+    assert_eq!(refused.err(), Some(FalconError::HomedBefore), "it was loaded and still says so");
 }
 
 #[test]
@@ -234,14 +265,17 @@ fn a_pulled_cable_ends_it() {
 fn the_workspace_turns_the_force_and_the_profile_limits_it() {
     let chip = Fake::running();
     let profile = crate::device::profile::Profile::bundled("falcon").expect("bundled");
-    let config = FalconConfig { workspace: profile.workspace, max_force_n: profile.max_force_n, ..POLLED };
-    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
+    let profile = Profile { max_stiffness_n_m: 600.0, ..profile };
+    let mut falcon =
+        Falcon::start(Arc::clone(&chip), FalconConfig::of(&profile, Mode::Polled), None).expect("running");
+    chip.home();
     assert_eq!(falcon.exchange(0, [0.0; 3]), Ok(None));
     let sample = falcon.exchange(1_000, [0.0; 3]).expect("a link").expect("a sample");
     // The middle of the device is the model's origin; three metres of the model to one of the hand.
     assert!(vec3::norm(sample.position_m) < 3.0 * 60e-6, "{sample:?}");
     assert_eq!(falcon.info().max_force_n, 8.0);
-    assert!((falcon.info().max_stiffness_n_m - 1000.0 / 3.0).abs() < 1e-3);
+    // What its profile states, and nothing that stands in the driver.
+    assert!((falcon.info().max_stiffness_n_m - 600.0 / 3.0).abs() < 1e-3);
     falcon.exchange(2_000, [0.0, 0.0, 1e6]).expect("a link");
     let limited = chip.last().motors;
     falcon.exchange(3_000, [0.0, 0.0, 8.0]).expect("a link");
@@ -254,6 +288,7 @@ fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
     let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
     let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
     let stop = AtomicBool::new(false);
+    chip.home();
     assert_eq!(falcon.home(&stop), Ok(true));
     let (mut samples, begun) = (0, Instant::now());
     while samples < 50 {
@@ -267,14 +302,60 @@ fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
     }
     drop(falcon);
     assert_eq!(chip.last().motors, [0; 3]);
-    // The thread had a share of the chip.
+    // The threads had a share of the chip.
     assert_eq!(Arc::strong_count(&chip), 1);
+}
+
+/// A chip without room: no exchange waits for it, and what it gets when there is room is the newest, not all that came in between.
+#[test]
+fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
+    let chip = Fake::running();
+    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
+    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
+    chip.home();
+    assert_eq!(falcon.home(&AtomicBool::new(false)), Ok(true));
+    let begun = Instant::now();
+    let mut now_us = 0;
+    let mut tick = |falcon: &mut Falcon<Fake>, force_n| {
+        now_us += 1_000;
+        falcon.exchange(now_us, force_n)
+    };
+    let settle = |done: &dyn Fn() -> bool| {
+        while !done() {
+            assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+            std::thread::sleep(Duration::from_micros(200));
+        }
+    };
+    while chip.last().motors == [0; 3] {
+        let _ = tick(&mut falcon, [0.0, 0.0, 2.0]);
+        assert!(begun.elapsed() < fake::STALL, "no force");
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    chip.with(|script| script.stalls = true);
+    while chip.with(|script| script.stalled) == 0 {
+        let _ = tick(&mut falcon, [0.0, 0.0, 2.0]);
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    let before = chip.with(|script| script.requests.len());
+    let mut timeouts = 0;
+    for n in 0..40_u8 {
+        // As the stale policy does it: the last force, then none.
+        let force_n = if n < 4 { [0.0, 0.0, 2.0 + f32::from(n)] } else { [0.0; 3] };
+        let exchanged = tick(&mut falcon, force_n);
+        timeouts += u32::from(exchanged.is_err_and(|error| error.kind() == DeviceErrorKind::Timeout));
+        assert_eq!(chip.with(|script| script.stalled), 1, "tick {n} has waited for the write");
+    }
+    assert!(timeouts > 15, "{timeouts}: the loop is told that nothing comes");
+    chip.make_room();
+    settle(&|| chip.last().motors == [0; 3]);
+    // The one that was stalled, and the newest.
+    let written = chip.with(|script| script.requests.split_off(before));
+    assert!(written.len() <= 2, "a burst: {written:?}");
 }
 
 #[test]
 fn homing_is_given_up_when_the_session_is_stopped() {
     let chip = Fake::running();
-    chip.with(|script| script.reply.homed = 0);
     let stop = AtomicBool::new(true);
     assert_eq!(start(&chip).home(&stop), Ok(false));
 }
@@ -282,8 +363,12 @@ fn homing_is_given_up_when_the_session_is_stopped() {
 #[test]
 fn errors_are_one_line_with_the_mend() {
     let gone = DeviceError::new(DeviceErrorKind::Disconnected);
-    for error in [FalconError::Device(gone), FalconError::NeedsFirmware, FalconError::Usb(UsbError::NotFound)]
-    {
+    for error in [
+        FalconError::Device(gone),
+        FalconError::NeedsFirmware,
+        FalconError::HomedBefore,
+        FalconError::Usb(UsbError::NotFound),
+    ] {
         let text = error.to_string();
         assert!(!text.contains('\n') && text.contains("; "), "{text}");
     }

@@ -1,0 +1,96 @@
+//! How a Falcon is used, and why it cannot be.
+
+use super::intake::Mode;
+use super::loader::LoadError;
+use super::motor::MotorConfig;
+use super::usb::UsbError;
+use crate::device::DeviceError;
+use crate::device::profile::{DEFAULT_CAP_N_M, Profile};
+use crate::device::workspace::Workspace;
+use core::fmt;
+
+/// How to use the device.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FalconConfig {
+    /// Where the device's workspace lies in the model.
+    pub workspace: Workspace,
+    /// Largest force of the mechanism, N.
+    pub max_force_n: f32,
+    /// Largest stiffness that is rendered stably, N/m of the device: the profile's cap.
+    pub max_stiffness_n_m: f32,
+    /// Counts of each motor to one N m at its crank, with their sign (`MotorConfig`).
+    pub counts_per_n_m: [f64; 3],
+    /// How replies are read.
+    pub mode: Mode,
+}
+
+impl Default for FalconConfig {
+    fn default() -> Self {
+        let MotorConfig { counts_per_n_m, max_force_n } = MotorConfig::default();
+        Self {
+            workspace: Workspace::default(),
+            max_force_n: max_force_n as f32,
+            max_stiffness_n_m: DEFAULT_CAP_N_M,
+            counts_per_n_m,
+            mode: Mode::Threaded { fifo_priority: None },
+        }
+    }
+}
+
+impl FalconConfig {
+    /// What a profile says of a Falcon.
+    #[must_use]
+    pub fn of(profile: &Profile, mode: Mode) -> Self {
+        Self {
+            workspace: profile.workspace,
+            max_force_n: profile.max_force_n,
+            max_stiffness_n_m: profile.cap().n_m,
+            counts_per_n_m: profile.calibration.counts_per_n_m.map(f64::from),
+            mode,
+        }
+    }
+
+    pub(super) fn motor(&self) -> MotorConfig {
+        MotorConfig { counts_per_n_m: self.counts_per_n_m, max_force_n: self.max_force_n.into() }
+    }
+}
+
+/// Why the device cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FalconError {
+    /// No chip to talk to.
+    Usb(UsbError),
+    /// The link failed.
+    Device(DeviceError),
+    /// Silent, and no firmware was given.
+    NeedsFirmware,
+    /// Homed before it was opened, and no firmware was given, or loading it did not make it forget.
+    HomedBefore,
+    /// The firmware could not be loaded.
+    Load(LoadError),
+}
+
+impl fmt::Display for FalconError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Usb(error) => error.fmt(f),
+            Self::Device(error) => write!(f, "{error}; check the cable and connect the device again"),
+            Self::NeedsFirmware => f.write_str(
+                "the Falcon is silent: it has forgotten its firmware; give the file with falcon:FIRMWARE (docs/devices.md)",
+            ),
+            Self::HomedBefore => f.write_str(
+                "the Falcon counts from a homing of an earlier session, and nobody has seen what was done to its grip since; give the file of \
+                 its firmware with falcon:FIRMWARE, which makes it forget, or take its power away for a moment",
+            ),
+            Self::Load(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for FalconError {}
+
+impl From<DeviceError> for FalconError {
+    fn from(error: DeviceError) -> Self {
+        Self::Device(error)
+    }
+}

@@ -1,0 +1,45 @@
+//! What a session with the motors off shows: where the hand is, and the force that it was not given.
+
+use palpate_core::Sample;
+use palpate_host::rt::{SessionState, TickRecord};
+
+/// Ticks between two lines.
+const EVERY_TICKS: u64 = 200;
+
+/// A line on standard error, now and then.
+pub(crate) fn show(record: &TickRecord) {
+    if record.tick.is_multiple_of(EVERY_TICKS) {
+        eprintln!("palpate: {}", line(record));
+    }
+}
+
+/// State, position of the hand in the model, buttons, and the force that was computed.
+fn line(record: &TickRecord) -> String {
+    let [x, y, z] = record.hand_force_n;
+    let place = record.sample.map_or_else(
+        || "no position".into(),
+        |Sample { position_m, buttons, .. }| {
+            let [x, y, z] = position_m.map(|metres| 1e3 * metres);
+            format!("x {x:+.1} y {y:+.1} z {z:+.1} mm, buttons {buttons:04b}")
+        },
+    );
+    format!("{}: {place}; not sent {x:+.2} {y:+.2} {z:+.2} N", SessionState::of(record))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_says_where_and_what_with_signs() {
+        let sample = Sample { t_us: 0, position_m: [0.012, -0.0034, 0.0], buttons: 0b101 };
+        let record =
+            TickRecord { sample: Some(sample), hand_force_n: [0.0, 1.25, -0.5], ..TickRecord::NOTHING };
+        let shown = line(&record);
+        assert!(
+            shown.ends_with(": x +12.0 y -3.4 z +0.0 mm, buttons 0101; not sent +0.00 +1.25 -0.50 N"),
+            "{shown}"
+        );
+        assert!(line(&TickRecord::NOTHING).contains("no position"));
+    }
+}
