@@ -57,7 +57,7 @@ impl TagCounts {
         self.expandable + self.terminating
     }
 
-    fn of(&mut self, tag: ConfigTag) -> &mut usize {
+    pub(crate) fn of(&mut self, tag: ConfigTag) -> &mut usize {
         match tag {
             ConfigTag::Expandable => &mut self.expandable,
             ConfigTag::Terminating => &mut self.terminating,

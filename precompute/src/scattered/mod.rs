@@ -1,12 +1,30 @@
 //! A space from as few solves as its error needs: scattered configurations, each a test of the fit before it is part of it.
 //!
 //! [`Search`] decides where to solve next and when it is enough, a pure function of what was solved; [`Tolerance`] says what counts as
-//! enough; the fit is [`crate::fit::KernelFit`].
+//! enough; the fit is [`crate::fit::KernelFit`]. [`ScatteredPlan`] makes of it tasks like those of a lattice: scattered positions are points of
+//! a lattice of a micrometre, so that whoever solves, stores and resumes need not know the difference.
 
+mod plan;
 mod reach;
 mod search;
 
-pub use search::{Found, Search, Step, Target, Test, Verdict, Wanted};
+pub use plan::ScatteredPlan;
+pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted};
+
+use crate::configuration_space::GridIndex;
+
+/// What scattered positions are counted in, m: far below what anybody resolves.
+pub const UNIT_M: f64 = 1e-6;
+
+/// Displacement of a point, m.
+pub fn displacement_m(index: GridIndex) -> [f64; 3] {
+    index.map(|n| f64::from(n) * UNIT_M)
+}
+
+/// The point nearest to a displacement.
+fn nearest_index(displacement_m: [f64; 3]) -> GridIndex {
+    displacement_m.map(|x| (x / UNIT_M).round() as i32)
+}
 
 /// What an error may be: beside the larger of the two it is within tolerance.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -9,13 +9,14 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::reach::Known;
-use super::{Tolerance, difference, norm};
+use super::{Tolerance, difference, displacement_m, nearest_index, norm};
+use crate::configuration_space::GridIndex;
 use crate::fit::{EnergyJet, KernelFit};
 
 /// Positions of a batch.
 const BATCH: usize = 4;
 /// Predictions in a row that must be within tolerance.
-const PASSES: usize = 10;
+pub const PASSES: usize = 10;
 /// Lengths of the kernel that are tried side by side, as shares of the reach at first sight.
 const LENGTHS: [f64; 4] = [0.5, 0.75, 1.1, 1.6];
 /// What comes out beyond this share of the limit is not learned from: the fit is for the other side.
@@ -39,14 +40,19 @@ pub struct Wanted {
 /// A position to be solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Counts the targets of a search.
-    pub number: u32,
-    /// Where, m.
-    pub displacement_m: [f64; 3],
+    /// Where, in units of [`super::UNIT_M`].
+    pub index: GridIndex,
     /// Which of the configurations known so far to come from: 0 is rest, then in the order they were found.
     pub parent: usize,
     /// The force that the fit says, N.
     pub predicted_n: [f64; 3],
+}
+
+impl Target {
+    /// Where, m.
+    pub fn displacement_m(&self) -> [f64; 3] {
+        displacement_m(self.index)
+    }
 }
 
 /// What came of a target.
@@ -63,10 +69,8 @@ pub enum Found {
 /// A prediction and what was true.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Test {
-    /// Which target.
-    pub number: u32,
-    /// Where, m.
-    pub displacement_m: [f64; 3],
+    /// Where, in units of [`super::UNIT_M`].
+    pub index: GridIndex,
     /// |error|, N.
     pub error_n: f64,
     /// What it may have been, N.
@@ -110,7 +114,6 @@ pub struct Search {
     /// Positions nearer to rest than one that came out too far.
     pulled_back: Vec<([f64; 3], usize)>,
     out: Vec<Target>,
-    next: u32,
     round: u32,
 }
 
@@ -158,7 +161,6 @@ impl Search {
             tests: Vec::new(),
             pulled_back: Vec::new(),
             out: Vec::new(),
-            next: 1,
             round: 0,
         }
     }
@@ -166,6 +168,12 @@ impl Search {
     /// What was learned from, rest first.
     pub fn jets(&self) -> &[EnergyJet] {
         &self.jets
+    }
+
+    /// Predictions within tolerance since the last that was not, of those that count.
+    pub fn passes(&self) -> usize {
+        let counted = self.tests.iter().rev().filter(|test| test.within);
+        counted.take_while(|test| test.error_n <= test.tolerance_n).count()
     }
 
     /// All predictions so far.
@@ -207,7 +215,7 @@ impl Search {
         let distance =
             |a: [f64; 3], b: [f64; 3]| (self.metric * Vector3::from(difference(a, b))).norm_squared();
         let taken = self.jets.iter().map(|jet| jet.displacement_m).chain(self.others.iter().copied());
-        let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(|target| target.displacement_m)).collect();
+        let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(Target::displacement_m)).collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
         while self.out.len() < BATCH {
@@ -224,10 +232,14 @@ impl Search {
         }
     }
 
-    fn aim(&mut self, displacement_m: [f64; 3], parent: usize) {
-        let predicted_n = self.fit().force_n(displacement_m);
-        self.out.push(Target { number: self.next, displacement_m, parent, predicted_n });
-        self.next += 1;
+    /// Adds a target to the batch, unless something was solved or is sought there.
+    fn aim(&mut self, at: [f64; 3], parent: usize) {
+        let index = nearest_index(at);
+        let at = displacement_m(index);
+        let known = self.jets.iter().map(|jet| jet.displacement_m).chain(self.others.iter().copied());
+        if known.chain(self.out.iter().map(Target::displacement_m)).all(|other| other != at) {
+            self.out.push(Target { index, parent, predicted_n: self.fit().force_n(at) });
+        }
     }
 
     /// Takes what came of the whole batch, in the order of its targets.
@@ -239,7 +251,7 @@ impl Search {
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
         let mut learned = Vec::new();
         for (target, found) in batch.iter().zip(found) {
-            let at = target.displacement_m;
+            let at = target.displacement_m();
             match found {
                 Found::Solved(jet) => {
                     self.score(target, jet);
@@ -271,10 +283,9 @@ impl Search {
         let tolerance_n = self.wanted.tolerance.at(jet.force_n);
         let within = norm(jet.force_n) <= self.wanted.max_force_n;
         let error_n = norm(difference(target.predicted_n, jet.force_n));
-        let Target { number, displacement_m, .. } = *target;
-        self.tests.push(Test { number, displacement_m, error_n, tolerance_n, within });
+        self.tests.push(Test { index: target.index, error_n, tolerance_n, within });
         for candidate in &mut self.fits {
-            let error_n = norm(difference(candidate.fit.force_n(displacement_m), jet.force_n));
+            let error_n = norm(difference(candidate.fit.force_n(jet.displacement_m), jet.force_n));
             if within {
                 candidate.scores.push(error_n / tolerance_n);
             }
@@ -287,7 +298,7 @@ impl Search {
         let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
         let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
-            parent.displacement_m[i] + share * (target.displacement_m[i] - parent.displacement_m[i])
+            parent.displacement_m[i] + share * (target.displacement_m()[i] - parent.displacement_m[i])
         });
         self.pulled_back.push((at, target.parent));
     }
@@ -314,7 +325,7 @@ mod tests {
                 Step::Done(verdict) => return (search, verdict),
                 Step::Solve(targets) => {
                     let found: Vec<Found> =
-                        targets.iter().map(|target| solve(target.displacement_m)).collect();
+                        targets.iter().map(|target| solve(target.displacement_m())).collect();
                     search.take(&found);
                 }
             }
