@@ -1,6 +1,7 @@
 //! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
 
 use super::{Assumed, Damping, Mechanism, Profile};
+use crate::device::link::Capstan;
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
 use core::ops::Range;
@@ -44,6 +45,7 @@ struct ProfileFile {
     mechanism: MechanismTable,
     #[serde(default)]
     link: LinkTable,
+    capstan: Option<CapstanTable>,
     workspace: Spanned<WorkspaceTable>,
     #[serde(default)]
     mapping: MappingTable,
@@ -85,6 +87,13 @@ struct LinkTable {
 
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
+struct CapstanTable {
+    metres_per_turn: Numbers,
+    origin_m: Numbers,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 struct WorkspaceTable {
     radius_m: Option<Number>,
     half_m: Option<Numbers>,
@@ -110,6 +119,9 @@ struct SimulationTable {
 /// Slowest and fastest cycle, Hz: below, a sample or two would be as old as a fault; above, no thread of this program wakes.
 const RATES_HZ: Range<f64> = 400.0..10_000.0;
 
+/// Least and largest way of a handle in a turn of a drum, m: a thread of a screw, a drum as wide as an arm.
+const METRES_PER_TURN: Range<f64> = 1e-4..1.0;
+
 /// Longest delay of a link, us: ten milliseconds are a fault of the controller.
 const LONGEST_DELAY_US: i64 = 9_000;
 
@@ -128,7 +140,7 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
 pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     let place = Place { path, text };
     let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
-    let ProfileFile { name, limits, mechanism, link, workspace, mapping, simulation } = file;
+    let ProfileFile { name, limits, mechanism, link, capstan, workspace, mapping, simulation } = file;
     if name.get_ref().is_empty() {
         return Err(place.error(name.span(), "the name is empty", "name the device"));
     }
@@ -158,6 +170,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
         force_delay_us: place.delay_us("force_delay_us", link.force_delay_us.as_ref())?,
         reach: place.reach(&workspace)?,
         workspace: place.mapping(&mapping)?,
+        capstan: capstan.map(|table| place.capstan(&table)).transpose()?,
         assumed: Assumed {
             mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
             damping_n_s_m: place
@@ -243,6 +256,26 @@ impl Place<'_> {
         })
     }
 
+    fn capstan(&self, table: &CapstanTable) -> Result<Capstan, ProfileError> {
+        let (metres_per_turn, origin_m) = (*table.metres_per_turn.get_ref(), *table.origin_m.get_ref());
+        if !metres_per_turn.iter().all(|metres| METRES_PER_TURN.contains(&metres.abs())) {
+            let mend = format!(
+                "give {} to {} m an axis, negative where it runs down",
+                METRES_PER_TURN.start, METRES_PER_TURN.end
+            );
+            let what = format!("`metres_per_turn` = {metres_per_turn:?}");
+            return Err(self.error(table.metres_per_turn.span(), what, mend));
+        }
+        if !origin_m.iter().all(|metres| metres.is_finite()) {
+            return Err(self.error(
+                table.origin_m.span(),
+                "`origin_m` is not finite",
+                "give three finite numbers",
+            ));
+        }
+        Ok(Capstan { metres_per_turn, origin_m })
+    }
+
     fn reach(&self, table: &Spanned<WorkspaceTable>) -> Result<Reach, ProfileError> {
         match table.get_ref() {
             WorkspaceTable { radius_m: Some(radius), half_m: None } => {
@@ -322,6 +355,10 @@ coulomb_n = 0.1
 [link]
 force_delay_us = 40
 
+[capstan]
+metres_per_turn = [0.06, 0.06, -0.03]
+origin_m = [-0.1, 0.0, 0.1]
+
 [workspace]
 half_m = [0.1, 0.2, 0.3]
 
@@ -341,6 +378,8 @@ mass_kg = 0.3
         assert_eq!(profile.mechanism.damping, Some(Damping { n_s_m: 0.5, measured: false }));
         assert_eq!((profile.mechanism.coulomb_n, profile.mechanism.encoder_quantum_m), (Some(0.1), None));
         assert_eq!((profile.position_delay_us, profile.force_delay_us), (0, 40));
+        let capstan = Capstan { metres_per_turn: [0.06, 0.06, -0.03], origin_m: [-0.1, 0.0, 0.1] };
+        assert_eq!(profile.capstan, Some(capstan));
         assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
         assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
         // The device's y is the model's x.
@@ -370,13 +409,17 @@ mass_kg = 0.3
         refuses("2000.0", "50", 6, "`rate_hz` = 50", "400 to 10000 Hz");
         refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
         refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
-        refuses("half_m =", "radius_m = 0.1\nhalf_m =", 15, "[workspace]", "`radius_m`, or `half_m`");
-        refuses("0.1, 0.2", "0.1, 0.0", 16, "`half_m`", "above zero");
-        refuses("[1, 0, 0]]", "[-1, 0, 0]]", 19, "`axes` is no rotation", "right-handed");
-        refuses("[0, 1, 0],", "[0, 2, 0],", 19, "`axes` is no rotation", "unit length");
-        refuses("scale = 2", "scale = 0", 20, "`scale` = 0", "above zero");
-        refuses("0.0, 0.05", "0.0, inf", 21, "`model_origin_m`", "finite");
-        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 24, "`coulomb_n` is assumed", "remove it");
+        refuses("-0.03]", "0.0]", 16, "`metres_per_turn`", "runs down");
+        refuses("-0.03]", "nan]", 16, "`metres_per_turn`", "runs down");
+        refuses("[-0.1, 0.0", "[-0.1, inf", 17, "`origin_m`", "finite");
+        refuses("origin_m = [-0.1", "origin = [-0.1", 17, "unknown key `origin`", "origin_m");
+        refuses("half_m =", "radius_m = 0.1\nhalf_m =", 19, "[workspace]", "`radius_m`, or `half_m`");
+        refuses("0.1, 0.2", "0.1, 0.0", 20, "`half_m`", "above zero");
+        refuses("[1, 0, 0]]", "[-1, 0, 0]]", 23, "`axes` is no rotation", "right-handed");
+        refuses("[0, 1, 0],", "[0, 2, 0],", 23, "`axes` is no rotation", "unit length");
+        refuses("scale = 2", "scale = 0", 24, "`scale` = 0", "above zero");
+        refuses("0.0, 0.05", "0.0, inf", 25, "`model_origin_m`", "finite");
+        refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 28, "`coulomb_n` is assumed", "remove it");
         refuses("\"bench\"", "\"\"", 1, "the name is empty", "name the device");
         refuses("[limits]", "[limits", 3, "not valid TOML", "correct the syntax");
     }
