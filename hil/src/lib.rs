@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! host driver <-> pseudo terminal, memory <-> faults (seeded) <-> emulated firmware <-> simulated handle       Polhem
+//! host driver <-> pseudo terminal, memory <-> faults (seeded) <-> the core's link::Device <-> simulated handle device link
 //! host driver <-> FTDI transfers          <-> faults (seeded) <-> emulated chip, loader, firmware <-> grip     Falcon
 //!
 //! contract | matrix | closed loop -> rig: a real driver on one of these
@@ -12,7 +13,7 @@
 //!
 //! Invariants:
 //! - the emulator is written from the protocol's description, not from the driver: a mistake would have to be made twice;
-//! - it has no watchdog, like the real device: what it was told last it goes on doing;
+//! - it has no watchdog, like the real device: what it was told last it goes on doing. The device link has one, the core's own;
 //! - the same seed and the same times give the same faults.
 //!
 //! Depends on palpate-core for its vectors and its controller, and on palpate-host for its model of a hand, the trait behind which the
@@ -27,6 +28,7 @@ pub mod fault;
 pub mod faulty;
 pub mod felt;
 pub mod hosts;
+pub mod link;
 pub mod matrix;
 pub mod mechanism;
 pub mod polhem;
@@ -40,6 +42,7 @@ pub use falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, MemoryFtdi};
 pub use fault::{FaultCounts, Faults};
 pub use faulty::Faulty;
 pub use felt::Felt;
+pub use link::EmulatedLink;
 pub use mechanism::{Handle, Path, Waypoint};
 pub use polhem::EmulatedPolhem;
 pub use port::MemoryPort;

@@ -106,7 +106,18 @@ impl Handle {
 
     /// The motors are told another force, N; `motors` is how they are told it.
     pub fn command(&mut self, force_n: Vec3, motors: [i16; 3]) {
-        self.felt.command(self.now_us.unwrap_or(0), force_n, motors, true);
+        self.drive(force_n, motors, true);
+    }
+
+    /// The same of a device that must be homed.
+    pub fn drive(&mut self, force_n: Vec3, motors: [i16; 3], homed: bool) {
+        self.felt.command(self.now_us.unwrap_or(0), force_n, motors, homed);
+    }
+
+    /// The motors lose their force without a command: a watchdog, a power cut.
+    pub fn let_go(&mut self) {
+        self.felt.switch(self.now_us.unwrap_or(0), true);
+        self.felt.feel(vec3::ZERO);
     }
 
     /// Moves on to `now_us` under the force of the device.

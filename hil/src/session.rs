@@ -194,6 +194,14 @@ impl Device for Mined {
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         self.inner.emergency_stop()
     }
+
+    fn was_zeroed(&mut self) -> bool {
+        self.inner.was_zeroed()
+    }
+
+    fn reset(&mut self) {
+        self.inner.reset();
+    }
 }
 
 /// The loop of the host, with controller and organ, on a rig.

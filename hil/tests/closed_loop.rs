@@ -8,7 +8,7 @@ use palpate_hil::rig;
 fn a_minute_of_palpation_is_what_the_organ_says_and_does_not_shake() {
     let all = palpate_all(&rig::all(), Method::Energy, 60).expect("nothing is wrong with the links");
     println!("{}", Table(&all));
-    assert_eq!(all.len(), 2);
+    assert_eq!(all.len(), 3);
     for found in all {
         assert_eq!(found.phase, Phase::Active, "{found:?}");
         assert!(found.touches >= 15 && found.touching_us > 20_000_000, "{found:?}");

@@ -19,6 +19,16 @@ fn falcon_in_memory() {
 }
 
 #[test]
+fn link_in_memory() {
+    keeps_the_contract("link-memory");
+}
+
+#[test]
+fn link_over_a_pseudo_terminal() {
+    keeps_the_contract("link-pty");
+}
+
+#[test]
 fn polhem_in_memory() {
     keeps_the_contract("polhem-memory");
 }
@@ -31,5 +41,9 @@ fn polhem_over_a_pseudo_terminal() {
 #[test]
 fn every_rig_is_held_to_it() {
     let names: Vec<&str> = rig::all().iter().map(|kind| kind.name).collect();
-    assert_eq!(names, ["falcon-memory", "polhem-memory", "polhem-pty"], "a test above for each of them");
+    assert_eq!(
+        names,
+        ["falcon-memory", "link-memory", "link-pty", "polhem-memory", "polhem-pty"],
+        "a test above for each of them"
+    );
 }

@@ -7,8 +7,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, Mode, UsbFtdi};
+use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
+use palpate_host::device::serial::LatencyTimer;
 use palpate_host::supervisor::{self, StartError, Supervised, Supervision};
 use palpate_host::{Device, DeviceError};
 
@@ -19,6 +21,10 @@ const MOST_PRIORITY: i32 = 98;
 
 /// A name that no device has.
 const NO_DEVICE: &str = "none";
+/// Speed of a device link's line if nobody says, baud; means nothing to USB CDC.
+const LINK_BAUD: u32 = 1_000_000;
+/// How long the device link is tried; a controller that starts when its port is opened takes a second or two.
+const LINK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// A device with motors, as the command line names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +39,13 @@ pub(crate) enum Hardware<'n> {
         /// The file to load if it is silent.
         firmware: Option<&'n Path>,
     },
+    /// `link:PORT[@BAUD]`
+    Link {
+        /// The serial port.
+        port: &'n str,
+        /// Speed of its line.
+        baud: u32,
+    },
 }
 
 impl<'n> Hardware<'n> {
@@ -41,6 +54,13 @@ impl<'n> Hardware<'n> {
         let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
         match (kind, rest) {
             ("polhem", Some(port)) => Some(Self::Polhem { port }),
+            ("link", Some(place)) => Some(match place.rsplit_once('@') {
+                // A port may have an @ in its name.
+                Some((port, baud)) if baud.parse::<u32>().is_ok_and(|baud| baud > 0) => {
+                    Self::Link { port, baud: baud.parse().unwrap_or(LINK_BAUD) }
+                }
+                _ => Self::Link { port: place, baud: LINK_BAUD },
+            }),
             ("falcon", firmware) => Some(Self::Falcon { firmware: firmware.map(Path::new) }),
             _ => None,
         }
@@ -51,13 +71,27 @@ impl<'n> Hardware<'n> {
         match self {
             Self::Polhem { .. } => "polhem",
             Self::Falcon { .. } => "falcon",
+            Self::Link { .. } => "link",
         }
+    }
+
+    /// Whether a process of its own must take the force away from it. The device link has a watchdog of 5 to 20 ms: it does that itself.
+    pub(crate) const fn needs_supervisor(self) -> bool {
+        !matches!(self, Self::Link { .. })
     }
 
     /// Opens it in this process. `fifo_priority` is for a thread that reads.
     pub(crate) fn open(self, profile: &Profile, fifo_priority: Option<i32>) -> Result<Opened, Failure> {
         match self {
+            Self::Link { port, baud } => {
+                say_latency(port);
+                let device = Link::open(port, baud, link_config(profile)?);
+                device
+                    .map(|device| Opened::Link(Box::new(device)))
+                    .map_err(|error| Failure::input(format!("{port}: {error}")))
+            }
             Self::Polhem { port } => {
+                say_latency(port);
                 let device = Polhem::open(port, polhem_config(profile));
                 device
                     .map(|device| Opened::Polhem(Box::new(device)))
@@ -76,6 +110,30 @@ impl<'n> Hardware<'n> {
     }
 }
 
+/// Asks the adapter of a port, if it has one, not to hold answers back.
+fn say_latency(port: &str) {
+    if let Some(timer) = LatencyTimer::shorten(port) {
+        eprintln!("palpate: {port}: {timer}");
+    }
+}
+
+/// What a profile says of a device link.
+fn link_config(profile: &Profile) -> Result<LinkConfig, Failure> {
+    let capstan = profile.capstan.ok_or_else(|| {
+        Failure::input(format!(
+            "{}: the profile states no mechanism; add [capstan] (docs/devices.md, Profiles)",
+            profile.name
+        ))
+    })?;
+    Ok(LinkConfig {
+        workspace: profile.workspace,
+        capstan,
+        max_force_n: profile.max_force_n,
+        max_stiffness_n_m: profile.cap().n_m,
+        patience: LINK_PATIENCE,
+    })
+}
+
 /// What a profile says of a Polhem.
 fn polhem_config(profile: &Profile) -> PolhemConfig {
     PolhemConfig {
@@ -91,6 +149,7 @@ fn polhem_config(profile: &Profile) -> PolhemConfig {
 pub(crate) enum Opened {
     Polhem(Box<Polhem>),
     Falcon(Box<Falcon<UsbFtdi>>),
+    Link(Box<Link>),
     Supervised(Box<Supervised>),
 }
 
@@ -100,6 +159,7 @@ impl Opened {
         match self {
             Self::Polhem(device) => device,
             Self::Falcon(device) => device,
+            Self::Link(device) => device,
             Self::Supervised(device) => device,
         }
     }
@@ -107,6 +167,7 @@ impl Opened {
     fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
         match self {
             Self::Polhem(_) => Ok(true),
+            Self::Link(device) => device.home(stop),
             Self::Falcon(device) => device.home(stop),
             Self::Supervised(device) => device.home(stop),
         }
@@ -147,7 +208,8 @@ pub(crate) fn open(
     profile: &Profile,
     stop: &AtomicBool,
 ) -> Result<Held, Failure> {
-    let (mut opened, supervision) = match holding.supervisor_ms {
+    let supervisor_ms = holding.supervisor_ms.filter(|_| hardware.needs_supervisor());
+    let (mut opened, supervision) = match supervisor_ms {
         Some(limit_ms) => {
             let device = supervised(holding, limit_ms, stop)?;
             let supervision = device.supervision();
@@ -159,6 +221,9 @@ pub(crate) fn open(
         eprintln!(
             "palpate: home the Falcon: pull its grip all the way out, then push it all the way in (red light: not homed, blue: homed)"
         );
+    }
+    if let Hardware::Link { .. } = hardware {
+        eprintln!("palpate: home the device, as its maker says; it has no force before");
     }
     opened.home(stop).map_err(|error| {
         Failure::input(format!("{}: {error}; check cable and power and start again", holding.device))
@@ -205,6 +270,7 @@ fn supervised(holding: Holding<'_>, limit_ms: u32, stop: &AtomicBool) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
 
     #[test]
     fn what_is_no_supervisor_is_told_from_one() {
@@ -212,7 +278,20 @@ mod tests {
         assert!(matches!(try_command(Command::new("/no/such/program")), Err(StartError::Io(_))));
         assert!(matches!(try_command(Command::new("true")), Err(StartError::Ended)));
     }
-    use palpate_host::device::profile::{DEFAULT_CAP_N_M, Damping};
+
+    #[test]
+    fn a_link_is_a_port_and_perhaps_a_speed_and_its_profile_states_a_mechanism() {
+        let link = |port, baud| Some(Hardware::Link { port, baud });
+        assert_eq!(Hardware::named("link:/dev/ttyACM0"), link("/dev/ttyACM0", LINK_BAUD));
+        assert_eq!(Hardware::named("link:/dev/ttyUSB0@3000000"), link("/dev/ttyUSB0", 3_000_000));
+        assert_eq!(Hardware::named("link:/dev/a@b"), link("/dev/a@b", LINK_BAUD));
+        assert_eq!(Hardware::named("link"), None);
+        let profile = profile("link:/dev/ttyACM0", None).expect("bundled").expect("its own");
+        assert!(link_config(&profile).is_ok());
+        let other = Profile::load("polhem").expect("bundled");
+        let refused = link_config(&other).expect_err("no mechanism").line();
+        assert!(refused.contains("[capstan]"), "{refused}");
+    }
 
     /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
     #[test]

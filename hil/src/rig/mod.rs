@@ -7,10 +7,11 @@
 //!
 //! What is asked of every device is asked of a [`Rig`]: the contract suite ([`crate::contract`]), the fault matrix ([`crate::matrix`]) and the
 //! closed loop ([`crate::closed_loop`]). A new device on a serial line is one [`SerialDevice`] and comes with two rigs, in memory and over a
-//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the driver of the device link belongs there as a `SerialDevice`.
-//! The Falcon on QEMU's bus is a rig of the guest's (`bin/falcon-guest/far.rs`).
+//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the Falcon on QEMU's bus is a rig of the guest's
+//! (`bin/falcon-guest/far.rs`).
 
 mod falcon;
+mod link;
 mod serial;
 
 pub use falcon::FalconRig;
@@ -18,6 +19,7 @@ pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
+use crate::link::EmulatedLink;
 use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
 use core::error::Error;
@@ -163,6 +165,16 @@ pub struct Kind {
 pub fn all() -> Vec<Kind> {
     vec![
         Kind { name: "falcon-memory", in_memory: true, make: |seed| Box::new(FalconRig::new(seed)) },
+        Kind {
+            name: "link-memory",
+            in_memory: true,
+            make: |seed| Box::new(SerialRig::<EmulatedLink>::new(Wire::Memory, seed)),
+        },
+        Kind {
+            name: "link-pty",
+            in_memory: false,
+            make: |seed| Box::new(SerialRig::<EmulatedLink>::new(Wire::Pty, seed)),
+        },
         Kind {
             name: "polhem-memory",
             in_memory: true,

@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 /// How often the device looks at its line, us: a microframe of USB.
 const STEP_US: u64 = 250;
 /// Longest time in which a device is to wake up on a pseudo terminal of a busy machine.
-const WAKE: Duration = Duration::from_secs(20);
+pub(super) const WAKE: Duration = Duration::from_secs(20);
 /// How long bytes known to be on their way through the terminal of a busy machine are waited for.
 const CERTAIN: Duration = Duration::from_secs(20);
 
@@ -67,15 +67,19 @@ pub trait SerialDevice: Send + 'static {
     fn strike(&mut self, mishap: Mishap) -> bool;
 }
 
+/// A steady hand that holds the handle of a profile's mechanism in the middle of its workspace.
+pub(super) fn held_in_the_middle(profile: &Profile) -> Handle {
+    let drag = super::assumed_drag(profile);
+    let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
+    let middle = Waypoint { t_us: 0, position_m: profile.workspace.device_origin_m };
+    Handle::held(hand, drag, vec![middle])
+}
+
 impl SerialDevice for EmulatedPolhem {
     const NAME: &'static str = "Polhem";
 
     fn new(profile: &Profile) -> Self {
-        let drag = super::assumed_drag(profile);
-        let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
-        let middle = Waypoint { t_us: 0, position_m: profile.workspace.device_origin_m };
-        Self::new(Handle::held(hand, drag, vec![middle]))
-            .with_step_m(profile.mechanism.encoder_quantum_m.unwrap_or(0.0))
+        Self::new(held_in_the_middle(profile)).with_step_m(profile.mechanism.encoder_quantum_m.unwrap_or(0.0))
     }
 
     fn profile() -> &'static str {

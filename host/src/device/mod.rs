@@ -6,6 +6,7 @@
 pub mod falcon;
 pub mod hand;
 pub mod impedance;
+pub mod link;
 pub mod motors_off;
 pub mod mouse;
 pub mod palpation;
@@ -14,10 +15,12 @@ pub mod polhem;
 pub mod profile;
 pub mod replay;
 pub mod script;
+pub mod serial;
 pub mod simulated;
 pub mod workspace;
 
 use core::fmt;
+use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
 
 /// What went wrong, as far as the caller's decision goes.
@@ -33,6 +36,8 @@ pub enum DeviceErrorKind {
     Denied,
     /// Not a device of this kind, or a setting it cannot do.
     Unsupported,
+    /// The device has latched a fault: nothing moves before [`Device::reset`].
+    Faulted(DeviceFault),
     /// Anything else the operating system says.
     Io,
 }
@@ -41,7 +46,7 @@ impl DeviceErrorKind {
     /// Whether the next exchange may well succeed.
     #[must_use]
     pub const fn is_passing(self) -> bool {
-        matches!(self, Self::Timeout | Self::BadFrame)
+        matches!(self, Self::Timeout | Self::BadFrame | Self::Faulted(_))
     }
 
     const fn text(self) -> &'static str {
@@ -51,6 +56,11 @@ impl DeviceErrorKind {
             Self::Disconnected => "the device is gone",
             Self::Denied => "not permitted or in use",
             Self::Unsupported => "not supported by this device",
+            Self::Faulted(DeviceFault::Watchdog) => "the device has latched `watchdog`",
+            Self::Faulted(DeviceFault::Clock) => "the device has latched `clock`",
+            Self::Faulted(DeviceFault::Overspeed) => "the device has latched `overspeed`",
+            Self::Faulted(DeviceFault::HomeLost) => "the device has latched `home-lost`",
+            Self::Faulted(DeviceFault::Hardware) => "the device has latched `hardware`",
             Self::Io => "input/output error",
         }
     }

@@ -9,6 +9,7 @@
 
 use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
+use super::serial::from_serial;
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
 use palpate_core::{Sample, Vec3, limit};
@@ -254,15 +255,6 @@ impl Device for Polhem {
 impl Drop for Polhem {
     fn drop(&mut self) {
         self.stop();
-    }
-}
-
-fn from_serial(error: serialport::Error) -> DeviceError {
-    match error.kind() {
-        serialport::ErrorKind::NoDevice => DeviceError::new(DeviceErrorKind::Disconnected),
-        serialport::ErrorKind::InvalidInput => DeviceError::new(DeviceErrorKind::Unsupported),
-        serialport::ErrorKind::Unknown => DeviceError::new(DeviceErrorKind::Io),
-        serialport::ErrorKind::Io(kind) => DeviceError::from(std::io::Error::from(kind)),
     }
 }
 

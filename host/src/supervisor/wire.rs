@@ -11,6 +11,7 @@
 
 use crate::device::{DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::blob::format::CHECKSUM;
+use palpate_core::link::DeviceFault;
 use palpate_core::{Vec3, vec3};
 
 /// Length of an order.
@@ -110,13 +111,18 @@ pub enum Opening {
     },
 }
 
-const KINDS: [DeviceErrorKind; 6] = [
+const KINDS: [DeviceErrorKind; 11] = [
     DeviceErrorKind::Timeout,
     DeviceErrorKind::BadFrame,
     DeviceErrorKind::Disconnected,
     DeviceErrorKind::Denied,
     DeviceErrorKind::Unsupported,
     DeviceErrorKind::Io,
+    DeviceErrorKind::Faulted(DeviceFault::Watchdog),
+    DeviceErrorKind::Faulted(DeviceFault::Clock),
+    DeviceErrorKind::Faulted(DeviceFault::Overspeed),
+    DeviceErrorKind::Faulted(DeviceFault::HomeLost),
+    DeviceErrorKind::Faulted(DeviceFault::Hardware),
 ];
 
 /// Bytes of a fixed length, from the front; what does not fit is dropped, which no caller lets happen.

@@ -52,11 +52,12 @@ pub(crate) struct Args {
     more: Vec<PathBuf>,
     /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the organ in the window),
     /// polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE (Novint Falcon on USB, with the file of its firmware
-    /// for when it is silent), or replay:FILE.mcap (a recording)
+    /// for when it is silent), link:PORT or link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
     /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7,
-    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT and falcon have their own
+    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT, falcon and
+    /// link:PORT have their own
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
     /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
@@ -189,8 +190,8 @@ fn profile(args: &Args) -> Result<Option<Profile>, Failure> {
         Some(period_us) => profile.at_period(period_us),
         None => profile,
     });
-    if let (Some(profile), Some(_), false) = (&mut profile, Hardware::named(&args.device), args.no_supervisor)
-    {
+    let is_supervised = Hardware::named(&args.device).is_some_and(Hardware::needs_supervisor);
+    if let (Some(profile), true, false) = (&mut profile, is_supervised, args.no_supervisor) {
         // A sample is handed on with the next tick.
         profile.position_delay_us += profile.period_us();
     }
@@ -221,7 +222,7 @@ fn open_device(
             Ok((Box::new(SimulatedHand::new(organ, config)), None))
         }
         _ => Err(Failure::input(format!(
-            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE] or replay:FILE.mcap"
+            "no device `{name}`; choose sim, sim:random:SEED, mouse, polhem:PORT, falcon[:FIRMWARE], link:PORT[@BAUD] or replay:FILE.mcap"
         ))),
     }
 }
@@ -328,9 +329,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         output::line(format!("{figures:#}"))?;
     }
     say(format!("method       {}\n{}", method.name(), touched.summary))?;
-    if Hardware::named(&args.device).is_some() {
-        let supervisor =
-            supervision.as_ref().map_or_else(|| "none (--no-supervisor)".into(), |s| s.to_string());
+    if let Some(hardware) = Hardware::named(&args.device) {
+        let none = if hardware.needs_supervisor() {
+            "none (--no-supervisor)"
+        } else {
+            "none: the device has its own watchdog"
+        };
+        let supervisor = supervision.as_ref().map_or_else(|| none.into(), |s| s.to_string());
         say(format!("supervisor   {supervisor}"))?;
     }
     if let Some(profile) = &profile {

@@ -1,6 +1,7 @@
 //! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
 
 use super::{Assumed, Calibration, Damping, Mechanism, Profile};
+use crate::device::link::Capstan;
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
 use core::ops::{Range, RangeInclusive};
@@ -44,6 +45,7 @@ struct ProfileFile {
     mechanism: MechanismTable,
     #[serde(default)]
     link: LinkTable,
+    capstan: Option<CapstanTable>,
     workspace: Spanned<WorkspaceTable>,
     #[serde(default)]
     mapping: MappingTable,
@@ -87,6 +89,13 @@ struct LinkTable {
 
 #[derive(serde::Deserialize)]
 #[serde(deny_unknown_fields)]
+struct CapstanTable {
+    metres_per_turn: Numbers,
+    origin_m: Numbers,
+}
+
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
 struct WorkspaceTable {
     radius_m: Option<Number>,
     half_m: Option<Numbers>,
@@ -121,6 +130,8 @@ const RATES_HZ: Range<f64> = 400.0..10_000.0;
 
 /// Size of a motor's scale, counts to one N m: a tenth and ten times the uncalibrated figure. Beyond, a digit is wrong.
 const COUNTS_PER_N_M: RangeInclusive<f64> = 1e3..=1e5;
+/// Least and largest way of a handle in a turn of a drum, m: a thread of a screw, a drum as wide as an arm.
+const METRES_PER_TURN: Range<f64> = 1e-4..1.0;
 
 /// Longest delay of a link, us: ten milliseconds are a fault of the controller.
 const LONGEST_DELAY_US: i64 = 9_000;
@@ -140,7 +151,8 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
 pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     let place = Place { path, text };
     let file: ProfileFile = toml::from_str(text).map_err(|error| place.explain(&error))?;
-    let ProfileFile { name, limits, mechanism, link, workspace, mapping, calibration, simulation } = file;
+    let ProfileFile { name, limits, mechanism, link, capstan, workspace, mapping, calibration, simulation } =
+        file;
     if name.get_ref().is_empty() {
         return Err(place.error(name.span(), "the name is empty", "name the device"));
     }
@@ -171,6 +183,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
         reach: place.reach(&workspace)?,
         workspace: place.mapping(&mapping)?,
         calibration: place.calibration(&calibration, *limits.max_force_n.get_ref())?,
+        capstan: capstan.map(|table| place.capstan(&table)).transpose()?,
         assumed: Assumed {
             mass_kg: place.optional("mass_kg", simulation.mass_kg.as_ref())?.unwrap_or(default.mass_kg),
             damping_n_s_m: place
@@ -279,6 +292,26 @@ impl Place<'_> {
             calibration.gravity_n = *given.get_ref() as f32;
         }
         Ok(calibration)
+    }
+
+    fn capstan(&self, table: &CapstanTable) -> Result<Capstan, ProfileError> {
+        let (metres_per_turn, origin_m) = (*table.metres_per_turn.get_ref(), *table.origin_m.get_ref());
+        if !metres_per_turn.iter().all(|metres| METRES_PER_TURN.contains(&metres.abs())) {
+            let mend = format!(
+                "give {} to {} m an axis, negative where it runs down",
+                METRES_PER_TURN.start, METRES_PER_TURN.end
+            );
+            let what = format!("`metres_per_turn` = {metres_per_turn:?}");
+            return Err(self.error(table.metres_per_turn.span(), what, mend));
+        }
+        if !origin_m.iter().all(|metres| metres.is_finite()) {
+            return Err(self.error(
+                table.origin_m.span(),
+                "`origin_m` is not finite",
+                "give three finite numbers",
+            ));
+        }
+        Ok(Capstan { metres_per_turn, origin_m })
     }
 
     fn reach(&self, table: &Spanned<WorkspaceTable>) -> Result<Reach, ProfileError> {

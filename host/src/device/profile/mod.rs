@@ -14,6 +14,7 @@ pub use cap::{
 };
 pub use file::ProfileError;
 
+use super::link::Capstan;
 use super::workspace::{Reach, Workspace};
 use palpate_core::{LimitConfig, Vec3};
 use std::path::Path;
@@ -35,6 +36,8 @@ pub struct Profile {
     pub position_delay_us: u32,
     /// How long a force is on its way from this program to the hand, us.
     pub force_delay_us: u32,
+    /// Encoder counts to metres and newtons to torques, for a driver that must do it itself: that of the device link.
+    pub capstan: Option<Capstan>,
     /// Where the handle can go, device frame, round the mapping's device origin.
     pub reach: Reach,
     /// Where that lies in the model.

@@ -14,6 +14,10 @@ coulomb_n = 0.1
 [link]
 force_delay_us = 40
 
+[capstan]
+metres_per_turn = [0.06, 0.06, -0.03]
+origin_m = [-0.1, 0.0, 0.1]
+
 [workspace]
 half_m = [0.1, 0.2, 0.3]
 
@@ -37,6 +41,8 @@ fn every_figure_is_read() {
     assert_eq!(profile.mechanism.damping, Some(Damping { n_s_m: 0.5, measured: false }));
     assert_eq!((profile.mechanism.coulomb_n, profile.mechanism.encoder_quantum_m), (Some(0.1), None));
     assert_eq!((profile.position_delay_us, profile.force_delay_us), (0, 40));
+    let capstan = Capstan { metres_per_turn: [0.06, 0.06, -0.03], origin_m: [-0.1, 0.0, 0.1] };
+    assert_eq!(profile.capstan, Some(capstan));
     assert_eq!(profile.reach, Reach::Box { half_m: [0.1, 0.2, 0.3] });
     assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
     assert_eq!(profile.calibration.counts_per_n_m, [-9e3, 11e3, -1e4]);
@@ -68,19 +74,23 @@ fn every_fault_has_its_line_and_its_mend() {
     refuses("2000.0", "50", 6, "`rate_hz` = 50", "400 to 10000 Hz");
     refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
     refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
-    refuses("half_m =", "radius_m = 0.1\nhalf_m =", 15, "[workspace]", "`radius_m`, or `half_m`");
-    refuses("0.1, 0.2", "0.1, 0.0", 16, "`half_m`", "above zero");
-    refuses("[1, 0, 0]]", "[-1, 0, 0]]", 19, "`axes` is no rotation", "right-handed");
-    refuses("[0, 1, 0],", "[0, 2, 0],", 19, "`axes` is no rotation", "unit length");
-    refuses("scale = 2", "scale = 0", 20, "`scale` = 0", "above zero");
-    refuses("0.0, 0.05", "0.0, inf", 21, "`model_origin_m`", "finite");
-    refuses("-9000,", "-900,", 24, "`counts_per_n_m`", "1000 to 100000");
-    refuses("11000,", "nan,", 24, "`counts_per_n_m`", "with its sign");
-    refuses("-9000, ", "", 24, "invalid length", "expected type");
-    refuses("= 0.7", "= -0.7", 25, "`gravity_n` = -0.7", "upwards");
-    refuses("= 0.7", "= 2.6", 25, "`gravity_n` = 2.6", "half");
-    refuses("gravity_n", "gravity_N", 25, "unknown key `gravity_N`", "gravity_n");
-    refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 28, "`coulomb_n` is assumed", "remove it");
+    refuses("-0.03]", "0.0]", 16, "`metres_per_turn`", "runs down");
+    refuses("-0.03]", "nan]", 16, "`metres_per_turn`", "runs down");
+    refuses("[-0.1, 0.0", "[-0.1, inf", 17, "`origin_m`", "finite");
+    refuses("origin_m = [-0.1", "origin = [-0.1", 17, "unknown key `origin`", "origin_m");
+    refuses("half_m =", "radius_m = 0.1\nhalf_m =", 19, "[workspace]", "`radius_m`, or `half_m`");
+    refuses("0.1, 0.2", "0.1, 0.0", 20, "`half_m`", "above zero");
+    refuses("[1, 0, 0]]", "[-1, 0, 0]]", 23, "`axes` is no rotation", "right-handed");
+    refuses("[0, 1, 0],", "[0, 2, 0],", 23, "`axes` is no rotation", "unit length");
+    refuses("scale = 2", "scale = 0", 24, "`scale` = 0", "above zero");
+    refuses("0.0, 0.05", "0.0, inf", 25, "`model_origin_m`", "finite");
+    refuses("-9000,", "-900,", 28, "`counts_per_n_m`", "1000 to 100000");
+    refuses("11000,", "nan,", 28, "`counts_per_n_m`", "with its sign");
+    refuses("-9000, ", "", 28, "invalid length", "expected type");
+    refuses("= 0.7", "= -0.7", 29, "`gravity_n` = -0.7", "upwards");
+    refuses("= 0.7", "= 2.6", 29, "`gravity_n` = 2.6", "half");
+    refuses("gravity_n", "gravity_N", 29, "unknown key `gravity_N`", "gravity_n");
+    refuses("mass_kg", "coulomb_n = 1.0\nmass_kg", 32, "`coulomb_n` is assumed", "remove it");
     refuses("\"bench\"", "\"\"", 1, "the name is empty", "name the device");
     refuses("[limits]", "[limits", 3, "not valid TOML", "correct the syntax");
 }

@@ -1,0 +1,228 @@
+//! Emulated controller of the device link: the core's own state machine, as a firmware links it, on a gantry with a hand.
+//!
+//! Unlike the other emulators it has a watchdog, because every device of the link has one. Its mechanism (counts from the grip's place, force
+//! from the torques) is written here once more, from the profile's figures: a mistake in the driver's would have to be made twice.
+
+use crate::mechanism::Handle;
+use crate::transport::Transport;
+use core::f64::consts::TAU;
+use palpate_core::Vec3;
+use palpate_core::link::{
+    Device, DeviceInfo, DeviceProfile, FrameCounts, FrameReader, HostMessage, Inputs, MAX_FRAME, Phase,
+    encode,
+};
+use palpate_host::device::profile::Profile;
+use std::io;
+
+/// Encoder counts in a turn.
+const COUNTS_PER_TURN: u32 = 2_000;
+/// Largest torque of each axis, micro-newton-metres: 4.2 N at the drums of the bundled profile, above its force limit.
+const TORQUE_LIMIT_UNM: u32 = 40_000;
+/// Silence that is a fault, us.
+pub const WATCHDOG_US: u16 = 10_000;
+/// Fastest that an axis may turn, counts/s: 3 m/s at the bundled profile's drums.
+const MAX_SPEED_COUNTS_PER_S: u32 = 100_000;
+/// How long the user takes to lead the handle home, us.
+const HOMING_US: u64 = 100_000;
+
+/// The device with its handle.
+#[derive(Debug)]
+pub struct EmulatedLink {
+    handle: Handle,
+    core: Device,
+    reader: FrameReader<HostMessage>,
+    metres_per_turn: [f64; 3],
+    origin_m: [f64; 3],
+    /// By how much the counters are off: what they read at power-up, what they have miscounted.
+    off: [i32; 3],
+    homed: bool,
+    /// Since when the handle is being led home.
+    homing_us: Option<u64>,
+    buttons: u8,
+    torque_unm: [i32; 3],
+    boots: u32,
+}
+
+impl EmulatedLink {
+    /// A device that has just been given power. Its profile must state a capstan.
+    ///
+    /// # Panics
+    ///
+    /// If it does not.
+    #[must_use]
+    pub fn new(handle: Handle, profile: &Profile) -> Self {
+        let capstan = profile.capstan.expect("the profile of a device link states its mechanism");
+        let mut device = Self {
+            handle,
+            core: core(1),
+            reader: FrameReader::new(),
+            metres_per_turn: capstan.metres_per_turn,
+            origin_m: capstan.origin_m,
+            off: [0; 3],
+            homed: false,
+            homing_us: None,
+            buttons: 0,
+            torque_unm: [0; 3],
+            boots: 1,
+        };
+        device.power_up();
+        device
+    }
+
+    /// Its power goes and comes back: no torque, no session, no home, counters at zero wherever the grip is.
+    pub fn power_cycle(&mut self) {
+        self.boots += 1;
+        self.core = core(self.boots);
+        self.reader = FrameReader::new();
+        self.power_up();
+    }
+
+    fn power_up(&mut self) {
+        (self.homed, self.homing_us, self.torque_unm) = (false, None, [0; 3]);
+        self.handle.let_go();
+        self.off = self.true_counts().map(i32::wrapping_neg);
+    }
+
+    /// It forgets where it was homed.
+    pub const fn lose_homing(&mut self) {
+        self.homed = false;
+    }
+
+    /// An encoder miscounts by about so much at the handle, m.
+    pub fn jump(&mut self, axis: usize, by_m: f32) {
+        let turns = f64::from(by_m) / self.metres_per_turn[axis];
+        self.off[axis] += (turns * f64::from(COUNTS_PER_TURN)).round() as i32;
+    }
+
+    /// The hand holds these buttons.
+    pub const fn press(&mut self, buttons: u8) {
+        self.buttons = buttons;
+    }
+
+    /// The handle with the hand on it.
+    #[must_use]
+    pub const fn handle(&self) -> &Handle {
+        &self.handle
+    }
+
+    /// The handle with the hand on it.
+    pub const fn handle_mut(&mut self) -> &mut Handle {
+        &mut self.handle
+    }
+
+    /// What the controller is doing.
+    #[must_use]
+    pub const fn phase(&self) -> Phase {
+        self.core.phase()
+    }
+
+    /// Frames that came.
+    #[must_use]
+    pub const fn frames(&self) -> &FrameCounts {
+        self.reader.counts()
+    }
+
+    /// Force on the hand now, N.
+    #[must_use]
+    pub const fn force_n(&self) -> Vec3 {
+        self.handle.felt().force_n
+    }
+
+    /// Counts that sound encoders would show.
+    fn true_counts(&self) -> [i32; 3] {
+        let at_m = self.handle.position_m();
+        core::array::from_fn(|axis| {
+            let turns = (f64::from(at_m[axis]) - self.origin_m[axis]) / self.metres_per_turn[axis];
+            (turns * f64::from(COUNTS_PER_TURN)).round() as i32
+        })
+    }
+
+    fn encoders(&self) -> [i32; 3] {
+        let counts = self.true_counts();
+        core::array::from_fn(|axis| counts[axis].wrapping_add(self.off[axis]))
+    }
+
+    /// Where its encoders say that the handle is, m.
+    #[must_use]
+    pub fn reported_m(&self) -> Vec3 {
+        let counts = self.encoders();
+        core::array::from_fn(|axis| {
+            let turns = f64::from(counts[axis]) / f64::from(COUNTS_PER_TURN);
+            (self.origin_m[axis] + turns * self.metres_per_turn[axis]) as f32
+        })
+    }
+
+    /// Serves everything that has come over the link by `now_us`; a cycle of its control loop before and after.
+    pub fn poll(&mut self, now_us: u64, link: &mut (impl Transport + ?Sized)) -> io::Result<()> {
+        self.handle.advance(now_us);
+        self.cycle(now_us, false);
+        let mut buffer = [0; 256];
+        let mut commanded = false;
+        loop {
+            let count = link.receive(now_us, &mut buffer)?;
+            if count == 0 {
+                break;
+            }
+            let mut bytes = &buffer[..count];
+            while let Some(outcome) = self.reader.read(&mut bytes) {
+                let Ok(message) = outcome else { continue };
+                commanded |= matches!(message, HostMessage::Command { .. });
+                if let Some(answer) = self.core.receive(now_us, &message) {
+                    let mut frame = [0; MAX_FRAME];
+                    // No message is longer than a frame.
+                    let frame = encode(&answer, &mut frame).map_err(|_| io::ErrorKind::InvalidData)?;
+                    link.send(now_us, frame)?;
+                }
+            }
+        }
+        self.cycle(now_us, commanded);
+        Ok(())
+    }
+
+    /// One cycle of the firmware's control loop: encoders in, torques out.
+    fn cycle(&mut self, now_us: u64, commanded: bool) {
+        let inputs =
+            Inputs { encoders: self.encoders(), buttons: self.buttons, homed: self.homed, fault: false };
+        let outputs = self.core.step(now_us, &inputs);
+        if outputs.home {
+            let since_us = *self.homing_us.get_or_insert_with(|| {
+                self.homed = false;
+                now_us
+            });
+            if now_us.saturating_sub(since_us) >= HOMING_US {
+                (self.homed, self.off) = (true, [0; 3]);
+            }
+        } else {
+            self.homing_us = None;
+        }
+        if commanded {
+            let force_n: Vec3 = core::array::from_fn(|axis| {
+                (1e-6 * f64::from(outputs.torque_unm[axis]) * TAU / self.metres_per_turn[axis]) as f32
+            });
+            // In tens of micro-newton-metres, away from zero: 0 is no torque.
+            let motors = outputs.torque_unm.map(|torque| {
+                let tens = torque / 10 + torque.signum();
+                tens.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
+            });
+            self.handle.drive(force_n, motors, self.homed);
+        } else if outputs.torque_unm == [0; 3] && self.torque_unm != [0; 3] {
+            // Validity or watchdog: no command of anybody.
+            self.handle.let_go();
+        }
+        self.torque_unm = outputs.torque_unm;
+    }
+}
+
+/// A controller that has just started.
+fn core(boot: u32) -> Device {
+    let info = DeviceInfo {
+        dof: 3,
+        counts_per_turn: [COUNTS_PER_TURN; 3],
+        torque_limit_unm: [TORQUE_LIMIT_UNM; 3],
+        watchdog_us: WATCHDOG_US,
+        serial: 7,
+        firmware: 1,
+    };
+    let profile = DeviceProfile { info, max_speed_counts_per_s: MAX_SPEED_COUNTS_PER_S, boot };
+    Device::new(profile).expect("these figures are sound")
+}

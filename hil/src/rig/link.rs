@@ -1,0 +1,84 @@
+//! The device link on a serial line.
+
+use super::serial::{SerialDevice, WAKE, held_in_the_middle};
+use super::{Mishap, OpenError, Traits};
+use crate::link::EmulatedLink;
+use crate::mechanism::Handle;
+use crate::transport::Transport;
+use palpate_core::Vec3;
+use palpate_host::Device;
+use palpate_host::device::link::{Link, LinkConfig};
+use palpate_host::device::profile::Profile;
+use palpate_host::device::workspace::Workspace;
+use serialport::SerialPort;
+use std::io;
+
+impl SerialDevice for EmulatedLink {
+    const NAME: &'static str = "device link";
+
+    fn new(profile: &Profile) -> Self {
+        Self::new(held_in_the_middle(profile), profile)
+    }
+
+    fn profile() -> &'static str {
+        "link"
+    }
+
+    fn traits(profile: &Profile) -> Traits {
+        Traits {
+            homes: true,
+            virtual_time: true,
+            middle_m: profile.workspace.device_origin_m,
+            // Half a count on each of three axes.
+            count_m: 0.87 * profile.mechanism.encoder_quantum_m.unwrap_or(30e-6) + 1e-6,
+            // A micro-newton-metre on each of three drums.
+            motor_step_n: 2e-4,
+            checked_requests: true,
+            numbered_replies: true,
+        }
+    }
+
+    fn open(
+        port: Box<dyn SerialPort>,
+        profile: &Profile,
+        workspace: Workspace,
+    ) -> Result<Box<dyn Device>, OpenError> {
+        let config = LinkConfig {
+            workspace,
+            capstan: profile.capstan.ok_or("the profile states no capstan")?,
+            max_force_n: profile.max_force_n,
+            max_stiffness_n_m: profile.cap().n_m,
+            patience: WAKE,
+        };
+        Ok(Box::new(Link::with_port(port, config)?))
+    }
+
+    fn poll(&mut self, now_us: u64, link: &mut dyn Transport) -> io::Result<()> {
+        Self::poll(self, now_us, link)
+    }
+
+    fn handle(&self) -> &Handle {
+        Self::handle(self)
+    }
+
+    fn handle_mut(&mut self) -> &mut Handle {
+        Self::handle_mut(self)
+    }
+
+    fn reported_m(&self) -> Vec3 {
+        Self::reported_m(self)
+    }
+
+    fn press(&mut self, buttons: u8) {
+        Self::press(self, buttons);
+    }
+
+    fn strike(&mut self, mishap: Mishap) -> bool {
+        match mishap {
+            Mishap::EncoderJump { axis, by_m } => self.jump(axis, by_m),
+            Mishap::LoseHoming => self.lose_homing(),
+            Mishap::PowerCycle => self.power_cycle(),
+        }
+        true
+    }
+}

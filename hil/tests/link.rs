@@ -1,0 +1,256 @@
+//! The driver of the device link on an emulated controller: what the contract does not ask of every device.
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use palpate_core::link::{DeviceFault, Phase};
+use palpate_core::{Vec3, vec3};
+use palpate_hil::fault::Faults;
+use palpate_hil::link::WATCHDOG_US;
+use palpate_hil::rig::{Cut, Mishap, Rig, SerialRig, Wire};
+use palpate_hil::session::Session;
+use palpate_hil::{EmulatedLink, Handle, PtyTransport};
+use palpate_host::device::DeviceState;
+use palpate_host::device::link::{Link, LinkConfig, LinkError};
+use palpate_host::device::profile::Profile;
+use palpate_host::sys;
+use palpate_host::{Device, DeviceErrorKind};
+use serialport::SerialPort;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+const FORCE_N: Vec3 = [0.5, -0.5, 1.5];
+
+fn rig() -> SerialRig<EmulatedLink> {
+    SerialRig::new(Wire::Memory, 3)
+}
+
+fn forced(session: &mut Session<'_>) {
+    for _ in 0..10 {
+        session.tick(FORCE_N).expect("a sound link");
+    }
+    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3, "{:?}", session.rig.felt());
+}
+
+/// So many ticks that ask for a force; what came with the last one.
+fn pushed(session: &mut Session<'_>, ticks: u32) -> Option<DeviceErrorKind> {
+    (0..ticks).map(|_| session.tick(FORCE_N).err().map(|error| error.kind())).last().flatten()
+}
+
+#[test]
+fn a_silent_host_is_zeroed_by_the_device_within_its_watchdog() {
+    let mut rig = rig();
+    let workspace = rig.profile().workspace;
+    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    forced(&mut session);
+    let silent_us = session.now_us();
+    session.pass(30_000);
+    let off_us = session.rig.felt().off_since_us.expect("without a force");
+    println!("silent host: zero {} us after its last tick", off_us - silent_us);
+    assert!(off_us - silent_us <= u64::from(WATCHDOG_US), "{off_us}");
+    // It comes back with its old force: the fault is latched, named, and told once.
+    assert_eq!(pushed(&mut session, 50), Some(DeviceErrorKind::Faulted(DeviceFault::Watchdog)));
+    assert!(session.device().was_zeroed() && !session.device().was_zeroed());
+    assert_eq!(session.rig.felt().force_n, vec3::ZERO);
+    // Only the user's reset begins another session.
+    session.device().reset();
+    pushed(&mut session, 10);
+    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+}
+
+#[test]
+fn a_device_that_started_anew_is_a_fault_and_never_obeys_by_itself() {
+    let mut rig = rig();
+    let workspace = rig.profile().workspace;
+    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    forced(&mut session);
+    session.rig.strike(Mishap::PowerCycle);
+    for tick in 0..2_000 {
+        let exchanged = session.tick(FORCE_N);
+        assert!(tick < 2 || !matches!(exchanged, Ok(Some(_))), "a sample of a device that knows no place");
+        assert_eq!(session.rig.felt().force_n, vec3::ZERO, "tick {tick}");
+    }
+    assert!(session.device().was_zeroed(), "the loop is told");
+    // Reset: a new session, which finds that it is not homed; homed, it takes the force that is then asked for.
+    session.device().reset();
+    pushed(&mut session, 10);
+    assert_eq!((session.state(), session.rig.felt().force_n), (DeviceState::Unhomed, vec3::ZERO));
+    pushed(&mut session, 150);
+    assert_eq!(session.state(), DeviceState::Homed);
+    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+}
+
+#[test]
+fn a_device_that_somebody_disabled_is_a_fault() {
+    let mut rig = rig();
+    let workspace = rig.profile().workspace;
+    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let mut second = session.device().emergency_stop().expect("a second handle");
+    forced(&mut session);
+    second.zero().expect("the port is open");
+    pushed(&mut session, 300);
+    assert_eq!(session.rig.felt().force_n, vec3::ZERO, "it did not enable again by itself");
+    assert!(session.device().was_zeroed());
+    session.device().reset();
+    pushed(&mut session, 10);
+    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+}
+
+/// Noise from the wire with the checksum ignored would be positions and forces nobody meant.
+#[test]
+fn damaged_answers_are_errors_and_never_samples() {
+    let mut rig = rig();
+    let workspace = rig.profile().workspace;
+    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let at_m = session.rig.position_m();
+    session.rig.set_faults(Faults::NONE, Faults { corrupt: 1.0, ..Faults::NONE });
+    let mut damaged = 0;
+    for _ in 0..400 {
+        match session.tick(vec3::ZERO) {
+            Ok(Some(sample)) => assert!(vec3::distance(sample.position_m, at_m) < 1e-3, "{sample:?}"),
+            Err(error) => damaged += u32::from(error.kind() == DeviceErrorKind::BadFrame),
+            Ok(None) => {}
+        }
+    }
+    assert!(damaged > 100, "{damaged}");
+}
+
+fn profile() -> Profile {
+    Profile::bundled("link").expect("bundled")
+}
+
+fn config(patience: Duration) -> LinkConfig {
+    let profile = profile();
+    LinkConfig {
+        workspace: profile.workspace,
+        capstan: profile.capstan.expect("it states one"),
+        max_force_n: profile.max_force_n,
+        max_stiffness_n_m: profile.cap().n_m,
+        patience,
+    }
+}
+
+#[test]
+fn nobody_at_the_other_end_is_said_and_does_not_hang() {
+    let (_silent, driver) = PtyTransport::pair().expect("a pseudo terminal");
+    let opened = Link::with_port(Box::new(driver), config(Duration::from_millis(100)));
+    assert_eq!(opened.err(), Some(LinkError::Silent));
+    let mut rig = rig();
+    rig.unplug(Cut::Between);
+    let workspace = rig.profile().workspace;
+    assert!(rig.open(workspace).is_err(), "no cable, no port");
+}
+
+/// The controller on a pseudo terminal in real time, served by a thread.
+struct Served {
+    device: Arc<Mutex<EmulatedLink>>,
+    begun: Instant,
+    ends: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+    port: String,
+    _driver_end: serialport::TTYPort,
+}
+
+impl Served {
+    fn new() -> Self {
+        let (mut link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
+        let device = Arc::new(Mutex::new(EmulatedLink::new(Handle::new(Vec::new()), &profile())));
+        let (begun, ends) = (Instant::now(), Arc::new(AtomicBool::new(false)));
+        let (served, stop) = (Arc::clone(&device), Arc::clone(&ends));
+        let thread = std::thread::spawn(move || {
+            while !stop.load(Ordering::Relaxed) {
+                let mut device = served.lock().unwrap_or_else(PoisonError::into_inner);
+                device.poll(begun.elapsed().as_micros() as u64, &mut link).expect("the terminal is open");
+                drop(device);
+                std::thread::sleep(Duration::from_micros(100));
+            }
+        });
+        let port = driver_end.name().expect("a terminal has a name");
+        Self { device, begun, ends, thread: Some(thread), port, _driver_end: driver_end }
+    }
+
+    fn device(&self) -> std::sync::MutexGuard<'_, EmulatedLink> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn host(&self) -> Child {
+        let mut command = Command::new(std::env::current_exe().expect("a test has a file"));
+        command.args(["--ignored", "--exact", "process_host"]).env("TEST_PORT", &self.port);
+        command.stdout(Stdio::null()).spawn().expect("this file starts")
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        let _ = self.thread.take().map(std::thread::JoinHandle::join);
+    }
+}
+
+fn wait(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "no {what}");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+/// A real process, killed and stopped. Between its last command and zero nobody acts but the device: the time is the device's own.
+#[test]
+fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
+    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
+        let served = Served::new();
+        let mut host = served.host();
+        let now_us = || served.begun.elapsed().as_micros() as u64;
+        let is_forced = || served.device().force_n() != vec3::ZERO;
+        wait("a force", is_forced);
+        kill(Pid::from_raw(host.id() as i32), signal).expect("it is there");
+        wait("zero and the latch", || {
+            served.device().phase() == Phase::Faulted(DeviceFault::Watchdog) && !is_forced()
+        });
+        let felt = *served.device().handle().felt();
+        let (last_us, off_us) = (felt.last_command_us.expect("one"), felt.off_since_us.expect("zero"));
+        println!("{signal}: zero {} us after the last command", off_us - last_us);
+        let until_us = now_us() + 100_000;
+        wait("100 ms", || {
+            assert!(!is_forced(), "it stays so");
+            now_us() > until_us
+        });
+        let _ = kill(Pid::from_raw(host.id() as i32), Signal::SIGCONT);
+        if signal == Signal::SIGSTOP {
+            // It goes on with its old force, and nobody listens.
+            let until_us = now_us() + 300_000;
+            wait("300 ms", || {
+                assert!(!is_forced(), "a force without a reset");
+                now_us() > until_us
+            });
+        }
+        let _ = host.kill();
+        let _ = host.wait();
+    }
+}
+
+#[test]
+#[ignore = "a host process of the test above"]
+fn process_host() {
+    let port = std::env::var("TEST_PORT").expect("started by a test of this file");
+    let mut device = Link::open(&port, 1_000_000, config(Duration::from_secs(10))).expect("it answers");
+    let begun = sys::monotonic_ns();
+    let mut stopped_for_good = false;
+    let mut before_ns = begun;
+    for tick in 0_u64.. {
+        sys::sleep_until_ns(begun + tick * 1_000_000);
+        let now_ns = sys::monotonic_ns();
+        // A machine that is busy trips the watchdog as well: reset, but not after the long pause of the test.
+        stopped_for_good |= now_ns - before_ns > 90_000_000;
+        before_ns = now_ns;
+        match device.exchange((now_ns - begun) / 1_000, FORCE_N) {
+            Err(error) if !error.kind().is_passing() => return,
+            _ => {}
+        }
+        if device.was_zeroed() && !stopped_for_good {
+            device.reset();
+        }
+    }
+}

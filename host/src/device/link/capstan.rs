@@ -1,0 +1,141 @@
+//! Three axes at right angles, each driven by a cable or belt on a drum: a gantry.
+//!
+//! ```text
+//! position [m]   = origin + metres_per_turn * counts / counts_per_turn
+//! torque [N m]   = force * metres_per_turn / (2 pi)
+//! ```
+//!
+//! The second is the first one's virtual work: what the motor does over a turn is what the force does over the metres of a turn.
+//! `metres_per_turn` has the sign of the axis. A firmware counts up in the direction in which a positive torque turns.
+
+use core::f64::consts::TAU;
+use palpate_core::Vec3;
+use palpate_core::link::guard::clamp_torque;
+
+/// What a profile says of such a mechanism.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Capstan {
+    /// Way of the handle along each axis of the device in one turn of its encoder, m; negative where it goes down as the counts go up.
+    pub metres_per_turn: [f64; 3],
+    /// Where the handle is with all counts zero: at home. Device frame, m.
+    pub origin_m: [f64; 3],
+}
+
+impl Capstan {
+    /// Position of the handle, device frame, m.
+    #[must_use]
+    pub fn position_m(&self, counts: [i64; 3], counts_per_turn: [u32; 3]) -> Vec3 {
+        core::array::from_fn(|axis| {
+            let turns = counts[axis] as f64 / f64::from(counts_per_turn[axis]);
+            (self.origin_m[axis] + self.metres_per_turn[axis] * turns) as f32
+        })
+    }
+
+    /// Torques for a force in the device's frame, micro-newton-metres; shortened together to the limits, so that the direction stays.
+    #[must_use]
+    pub fn torque_unm(&self, device_n: Vec3, limit_unm: [u32; 3]) -> [i32; 3] {
+        let wanted: [f64; 3] =
+            core::array::from_fn(|axis| 1e6 * f64::from(device_n[axis]) * self.metres_per_turn[axis] / TAU);
+        // A cast saturates each axis alone, which would turn the force.
+        let largest = wanted.iter().fold(0.0_f64, |most, torque| most.max(torque.abs()));
+        let share = (f64::from(i32::MAX) / largest).min(1.0);
+        clamp_torque(wanted.map(|torque| (share * torque).round() as i32), limit_unm).0
+    }
+
+    /// Largest force that these torques give in every direction, N.
+    #[must_use]
+    pub fn max_force_n(&self, limit_unm: [u32; 3]) -> f32 {
+        let axes = self.metres_per_turn.iter().zip(limit_unm);
+        let forces_n = axes.map(|(metres, limit)| 1e-6 * f64::from(limit) * TAU / metres.abs());
+        forces_n.fold(f64::INFINITY, f64::min) as f32
+    }
+
+    /// Coarsest step of the position, m.
+    #[must_use]
+    pub fn resolution_m(&self, counts_per_turn: [u32; 3]) -> f32 {
+        let axes = self.metres_per_turn.iter().zip(counts_per_turn);
+        axes.map(|(metres, counts)| metres.abs() / f64::from(counts)).fold(0.0, f64::max) as f32
+    }
+}
+
+/// Counts of the encoders without their wrap-around. Two readings must be less than 2^31 counts apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Counter {
+    last: Option<([i32; 3], [i64; 3])>,
+}
+
+impl Counter {
+    /// Takes a reading. The first one is taken as it stands: from home, with its sign.
+    pub(super) fn take(&mut self, encoders: [i32; 3]) -> [i64; 3] {
+        let counts = match self.last {
+            None => encoders.map(i64::from),
+            Some((before, counts)) => core::array::from_fn(|axis| {
+                counts[axis] + i64::from(encoders[axis].wrapping_sub(before[axis]))
+            }),
+        };
+        self.last = Some((encoders, counts));
+        counts
+    }
+
+    /// Homing has set the counts anew.
+    pub(super) const fn restart(&mut self) {
+        self.last = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use palpate_core::vec3;
+
+    const CAPSTAN: Capstan = Capstan { metres_per_turn: [0.06, 0.03, -0.06], origin_m: [-0.1, 0.0, 0.1] };
+    const AMPLE: [u32; 3] = [i32::MAX as u32; 3];
+
+    #[test]
+    fn a_turn_is_its_metres_and_work_is_the_same_on_both_sides() {
+        let counts = [2_000, -1_000, 4_000];
+        let at_m = CAPSTAN.position_m(counts, [2_000; 3]);
+        assert!(vec3::distance(at_m, [-0.04, -0.015, -0.02]) < 1e-7, "{at_m:?}");
+        // Work of the force over a turn of one axis: that of its torque over 2 pi.
+        let force_n = [1.5, -2.0, 0.7];
+        let torque_unm = CAPSTAN.torque_unm(force_n, AMPLE);
+        for axis in 0..3 {
+            let work_j = f64::from(force_n[axis]) * CAPSTAN.metres_per_turn[axis];
+            assert!((1e-6 * f64::from(torque_unm[axis]) * TAU - work_j).abs() < 1e-5, "axis {axis}");
+        }
+        assert!(torque_unm[2] < 0, "the drum of z turns the other way");
+    }
+
+    #[test]
+    fn torques_are_shortened_together() {
+        let limit_unm = [20_000; 3];
+        let whole = CAPSTAN.torque_unm([4.0, 2.0, -1.0], AMPLE);
+        let short = CAPSTAN.torque_unm([4.0, 2.0, -1.0], limit_unm);
+        assert_eq!(short[0], 20_000);
+        for axis in 0..3 {
+            let share = f64::from(short[axis]) / f64::from(whole[axis]);
+            assert!(
+                (share - 20_000.0 / f64::from(whole[0])).abs() < 1e-3,
+                "axis {axis}: {short:?} of {whole:?}"
+            );
+        }
+        // Beyond every integer the direction stays as well.
+        let huge = CAPSTAN.torque_unm([f32::MAX, f32::MAX, -f32::MAX], AMPLE);
+        assert!(
+            (f64::from(huge[0]) / f64::from(huge[1]) - 2.0).abs() < 1e-6 && huge[2] == huge[0],
+            "{huge:?}"
+        );
+        assert!((CAPSTAN.max_force_n(limit_unm) - 2.094_395).abs() < 1e-5, "the weakest axis");
+        assert!((CAPSTAN.resolution_m([2_000, 500, 2_000]) - 60e-6).abs() < 1e-9, "the coarsest axis");
+    }
+
+    #[test]
+    fn counts_go_on_where_they_wrap_round() {
+        let mut counter = Counter::default();
+        assert_eq!(counter.take([i32::MAX - 1, i32::MIN + 1, -5])[0], i64::from(i32::MAX) - 1);
+        let counts = counter.take([i32::MIN + 1, i32::MAX - 1, 5]);
+        assert_eq!(counts, [i64::from(i32::MAX) + 2, i64::from(i32::MIN) - 2, 5]);
+        counter.restart();
+        assert_eq!(counter.take([7, 8, -9]), [7, 8, -9]);
+    }
+}
