@@ -1,5 +1,6 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use bytemuck::Pod;
@@ -12,12 +13,14 @@ use palpate_core::profile::PC_SPACES;
 use palpate_core::rbf::LANES;
 
 use crate::configuration_space::fold::{Fold, folds};
-use crate::configuration_space::{GridIndex, SpaceGrid, Store, StoreError};
+use crate::configuration_space::{GridIndex, Lattice, Record, Sampling, SpaceGrid, Store, StoreError};
 use crate::fit::{
-    Centre, DisplacementBound, DisplacementFault, FitError, HermiteNodes, Kernel, Misfit, RbfFit, Sample,
-    SurfaceMotion, fit_displacement, fit_rbf, flag_folds, hermite_nodes, lattice_values, samples,
+    Centre, Derivatives, DisplacementBound, DisplacementFault, FitError, HermiteNodes, Kernel, Misfit,
+    RbfFit, Sample, ScatteredMotion, SurfaceMotion, fit_displacement, fit_rbf, flag_folds, hermite_nodes,
+    hermite_nodes_known, lattice_values, samples,
 };
 use crate::mesh::{Surface, TetMesh};
+use crate::scattered::{self, Resampled, resample, searched};
 
 /// Why a space could not be packed.
 #[derive(Debug)]
@@ -147,8 +150,6 @@ pub fn pack_with(
     keep: impl Fn(GridIndex) -> bool,
 ) -> Result<Packed, PackError> {
     let identity = store.identity()?;
-    let grid =
-        SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(|_| PackError::TooLarge("the grid"))?;
     let (mut mesh, fixed) = store.body()?;
     // The hand meets the body as it rests, sagged under its body force: the first solved rest says how.
     let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST, 0).ok());
@@ -158,17 +159,16 @@ pub fn pack_with(
     let surface = Surface::of(&mesh);
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
-    let mut packer = Packer { store, grid, mesh, surface, options, visual, planes: PlaneArea::default() };
+    let mut packer = Packer { store, mesh, surface, options, visual, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
-        let samples = samples(&packer.grid, &records);
         // The rest point alone is no space.
-        if samples.len() > 1 {
-            let folds = folds(&packer.grid, &records);
-            spaces.push(packer.space(active, &name, node, &samples, &folds)?);
+        if records.iter().filter(|record| record.tag.is_solved()).count() > 1 {
+            let known = packer.known(active, &records, &identity.sampling)?;
+            spaces.push(packer.space(active, &name, node, &known)?);
         } else {
             left_out.push(name);
         }
@@ -195,10 +195,20 @@ pub fn pack_with(
 /// The rest point.
 const REST: GridIndex = [0; 3];
 
+/// What the tables of a space are made of: configurations on a lattice, solved there or said by a fit.
+struct Known {
+    grid: SpaceGrid,
+    samples: Vec<Sample>,
+    folds: Vec<Fold>,
+    /// All that the energy's table takes, where a fit says it.
+    derivatives: Option<BTreeMap<GridIndex, Derivatives>>,
+    /// The length of that fit, m.
+    length_m: f64,
+}
+
 /// What every space of a blob shares while it is packed.
 struct Packer<'s> {
     store: &'s Store,
-    grid: SpaceGrid,
     mesh: TetMesh,
     surface: Surface,
     options: &'s PackOptions<'s>,
@@ -226,21 +236,40 @@ impl Packer<'_> {
         })
     }
 
+    /// What the tables of an active node are made of.
+    fn known(&self, active: usize, records: &[Record], sampling: &Sampling) -> Result<Known, PackError> {
+        match sampling {
+            Sampling::Lattice(Lattice { grid, .. }) => Ok(Known {
+                grid: *grid,
+                samples: samples(grid, records),
+                folds: folds(grid, records),
+                derivatives: None,
+                length_m: 0.0,
+            }),
+            Sampling::Scattered(_) => {
+                let search = searched(self.store, active)?.ok_or(PackError::Empty)?;
+                let Resampled { grid, samples, derivatives, .. } = resample(&search);
+                let length_m = search.fit().length_m();
+                Ok(Known { grid, samples, folds: Vec::new(), derivatives: Some(derivatives), length_m })
+            }
+        }
+    }
+
     fn space(
         &mut self,
         active: usize,
         name: &str,
         node: u32,
-        samples: &[Sample],
-        folds: &[Fold],
+        known: &Known,
     ) -> Result<SpaceHeader, PackError> {
-        let mut values = lattice_values(&self.grid, samples);
-        flag_folds(&self.grid, folds, &mut values);
+        let Known { grid, samples, folds, derivatives, .. } = known;
+        let mut values = lattice_values(grid, samples);
+        flag_folds(grid, folds, &mut values);
         let flags = self.planes.push(&values.flags)?;
         let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
         let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
         let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
-        let centres = self.centres(active, samples)?;
+        let centres = self.centres(active, known)?;
         let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, &centres)? {
             Some(fit) => {
                 let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();
@@ -255,12 +284,15 @@ impl Packer<'_> {
         let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.options.methods.contains(m));
         let (mut hermite, mut displacement, mut row) = (None, None, None);
         if has_hermite {
-            let HermiteNodes { row: rows, nodes } = hermite_nodes(&self.grid, samples, folds);
+            let HermiteNodes { row: rows, nodes } = match derivatives {
+                Some(derivatives) => hermite_nodes_known(grid, samples, derivatives),
+                None => hermite_nodes(grid, samples, folds),
+            };
             let header = HermiteHeader { row: self.planes.push(&rows)?, nodes: self.planes.push(&nodes)? };
             (hermite, row) = (Some(header), Some((rows, header.row)));
         }
         if let Some(bound) = self.visual {
-            displacement = Some(self.displacement(active, name, samples, folds, bound, row)?);
+            displacement = Some(self.displacement(active, name, known, bound, row)?);
         }
         let normal = self.surface.normal(node).expect("an active node is on the surface");
         Ok(SpaceHeader {
@@ -268,8 +300,8 @@ impl Packer<'_> {
             node,
             rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
             outward_normal: normal.map(|x| x as f32),
-            spacing_m: self.grid.spacing_m as f32,
-            radius_m: self.grid.radius_m as f32,
+            spacing_m: grid.spacing_m as f32,
+            radius_m: grid.radius_m as f32,
             flags,
             force_n,
             rbf_linear,
@@ -279,11 +311,30 @@ impl Packer<'_> {
         })
     }
 
+    /// How the surface moves between scattered configurations.
+    fn scattered_motion(
+        &self,
+        active: usize,
+        known: &Known,
+        motion: &SurfaceMotion<'_>,
+    ) -> Result<ScatteredMotion, PackError> {
+        let mut configurations = Vec::new();
+        for record in self.store.records(active)?.iter().filter(|r| r.tag.is_solved() && !r.switched) {
+            let moved = motion.at(record.index, record.attempt)?;
+            configurations.push((scattered::displacement_m(record.index), moved));
+        }
+        // Rest first.
+        let size = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>();
+        configurations.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
+        ScatteredMotion::new(known.length_m, &configurations).ok_or(PackError::Empty)
+    }
+
     /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
-    fn centres(&self, active: usize, samples: &[Sample]) -> Result<Vec<Centre>, PackError> {
+    fn centres(&self, active: usize, known: &Known) -> Result<Vec<Centre>, PackError> {
+        let samples = &known.samples;
         let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         if self.options.intermediate {
-            let cells = |d: [f64; 3]| d.map(|x| x / self.grid.spacing_m);
+            let cells = |d: [f64; 3]| d.map(|x| x / known.grid.spacing_m);
             for (index, attempt, state) in self.store.intermediate(active)? {
                 let counts = samples.binary_search_by_key(&index, |s| s.index);
                 if counts.is_ok_and(|at| samples[at].attempt == attempt) {
@@ -325,15 +376,20 @@ impl Packer<'_> {
         &mut self,
         active: usize,
         name: &str,
-        samples: &[Sample],
-        folds: &[Fold],
+        known: &Known,
         bound: DisplacementBound,
         row: Option<(Vec<u32>, PlaneRef)>,
     ) -> Result<DisplacementHeader, PackError> {
+        let Known { grid, samples, folds, .. } = known;
         let motion = SurfaceMotion::new(self.store, active, &self.surface.nodes)?;
         let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
-        let read = |at: usize| motion.at(samples[at].index, samples[at].attempt);
-        let fit = fit_displacement(&self.grid, &solved, folds, bound, read).map_err(|fault| match fault {
+        let scattered = known.derivatives.as_ref().map(|_| self.scattered_motion(active, known, &motion));
+        let scattered = scattered.transpose()?;
+        let read = |at: usize| match &scattered {
+            Some(scattered) => Ok(scattered.at(grid.displacement_m(samples[at].index))),
+            None => motion.at(samples[at].index, samples[at].attempt),
+        };
+        let fit = fit_displacement(grid, &solved, folds, bound, read).map_err(|fault| match fault {
             DisplacementFault::Read(error) => PackError::Store(error),
             DisplacementFault::Modes => PackError::Displacement { active: name.into(), beyond: None },
             DisplacementFault::Bound { index, misfit } => {

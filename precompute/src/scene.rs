@@ -4,9 +4,6 @@
 //! and tet indices. Both stop at the first thing wrong with one line that names file, line and mend; what is odd but
 //! can be solved becomes a warning of the [`ResolvedScene`]. Unknown keys are errors: a key that is silently ignored
 //! is a body that is not the one its author meant.
-//!
-//! The scene format can say more than this version of the solver can do; [`Scene::check_supported`] is the one place
-//! that says what is missing.
 
 mod device;
 mod file;
@@ -15,10 +12,12 @@ mod resolve;
 
 use std::path::{Path, PathBuf};
 
+use palpate_core::LatticeError;
 use serde::{Deserialize, Serialize};
 
 use crate::body::{Body, DegenerateElement, Model, Region};
 use crate::boundary::Handle;
+use crate::configuration_space::{Lattice, Sampling, Scattered, SpaceGrid};
 use crate::element::Order;
 use crate::error::InputError;
 use crate::fit::DisplacementBound;
@@ -117,17 +116,44 @@ pub struct ActiveNode {
     pub patch: Vec<u32>,
 }
 
-/// Ball-shaped lattice of displacements of an active node.
+/// Displacements of an active node that are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct GridSpec {
-    /// Largest displacement.
-    pub radius_m: f64,
-    /// Distance of neighbouring grid points.
-    pub spacing_m: f64,
-    /// Whether the corners outside the ball of the cells that reach into it are solved too.
-    pub complete_cells: bool,
-    /// Equal parts in which every transition is made and whose states are kept.
-    pub increments: Option<u32>,
+pub enum GridSpec {
+    /// A ball-shaped lattice.
+    Lattice {
+        /// Largest displacement.
+        radius_m: f64,
+        /// Distance of neighbouring grid points.
+        spacing_m: f64,
+        /// Whether the corners outside the ball of the cells that reach into it are solved too.
+        complete_cells: bool,
+        /// Equal parts in which every transition is made and whose states are kept.
+        increments: Option<u32>,
+    },
+    /// As few scattered ones as the error needs.
+    Scattered(Scattered),
+}
+
+impl GridSpec {
+    /// Largest displacement, m.
+    pub fn radius_m(&self) -> f64 {
+        match self {
+            Self::Lattice { radius_m, .. } => *radius_m,
+            Self::Scattered(scattered) => scattered.radius_m,
+        }
+    }
+
+    /// Which positions that makes.
+    pub fn sampling(&self) -> Result<Sampling, LatticeError> {
+        Ok(match *self {
+            Self::Lattice { radius_m, spacing_m, complete_cells, increments } => Sampling::Lattice(Lattice {
+                grid: SpaceGrid::new(spacing_m, radius_m)?,
+                complete_cells,
+                increments,
+            }),
+            Self::Scattered(scattered) => Sampling::Scattered(scattered),
+        })
+    }
 }
 
 impl Scene {
@@ -165,27 +191,12 @@ impl Scene {
 
     /// Loads the mesh and looks everything up.
     pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
-        self.check_supported()?;
         resolve::resolve(self, None)
     }
 
     /// Looks everything up in a mesh that was kept, with its fixed nodes: no file but the scene's own text is needed.
     pub fn resolve_in(&self, mesh: TetMesh, fixed: Vec<u32>) -> Result<ResolvedScene, InputError> {
-        self.check_supported()?;
         resolve::resolve(self, Some((mesh, fixed)))
-    }
-
-    /// Refuses what the format can say and this version of the solver cannot do.
-    ///
-    /// Sampling driven by the error is part of the scene format from the start, so that scenes need not change when the
-    /// solver learns it.
-    pub fn check_supported(&self) -> Result<(), InputError> {
-        if let Some((span, key)) = self.file.grid.as_ref().and_then(|grid| grid.get_ref().error_driven()) {
-            let mend = "give `spacing_m`, or `points` = 514, 1418, 4168 or 14146";
-            let what = format!("sampling driven by the error (`{key}`) is not available in this version");
-            return Err(self.place.error(span, what, mend));
-        }
-        Ok(())
     }
 }
 
@@ -272,7 +283,11 @@ impl ResolvedScene {
             digest.indices(&active.patch);
         }
         match self.grid {
-            Some(GridSpec { radius_m, spacing_m, complete_cells, increments }) => {
+            Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push })) => {
+                digest.numbers(&[2.0, radius_m, tolerance.relative, tolerance.absolute_n]);
+                digest.count(usize::from(only_push));
+            }
+            Some(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments }) => {
                 digest.numbers(&[1.0, radius_m, spacing_m]);
                 digest.count(usize::from(complete_cells));
                 digest.count(increments.unwrap_or(0) as usize);

@@ -24,7 +24,12 @@ fn both_organs_resolve_without_a_warning() {
         assert_eq!(active, [("A1", a1), ("A2", a2)]);
         assert_eq!(
             scene.grid,
-            Some(GridSpec { radius_m: 0.05, spacing_m: 0.01, complete_cells: true, increments: None })
+            Some(GridSpec::Lattice {
+                radius_m: 0.05,
+                spacing_m: 0.01,
+                complete_cells: true,
+                increments: None
+            })
         );
         assert_eq!(scene.mesh.node_groups["surface"], Surface::of(&scene.mesh).nodes);
         assert_eq!(scene.mesh.tet_groups["tissue"].len(), scene.mesh.tets.len());

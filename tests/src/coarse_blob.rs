@@ -8,7 +8,7 @@ use palpate_core::Method;
 use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::configuration_space::{
-    Expansion, SpaceGrid, Store, StoreIdentity, Workshop, with_threads,
+    Expansion, Lattice, Sampling, SpaceGrid, Store, StoreIdentity, Workshop, with_threads,
 };
 use palpate_precompute::scene::ResolvedScene;
 use palpate_precompute::solve::Problem;
@@ -19,6 +19,7 @@ use palpate_precompute::solve::Problem;
 ///
 /// If anything does not come out as it should: a test then has nothing to stand on.
 pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> BlobFile {
+    let sampling = Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None });
     let identity = StoreIdentity {
         scene_name: scene.name.clone(),
         scene: scene.text.clone(),
@@ -26,12 +27,9 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         mesh_hash: scene.mesh.content_hash(),
         law: "as in the scene".into(),
         max_force_n: scene.max_force_n,
-        spacing_m: grid.spacing_m,
-        radius_m: grid.radius_m,
+        sampling,
         visual: false,
         displacement_bound: scene.displacement_bound,
-        complete_cells: true,
-        increments: None,
     };
     let folder = tempfile::tempdir().expect("a folder for the store");
     let active: Vec<(String, u32)> =
@@ -42,8 +40,8 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let body = Arc::new(scene.body().expect("a body"));
     let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
     let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
-    let workshop = Workshop::new(move |active| problems[active].clone(), grid, scene.max_force_n, None);
-    let expansion = Expansion { actives: (0..active.len()).collect(), grid, complete_cells: true };
+    let workshop = Workshop::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
+    let expansion = Expansion { actives: (0..active.len()).collect() };
     let threads = available_parallelism().map_or(1, std::num::NonZero::get);
     let counts = with_threads(&Arc::new(workshop), threads, |crew| {
         expansion.run(&store, crew, &AtomicBool::new(false), |_| ())

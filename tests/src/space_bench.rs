@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use palpate_precompute::configuration_space::{
-    Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreError, StoreIdentity, TagCounts, Workshop,
-    still_to_solve, with_threads,
+    Expansion, ExpansionError, Lattice, Progress, Sampling, SpaceGrid, Store, StoreError, StoreIdentity,
+    TagCounts, Workshop, still_to_solve, with_threads,
 };
 use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::solve::Problem;
@@ -41,14 +41,17 @@ impl SpaceBench {
             mesh_hash: mesh.content_hash(),
             law: "mooney-rivlin".into(),
             max_force_n,
-            spacing_m: grid.spacing_m,
-            radius_m: grid.radius_m,
+            sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
             visual: true,
             displacement_bound: DisplacementBound::default(),
-            complete_cells: true,
-            increments: None,
         };
         Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
+    }
+
+    /// From now on every transition is made in so many equal parts, and cells are left incomplete.
+    pub fn in_parts(&mut self, parts: u32) {
+        let lattice = Lattice { grid: self.grid, complete_cells: false, increments: Some(parts) };
+        self.identity.sampling = Sampling::Lattice(lattice);
     }
 
     /// Its store at `path`.
@@ -60,8 +63,7 @@ impl SpaceBench {
     /// What workers need.
     pub fn workshop(&self) -> Arc<Workshop> {
         let problem = self.problem.clone();
-        let (max_force_n, increments) = (self.identity.max_force_n, self.identity.increments);
-        Arc::new(Workshop::new(move |_| problem.clone(), self.grid, max_force_n, increments))
+        Arc::new(Workshop::new(move |_| problem.clone(), self.identity.sampling, self.identity.max_force_n))
     }
 
     /// Expands the space until done or stopped.
@@ -73,8 +75,7 @@ impl SpaceBench {
         progress: impl FnMut(&Progress),
     ) -> Result<TagCounts, ExpansionError> {
         let workshop = self.workshop();
-        let expansion =
-            Expansion { actives: vec![0], grid: self.grid, complete_cells: self.identity.complete_cells };
+        let expansion = Expansion { actives: vec![0] };
         with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress)).map(|all| all[0])
     }
 
@@ -87,7 +88,6 @@ impl SpaceBench {
 
     /// Tries still open.
     pub fn still_to_solve(&self, store: &Store) -> usize {
-        let attempts = store.attempts(0).expect("records");
-        still_to_solve(&self.grid, self.identity.complete_cells, &attempts)
+        still_to_solve(store, 0).expect("records")
     }
 }

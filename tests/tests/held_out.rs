@@ -25,7 +25,7 @@ fn solve(
     progress: impl FnMut(&HeldOutProgress),
 ) -> Result<(), HeldOutError> {
     let actives = vec![(0, "A".to_string())];
-    let held_out = HeldOut { actives, grid: bench.grid, draw, keep_displacements: true };
+    let held_out = HeldOut { actives, sampling: bench.identity.sampling, draw, keep_displacements: true };
     with_threads(&bench.workshop(), threads, |crew| held_out.run(store, crew, stop, progress))
 }
 

@@ -5,9 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{PackOptions, pack};
-use palpate_precompute::configuration_space::{
-    Domain, ExpansionError, Intermediate, Record, Store, still_to_solve,
-};
+use palpate_precompute::configuration_space::{Domain, ExpansionError, Intermediate, Record, Store};
 use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::solve::Solver;
 use palpate_tests::space_bench::SpaceBench;
@@ -76,7 +74,8 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
     assert_eq!(expected, bits(&torn.attempts(0).expect("records")));
     assert_eq!(bench.still_to_solve(&torn), 0);
     // Nor does a store without a single configuration count as finished.
-    assert!(still_to_solve(&bench.grid, true, &[]) > 0);
+    let empty = bench.store(&folder.path().join("empty.space")).expect("a store");
+    assert!(bench.still_to_solve(&empty) > 0);
 }
 
 #[test]
@@ -248,8 +247,7 @@ const PAGE: usize = 4096;
 #[test]
 fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
     let mut bench = SpaceBench::new(f64::INFINITY);
-    bench.identity.increments = Some(3);
-    bench.identity.complete_cells = false;
+    bench.in_parts(3);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, counts) = bench.solve(&folder.path().join("a.space"), 2);
     let states = store.intermediate(0).expect("intact");
@@ -289,8 +287,7 @@ fn states_on_the_way_to_terminating_points_are_kept_too() {
     let largest = |records: &[Record]| records.iter().map(Record::force_norm_n).fold(0.0, f64::max);
     let bench = |max_force_n| {
         let mut bench = SpaceBench::new(max_force_n);
-        bench.identity.increments = Some(3);
-        bench.identity.complete_cells = false;
+        bench.in_parts(3);
         bench
     };
     let (free, _) = bench(f64::INFINITY).solve(&folder.path().join("free.space"), 2);

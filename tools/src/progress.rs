@@ -50,12 +50,24 @@ impl WorkProgress {
 
     /// Shows progress of configuration spaces.
     pub(crate) fn spaces(&mut self, progress: &Progress) {
-        let Progress { counts, total, spaces: (done, spaces), round, solved_now, again, stopping } =
+        let Progress { counts, total, passes, spaces: (done, spaces), round, solved_now, again, stopping } =
             *progress;
         if let Some(out) = stopping {
             return self.stopping(out, "solves in hand are waited for");
         }
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
+        if let Some((passed, wanted)) = passes {
+            // How many it takes is not known; that a space is nearly done is.
+            return self.show(passed, wanted, Left::Unknown, || {
+                format!(
+                    "{of_spaces}{} solved, {} beyond f_max, {} failed (batch {round})",
+                    counts.solved(),
+                    counts.terminating,
+                    counts.failed
+                )
+            });
+        }
+        let total = total.unwrap_or(0);
         // Points behind terminating ones are never solved; failed ones and folds are solved more than once.
         let left = if again { Left::Unknown } else { Left::Steps(counts.unknown, solved_now) };
         self.show(total - counts.unknown, total, left, || {

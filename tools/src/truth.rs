@@ -61,7 +61,7 @@ pub(crate) fn check(
     threads: usize,
     stop: &AtomicBool,
 ) -> Result<(Vec<Checked>, usize), Failure> {
-    let grid = bench.grid()?;
+    let grid = bench.lattice()?.grid;
     let problems: Vec<Arc<Problem>> = bench.scene.active.iter().map(|a| bench.problem(a)).collect();
     let mut solved: Vec<Vec<Record>> = Vec::new();
     for active in 0..problems.len() {

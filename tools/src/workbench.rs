@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use palpate_precompute::body::Body;
 use palpate_precompute::configuration_space::{
-    Expansion, ExpansionError, Progress, SpaceGrid, Store, StoreIdentity, TagCounts, Workshop, with_threads,
+    Expansion, ExpansionError, Lattice, Progress, Sampling, Store, StoreIdentity, TagCounts, Workshop,
+    with_threads,
 };
 use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::scene::{ActiveNode, BodyError, GridSpec, ResolvedScene, Scene};
@@ -103,16 +104,24 @@ impl Workbench {
         })
     }
 
-    /// The grid of the scene.
-    pub(crate) fn grid(&self) -> Result<SpaceGrid, Failure> {
-        let grid = self.grid_spec()?;
-        SpaceGrid::new(grid.spacing_m, grid.radius_m)
-            .map_err(|error| Failure::input(format!("{}: [grid]: {error}", self.path.display())))
+    /// The positions that the scene asks for.
+    pub(crate) fn sampling(&self) -> Result<Sampling, Failure> {
+        let sampling = self.grid_spec()?.sampling();
+        sampling.map_err(|error| Failure::input(format!("{}: [grid]: {error}", self.path.display())))
+    }
+
+    /// The lattice that the scene asks for.
+    pub(crate) fn lattice(&self) -> Result<Lattice, Failure> {
+        self.sampling()?.lattice().copied().ok_or_else(|| {
+            Failure::input(format!(
+                "{}: this command is for a lattice; give [grid] a `spacing_m` instead of a tolerance",
+                self.path.display()
+            ))
+        })
     }
 
     /// Opens or creates the scene's store; with `salvage`, from what is intact of a damaged one.
     pub(crate) fn store(&self, path: &Path, salvage: bool) -> Result<Store, Failure> {
-        let grid = self.grid_spec()?;
         let identity = StoreIdentity {
             scene_name: self.scene.name.clone(),
             scene: self.scene.text.clone(),
@@ -120,12 +129,9 @@ impl Workbench {
             mesh_hash: self.scene.mesh.content_hash(),
             law: self.body.law_names(),
             max_force_n: self.scene.max_force_n,
-            spacing_m: grid.spacing_m,
-            radius_m: grid.radius_m,
+            sampling: self.sampling()?,
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
-            complete_cells: grid.complete_cells,
-            increments: grid.increments,
         };
         let active: Vec<(String, u32)> = self.scene.active.iter().map(|a| (a.name.clone(), a.node)).collect();
         let (mesh, fixed) = (&self.scene.mesh, &self.scene.fixed);
@@ -144,24 +150,18 @@ impl Workbench {
         Ok(store)
     }
 
-    /// The expansion of the spaces of these active nodes.
-    pub(crate) fn expansion(&self, actives: Vec<usize>) -> Result<Expansion, Failure> {
-        Ok(Expansion { actives, grid: self.grid()?, complete_cells: self.grid_spec()?.complete_cells })
-    }
-
     /// Held-out truth of these active nodes.
     pub(crate) fn held_out(&self, actives: &[usize], draw: Draw) -> Result<HeldOut, Failure> {
         let named = actives.iter().map(|&active| (active, self.scene.active[active].name.clone()));
-        let (grid, keep_displacements) = (self.grid()?, self.scene.visual);
-        Ok(HeldOut { actives: named.collect(), grid, draw, keep_displacements })
+        let (sampling, keep_displacements) = (self.sampling()?, self.scene.visual);
+        Ok(HeldOut { actives: named.collect(), sampling, draw, keep_displacements })
     }
 
     /// What workers need to solve this scene.
     pub(crate) fn workshop(self: &Arc<Self>) -> Result<Arc<Workshop>, Failure> {
         let bench = self.clone();
         let problem = move |active: usize| bench.problem(&bench.scene.active[active]);
-        let increments = self.grid_spec()?.increments;
-        Ok(Arc::new(Workshop::new(problem, self.grid()?, self.scene.max_force_n, increments)))
+        Ok(Arc::new(Workshop::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 
     /// Solves the spaces of these active nodes on this machine.
@@ -173,7 +173,7 @@ impl Workbench {
         stop: &AtomicBool,
         progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, Failure> {
-        let expansion = self.expansion(actives)?;
+        let expansion = Expansion { actives };
         let expanded: Result<Vec<TagCounts>, ExpansionError> =
             with_threads(&self.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress));
         Ok(expanded?)

@@ -20,7 +20,7 @@ use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
 use serde::{Deserialize, Serialize};
 
 use crate::configuration_space::fold::folds;
-use crate::configuration_space::{GridIndex, Record, SpaceGrid, Store, StoreError, StoreIdentity};
+use crate::configuration_space::{GridIndex, Record, Sampling, Scattered, Store, StoreError};
 use crate::fit::samples;
 use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
 
@@ -48,10 +48,13 @@ pub struct Origin {
     pub max_force_n: Option<f64>,
     /// r_G, m.
     pub radius_m: f64,
-    /// Grid spacing, m.
+    /// Grid spacing, m; of what grid indices count where positions are scattered.
     pub spacing_m: f64,
     /// Whether the corners outside the ball were solved.
     pub complete_cells: bool,
+    /// What was wanted, where positions are scattered.
+    #[serde(default)]
+    pub scattered: Option<Scattered>,
 }
 
 /// What was measured of one space.
@@ -185,9 +188,7 @@ pub fn answers(
     space: &Space<'_>,
     method: Method,
 ) -> Result<Vec<Answer>, StoreError> {
-    let identity = store.identity()?;
-    let grid = grid(store, &identity)?;
-    let truths = truths(store, active, space, &grid, identity.increments)?;
+    let truths = truths(store, active, space, &store.identity()?.sampling)?;
     Ok(answered(space, method, &truths))
 }
 
@@ -205,28 +206,27 @@ fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> 
     truths.iter().filter_map(answer).collect()
 }
 
-fn grid(store: &Store, identity: &StoreIdentity) -> Result<SpaceGrid, StoreError> {
-    SpaceGrid::new(identity.spacing_m, identity.radius_m)
-        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))
-}
-
 /// Measures every packed method of `organ`, which was packed from `store`.
 pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
     let identity = store.identity()?;
-    let grid = grid(store, &identity)?;
+    let sampling = &identity.sampling;
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
         let records = store.records(active)?;
-        let truths = truths(store, active, space, &grid, identity.increments)?;
+        let truths = truths(store, active, space, sampling)?;
+        // Of scattered positions there are neither points of the table nor neighbours.
+        let (samples, folds) = sampling.lattice().map_or_else(Default::default, |lattice| {
+            (samples(&lattice.grid, &records), folds(&lattice.grid, &records))
+        });
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement.as_ref().map(|table| {
-            let (nodes, samples) = (organ.surface.node, samples(&grid, &records));
+            let nodes = organ.surface.node;
             displacement::measure(store, active, space, table, nodes, &samples, identity.displacement_bound)
         });
         spaces.push(SpaceCertificate {
             cost: cost(store, active)?,
-            fold_pairs: folds(&grid, &records).len(),
+            fold_pairs: folds.len(),
             two_solutions: TwoSolutions::of(&store.attempts(active)?),
             folded_volume: probes::share_of_ball(space, |at| is_folded(space, at)),
             methods: methods.map(|method| measure(space, method, &truths)).collect(),
@@ -242,9 +242,10 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             law: identity.law,
             solver: store.meta("solver")?,
             max_force_n: Some(identity.max_force_n).filter(|f| f.is_finite()),
-            radius_m: identity.radius_m,
-            spacing_m: identity.spacing_m,
-            complete_cells: identity.complete_cells,
+            radius_m: sampling.radius_m(),
+            spacing_m: sampling.unit_m(),
+            complete_cells: sampling.lattice().is_some_and(|lattice| lattice.complete_cells),
+            scattered: sampling.scattered().copied(),
         },
         spaces,
     })
@@ -252,13 +253,11 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
 
 /// How many uniform positions away from folds the store holds for each space of `organ`: those that bounds come from.
 pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<usize>, StoreError> {
-    let identity = store.identity()?;
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
-        .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
+    let sampling = store.identity()?.sampling;
     let mut counts = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
-        let truths = truths(store, active, space, &grid, identity.increments)?;
+        let truths = truths(store, active, space, &sampling)?;
         counts.push(truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count());
     }
     Ok(counts)
@@ -288,16 +287,18 @@ fn truths(
     store: &Store,
     active: usize,
     space: &Space<'_>,
-    grid: &SpaceGrid,
-    increments: Option<u32>,
+    sampling: &Sampling,
 ) -> Result<Vec<Truth>, StoreError> {
+    let seen = |at| match sampling {
+        Sampling::Lattice(lattice) => is_on_training_lattice(&lattice.grid, lattice.increments, at),
+        Sampling::Scattered(_) => false,
+    };
     let mut truths = Vec::new();
     store.each_truth(active, |walk, step, truth| {
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
-        let usable = truth.tag == ConfigTag::Expandable
-            && space.lattice.locate(displacement_m).inside
-            && !is_on_training_lattice(grid, increments, at);
+        let usable =
+            truth.tag == ConfigTag::Expandable && space.lattice.locate(displacement_m).inside && !seen(at);
         if usable {
             let folded = truth.switched || is_folded(space, displacement_m);
             truths.push(Truth { walk: *walk, step, displacement_m, force_n: truth.force_n, folded });

@@ -3,25 +3,20 @@
 //! Resuming is nothing special: the same plans are walked, and a task that the store already holds is not done again.
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::crew::{Crew, CrewError, Shift};
-use super::domain::Domain;
 use super::job::{Done, Job, Work};
-use super::plan::{Plan, TagCounts, Task};
+use super::plan::{TagCounts, Task};
 use super::store::{Store, StoreError};
-use super::{GridIndex, Record, SpaceGrid};
+use super::{GridIndex, Plans, Record, SpacePlan};
+use crate::scattered::PASSES;
 
 /// The spaces to expand.
 #[derive(Debug, Clone)]
 pub struct Expansion {
     /// Active nodes, by their number in the store.
     pub actives: Vec<usize>,
-    /// The grid.
-    pub grid: SpaceGrid,
-    /// Whether the corners outside the ball of the cells that reach into it are solved too.
-    pub complete_cells: bool,
 }
 
 /// What a caller is told after every outcome.
@@ -29,8 +24,10 @@ pub struct Expansion {
 pub struct Progress {
     /// Points by tag, over all spaces.
     pub counts: TagCounts,
-    /// Points of all spaces, the rest points not counted.
-    pub total: usize,
+    /// Points of all spaces, the rest points not counted; not known beforehand where they are scattered.
+    pub total: Option<usize>,
+    /// Where they are scattered: predictions that passed since the last that did not, and how many must, over all spaces.
+    pub passes: Option<(usize, usize)>,
     /// Spaces that are done, and all of them.
     pub spaces: (usize, usize),
     /// Highest round of a space so far.
@@ -90,10 +87,11 @@ impl From<CrewError> for ExpansionError {
 
 /// A space in progress.
 struct Space {
-    plan: Plan,
+    plan: SpacePlan,
     /// Outcomes of earlier runs that the plan has not asked for yet.
     known: HashMap<(GridIndex, u32), Record>,
     counted: TagCounts,
+    passed: usize,
 }
 
 impl Space {
@@ -121,11 +119,6 @@ fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
 }
 
 impl Expansion {
-    /// Points of all spaces, the rest points not counted.
-    pub fn total(&self) -> usize {
-        self.actives.len() * (Domain::new(&self.grid, self.complete_cells).len() - 1)
-    }
-
     /// Runs to the end, or until `stop` is raised. `progress` is called on this thread. Returns the points by tag, a space each.
     pub fn run(
         &self,
@@ -149,16 +142,18 @@ impl Expansion {
         stop: &AtomicBool,
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
-        let domain = Arc::new(Domain::new(&self.grid, self.complete_cells));
+        let plans = Plans::of(store)?;
         let mut shift = Shift::new(crew, store, stop);
         // Spaces in hand, by position in `actives`. A space is begun only when those in hand have nothing certain to do, so that
         // a worker stays with its active node and only a few plans are in memory.
         let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
         let mut begun = 0;
         let mut finished: Vec<Option<TagCounts>> = vec![None; self.actives.len()];
+        let total = plans.points().map(|points| self.actives.len() * points);
         let mut state = Progress {
-            counts: TagCounts { unknown: self.actives.len() * (domain.len() - 1), ..TagCounts::default() },
-            total: self.actives.len() * (domain.len() - 1),
+            counts: TagCounts { unknown: total.unwrap_or(0), ..TagCounts::default() },
+            total,
+            passes: total.is_none().then_some((0, PASSES * self.actives.len())),
             spaces: (0, self.actives.len()),
             round: 0,
             solved_now: 0,
@@ -168,8 +163,7 @@ impl Expansion {
         loop {
             while let Some((worker, last)) = shift.free() {
                 let prefer = last.and_then(|active| self.position_of(active));
-                let Some((at, task)) = self.next_task(store, &domain, &mut spaces, &mut begun, prefer)?
-                else {
+                let Some((at, task)) = self.next_task(store, &plans, &mut spaces, &mut begun, prefer)? else {
                     break;
                 };
                 let active = self.actives[at];
@@ -227,7 +221,7 @@ impl Expansion {
     fn next_task(
         &self,
         store: &Store,
-        domain: &Arc<Domain>,
+        plans: &Plans,
         spaces: &mut BTreeMap<usize, Space>,
         begun: &mut usize,
         prefer: Option<usize>,
@@ -246,9 +240,10 @@ impl Expansion {
             let known = store.attempts(self.actives[at])?;
             store.check_states(self.actives[at])?;
             let mut space = Space {
-                plan: Plan::new(domain.clone(), self.grid),
+                plan: plans.plan(self.actives[at]),
                 known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
-                counted: TagCounts { unknown: domain.len() - 1, ..TagCounts::default() },
+                counted: TagCounts { unknown: plans.points().unwrap_or(0), ..TagCounts::default() },
+                passed: 0,
             };
             let task = space.next(store)?;
             spaces.insert(at, space);
@@ -273,24 +268,14 @@ impl Progress {
             unknown: sum.unknown - old.unknown,
         };
         space.counted = new;
+        if let (Some((sum, _)), Some(passed)) = (&mut self.passes, space.plan.passes()) {
+            // Those of a space that is done have passed, whatever the last ones of it said.
+            let passed = if space.plan.is_done() { PASSES } else { passed };
+            *sum = *sum + passed - std::mem::replace(&mut space.passed, passed);
+        }
         self.round = self.round.max(space.plan.round());
         self.again = space.plan.is_solving_again();
     }
-}
-
-/// Tries that a space still needs, as far as can be said: the points that are certain to be next. Zero when it is complete.
-pub fn still_to_solve(grid: &SpaceGrid, complete_cells: bool, attempts: &[Record]) -> usize {
-    let mut plan = Plan::new(Arc::new(Domain::new(grid, complete_cells)), *grid);
-    let known: HashMap<(GridIndex, u32), &Record> =
-        attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
-    let mut open = 0;
-    while let Some(task) = plan.next_task() {
-        match known.get(&(task.target, task.attempt)) {
-            Some(record) => plan.decide(record),
-            None => open += 1,
-        }
-    }
-    open
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::plan::Task;
-use super::{GridIndex, Record, SpaceGrid, StoredSeed};
+use super::{GridIndex, Record, Sampling, StoredSeed};
 use crate::held_out::{WalkJob, WalkOutcome};
 use crate::material::SymmetricThird;
 use crate::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
@@ -77,23 +77,20 @@ pub struct Workshop {
     problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
     /// The problem of an active node while a worker has it in hand: with its numbering and analysis one serves them all.
     problems: Mutex<HashMap<u32, Arc<Mutex<Weak<Problem>>>>>,
-    /// The grid.
-    pub grid: SpaceGrid,
+    /// What the positions are.
+    pub sampling: Sampling,
     /// Force beyond which a configuration is terminating, N.
     pub max_force_n: f64,
-    /// Equal parts in which a transition is made and kept; `None` leaves the steps to the solver and keeps none.
-    pub increments: Option<u32>,
 }
 
 impl Workshop {
     /// Workshop where `problem` builds that of an active node.
     pub fn new(
         problem: impl Fn(usize) -> Arc<Problem> + Send + Sync + 'static,
-        grid: SpaceGrid,
+        sampling: Sampling,
         max_force_n: f64,
-        increments: Option<u32>,
     ) -> Self {
-        Self { problem: Box::new(problem), problems: Mutex::default(), grid, max_force_n, increments }
+        Self { problem: Box::new(problem), problems: Mutex::default(), sampling, max_force_n }
     }
 
     fn problem(&self, active: u32) -> Arc<Problem> {
@@ -113,7 +110,10 @@ impl Workshop {
 
 impl std::fmt::Debug for Workshop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Workshop").field("grid", &self.grid).field("max_force_n", &self.max_force_n).finish()
+        f.debug_struct("Workshop")
+            .field("sampling", &self.sampling)
+            .field("max_force_n", &self.max_force_n)
+            .finish()
     }
 }
 
@@ -165,7 +165,7 @@ impl Worker {
 
     /// A stored state as the seed at a grid point, if it is one of this body.
     fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, UnusableSeed> {
-        let seed = stored.unpack(self.workshop.grid.displacement_m(at)).ok_or(UnusableSeed)?;
+        let seed = stored.unpack(self.workshop.sampling.displacement_m(at)).ok_or(UnusableSeed)?;
         let fits = seed.state.len() == self.solver(active).problem().body.state_len();
         fits.then_some(seed).ok_or(UnusableSeed)
     }
@@ -192,9 +192,9 @@ impl Worker {
         solver.loading = if job.task.attempt == 0 { FIRST_TRY } else { AGAIN };
         let start = Instant::now();
         let mut intermediate = Vec::new();
-        let to = workshop.grid.displacement_m(job.task.target);
+        let to = workshop.sampling.displacement_m(job.task.target);
         let solved = match seed {
-            Some(seed) => transition(solver, seed, to, workshop.increments, &mut intermediate),
+            Some(seed) => transition(solver, seed, to, workshop.sampling.increments(), &mut intermediate),
             None => solver.rest(),
         };
         let seconds = start.elapsed().as_secs_f64();

@@ -10,8 +10,8 @@ use palpate_core::ConfigTag;
 
 use super::plan::Task;
 use super::{
-    Crew, CrewError, Done, Expansion, GridIndex, Job, Outcome, Record, SpaceGrid, Store, StoreIdentity,
-    StoredSeed, TagCounts, Work,
+    Crew, CrewError, Done, Expansion, GridIndex, Job, Lattice, Outcome, Record, Sampling, SpaceGrid, Store,
+    StoreIdentity, StoredSeed, TagCounts, Work,
 };
 use crate::fit::DisplacementBound;
 use crate::held_out::{Truth, WalkJob, WalkOutcome};
@@ -132,12 +132,9 @@ impl MadeUp {
             mesh_hash: mesh().content_hash(),
             law: "made-up".into(),
             max_force_n: f64::INFINITY,
-            spacing_m: self.grid.spacing_m,
-            radius_m: self.grid.radius_m,
+            sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
             visual: false,
             displacement_bound: DisplacementBound::default(),
-            complete_cells: false,
-            increments: None,
         }
     }
 
@@ -148,7 +145,7 @@ impl MadeUp {
 
     /// The expansion of the spaces of so many nodes.
     pub(crate) fn expansion(&self, nodes: u32) -> Expansion {
-        Expansion { actives: (0..nodes as usize).collect(), grid: self.grid, complete_cells: false }
+        Expansion { actives: (0..nodes as usize).collect() }
     }
 
     /// Runs the expansion of so many nodes to its end.

@@ -12,17 +12,21 @@ pub mod job;
 #[cfg(test)]
 pub(crate) mod made_up;
 pub mod plan;
+mod plans;
 #[cfg(test)]
 mod planted_fold;
 mod record;
+mod sampling;
 pub mod store;
 
 pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use domain::Domain;
-pub use expansion::{Expansion, ExpansionError, Progress, still_to_solve};
+pub use expansion::{Expansion, ExpansionError, Progress};
 pub use job::{Done, Intermediate, Job, Outcome, Work, Worker, Workshop};
 pub use plan::TagCounts;
+pub use plans::{Plans, SpacePlan, still_to_solve};
 pub use record::{Record, StoredSeed};
+pub use sampling::{Lattice, Sampling, Scattered};
 pub use store::{Salvaged, Store, StoreError, StoreIdentity, solver_version};
 
 use palpate_core::{BallLattice, LatticeError};

@@ -10,7 +10,7 @@
 //! A corner without a configuration is a ghost: the polynomial of degree 5 that fits W, h, S and W_ijk of its neighbours best, or where
 //! there are too few of them the mean of the Taylor polynomials of the nearest.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
@@ -55,6 +55,24 @@ fn corners(low: GridIndex) -> impl Iterator<Item = GridIndex> {
 
 /// The table of `samples`, sorted by index, the rest point among them.
 pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> HermiteNodes {
+    nodes_with(grid, samples, folds, &BTreeMap::new())
+}
+
+/// The table of samples whose derivatives are all known, J/m^n: no difference is taken but for ghosts.
+pub fn hermite_nodes_known(
+    grid: &SpaceGrid,
+    samples: &[Sample],
+    known: &BTreeMap<GridIndex, super::Derivatives>,
+) -> HermiteNodes {
+    nodes_with(grid, samples, &[], known)
+}
+
+fn nodes_with(
+    grid: &SpaceGrid,
+    samples: &[Sample],
+    folds: &[Fold],
+    known: &BTreeMap<GridIndex, super::Derivatives>,
+) -> HermiteNodes {
     let slots = grid.lattice.slots();
     let mut solved = vec![None; slots];
     for sample in samples {
@@ -67,6 +85,15 @@ pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> He
     cuts.sort_unstable();
     let mut field = Field { grid, solved, cuts };
     field.differentiate();
+    for (&index, derivatives) in known {
+        let solved = grid.lattice.slot(index).and_then(|slot| field.solved[slot].as_mut());
+        if let Some(solved) = solved {
+            solved.w = *derivatives;
+            for (a, b, c) in orders_up_to_two() {
+                solved.w[a][b][c] *= grid.spacing_m.powi((a + b + c) as i32 - 1);
+            }
+        }
+    }
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
     let at_folds: HashSet<GridIndex> = folds.iter().flat_map(folded_cells).flat_map(corners).collect();
     let largest_n = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);

@@ -26,7 +26,7 @@ use crate::solve::Configuration;
 /// Derivatives that a configuration gives: how often along x, y and z.
 ///
 /// The third ones are in the order of [`THIRD_INDICES`].
-const DATA: [[usize; 3]; 20] = [
+pub(super) const DATA: [[usize; 3]; 20] = [
     [0, 0, 0],
     [1, 0, 0],
     [0, 1, 0],
@@ -50,7 +50,7 @@ const DATA: [[usize; 3]; 20] = [
 ];
 
 /// What is added to the unit diagonal, by order of the derivative.
-const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
+pub(super) const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
 
 /// Largest order of the Hermite polynomials: of data against data 6, of the table's second derivatives against data 5.
 const POLYNOMIALS: usize = 7;
@@ -263,6 +263,30 @@ impl KernelFit {
         (self.base * p + Vector3::from(sum) / self.length_m).into()
     }
 
+    /// W and its derivatives up to the third order, as a configuration gives them.
+    pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
+        let x = displacement_m.map(|p| p / self.length_m);
+        let mut sum = [0.0; 20];
+        for (&centre, weights) in self.centres.iter().zip(&self.weights) {
+            let (tables, e) = polynomials(x, centre);
+            for (sum, a) in sum.iter_mut().zip(DATA) {
+                *sum += e * DATA.iter().zip(weights).map(|(b, w)| w * entry(a, *b, &tables)).sum::<f64>();
+            }
+        }
+        for (sum, orders) in sum.iter_mut().zip(DATA) {
+            *sum *= self.length_m.powi(-(orders.iter().sum::<usize>() as i32));
+        }
+        let (p, [w, hx, hy, hz, xx, xy, xz, yy, yz, zz, third @ ..]) = (Vector3::from(displacement_m), sum);
+        let slope = self.base * p;
+        EnergyJet {
+            displacement_m,
+            energy_j: w + 0.5 * p.dot(&slope),
+            force_n: (Vector3::new(hx, hy, hz) + slope).into(),
+            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) + self.base,
+            third_n_m2: third,
+        }
+    }
+
     /// All derivatives of W up to the second along each axis.
     pub fn derivatives(&self, displacement_m: [f64; 3]) -> Derivatives {
         let x = displacement_m.map(|p| p / self.length_m);
@@ -311,18 +335,18 @@ impl KernelFit {
 }
 
 /// prod (2 a_i - 1)!!
-fn diagonal(orders: [usize; 3]) -> f64 {
+pub(super) fn diagonal(orders: [usize; 3]) -> f64 {
     orders.iter().map(|&a| [1.0, 1.0, 3.0, 15.0][a]).product()
 }
 
 /// prod_i (-1)^a_i He_(a_i + b_i)(r_i)
-fn entry(a: [usize; 3], b: [usize; 3], tables: &[[f64; POLYNOMIALS]; 3]) -> f64 {
+pub(super) fn entry(a: [usize; 3], b: [usize; 3], tables: &[[f64; POLYNOMIALS]; 3]) -> f64 {
     let product: f64 = (0..3).map(|axis| tables[axis][a[axis] + b[axis]]).product();
     if a.iter().sum::<usize>() % 2 == 0 { product } else { -product }
 }
 
 /// He_n(x - y) along each axis, and exp(-|x - y|^2 / 2).
-fn polynomials(x: [f64; 3], y: [f64; 3]) -> ([[f64; POLYNOMIALS]; 3], f64) {
+pub(super) fn polynomials(x: [f64; 3], y: [f64; 3]) -> ([[f64; POLYNOMIALS]; 3], f64) {
     let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - y[axis]);
     let tables = r.map(|r| {
         let mut he = [1.0; POLYNOMIALS];
@@ -396,6 +420,13 @@ mod tests {
         let (fit, at, step) = (fit(15, 0.03), [0.012, -0.008, 0.019], 1e-5);
         let here = fit.derivatives(at);
         assert!(apart([here[1][0][0], here[0][1][0], here[0][0][1]], fit.force_n(at)) < 1e-9);
+        let jet = fit.jet(at);
+        assert!(apart(jet.force_n, fit.force_n(at)) < 1e-9 && (jet.energy_j - here[0][0][0]).abs() < 1e-12);
+        assert!((jet.stiffness_n_m[(0, 1)] - here[1][1][0]).abs() < 1e-9 * here[1][1][0].abs().max(1.0));
+        // W_xxy and W_xyz.
+        for (third, exact) in [(jet.third_n_m2[1], here[2][1][0]), (jet.third_n_m2[4], here[1][1][1])] {
+            assert!((third - exact).abs() < 1e-9 * exact.abs().max(1.0), "{third} {exact}");
+        }
         for axis in 0..3 {
             let beside = [-step, step].map(|step| {
                 let mut at = at;

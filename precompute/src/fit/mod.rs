@@ -14,9 +14,9 @@ pub use displacement::{
     DisplacementBound, DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement,
 };
 pub use ghosts::{LatticeValues, lattice_values};
-pub use hermite::{HermiteNodes, flag_folds, hermite_nodes};
+pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
 pub use kernel::{Derivatives, EnergyJet, Indistinct, KernelFit};
-pub use motion::SurfaceMotion;
+pub use motion::{ScatteredMotion, SurfaceMotion};
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 
 use crate::configuration_space::{GridIndex, Record, SpaceGrid};

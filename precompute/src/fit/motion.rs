@@ -1,8 +1,12 @@
 //! How the surface moves, from the states in the store.
 
-use crate::configuration_space::{GridIndex, Store, StoreError};
+use faer::linalg::solvers::Llt;
+use faer::prelude::Solve;
+use faer::{Mat, Side};
 
 use super::Moved;
+use super::kernel::{DATA, NUGGET, entry, polynomials};
+use crate::configuration_space::{GridIndex, Store, StoreError};
 
 /// The surface nodes of the body with one node active, and where they are at rest.
 #[derive(Debug)]
@@ -45,5 +49,132 @@ impl<'s> SurfaceMotion<'s> {
             std::array::from_fn(|axis| all[n as usize][axis] - self.rest[n as usize][axis])
         };
         self.nodes.iter().flat_map(of_node).collect()
+    }
+}
+
+/// How the surface moves anywhere, from scattered configurations: a Gaussian kernel that takes displacement and slopes of every one.
+///
+/// As [`super::KernelFit`] does for the energy, with data of order 0 and 1, and what moves in proportion left out. A surface is a sum of
+/// those given, with the same weights for all of its nodes: the matrix is factorised once, and no mode is chosen.
+#[derive(Debug)]
+pub struct ScatteredMotion {
+    length_m: f64,
+    /// Displacements of the active node in units of the length.
+    centres: Vec<[f64; 3]>,
+    factor: Llt<f64>,
+    /// A row of the surface's components for every datum, in the kernel's scale, m.
+    data: Vec<Vec<f64>>,
+    /// Slopes at rest.
+    base: [Vec<f32>; 3],
+}
+
+/// Data of a configuration: the displacement and its three slopes, the first of [`DATA`].
+const ORDERS: usize = 4;
+
+impl ScatteredMotion {
+    /// From configurations, each with its displacement of the active node, m; the first is rest.
+    pub fn new(length_m: f64, configurations: &[([f64; 3], Moved)]) -> Option<Self> {
+        let base = configurations.first()?.1.slopes.clone();
+        let centres: Vec<[f64; 3]> = configurations.iter().map(|(p, _)| p.map(|x| x / length_m)).collect();
+        let n = ORDERS * centres.len();
+        let mut matrix = Mat::<f64>::zeros(n, n);
+        for (m, &x) in centres.iter().enumerate() {
+            for (k, &y) in centres.iter().enumerate() {
+                let (tables, e) = polynomials(x, y);
+                for a in 0..ORDERS {
+                    for b in 0..ORDERS {
+                        // The diagonal of these orders is 1 as it is.
+                        matrix[(ORDERS * m + a, ORDERS * k + b)] = e * entry(DATA[a], DATA[b], &tables);
+                    }
+                }
+            }
+            for a in 0..ORDERS {
+                matrix[(ORDERS * m + a, ORDERS * m + a)] += NUGGET[2];
+            }
+        }
+        let mut data = Vec::with_capacity(n);
+        for (p, moved) in configurations {
+            let linear = |k: usize| -> f64 { (0..3).map(|i| p[i] * f64::from(base[i][k])).sum() };
+            let displacement = moved.displacement_m.iter().enumerate();
+            data.push(displacement.map(|(k, &u)| f64::from(u) - linear(k)).collect());
+            for (slopes, base) in moved.slopes.iter().zip(&base) {
+                let beside = slopes.iter().zip(base).map(|(s, b)| length_m * (f64::from(*s) - f64::from(*b)));
+                data.push(beside.collect());
+            }
+        }
+        Some(Self { length_m, centres, factor: matrix.llt(Side::Lower).ok()?, data, base })
+    }
+
+    /// Displacement and slopes of the surface at a displacement of the active node, m.
+    pub fn at(&self, displacement_m: [f64; 3]) -> Moved {
+        let x = displacement_m.map(|p| p / self.length_m);
+        let mut right = Mat::<f64>::zeros(self.data.len(), ORDERS);
+        for (m, &centre) in self.centres.iter().enumerate() {
+            let (tables, e) = polynomials(x, centre);
+            for a in 0..ORDERS {
+                for b in 0..ORDERS {
+                    right[(ORDERS * m + b, a)] = e * entry(DATA[a], DATA[b], &tables);
+                }
+            }
+        }
+        let weights = self.factor.solve(&right);
+        let sum = |order: usize| -> Vec<f64> {
+            let mut sum = vec![0.0; self.base[0].len()];
+            for (row, data) in self.data.iter().enumerate() {
+                let weight = weights[(row, order)];
+                for (sum, x) in sum.iter_mut().zip(data) {
+                    *sum += weight * x;
+                }
+            }
+            sum
+        };
+        let displacement = sum(0).into_iter().enumerate().map(|(k, u)| {
+            (u + (0..3).map(|i| displacement_m[i] * f64::from(self.base[i][k])).sum::<f64>()) as f32
+        });
+        Moved {
+            displacement_m: displacement.collect(),
+            slopes: std::array::from_fn(|axis| {
+                let slopes = sum(axis + 1).into_iter().zip(&self.base[axis]);
+                slopes.map(|(s, &base)| (s / self.length_m) as f32 + base).collect()
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::made_up::spread;
+    use super::*;
+
+    /// Two nodes: the active one, and one that turns with it.
+    fn moved(p: [f64; 3]) -> Moved {
+        let (s, c) = (15.0 * p[0]).sin_cos();
+        let all = [p[0], p[1], p[2], 0.02 * s + 0.3 * p[1], 0.02 * (1.0 - c), 5.0 * p[1] * p[2]];
+        let by_x = [1.0, 0.0, 0.0, 0.3 * c, 0.3 * s, 0.0];
+        let by_y = [0.0, 1.0, 0.0, 0.3, 0.0, 5.0 * p[2]];
+        let by_z = [0.0, 0.0, 1.0, 0.0, 0.0, 5.0 * p[1]];
+        let narrow = |row: [f64; 6]| row.map(|x| x as f32).to_vec();
+        Moved { displacement_m: narrow(all), slopes: [narrow(by_x), narrow(by_y), narrow(by_z)] }
+    }
+
+    #[test]
+    fn a_surface_is_met_and_followed_between() {
+        let places = std::iter::once([0.0; 3]).chain((1..25).map(|n| spread(n, 0.05)));
+        let configurations: Vec<([f64; 3], Moved)> = places.map(|p| (p, moved(p))).collect();
+        let motion = ScatteredMotion::new(0.04, &configurations).expect("apart");
+        let apart = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        for (p, given) in &configurations {
+            assert!(apart(&motion.at(*p).displacement_m, &given.displacement_m) < 2e-5, "{p:?}");
+        }
+        for n in 500..600 {
+            let p = spread(n, 0.045);
+            let (found, truth) = (motion.at(p), moved(p));
+            assert!(apart(&found.displacement_m, &truth.displacement_m) < 1e-4, "{p:?}");
+            for (found, truth) in found.slopes.iter().zip(&truth.slopes) {
+                assert!(apart(found, truth) < 0.02, "{p:?}");
+            }
+            // The touched node stays with the tool.
+            assert!(apart(&found.displacement_m[..3], &p.map(|x| x as f32)) < 1e-6);
+        }
     }
 }

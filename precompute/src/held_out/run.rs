@@ -14,16 +14,17 @@ use super::positions::{random_path, regular_directions, regular_path, uniform_po
 use super::{Draw, Kind, Walk, WalkJob};
 use crate::configuration_space::crew::Shift;
 use crate::configuration_space::{
-    Crew, CrewError, Done, GridIndex, SpaceGrid, Store, StoreError, Work, still_to_solve,
+    Crew, CrewError, Done, GridIndex, Sampling, Store, StoreError, Work, still_to_solve,
 };
+use crate::scattered::{Search, searched};
 
 /// The truth to solve.
 #[derive(Debug, Clone)]
 pub struct HeldOut {
     /// Active nodes: number in the store, and name.
     pub actives: Vec<(usize, String)>,
-    /// The grid.
-    pub grid: SpaceGrid,
+    /// Which positions the spaces are made of.
+    pub sampling: Sampling,
     /// What is drawn.
     pub draw: Draw,
     /// Whether displacements of all nodes are kept at uniform positions.
@@ -183,7 +184,7 @@ impl HeldOut {
     /// Where a walk goes.
     fn positions_m(&self, walk: &Walk) -> Vec<[f64; 3]> {
         let name = self.actives.iter().find(|(active, _)| *active == walk.active as usize);
-        let (name, radius_m) = (name.map_or("", |(_, name)| name), self.grid.radius_m);
+        let (name, radius_m) = (name.map_or("", |(_, name)| name), self.sampling.radius_m());
         match walk.kind {
             Kind::Regular => {
                 let direction = regular_directions().nth(walk.number as usize);
@@ -200,8 +201,8 @@ impl HeldOut {
         while node.next < self.draw.uniform.saturating_mul(DRAWS_FOR_ONE) {
             let number = node.next;
             node.next += 1;
-            let at = uniform_position(&self.draw, &node.name, number, self.grid.radius_m);
-            if let Some(start) = node.start(&self.grid, at) {
+            let at = uniform_position(&self.draw, &node.name, number, self.sampling.radius_m());
+            if let Some(start) = node.start(&self.sampling, at) {
                 return Some((node.walk(number), start));
             }
         }
@@ -286,6 +287,8 @@ struct Uniform {
     name: String,
     /// Reachable points: where a position may start from, with the try that counts.
     reachable: BTreeMap<GridIndex, u32>,
+    /// What knows where the tool can be, if the space is scattered.
+    search: Option<Search>,
     /// The next number to be drawn.
     next: u32,
 }
@@ -293,10 +296,7 @@ struct Uniform {
 impl Uniform {
     /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
     fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
-        let identity = store.identity()?;
-        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
-            .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
-        let open = still_to_solve(&grid, identity.complete_cells, &store.attempts(active)?);
+        let (search, open) = (searched(store, active)?, still_to_solve(store, active)?);
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
@@ -306,22 +306,27 @@ impl Uniform {
         if reachable.len() < 2 {
             return Err(HeldOutError::NoReach(name.into()));
         }
-        Ok(Self { active, name: name.into(), reachable, next: 0 })
+        Ok(Self { active, name: name.into(), reachable, search, next: 0 })
     }
 
     fn walk(&self, number: u32) -> Walk {
         Walk { active: self.active as u32, kind: Kind::Uniform, number }
     }
 
-    /// The nearest reachable corner of the cell round `at`, and which of its solutions; the first by index if two are as near.
-    fn start(&self, grid: &SpaceGrid, at: [f64; 3]) -> Option<Start> {
-        let cells = at.map(|x| x / grid.spacing_m);
-        let corners = (0..8).map(|code| -> GridIndex {
-            std::array::from_fn(|axis| cells[axis].floor() as i32 + (code >> (2 - axis) & 1))
-        });
+    /// Where to start to `at`: the nearest reachable corner of the cell round it, or the nearest reachable position if they are scattered, and
+    /// which of its solutions; the first by index if two are as near. None if the tool does not seem to get there.
+    fn start(&self, sampling: &Sampling, at: [f64; 3]) -> Option<Start> {
+        let cells = at.map(|x| x / sampling.unit_m());
         let distance = |corner: &GridIndex| -> f64 {
             corner.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
         };
+        if let Some(search) = &self.search {
+            let nearest = || self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
+            return search.may_reach(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
+        }
+        let corners = (0..8).map(|code| -> GridIndex {
+            std::array::from_fn(|axis| cells[axis].floor() as i32 + (code >> (2 - axis) & 1))
+        });
         corners
             .filter_map(|corner| Some((corner, *self.reachable.get(&corner)?)))
             .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))

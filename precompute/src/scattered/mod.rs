@@ -6,10 +6,14 @@
 
 mod plan;
 mod reach;
+mod resample;
 mod search;
 
-pub use plan::ScatteredPlan;
+pub use plan::{ScatteredPlan, searched};
+pub use resample::{Resampled, resample};
 pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted};
+
+use serde::{Deserialize, Serialize};
 
 use crate::configuration_space::GridIndex;
 
@@ -27,7 +31,7 @@ fn nearest_index(displacement_m: [f64; 3]) -> GridIndex {
 }
 
 /// What an error may be: beside the larger of the two it is within tolerance.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tolerance {
     /// Share of |h|.
     pub relative: f64,

@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 
 use super::{Found, Search, Step, Target, Verdict, Wanted, displacement_m};
 use crate::configuration_space::plan::{TagCounts, Task};
-use crate::configuration_space::{GridIndex, Record};
+use crate::configuration_space::{GridIndex, Plans, Record, SpacePlan, Store, StoreError};
 use crate::fit::EnergyJet;
 
 /// The point at rest.
@@ -122,6 +122,14 @@ impl ScatteredPlan {
             self.learned = search.jets().iter().map(at).collect();
         }
     }
+}
+
+/// The search of an active node as far as its store goes; `None` without a rest.
+pub fn searched(store: &Store, active: usize) -> Result<Option<Search>, StoreError> {
+    Ok(match Plans::of(store)?.replayed(active, &store.attempts(active)?).0 {
+        SpacePlan::Scattered(plan) => plan.search,
+        SpacePlan::Lattice(_) => None,
+    })
 }
 
 /// What a fit takes from a record; rest has no force by its definition.

@@ -4,7 +4,7 @@ use super::{Wanted, norm};
 use crate::fit::{EnergyJet, KernelFit};
 
 /// Directions that are looked at.
-const RAYS: u32 = 256;
+pub(super) const RAYS: u32 = 256;
 /// Halvings of a ray's length when its reach is sought: within 1 / 500 of the radius.
 const HALVINGS: u32 = 9;
 /// Predictions may be this much beyond the limit: the rim itself is to be met from both sides.

@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::reach::Known;
+use super::reach::{Known, RAYS};
 use super::{Tolerance, difference, displacement_m, nearest_index, norm};
 use crate::configuration_space::GridIndex;
 use crate::fit::{EnergyJet, KernelFit};
@@ -21,6 +21,9 @@ pub const PASSES: usize = 10;
 const LENGTHS: [f64; 4] = [0.5, 0.75, 1.1, 1.6];
 /// What comes out beyond this share of the limit is not learned from: the fit is for the other side.
 const TOO_FAR: f64 = 1.15;
+
+/// Where the fit says that the force is beyond this many times the limit it is.
+const REACH_MARGIN: f64 = 1.3;
 
 /// What is wanted of a space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -168,6 +171,36 @@ impl Search {
     /// What was learned from, rest first.
     pub fn jets(&self) -> &[EnergyJet] {
         &self.jets
+    }
+
+    /// What is wanted.
+    pub fn wanted(&self) -> &Wanted {
+        &self.wanted
+    }
+
+    /// Whether the fit has something to say there: within its length of a configuration, and not far beyond the limit.
+    pub fn knows(&self, at: [f64; 3]) -> bool {
+        let near = |jet: &EnergyJet| norm(difference(at, jet.displacement_m)) <= self.fit().length_m();
+        self.jets.iter().any(near) && norm(self.fit().force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
+    }
+
+    /// Positions spread over what is within reach, about so many.
+    pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
+        let known = Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets };
+        (0..)
+            .map(|round| known.candidates(1000 + round))
+            .take(count.div_ceil(RAYS * 3) as usize)
+            .flatten()
+            .collect()
+    }
+
+    /// Whether the tool may get there: not where the force is far beyond the limit, nor on the wrong side. For truth that is to be fresh the
+    /// fit's word has a wide margin.
+    pub fn may_reach(&self, at: [f64; 3]) -> bool {
+        let force = self.fit().force_n(at);
+        let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
+        norm(force) <= REACH_MARGIN * self.wanted.max_force_n
+            && self.wanted.push.is_none_or(|n| along(n) <= 0.0)
     }
 
     /// Predictions within tolerance since the last that was not, of those that count.

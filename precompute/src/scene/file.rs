@@ -148,6 +148,8 @@ pub(super) struct SolverTable {
 #[serde(deny_unknown_fields, default)]
 pub(super) struct NeedsTable {
     pub(super) visual: bool,
+    /// any | push
+    pub(super) contact: Option<Spanned<String>>,
     /// How far packed displacements may be from the solver's, over the surface and at any node of it.
     pub(super) displacement_rms_mm: Option<Spanned<f64>>,
     pub(super) displacement_max_mm: Option<Spanned<f64>>,
@@ -155,7 +157,7 @@ pub(super) struct NeedsTable {
 
 impl Default for NeedsTable {
     fn default() -> Self {
-        Self { visual: true, displacement_rms_mm: None, displacement_max_mm: None }
+        Self { visual: true, contact: None, displacement_rms_mm: None, displacement_max_mm: None }
     }
 }
 

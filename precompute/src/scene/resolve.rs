@@ -14,10 +14,12 @@ use super::{
     ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
     device, material,
 };
+use crate::configuration_space::Scattered;
 use crate::error::{InputError, count, nearest_word};
 use crate::fit::DisplacementBound;
 use crate::mesh::tetrahedral::{cross, distance, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
+use crate::scattered::Tolerance;
 
 /// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
@@ -38,8 +40,9 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let materials = lookup.materials(scene)?;
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let active = lookup.all_active(scene, &fixed)?;
-    let grid = file.grid.as_ref().map(|grid| lookup.grid(grid)).transpose()?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
+    let only_push = only_push(place, &file.needs)?;
+    let grid = file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n)).transpose()?;
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
@@ -72,6 +75,22 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         text,
         warnings,
     })
+}
+
+/// Whether the tool only pushes.
+fn only_push(place: &Place, table: &NeedsTable) -> Result<bool, InputError> {
+    match table.contact.as_ref().map(|word| (word.get_ref().as_str(), word)) {
+        None | Some(("any", _)) => Ok(false),
+        Some(("push", _)) => Ok(true),
+        Some((other, word)) => {
+            let what = format!("unknown contact \"{other}\"");
+            Err(place.error(
+                word.span(),
+                what,
+                "use \"push\", or \"any\" for a tool that also holds and pulls",
+            ))
+        }
+    }
 }
 
 /// The bound of the packed displacements.
@@ -480,9 +499,30 @@ impl Lookup<'_> {
         Ok(())
     }
 
-    fn grid(&mut self, grid: &Spanned<GridTable>) -> Result<GridSpec, InputError> {
+    fn grid(
+        &mut self,
+        grid: &Spanned<GridTable>,
+        only_push: bool,
+        max_force_n: f64,
+    ) -> Result<GridSpec, InputError> {
         let table = grid.get_ref();
         let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
+        let size = self.mesh.diagonal_m();
+        if radius_m > size {
+            self.warnings
+                .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
+        }
+        if let Some(tolerance) = self.tolerance(table)? {
+            if !max_force_n.is_finite() {
+                let what = "sampling driven by the error needs the largest force of the device";
+                return Err(self.place.error(
+                    grid.span(),
+                    what,
+                    "add [device] with `max_force_n` or `profile`",
+                ));
+            }
+            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push }));
+        }
         let spacing_m = match (&table.spacing_m, &table.points) {
             (Some(spacing), None) => {
                 let spacing_m = positive(self.place, "spacing_m", spacing)?;
@@ -528,11 +568,6 @@ impl Lookup<'_> {
                 return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
             }
         };
-        let size = self.mesh.diagonal_m();
-        if radius_m > size {
-            self.warnings
-                .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
-        }
         let increments = match &table.increments {
             None => None,
             Some(n) if (2..=100).contains(n.get_ref()) => Some(*n.get_ref() as u32),
@@ -545,7 +580,44 @@ impl Lookup<'_> {
                 ));
             }
         };
-        Ok(GridSpec { radius_m, spacing_m, complete_cells: table.complete_cells.unwrap_or(true), increments })
+        let complete_cells = table.complete_cells.unwrap_or(true);
+        Ok(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments })
+    }
+
+    /// What an error may be, if sampling is driven by it.
+    fn tolerance(&self, table: &GridTable) -> Result<Option<Tolerance>, InputError> {
+        let GridTable { tolerance_n, tolerance_relative, cannot_be_felt, .. } = table;
+        let felt = cannot_be_felt.as_ref().filter(|felt| *felt.get_ref());
+        let Some((span, key)) = table.error_driven() else { return Ok(None) };
+        let lattice = [
+            table.spacing_m.as_ref().map(|v| (v.span(), "spacing_m")),
+            table.points.as_ref().map(|v| (v.span(), "points")),
+            table.increments.as_ref().map(|v| (v.span(), "increments")),
+        ];
+        if let Some((span, other)) = lattice.into_iter().flatten().next() {
+            let what = format!("[grid] has both `{other}` and `{key}`");
+            let mend = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
+            return Err(self.place.error(span, what, mend));
+        }
+        let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
+        match (felt, other) {
+            (Some(_), None) => Ok(Some(Tolerance::CANNOT_BE_FELT)),
+            (Some(felt), Some(_)) => {
+                let what = "`cannot_be_felt` is a tolerance of its own";
+                Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))
+            }
+            (None, None) => {
+                let what = format!("`{key}` = false says nothing");
+                Err(self.place.error(span, what, "say true, or give `spacing_m`, `points` or a tolerance"))
+            }
+            (None, Some(_)) => {
+                let given = |key, value: &Option<Spanned<f64>>| {
+                    value.as_ref().map_or(Ok(0.0), |value| positive(self.place, key, value))
+                };
+                let relative = given("tolerance_relative", tolerance_relative)?;
+                Ok(Some(Tolerance { relative, absolute_n: given("tolerance_n", tolerance_n)? }))
+            }
+        }
     }
 
     /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use super::*;
 use crate::material::{Lame, MooneyRivlin, StVenantKirchhoff};
 use crate::mesh::testing::cube;
+use crate::scattered::Tolerance;
 
 mod device;
 
@@ -130,7 +131,7 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!(scene.active, [active("A1", 63), active("A2", 48 + 4 + 1)]);
     assert_eq!(
         scene.grid,
-        Some(GridSpec { radius_m: 0.05, spacing_m: 0.01, complete_cells: true, increments: None })
+        Some(GridSpec::Lattice { radius_m: 0.05, spacing_m: 0.01, complete_cells: true, increments: None })
     );
     assert_eq!(scene.max_force_n, 8.0);
     assert_eq!(scene.body_force, None);
@@ -251,13 +252,33 @@ fn wrong_meshes_name_the_scene_or_the_mesh_file() {
 }
 
 #[test]
-fn what_this_version_cannot_do_is_refused_and_not_ignored() {
+fn sampling_driven_by_the_error_is_read() {
     let bench = Bench::new();
-    let later = "not available in this version";
-    for key in ["tolerance_n = 0.1", "tolerance_relative = 0.05", "cannot_be_felt = true"] {
-        let name = key.split_once(' ').expect("a key").0;
-        bench.refuses("spacing_m = 0.01", key, "block.toml:21", &format!("`{name}`) is {later}"), "`points`");
-    }
+    let sampled = |keys: &str| match bench.with("spacing_m = 0.01", keys).expect("sound").grid {
+        Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push })) => {
+            assert_eq!((radius_m, only_push), (0.05, false));
+            tolerance
+        }
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(sampled("cannot_be_felt = true"), Tolerance::CANNOT_BE_FELT);
+    assert_eq!(sampled("tolerance_n = 0.1"), Tolerance { relative: 0.0, absolute_n: 0.1 });
+    let both = sampled("tolerance_relative = 0.05\ntolerance_n = 0.1");
+    assert_eq!(both, Tolerance { relative: 0.05, absolute_n: 0.1 });
+    let push = bench.with("spacing_m = 0.01", "cannot_be_felt = true\n[needs]\ncontact = \"push\"");
+    assert!(matches!(
+        push.map(|scene| scene.grid),
+        Ok(Some(GridSpec::Scattered(Scattered { only_push: true, .. })))
+    ));
+
+    let refuses = |keys: &str, line: usize, what: &str, mend: &str| {
+        bench.refuses("spacing_m = 0.01", keys, &format!("block.toml:{line}"), what, mend);
+    };
+    refuses("spacing_m = 0.01\ntolerance_n = 0.1", 21, "both `spacing_m` and `tolerance_n`", "for a lattice");
+    refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "a tolerance of its own", "keep it, or");
+    refuses("cannot_be_felt = false", 21, "says nothing", "say true");
+    refuses("tolerance_n = 0.0", 21, "`tolerance_n` = 0", "");
+    refuses("cannot_be_felt = true\n[needs]\ncontact = \"stroke\"", 23, "unknown contact", "\"push\"");
 }
 
 #[test]
@@ -505,7 +526,7 @@ fn grids_in_every_way() {
         let grid = bench.with("spacing_m = 0.01", &format!("points = {points}")).expect("sound").grid;
         assert_eq!(
             grid,
-            Some(GridSpec {
+            Some(GridSpec::Lattice {
                 radius_m: 0.05,
                 spacing_m: 0.05 / f64::from(cells),
                 complete_cells: true,

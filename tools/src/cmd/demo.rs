@@ -12,7 +12,7 @@ use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_precompute::blob_writer::{PackOptions, write_atomically};
-use palpate_precompute::configuration_space::{Store, TagCounts, with_threads};
+use palpate_precompute::configuration_space::{Plans, Store, TagCounts, with_threads};
 use palpate_precompute::held_out::Draw;
 use serde_json::json;
 
@@ -194,7 +194,7 @@ fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Sol
     let mut solved = Solved {
         names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
         counts: Vec::new(),
-        points: bench.expansion(vec![0])?.total(),
+        points: Plans::of(store)?.points().unwrap_or(0),
         solved_now: 0,
         seconds: 0.0,
         threads: threads(None),

@@ -79,7 +79,7 @@ pub(crate) fn run_with(
     team: &Team,
     work: impl FnOnce(&HeldOut, &Store, &AtomicBool, &mut dyn FnMut(&HeldOutProgress)) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let draw = draw(args, bench.grid()?.radius_m)?;
+    let draw = draw(args, bench.sampling()?.radius_m())?;
     let chosen: Vec<usize> = match &args.active {
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),

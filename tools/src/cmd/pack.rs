@@ -9,7 +9,7 @@ use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{PackOptions, Packed, pack, write_atomically};
 use palpate_precompute::certificate::{Certificate, certify, clear_positions};
-use palpate_precompute::configuration_space::{SpaceGrid, Store, still_to_solve, with_threads};
+use palpate_precompute::configuration_space::{Store, still_to_solve, with_threads};
 use palpate_precompute::held_out::{Draw, Kind, Summary};
 
 use super::inspect::certificate;
@@ -173,13 +173,10 @@ fn solve_uniform(args: &Args, wanted: u32) -> Result<bool, Failure> {
 
 /// A blob of half a space looks like any other in the hand: it is made only when asked for.
 fn check_finished(store: &Store, args: &Args) -> Result<bool, Failure> {
-    let identity = store.identity()?;
     let space = args.space.display();
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
-        .map_err(|error| Failure::input(format!("{space}: {error}")))?;
     let mut finished = true;
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let open = still_to_solve(&grid, identity.complete_cells, &store.attempts(active)?);
+        let open = still_to_solve(store, active)?;
         if open == 0 {
             continue;
         }

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{Expansion, Progress, Store, TagCounts, with_threads};
+use palpate_precompute::configuration_space::{Expansion, Plans, Progress, Store, TagCounts, with_threads};
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -96,12 +96,13 @@ pub(crate) fn run_with(
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
-    let points = bench.expansion(vec![0])?.total();
     let store = bench.store(&args.out, args.salvage)?;
     let start = Instant::now();
-    let mut progress = WorkProgress::new(&bench.scene.name, "points");
+    let points = Plans::of(&store)?.points();
+    let counted = if points.is_some() { "points" } else { "predictions within tolerance" };
+    let mut progress = WorkProgress::new(&bench.scene.name, counted);
     let mut solved_now = 0;
-    let counts = work(&bench.expansion(chosen.clone())?, &store, stop, &mut |p| {
+    let counts = work(&Expansion { actives: chosen.clone() }, &store, stop, &mut |p| {
         solved_now = p.solved_now;
         progress.spaces(p);
     });
@@ -129,13 +130,16 @@ pub(crate) fn run_with(
 }
 
 /// Points by tag, for people.
-pub(crate) fn in_words(counts: &TagCounts, points: usize) -> String {
+pub(crate) fn in_words(counts: &TagCounts, points: Option<usize>) -> String {
+    let (of, behind) = match points {
+        Some(points) => (format!(" of {points} points"), format!(", {} not reached", counts.unknown)),
+        None => (" scattered positions".into(), String::new()),
+    };
     format!(
-        "{} of {points} points solved ({} reachable, {} beyond f_max), {} failed, {} not reached",
+        "{}{of} solved ({} reachable, {} beyond f_max), {} failed{behind}",
         counts.solved(),
         counts.expandable,
         counts.terminating,
-        counts.failed,
-        counts.unknown
+        counts.failed
     )
 }

@@ -24,7 +24,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 
 use super::job::Outcome;
 use super::plan::supersedes;
-use super::{GridIndex, Record, StoredSeed};
+use super::{GridIndex, Lattice, Record, Sampling, SpaceGrid, StoredSeed};
 use crate::fit::DisplacementBound;
 use crate::mesh::TetMesh;
 use crate::solve::Seed;
@@ -52,18 +52,12 @@ pub struct StoreIdentity {
     pub law: String,
     /// f_max of the scene, N.
     pub max_force_n: f64,
-    /// Grid spacing, m.
-    pub spacing_m: f64,
-    /// Grid radius r_G, m.
-    pub radius_m: f64,
+    /// Which positions are solved.
+    pub sampling: Sampling,
     /// Whether the scene needs displacements for the eye.
     pub visual: bool,
     /// How far those may be from the solver's.
     pub displacement_bound: DisplacementBound,
-    /// Whether the corners outside the ball of the cells that reach into it are solved.
-    pub complete_cells: bool,
-    /// Equal parts in which every transition is made and kept, if the scene asks for it.
-    pub increments: Option<u32>,
 }
 
 /// Work is committed at most this long after it is done.
@@ -158,6 +152,10 @@ impl Store {
         let at = |error| StoreError::sqlite(&path, error);
         let transaction = self.connection.transaction().map_err(at)?;
         transaction.execute_batch(SCHEMA).map_err(at)?;
+        let scattered = match identity.sampling {
+            Sampling::Lattice(_) => String::new(),
+            Sampling::Scattered(scattered) => serde_json::json!(scattered).to_string(),
+        };
         let meta = [
             ("layout", LAYOUT.to_string()),
             ("solver", solver_version()),
@@ -167,13 +165,14 @@ impl Store {
             ("mesh_hash", hex(&identity.mesh_hash)),
             ("law", identity.law.clone()),
             ("max_force_n", format!("{:?}", identity.max_force_n)),
-            ("spacing_m", format!("{:?}", identity.spacing_m)),
-            ("radius_m", format!("{:?}", identity.radius_m)),
+            ("spacing_m", format!("{:?}", identity.sampling.unit_m())),
+            ("radius_m", format!("{:?}", identity.sampling.radius_m())),
             ("visual", identity.visual.to_string()),
             ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
             ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-            ("complete_cells", identity.complete_cells.to_string()),
-            ("increments", identity.increments.map_or(String::new(), |n| n.to_string())),
+            ("complete_cells", identity.sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
+            ("increments", identity.sampling.increments().map_or(String::new(), |n| n.to_string())),
+            ("scattered", scattered),
         ];
         for (key, value) in meta {
             transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value]).map_err(at)?;
@@ -276,19 +275,31 @@ impl Store {
                 .ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
             law: self.meta("law")?,
             max_force_n: self.parsed("max_force_n")?,
-            spacing_m: self.parsed("spacing_m")?,
-            radius_m: self.parsed("radius_m")?,
+            sampling: self.sampling()?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed_or("displacement_rms_m", DisplacementBound::default().rms_m)?,
                 max_m: self.parsed_or("displacement_max_m", DisplacementBound::default().max_m)?,
             },
+        })
+    }
+
+    /// Which positions are solved.
+    fn sampling(&self) -> Result<Sampling, StoreError> {
+        let scattered: String = self.parsed_or("scattered", String::new())?;
+        if !scattered.is_empty() {
+            let read = serde_json::from_str(&scattered).map(Sampling::Scattered);
+            return read.map_err(|_| self.corrupt(format!("its scattered positions are `{scattered}`")));
+        }
+        let grid = SpaceGrid::new(self.parsed("spacing_m")?, self.parsed("radius_m")?);
+        Ok(Sampling::Lattice(Lattice {
+            grid: grid.map_err(|error| self.corrupt(format!("its grid is refused: {error}")))?,
             complete_cells: self.parsed("complete_cells")?,
             increments: match self.meta("increments")?.as_str() {
                 "" => None,
                 _ => Some(self.parsed("increments")?),
             },
-        })
+        }))
     }
 
     /// Active nodes (name, mesh node), in the order of their ids.

@@ -6,7 +6,7 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension};
 
 use super::super::domain::Domain;
 use super::super::job::Outcome;
-use super::super::{GridIndex, SpaceGrid};
+use super::super::{GridIndex, Lattice, Plans, Sampling};
 use super::{Store, StoreError, StoreIdentity, held_out, rows};
 use crate::mesh::TetMesh;
 
@@ -64,12 +64,24 @@ impl Store {
         let mut salvaged = Salvaged { saved: 0, damaged: 0, walks: 0, moved_to: moved_to.clone() };
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let Ok(old) = Connection::open_with_flags(&moved_to, flags) else { return Ok((store, salvaged)) };
-        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m)
-            .map_err(|error| store.corrupt(format!("its grid is refused: {error}")))?;
-        let domain = Domain::new(&grid, identity.complete_cells);
         for number in 0..active.len() {
-            for point in 0..domain.len() as u32 {
-                salvaged.copy(&old, &store, number, domain.index(point), identity.increments)?;
+            match identity.sampling {
+                Sampling::Lattice(Lattice { grid, complete_cells, increments }) => {
+                    for point in Domain::new(&grid, complete_cells).points() {
+                        salvaged.copy(&old, &store, number, point, increments)?;
+                    }
+                }
+                Sampling::Scattered(_) => {
+                    // Which positions there are the search says, from one batch to the next.
+                    let mut plan = Plans::of(&store)?.plan(number);
+                    while let Some(task) = plan.next_task() {
+                        salvaged.copy(&old, &store, number, task.target, None)?;
+                        let copied = store.attempts(number)?.into_iter().find(|r| r.index == task.target);
+                        if let Some(record) = copied {
+                            plan.decide(&record);
+                        }
+                    }
+                }
             }
         }
         salvaged.walks = held_out::salvage(&old, &store, active.len())?;

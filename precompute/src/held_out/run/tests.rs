@@ -9,7 +9,12 @@ use crate::held_out::Truth;
 const DRAW: Draw = Draw { regular_m: None, random: 0, uniform: 60, ..Draw::PAPER };
 
 fn held_out(made_up: &MadeUp, draw: Draw) -> HeldOut {
-    HeldOut { actives: vec![(0, "A".into())], grid: made_up.grid, draw, keep_displacements: false }
+    HeldOut {
+        actives: vec![(0, "A".into())],
+        sampling: made_up.identity().sampling,
+        draw,
+        keep_displacements: false,
+    }
 }
 
 /// Truths at an active node, in the order of kind, number and step.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use palpate_precompute::configuration_space::{
-    Crew, CrewError, Done, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
+    Crew, CrewError, Done, Lattice, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
 };
 use serde::Serialize;
 
@@ -45,14 +45,17 @@ impl Replay {
     pub(super) fn load(path: &Path) -> Result<Self, Failure> {
         let store = Store::open(path)?;
         let identity = store.identity()?;
-        let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::input)?;
+        let Lattice { grid, complete_cells, .. } = *identity
+            .sampling
+            .lattice()
+            .ok_or_else(|| Failure::input(format!("{}: not a lattice", path.display())))?;
         let (mut actives, mut records, mut messages) = (Vec::new(), HashMap::new(), HashMap::new());
         for active in 0..store.active()?.len() {
             let attempts = store.attempts(active)?;
             if attempts.is_empty() {
                 continue;
             }
-            if still_to_solve(&grid, identity.complete_cells, &attempts) > 0 {
+            if still_to_solve(&store, active)? > 0 {
                 return Err(Failure::input(format!("{}: not finished; precompute it first", path.display())));
             }
             actives.push(active);
@@ -71,7 +74,7 @@ impl Replay {
                 records.insert(key, record);
             }
         }
-        Ok(Self { grid, complete_cells: identity.complete_cells, actives, records, messages })
+        Ok(Self { grid, complete_cells, actives, records, messages })
     }
 
     /// Seconds of every solve, sorted.

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{Crew, Domain, Expansion, SpaceGrid, Store, StoreIdentity};
+use palpate_precompute::configuration_space::{
+    Crew, Domain, Expansion, Lattice, Sampling, SpaceGrid, Store, StoreIdentity,
+};
 use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::mesh::TetMesh;
 use serde::Serialize;
@@ -176,25 +178,16 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         mesh_hash: mesh.content_hash(),
         law: String::new(),
         max_force_n: f64::INFINITY,
-        spacing_m: grid.spacing_m,
-        radius_m: grid.radius_m,
+        sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
         visual: false,
         displacement_bound: DisplacementBound::default(),
-        complete_cells,
-        increments: None,
     };
     let active: Vec<(String, u32)> = (0..actives).map(|i| (format!("A{i}"), 0)).collect();
     Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)
 }
 
-fn expand(
-    store: &Store,
-    crew: &mut dyn Crew,
-    actives: &[usize],
-    grid: SpaceGrid,
-    complete_cells: bool,
-) -> Result<(), Failure> {
-    let expansion = Expansion { actives: actives.to_vec(), grid, complete_cells };
+fn expand(store: &Store, crew: &mut dyn Crew, actives: &[usize]) -> Result<(), Failure> {
+    let expansion = Expansion { actives: actives.to_vec() };
     expansion.run(store, crew, &AtomicBool::new(false), |_| ())?;
     Ok(())
 }
@@ -202,13 +195,13 @@ fn expand(
 fn measure(replay: &Replay, dir: &Path) -> Result<RankZero, Failure> {
     let store =
         scratch(&dir.join("replay.space"), &replay.grid, replay.complete_cells, replay.actives.len())?;
-    replay.measure(|crew| expand(&store, crew, &replay.actives, replay.grid, replay.complete_cells))
+    replay.measure(|crew| expand(&store, crew, &replay.actives))
 }
 
 fn simulate(case: &Case<'_>, workers: usize, costs: Costs, path: &Path) -> Result<Row, Failure> {
     let store = scratch(path, &case.grid, case.complete_cells, case.actives.len())?;
     let mut crew = Simulated::new(workers, costs, &case.solves, case.grid);
-    expand(&store, &mut crew, &case.actives, case.grid, case.complete_cells)?;
+    expand(&store, &mut crew, &case.actives)?;
     let seconds = |ns: u64| ns as f64 * 1e-9;
     let ran = crew.ran();
     let (makespan, work, chain) = (seconds(ran.makespan), seconds(ran.work), seconds(ran.chain));

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::scene::GridSpec;
 use serde::Serialize;
 
 use super::common::Out;
@@ -126,7 +127,12 @@ fn measure(
     }
     bench.scene.max_force_n = f64::INFINITY;
     if let Some(grid) = &mut bench.scene.grid {
-        (grid.radius_m, grid.spacing_m, grid.complete_cells) = (0.05, 0.05 / case.cells, true);
+        *grid = GridSpec::Lattice {
+            radius_m: 0.05,
+            spacing_m: 0.05 / case.cells,
+            complete_cells: true,
+            increments: None,
+        };
     }
     bench.scene.active.retain(|a| a.name == "A1");
     let body = bench.scene.body().map_err(|error| Failure::work(format!("{name}: {error}")))?;
@@ -146,13 +152,15 @@ fn measure(
         attempts.iter().map(value).sum()
     };
     let folds =
-        palpate_precompute::configuration_space::fold::folds(&bench.grid()?, &store.records(0)?).len();
+        palpate_precompute::configuration_space::fold::folds(&bench.lattice()?.grid, &store.records(0)?)
+            .len();
+    let points = palpate_precompute::configuration_space::Plans::of(&store)?.points().unwrap_or(0);
     drop(store);
     let solved = counts.solved().max(1) as f64;
     Ok(Row {
         case: name.into(),
         threads,
-        points: bench.expansion(vec![0])?.total(),
+        points,
         solved: counts.solved(),
         failed: counts.failed,
         tries: attempts.len() - 1,

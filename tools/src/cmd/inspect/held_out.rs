@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::configuration_space::{SpaceGrid, Store};
+use palpate_precompute::configuration_space::{Sampling, Store};
 use palpate_precompute::held_out::is_on_training_lattice;
 
 use crate::failure::Failure;
@@ -14,19 +14,18 @@ const CSV_HEADER: &str = "active,kind,number,step,x_m,y_m,z_m,training,tag,failu
                           factorisations,seconds";
 
 /// Writes one row a position; `training` is 1 where a fit may have seen it, a grid point or an increment on the way to one.
-pub(super) fn write(
-    store: &Store,
-    grid: &SpaceGrid,
-    increments: Option<u32>,
-    path: &Path,
-) -> Result<(), Failure> {
+pub(super) fn write(store: &Store, sampling: &Sampling, path: &Path) -> Result<(), Failure> {
     let mut table = format!("{CSV_HEADER}\n");
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         store.each_truth(active, |walk, step, t| {
             let number = |x: f64| if x.is_nan() { String::new() } else { format!("{x:?}") };
             let solved = |n: u32| if t.tag.is_solved() { n.to_string() } else { String::new() };
             let s = &t.stiffness_n_m;
-            let training = u32::from(is_on_training_lattice(grid, increments, t.displacement_m));
+            let training = u32::from(
+                sampling
+                    .lattice()
+                    .is_some_and(|l| is_on_training_lattice(&l.grid, l.increments, t.displacement_m)),
+            );
             let mut cells =
                 vec![name.clone(), walk.kind.name().into(), walk.number.to_string(), step.to_string()];
             cells.extend(t.displacement_m.map(number));

@@ -3,6 +3,7 @@
 pub(crate) mod certificate;
 mod held_out;
 mod recording;
+mod scattered;
 mod space;
 
 use std::path::{Path, PathBuf};
@@ -10,7 +11,10 @@ use std::path::{Path, PathBuf};
 use clap::Args as ClapArgs;
 use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
 use palpate_host::sliding::{self, SlidingReport};
+use palpate_precompute::configuration_space::{Lattice, Sampling, Scattered};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
+use palpate_precompute::scattered::Tolerance;
+use palpate_precompute::scene::GridSpec;
 use serde_json::json;
 
 use super::run;
@@ -101,10 +105,21 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let scene = &bench.scene;
     let (mesh_text, mesh_figures) = describe_mesh(&scene.mesh)?;
     let active: Vec<String> = scene.active.iter().map(|a| format!("{} (node {})", a.name, a.node)).collect();
-    let grid = scene.grid.map(|_| bench.grid()).transpose()?;
-    let grid_text = grid.map_or("none".into(), |g| {
-        format!("{} points, r_G {} m, spacing {} m", g.lattice.count(), g.radius_m, g.spacing_m)
+    let sampling = scene.grid.map(|_| bench.sampling()).transpose()?;
+    let grid_text = sampling.map_or("none".into(), |sampling| match sampling {
+        Sampling::Lattice(Lattice { grid, .. }) => {
+            format!("{} points, r_G {} m, spacing {} m", grid.lattice.count(), grid.radius_m, grid.spacing_m)
+        }
+        Sampling::Scattered(scattered) => in_words(&scattered),
     });
+    let points = sampling.and_then(|sampling| Some(sampling.lattice()?.grid.lattice.count()));
+    let grid_figures = match scene.grid {
+        Some(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments }) => json!({
+            "radius_m": radius_m, "spacing_m": spacing_m, "complete_cells": complete_cells, "increments": increments,
+        }),
+        Some(GridSpec::Scattered(scattered)) => json!(scattered),
+        None => json!(null),
+    };
     let doubts = doubtful_for_pressure(&scene.mesh, &scene.fixed);
     let doubts_text =
         doubts.warning().map_or_else(String::new, |line| format!("\nif incompressible: {line}"));
@@ -118,10 +133,20 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     );
     let figures = json!({
         "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
-        "grid": scene.grid, "points": grid.map(|g| g.lattice.count()), "max_force_n": scene.max_force_n,
+        "grid": grid_figures, "points": points, "max_force_n": scene.max_force_n,
         "mesh": mesh_figures, "pressure_doubts": doubts,
     });
     Ok((text, figures))
+}
+
+/// What is wanted of scattered positions, for people.
+fn in_words(scattered: &Scattered) -> String {
+    let Scattered { radius_m, tolerance: Tolerance { relative, absolute_n }, only_push } = scattered;
+    let contact = if *only_push { ", where the tool presses" } else { "" };
+    format!(
+        "scattered within r_G {radius_m} m{contact}, error at most {:.3} % of |h| or {absolute_n} N",
+        1e2 * relative
+    )
 }
 
 fn blob(path: &Path) -> Result<Shown, Failure> {

@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 
 use palpate_precompute::blob_writer::write_atomically;
 use palpate_precompute::configuration_space::fold::{Fold, folds};
-use palpate_precompute::configuration_space::{Domain, GridIndex, Record, SpaceGrid, Store, still_to_solve};
+use palpate_precompute::configuration_space::{
+    GridIndex, Lattice, Plans, Record, Sampling, SpacePlan, Store,
+};
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
 use serde_json::json;
 
-use super::{Args, Shown, held_out};
+use super::{Args, Shown, held_out, scattered};
 use crate::cmd::held_out::in_words;
 use crate::failure::Failure;
 
@@ -31,21 +33,25 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
     let (path, csv, vtu) = (args.file.as_path(), args.csv.as_deref(), args.vtu.as_deref());
     let store = Store::open(path)?;
     let identity = store.identity()?;
-    let grid = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::input)?;
-    let total = Domain::new(&grid, identity.complete_cells).len() - 1;
-    let completed = total - grid.lattice.count();
-    let corners = if completed > 0 {
-        format!(" and {completed} corners that complete its cells")
-    } else {
-        String::new()
+    let (sampling, plans) = (identity.sampling, Plans::of(&store)?);
+    let (points, completed, grid_words) = match sampling {
+        Sampling::Lattice(Lattice { grid, .. }) => {
+            let (points, total) = (grid.lattice.count(), plans.points().unwrap_or(0));
+            let completed = total - points;
+            let corners = match completed {
+                0 => String::new(),
+                _ => format!(" and {completed} corners that complete its cells"),
+            };
+            let words =
+                format!("{points} points{corners}, r_G {} m, spacing {} m", grid.radius_m, grid.spacing_m);
+            (Some(points), Some(completed), words)
+        }
+        Sampling::Scattered(scattered) => (None, None, super::in_words(&scattered)),
     };
     let mut text = format!(
-        "scene   {} ({})\ngrid    {} points{corners}, r_G {} m, spacing {} m, f_max {} N\nsolver  {}\n",
+        "scene   {} ({})\ngrid    {grid_words}, f_max {} N\nsolver  {}\n",
         identity.scene_name,
         identity.law,
-        grid.lattice.count(),
-        identity.radius_m,
-        identity.spacing_m,
         identity.max_force_n,
         store.meta("solver")?
     );
@@ -56,10 +62,16 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
         store.check_states(active)?;
-        let open = still_to_solve(&grid, identity.complete_cells, &attempts);
-        let space = Space { name, node, folds: folds(&grid, &records), attempts, records, open };
-        let (words, mut numbers) = space.describe(total);
+        let (plan, open) = plans.replayed(active, &attempts);
+        let folds = sampling.lattice().map_or_else(Vec::new, |lattice| folds(&lattice.grid, &records));
+        let space = Space { name, node, folds, attempts, records, open };
+        let (words, mut numbers) = space.describe(plans.points());
         text.push_str(&words);
+        if let SpacePlan::Scattered(plan) = &plan {
+            let (words, of_loop) = scattered::describe(plan);
+            text.push_str(&words);
+            numbers["loop"] = of_loop;
+        }
         let walks = Summary::of(&store, active)?;
         if !walks.is_empty() {
             text.push_str(&format!("  held-out truth\n{}\n", in_words("   ", &walks)));
@@ -68,21 +80,22 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         numbers["held_out"] = json!(walks);
         figures.push(numbers);
         if csv.is_some() {
-            space.rows(&grid, args.all_tries, &mut table);
+            space.rows(&sampling, args.all_tries, &mut table);
         }
         if let Some(vtu) = vtu {
-            space.cloud(&grid, &if several { beside(vtu, &space.name) } else { vtu.to_path_buf() })?;
+            space.cloud(&sampling, &if several { beside(vtu, &space.name) } else { vtu.to_path_buf() })?;
         }
     }
     if let Some(csv) = csv {
         write_atomically(csv, table.as_bytes()).map_err(|error| Failure::file(csv, &error))?;
     }
     if let Some(path) = &args.held_out {
-        held_out::write(&store, &grid, identity.increments, path)?;
+        held_out::write(&store, &sampling, path)?;
     }
     let figures = json!({
-        "scene": identity.scene_name, "law": identity.law, "points": grid.lattice.count(), "completing": completed,
-        "radius_m": identity.radius_m, "spacing_m": identity.spacing_m, "max_force_n": identity.max_force_n,
+        "scene": identity.scene_name, "law": identity.law, "points": points, "completing": completed,
+        "radius_m": sampling.radius_m(), "spacing_m": sampling.unit_m(), "scattered": sampling.scattered(),
+        "max_force_n": identity.max_force_n,
         "solver": store.meta("solver")?, "spaces": figures,
     });
     Ok((text.trim_end().into(), figures))
@@ -100,11 +113,11 @@ impl Space {
         self.records.iter().filter(|r| r.tag.is_solved() && r.index != [0; 3])
     }
 
-    fn describe(&self, total: usize) -> (String, serde_json::Value) {
+    fn describe(&self, total: Option<usize>) -> (String, serde_json::Value) {
         let count =
             |tag: &str| self.records.iter().filter(|r| r.tag.name() == tag && r.index != [0; 3]).count();
         let (expandable, terminating, failed) = (count("expandable"), count("terminating"), count("failed"));
-        let unknown = total.saturating_sub(expandable + terminating + failed);
+        let unknown = total.map_or(0, |total| total.saturating_sub(expandable + terminating + failed));
         let most = |value: fn(&Record) -> f64| self.solved().map(value).fold(0.0, f64::max);
         let least = self.solved().map(Record::force_norm_n).fold(f64::INFINITY, f64::min);
         let (largest, residual) = (most(Record::force_norm_n), most(|r| r.residual_n));
@@ -172,7 +185,7 @@ impl Space {
         worst
     }
 
-    fn rows(&self, grid: &SpaceGrid, all_tries: bool, table: &mut String) {
+    fn rows(&self, grid: &Sampling, all_tries: bool, table: &mut String) {
         let excesses = self.excesses();
         let kept: HashMap<GridIndex, u32> = self.records.iter().map(|r| (r.index, r.attempt)).collect();
         for record in if all_tries { &self.attempts } else { &self.records } {
@@ -182,7 +195,7 @@ impl Space {
         }
     }
 
-    fn cloud(&self, grid: &SpaceGrid, path: &Path) -> Result<(), Failure> {
+    fn cloud(&self, grid: &Sampling, path: &Path) -> Result<(), Failure> {
         let excesses = self.excesses();
         let points: Vec<[f64; 3]> = self.records.iter().map(|r| grid.displacement_m(r.index)).collect();
         let scalar =
@@ -229,7 +242,7 @@ const CSV_HEADER: &str = "active,i,j,k,x_m,y_m,z_m,tag,round,parent_i,parent_j,p
                           fold_rho_n,fold_rho_h_n,w000_n_m2,w001_n_m2,w002_n_m2,w011_n_m2,w012_n_m2,w022_n_m2,w111_n_m2,\
                           w112_n_m2,w122_n_m2,w222_n_m2";
 
-fn csv_row(active: &str, grid: &SpaceGrid, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
+fn csv_row(active: &str, grid: &Sampling, r: &Record, counts: bool, fold: Option<&[f64; 2]>) -> String {
     // What a failed try has not is left empty.
     let number = |x: f64| if x.is_nan() { String::new() } else { format!("{x:?}") };
     let whole = |n: Option<u32>| n.map_or(String::new(), |n| n.to_string());

@@ -2,7 +2,7 @@
 
 use palpate_precompute::certificate::{Answer, Errors, answers};
 use palpate_precompute::configuration_space::fold::folds;
-use palpate_precompute::configuration_space::{GridIndex, SpaceGrid, Store};
+use palpate_precompute::configuration_space::{GridIndex, Store};
 use palpate_precompute::held_out::{Draw, Kind, Summary};
 use serde::Serialize;
 
@@ -175,12 +175,14 @@ impl Hard {
     ) -> Result<Vec<HardRow>, Failure> {
         let Self { what, grid, within_m, hole, again } = self;
         let identity = store.identity()?;
-        let lattice = SpaceGrid::new(identity.spacing_m, identity.radius_m).map_err(Failure::work)?;
+        let radius_m = identity.sampling.radius_m();
         let records = store.records(0)?;
         let solved = records.iter().filter(|r| r.tag.is_solved());
         let (all, there) =
             solved.fold((0, 0), |(all, there), r| (all + 1, there + usize::from(hole.keeps(r.index))));
-        let jump = folds(&lattice, &records).iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
+        let lattice = identity.sampling.lattice();
+        let folds = lattice.map_or_else(Vec::new, |lattice| folds(&lattice.grid, &records));
+        let jump = folds.iter().map(|fold| fold.rho_h_n).fold(0.0, f64::max);
         let summary = Summary::of(store, 0)?;
         let choice = Choice { name: &hole.name, keep: &|index| hole.keeps(index), again: *again };
         let (all_fitted, _) = fitted(plan, store, &choice, |_| steps.go_on())?;
@@ -198,7 +200,7 @@ impl Hard {
             Ok(HardRow {
                 scene: family.name.clone(),
                 case: what.clone(),
-                radius_m: identity.radius_m,
+                radius_m,
                 max_force_n: Some(identity.max_force_n).filter(|f| f.is_finite()),
                 grid: *grid,
                 configurations: there,
@@ -211,7 +213,7 @@ impl Hard {
                 branch_changes: summary.values().map(|sum| sum.switched).sum(),
                 held_out: summary.values().map(|sum| sum.positions).sum(),
                 method: fitted.method.name(),
-                within_m: within_m.min(identity.radius_m),
+                within_m: within_m.min(radius_m),
                 positions: clear.count,
                 covered_share: clear.covered as f64 / clear.count as f64,
                 mean_n: some(clear.count, clear.mean_n),

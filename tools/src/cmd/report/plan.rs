@@ -188,7 +188,7 @@ impl Family {
     /// The scene at `path` with one of its active nodes, the first if none is named.
     fn load(path: &Path, wish: &Wish<'_>) -> Result<Self, Failure> {
         let whole = Workbench::load(path)?;
-        let own_m = whole.grid()?.radius_m;
+        let own_m = whole.sampling()?.radius_m();
         let chosen = whole.active(wish.active)?.1.clone();
         let mut table: Table = toml::from_str(&whole.scene.text).map_err(Failure::input)?;
         // Any number of cells will do until a grid is chosen.
@@ -229,7 +229,7 @@ impl Family {
 
     /// r_G of the scene, m.
     pub(super) fn radius_m(&self) -> f64 {
-        self.bench.scene.grid.map_or(0.0, |grid| grid.radius_m)
+        self.bench.scene.grid.map_or(0.0, |grid| grid.radius_m())
     }
 
     /// The family on a grid of `cells` along its radius.

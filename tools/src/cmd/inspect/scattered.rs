@@ -1,0 +1,40 @@
+//! How the search of a scattered space went.
+
+use palpate_precompute::scattered::{PASSES, ScatteredPlan, Test, Verdict};
+use serde_json::json;
+
+/// Words and figures.
+pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
+    let Some(search) = plan.search() else { return (String::new(), json!(null)) };
+    let verdict = match plan.verdict() {
+        Some(Verdict::Passed) => format!("passed: the last {PASSES} predictions were within tolerance"),
+        Some(Verdict::NotReached) => "NOT REACHED: the predictions do not come within tolerance".into(),
+        None => format!("not finished: {} of {PASSES} predictions in a row", search.passes()),
+    };
+    let share = |test: &Test| test.error_n / test.tolerance_n;
+    let counted: Vec<&Test> = search.tests().iter().filter(|test| test.within).collect();
+    let last: Vec<String> = counted
+        .iter()
+        .skip(counted.len().saturating_sub(PASSES))
+        .map(|test| format!("{:.2}", share(test)))
+        .collect();
+    let words = format!(
+        "  {verdict}\n  {} configurations in the fit, length {:.1} mm; errors of the last predictions by their tolerance: {}\n",
+        search.jets().len(),
+        1e3 * search.fit().length_m(),
+        last.join(" ")
+    );
+    let tests: Vec<_> = search
+        .tests()
+        .iter()
+        .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.within }))
+        .collect();
+    let verdict = plan.verdict().map(|verdict| match verdict {
+        Verdict::Passed => "passed",
+        Verdict::NotReached => "not reached",
+    });
+    let figures = json!({
+        "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
+    });
+    (words, figures)
+}
