@@ -1,6 +1,7 @@
 //! The Falcon on the guest's USB as a rig: the real driver here, its device in the bench, whose time goes on when this says so.
 
 use crate::line::Line;
+use crate::patient::{Patient, Reader};
 use palpate_core::{Sample, Vec3};
 use palpate_hil::bench::{Ask, Told};
 use palpate_hil::fault::{FaultCounts, Faults};
@@ -8,12 +9,12 @@ use palpate_hil::felt::Felt;
 use palpate_hil::mechanism::Waypoint;
 use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig, Traits};
 use palpate_host::device::falcon::usb::UsbError;
-use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Ftdi, Image, Mode, UsbFtdi};
+use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, Mode, UsbFtdi};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
 use palpate_host::{Device, DeviceError};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -45,43 +46,6 @@ fn ask(ask: Ask) -> Told {
     let mut line = LINE.get().expect("set").lock().unwrap_or_else(PoisonError::into_inner);
     let answer = line.ask(&ask).unwrap_or_else(|error| panic!("{ask}: {error}"));
     answer.parse().unwrap_or_else(|_| panic!("the bench says `{answer}` to `{ask}`"))
-}
-
-/// A driver reads, and has not lost its device.
-#[derive(Debug, Default)]
-struct Reader {
-    reads: AtomicBool,
-}
-
-/// The chip, with waits that fit a machine whose time is not real.
-#[derive(Debug)]
-struct Patient {
-    chip: UsbFtdi,
-    reader: Arc<Reader>,
-}
-
-impl Patient {
-    /// An error after which nobody reads any more.
-    fn noted<T>(&self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
-        if result.as_ref().is_err_and(|error| !error.kind().is_passing()) {
-            self.reader.reads.store(false, Ordering::Release);
-        }
-        result
-    }
-}
-
-impl Ftdi for Patient {
-    fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
-        self.chip.control(request, value)
-    }
-
-    fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.chip.write(bytes, timeout.max(WRITE))
-    }
-
-    fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.noted(self.chip.read(buffer, timeout.min(READ)))
-    }
 }
 
 /// The driver; when it is gone nobody reads.
@@ -142,8 +106,8 @@ impl FarRig {
 
     fn try_open(&self, config: FalconConfig, image: &Image) -> Result<Driver, FalconError> {
         let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
-        let reader = Arc::new(Reader::default());
-        let patient = Patient { chip, reader: Arc::clone(&reader) };
+        let patient = Patient::new(chip, WRITE, READ);
+        let reader = patient.reader();
         Ok(Driver { inner: Falcon::start(Arc::new(patient), config, Some(image))?, reader })
     }
 

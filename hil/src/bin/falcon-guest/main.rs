@@ -7,6 +7,7 @@
 mod far;
 mod line;
 mod orphans;
+mod patient;
 mod runs;
 mod waiting;
 

@@ -2,12 +2,13 @@
 
 use crate::Outcome;
 use crate::line::Line;
+use crate::patient::Patient;
 use crate::waiting::{Tally, Waiting};
 use core::fmt;
 use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
 use palpate_hil::bench::{Order, Report, Strike};
 use palpate_host::device::DeviceState;
-use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
+use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, UsbFtdi};
 use palpate_host::device::workspace::Workspace;
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{Device, DeviceError, DeviceErrorKind};
@@ -65,7 +66,7 @@ impl fmt::Display for End {
 }
 
 /// The driver as the loop has it.
-type Opened = Waiting<Falcon<UsbFtdi>>;
+type Opened = Waiting<Falcon<Patient>>;
 
 /// What a run has shown.
 #[derive(Debug, Clone)]
@@ -223,12 +224,16 @@ impl<'o> Bench<'o> {
         FalconConfig { workspace, ..FalconConfig::default() }
     }
 
-    /// From a cable that was just put in to a driver that speaks with the firmware.
-    fn open(&self) -> Outcome<Falcon<UsbFtdi>> {
+    /// From a cable that was just put in to a driver that speaks with the firmware, and whose writes may take so long.
+    fn open(&self, write: Duration) -> Outcome<Falcon<Patient>> {
         let image = Image::synthetic(FIRMWARE_WORDS);
         let until = Instant::now() + PATIENCE;
+        let open = || {
+            let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
+            Falcon::start(Arc::new(Patient::new(chip, write, Duration::MAX)), self.config(), Some(&image))
+        };
         loop {
-            match Falcon::open(self.config(), Some(&image)) {
+            match open() {
                 Ok(falcon) => return Ok(falcon),
                 Err(error) if Instant::now() >= until => return Err(format!("it cannot be opened: {error}")),
                 Err(error) => self.say(format_args!("not yet: {error}")),
@@ -236,7 +241,7 @@ impl<'o> Bench<'o> {
         }
     }
 
-    fn home(&mut self, falcon: &mut Falcon<UsbFtdi>) -> Outcome<()> {
+    fn home(&mut self, falcon: &mut Falcon<Patient>) -> Outcome<()> {
         let stop = Arc::new(AtomicBool::new(false));
         let alarm = Arc::clone(&stop);
         std::thread::spawn(move || {
@@ -323,7 +328,8 @@ impl<'o> Bench<'o> {
         self.order(Order::Plug { seed })?;
         let plugged = Instant::now();
         self.unhomed_passes = false;
-        let falcon = self.open()?;
+        let patience = if fault.is_some() { IMPATIENT } else { PATIENT };
+        let falcon = self.open(patience)?;
         let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
         let loads = self.line.report()?.loads;
         // A machine so busy that an echo comes late makes the driver send it once more; a wrong echo always.
@@ -333,7 +339,6 @@ impl<'o> Bench<'o> {
         self.say(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
 
         let tally = Arc::new(Tally::default());
-        let patience = if fault.is_some() { IMPATIENT } else { PATIENT };
         let mut device = Waiting { device: falcon, patience, tally: Arc::clone(&tally) };
         self.not_before_homing(&mut device)?;
         self.home(&mut device.device)?;
@@ -481,7 +486,8 @@ impl<'o> Bench<'o> {
         let (mut session, controls) = match session {
             Some(session) => (session, controls),
             None => {
-                let device = Waiting { device: self.open()?, patience: IMPATIENT, tally: Arc::clone(tally) };
+                let device =
+                    Waiting { device: self.open(IMPATIENT)?, patience: IMPATIENT, tally: Arc::clone(tally) };
                 (self.session(device, &clock, &fresh), &fresh)
             }
         };
