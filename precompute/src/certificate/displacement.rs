@@ -72,7 +72,8 @@ impl Apart {
 
 const REPEATS: usize = 15;
 
-/// Measures the table of `space`; `nodes` are the mesh nodes of the surface.
+/// Measures the table of `space`, made of so many `solved` configurations; those at its points are `samples`. `nodes` are the mesh nodes of the
+/// surface.
 pub(super) fn measure(
     store: &Store,
     active: usize,
@@ -80,6 +81,7 @@ pub(super) fn measure(
     table: &DisplacementTable<'_>,
     nodes: &[u32],
     samples: &[Sample],
+    solved: usize,
     bound: DisplacementBound,
 ) -> Result<DisplacementCertificate, StoreError> {
     let motion = SurfaceMotion::new(store, active, nodes)?;
@@ -115,7 +117,7 @@ pub(super) fn measure(
         slopes: table.slopes(),
         outliers: table.outliers(),
         bytes: table.bytes(),
-        raw_bytes: samples.len() * nodes.len() * 3 * size_of::<f32>(),
+        raw_bytes: solved * nodes.len() * 3 * size_of::<f32>(),
         bound_rms_mm: 1e3 * bound.rms_m,
         bound_max_mm: 1e3 * bound.max_m,
         configurations,

@@ -222,7 +222,9 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement.as_ref().map(|table| {
             let nodes = organ.surface.node;
-            displacement::measure(store, active, space, table, nodes, &samples, identity.displacement_bound)
+            let solved = records.iter().filter(|r| r.tag.is_solved()).count();
+            let bound = identity.displacement_bound;
+            displacement::measure(store, active, space, table, nodes, &samples, solved, bound)
         });
         spaces.push(SpaceCertificate {
             cost: cost(store, active)?,

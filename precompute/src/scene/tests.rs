@@ -265,11 +265,13 @@ fn sampling_driven_by_the_error_is_read() {
     assert_eq!(sampled("tolerance_n = 0.1"), Tolerance { relative: 0.0, absolute_n: 0.1 });
     let both = sampled("tolerance_relative = 0.05\ntolerance_n = 0.1");
     assert_eq!(both, Tolerance { relative: 0.05, absolute_n: 0.1 });
-    let push = bench.with("spacing_m = 0.01", "cannot_be_felt = true\n[needs]\ncontact = \"push\"");
-    assert!(matches!(
-        push.map(|scene| scene.grid),
-        Ok(Some(GridSpec::Scattered(Scattered { only_push: true, .. })))
-    ));
+    let push = SCENE.replacen("spacing_m = 0.01", "cannot_be_felt = true", 1);
+    let push = bench.resolve(&push.replacen("[needs]", "[needs]\ncontact = \"push\"", 1)).expect("sound");
+    assert!(
+        matches!(push.grid, Some(GridSpec::Scattered(Scattered { only_push: true, .. }))),
+        "{:?}",
+        push.grid
+    );
 
     let refuses = |keys: &str, line: usize, what: &str, mend: &str| {
         bench.refuses("spacing_m = 0.01", keys, &format!("block.toml:{line}"), what, mend);
@@ -278,7 +280,7 @@ fn sampling_driven_by_the_error_is_read() {
     refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "a tolerance of its own", "keep it, or");
     refuses("cannot_be_felt = false", 21, "says nothing", "say true");
     refuses("tolerance_n = 0.0", 21, "`tolerance_n` = 0", "");
-    refuses("cannot_be_felt = true\n[needs]\ncontact = \"stroke\"", 23, "unknown contact", "\"push\"");
+    bench.refuses("[needs]", "[needs]\ncontact = \"stroke\"", "block.toml:25", "unknown contact", "\"push\"");
 }
 
 #[test]

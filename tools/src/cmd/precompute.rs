@@ -6,7 +6,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{Expansion, Plans, Progress, Store, TagCounts, with_threads};
+use palpate_precompute::configuration_space::{
+    Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads,
+};
+use palpate_precompute::scattered::Verdict;
 use serde_json::json;
 
 use crate::failure::Failure;
@@ -123,8 +126,16 @@ pub(crate) fn run_with(
                               "threads": team.workers });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
-    for (name, counts) in names.iter().zip(&counts) {
+    for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
+        if let SpacePlan::Scattered(plan) = Plans::of(&store)?.replayed(*active, &store.attempts(*active)?).0
+            && plan.verdict() == Some(Verdict::NotReached)
+        {
+            eprintln!(
+                "palpate: warning: {name}: predictions do not come within the tolerance; `palpate pack` measures by how much. Take a \
+                 smaller radius_m, or a lattice (`spacing_m`), which tells where the space folds"
+            );
+        }
     }
     output::line(format!("{}: {solved_now} solved now in {seconds:.1} s {}", args.out.display(), team.words))
 }
