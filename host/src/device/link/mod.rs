@@ -202,11 +202,13 @@ impl Link {
                 Ok(None)
             }
             DeviceMessage::State { seq_echo, encoders, buttons, flags, .. } => {
-                let Some(t_us) = self.requests.answered(now_us, seq_echo) else { return Ok(None) };
-                // The answer to Enable is the first that says so, and was no torque.
-                if self.enabled && flags & REFUSED == 0 {
-                    self.rise.acted(t_us);
+                // The answer to Enable is the first that says so, and was no torque. One that was overtaken tells as well.
+                if let (true, 0, Some(sent_us)) =
+                    (self.enabled, flags & REFUSED, self.requests.sent_us(seq_echo))
+                {
+                    self.rise.acted(sent_us);
                 }
+                let Some(t_us) = self.requests.answered(now_us, seq_echo) else { return Ok(None) };
                 self.note(flags);
                 if self.homing != Homing::Homed || self.latched.is_some() {
                     return Ok(None);

@@ -37,13 +37,16 @@ impl Requests {
 
     /// An answer has come: when its request was sent. Nothing for one that was answered, overtaken or forgotten, or never sent.
     pub(super) fn answered(&mut self, now_us: u64, seq_echo: u32) -> Option<u64> {
-        let (number, sent_us) = self.sent[seq_echo as usize % REMEMBERED];
-        if number != seq_echo || !is_newer(seq_echo, self.answered) {
-            return None;
-        }
+        let sent_us = self.sent_us(seq_echo).filter(|_| is_newer(seq_echo, self.answered))?;
         self.answered = seq_echo;
         self.heard_us = Some(now_us);
         Some(sent_us)
+    }
+
+    /// When a request of this session was sent, if it is remembered.
+    pub(super) fn sent_us(&self, number: u32) -> Option<u64> {
+        let (remembered, sent_us) = self.sent[number as usize % REMEMBERED];
+        (remembered == number).then_some(sent_us)
     }
 
     /// Whether the newest request has waited too long.

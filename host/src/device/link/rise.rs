@@ -24,7 +24,7 @@ pub(super) struct Rise {
 impl Rise {
     /// A command sent at this time was obeyed.
     pub(super) fn acted(&mut self, sent_us: u64) {
-        self.acted_us = Some(sent_us);
+        self.acted_us = self.acted_us.max(Some(sent_us));
     }
 
     /// What of a force may go now, if a command acts for so long.
