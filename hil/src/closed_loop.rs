@@ -11,10 +11,11 @@
 //! counts too. None of it says how good the organ is: its own certificate states the distance to finite elements.
 
 use crate::mechanism::Waypoint;
-use crate::rig::{Kind, OpenError, Rig};
+use crate::rig::{self, Kind, OpenError, Rig};
 use crate::session::{self, TICK_US, on_organ, settings, with_loop};
 use core::fmt;
 use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, Vec3, vec3};
+use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 
 /// One press: from above to a depth, drawn sideways, held, and back.
@@ -46,10 +47,10 @@ impl Spread {
 }
 
 /// What a minute came to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Found {
     /// Name of the rig.
-    pub rig: &'static str,
+    pub rig: String,
     /// Touches.
     pub touches: u32,
     /// Time in touch, us.
@@ -127,8 +128,13 @@ impl<'o> Shadow<'o> {
 }
 
 /// Palpates for some seconds of virtual time.
-pub fn palpate(kind: Kind, organ: &Organ<'_>, method: Method, seconds: u64) -> Result<Found, OpenError> {
-    let mut rig = (kind.make)(1);
+pub fn palpate(
+    name: &str,
+    rig: &mut dyn Rig,
+    organ: &Organ<'_>,
+    method: Method,
+    seconds: u64,
+) -> Result<Found, OpenError> {
     let profile = rig.profile().clone();
     let workspace = on_organ(organ, &profile);
     let capped = settings(organ, &profile, workspace, method);
@@ -138,9 +144,9 @@ pub fn palpate(kind: Kind, organ: &Organ<'_>, method: Method, seconds: u64) -> R
     ideal.limits.max_slew_n_per_s = 1e9;
     ideal.limits.fade_s = 0.0;
     let mut shadows = [Shadow::new(organ, ideal)?, Shadow::new(organ, capped)?, Shadow::new(organ, capped)?];
-    with_loop(&mut *rig, organ, method, |bench| {
+    with_loop(rig, organ, method, |bench| {
         let mut found = Found {
-            rig: kind.name,
+            rig: name.into(),
             touches: 0,
             touching_us: 0,
             peak_n: 0.0,
@@ -199,11 +205,24 @@ pub fn palpate(kind: Kind, organ: &Organ<'_>, method: Method, seconds: u64) -> R
     })?
 }
 
-/// The same for every rig on virtual time, with the golden organ.
+/// The same with the golden organ for every device profile that is bundled: on its own rig in memory where there is one, and for the others with their
+/// figures on the gantry of the device link.
 pub fn palpate_all(kinds: &[Kind], method: Method, seconds: u64) -> Result<Vec<Found>, OpenError> {
     let blob = session::golden_organ();
     let organ: Organ<'_> = Organ::read(blob.bytes())?;
-    kinds.iter().filter(|kind| kind.in_memory).map(|kind| palpate(*kind, &organ, method, seconds)).collect()
+    let mut rigs: Vec<(String, Box<dyn Rig>)> = kinds
+        .iter()
+        .filter(|kind| kind.in_memory)
+        .map(|kind| (kind.name.to_owned(), (kind.make)(1)))
+        .collect();
+    let own: Vec<String> = rigs.iter().map(|(_, rig)| rig.profile().name.clone()).collect();
+    for name in Profile::names() {
+        let profile = Profile::bundled(name).ok_or("a bundled profile is there")?;
+        if !own.contains(&profile.name) {
+            rigs.push((format!("{name}, on a gantry"), Box::new(rig::on_a_gantry(profile))));
+        }
+    }
+    rigs.iter_mut().map(|(name, rig)| palpate(name, &mut **rig, &organ, method, seconds)).collect()
 }
 
 /// For people; Markdown.

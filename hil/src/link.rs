@@ -15,13 +15,13 @@ use palpate_host::device::profile::Profile;
 use std::io;
 
 /// Encoder counts in a turn.
-const COUNTS_PER_TURN: u32 = 2_000;
-/// Largest torque of each axis, micro-newton-metres: 4.2 N at the drums of the bundled profile, above its force limit.
-const TORQUE_LIMIT_UNM: u32 = 40_000;
+pub const COUNTS_PER_TURN: u32 = 2_000;
+/// Largest force of each motor at its drum, of the profile's limit: the host's clamp is to be seen, not the motors'.
+const STRONGER: f64 = 1.4;
 /// Silence that is a fault, us.
 pub const WATCHDOG_US: u16 = 10_000;
-/// Fastest that an axis may turn, counts/s: 3 m/s at the bundled profile's drums.
-const MAX_SPEED_COUNTS_PER_S: u32 = 100_000;
+/// Fastest that an axis may move, m/s at its drum.
+const MAX_SPEED_M_S: f64 = 3.0;
 /// How long the user takes to lead the handle home, us.
 const HOMING_US: u64 = 100_000;
 
@@ -30,6 +30,7 @@ const HOMING_US: u64 = 100_000;
 pub struct EmulatedLink {
     handle: Handle,
     core: Device,
+    profile: DeviceProfile,
     reader: FrameReader<HostMessage>,
     metres_per_turn: [f64; 3],
     origin_m: [f64; 3],
@@ -52,9 +53,11 @@ impl EmulatedLink {
     #[must_use]
     pub fn new(handle: Handle, profile: &Profile) -> Self {
         let capstan = profile.capstan.expect("the profile of a device link states its mechanism");
+        let device_profile = firmware(profile.max_force_n.into(), capstan.metres_per_turn);
         let mut device = Self {
             handle,
-            core: core(1),
+            core: core(&device_profile, 1),
+            profile: device_profile,
             reader: FrameReader::new(),
             metres_per_turn: capstan.metres_per_turn,
             origin_m: capstan.origin_m,
@@ -72,7 +75,7 @@ impl EmulatedLink {
     /// Its power goes and comes back: no torque, no session, no home, counters at zero wherever the grip is.
     pub fn power_cycle(&mut self) {
         self.boots += 1;
-        self.core = core(self.boots);
+        self.core = core(&self.profile, self.boots);
         self.reader = FrameReader::new();
         self.power_up();
     }
@@ -213,16 +216,23 @@ impl EmulatedLink {
     }
 }
 
-/// A controller that has just started.
-fn core(boot: u32) -> Device {
+/// What the firmware knows of its mechanism.
+fn firmware(max_force_n: f64, metres_per_turn: [f64; 3]) -> DeviceProfile {
+    let torque_unm = |metres: f64| (1e6 * STRONGER * max_force_n * metres.abs() / TAU).round() as u32;
+    let counts_per_m = metres_per_turn.map(|metres| f64::from(COUNTS_PER_TURN) / metres.abs());
     let info = DeviceInfo {
         dof: 3,
         counts_per_turn: [COUNTS_PER_TURN; 3],
-        torque_limit_unm: [TORQUE_LIMIT_UNM; 3],
+        torque_limit_unm: metres_per_turn.map(torque_unm),
         watchdog_us: WATCHDOG_US,
         serial: 7,
         firmware: 1,
     };
-    let profile = DeviceProfile { info, max_speed_counts_per_s: MAX_SPEED_COUNTS_PER_S, boot };
-    Device::new(profile).expect("these figures are sound")
+    let fastest = counts_per_m.iter().fold(0.0f64, |most, counts| most.max(counts * MAX_SPEED_M_S));
+    DeviceProfile { info, max_speed_counts_per_s: fastest.round() as u32, boot: 1 }
+}
+
+/// A controller that has just started.
+fn core(profile: &DeviceProfile, boot: u32) -> Device {
+    Device::new(DeviceProfile { boot, ..*profile }).expect("these figures are sound")
 }

@@ -1,14 +1,15 @@
-//! A minute of palpation through each driver that has an emulator on virtual time.
+//! A minute of palpation with each device profile.
 
 use palpate_core::{Method, Phase};
 use palpate_hil::closed_loop::{Table, palpate_all};
 use palpate_hil::rig;
+use palpate_host::device::profile::Profile;
 
 #[test]
 fn a_minute_of_palpation_is_what_the_organ_says_and_does_not_shake() {
     let all = palpate_all(&rig::all(), Method::Energy, 60).expect("nothing is wrong with the links");
     println!("{}", Table(&all));
-    assert_eq!(all.len(), 3);
+    assert_eq!(all.len(), Profile::names().count());
     for found in all {
         assert_eq!(found.phase, Phase::Active, "{found:?}");
         assert!(found.touches >= 15 && found.touching_us > 20_000_000, "{found:?}");

@@ -1,13 +1,13 @@
 //! The driver of the device link on an emulated controller: what the contract does not ask of every device.
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nix::sys::signal::Signal;
 use palpate_core::link::{DeviceFault, Phase};
-use palpate_core::{Vec3, vec3};
+use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
 use palpate_hil::fault::Faults;
+use palpate_hil::hosts::{Host, wait};
 use palpate_hil::link::WATCHDOG_US;
 use palpate_hil::rig::{Cut, Mishap, Rig, SerialRig, Wire};
-use palpate_hil::session::Session;
+use palpate_hil::session::{Session, golden_organ, press, with_loop};
 use palpate_hil::{EmulatedLink, Handle, PtyTransport};
 use palpate_host::device::DeviceState;
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
@@ -15,7 +15,7 @@ use palpate_host::device::profile::Profile;
 use palpate_host::sys;
 use palpate_host::{Device, DeviceErrorKind};
 use serialport::SerialPort;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -66,12 +66,19 @@ fn a_device_that_started_anew_is_a_fault_and_never_obeys_by_itself() {
     let mut session = Session::homed(&mut rig, workspace).expect("it homes");
     forced(&mut session);
     session.rig.strike(Mishap::PowerCycle);
-    for tick in 0..2_000 {
+    let struck_us = session.now_us();
+    // It cannot answer, for it knows of no session. What obeyed and is silent for twice its watchdog's time is given up.
+    while !session.device().was_zeroed() {
+        assert!(session.now_us() - struck_us <= 2 * u64::from(WATCHDOG_US) + 2_000, "not named yet");
+        let _ = session.tick(FORCE_N);
+    }
+    println!("started anew: named after {} us", session.now_us() - struck_us);
+    for tick in 2..2_000 {
         let exchanged = session.tick(FORCE_N);
         assert!(tick < 2 || !matches!(exchanged, Ok(Some(_))), "a sample of a device that knows no place");
         assert_eq!(session.rig.felt().force_n, vec3::ZERO, "tick {tick}");
     }
-    assert!(session.device().was_zeroed(), "the loop is told");
+    assert!(!session.device().was_zeroed(), "the loop is told once");
     // Reset: a new session, which finds that it is not homed; homed, it takes the force that is then asked for.
     session.device().reset();
     pushed(&mut session, 10);
@@ -95,6 +102,128 @@ fn a_device_that_somebody_disabled_is_a_fault() {
     session.device().reset();
     pushed(&mut session, 10);
     assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+}
+
+/// Every fault that a device latches, and the driver's own: told once, named, and no force until reset, whatever is asked.
+#[test]
+fn no_fault_ends_by_itself() {
+    type Strike = fn(&mut Session<'_>);
+    let faults: [(&str, Strike, Option<DeviceFault>); 4] = [
+        ("watchdog", |session| session.pass(30_000), Some(DeviceFault::Watchdog)),
+        (
+            "overspeed",
+            |session| {
+                session.rig.strike(Mishap::EncoderJump { axis: 0, by_m: 0.02 });
+            },
+            Some(DeviceFault::Overspeed),
+        ),
+        (
+            "home lost",
+            |session| {
+                session.rig.strike(Mishap::LoseHoming);
+            },
+            Some(DeviceFault::HomeLost),
+        ),
+        (
+            "power cycle",
+            |session| {
+                session.rig.strike(Mishap::PowerCycle);
+            },
+            None,
+        ),
+    ];
+    for (name, strike, code) in faults {
+        let mut rig = rig();
+        let workspace = rig.profile().workspace;
+        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        forced(&mut session);
+        strike(&mut session);
+        let mut told = 0;
+        for tick in 0..600 {
+            let _ = session.tick(FORCE_N);
+            assert!(tick < 2 || session.rig.felt().force_n == vec3::ZERO, "{name}: a force at tick {tick}");
+            told += u32::from(session.device().was_zeroed());
+        }
+        assert_eq!(told, 1, "{name}");
+        if let Some(code) = code {
+            assert_eq!(pushed(&mut session, 1), Some(DeviceErrorKind::Faulted(code)), "{name}");
+        }
+    }
+}
+
+/// Answers of the old session are on their way when the user resets.
+#[test]
+fn an_answer_of_an_old_session_is_no_sample_of_the_new_one() {
+    for (lead, delay_us) in [(1, 1_500), (1, 4_000), (2, 8_000), (3, 15_000), (5, 40_000)] {
+        let mut rig = rig();
+        let workspace = rig.profile().workspace;
+        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        pushed(&mut session, 20);
+        session.rig.set_faults(Faults::NONE, Faults { delay: 1.0, delay_us, ..Faults::NONE });
+        pushed(&mut session, lead);
+        session.rig.set_faults(Faults::NONE, Faults::NONE);
+        session.device().reset();
+        let reset_us = session.now_us();
+        let mut sampled = 0;
+        for _ in 0..100 {
+            if let Ok(Some(sample)) = session.tick(vec3::ZERO) {
+                sampled += 1;
+                assert!(sample.t_us > reset_us, "late by {delay_us} us: {sample:?}, reset at {reset_us}");
+            }
+        }
+        assert!(sampled > 10, "late by {delay_us} us: {sampled} samples of the new session");
+    }
+}
+
+/// A torque that has ended on the way must not come back in one step.
+#[test]
+fn a_force_that_was_let_go_comes_back_slowly() {
+    for lost_ms in 1..=9 {
+        let mut rig = rig();
+        let workspace = rig.profile().workspace;
+        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        forced(&mut session);
+        session.rig.set_faults(Faults { drop: 1.0, ..Faults::NONE }, Faults::NONE);
+        pushed(&mut session, lost_ms);
+        let let_go = session.rig.felt().off_since_us.is_some();
+        session.rig.set_faults(Faults::NONE, Faults::NONE);
+        session.rig.forget();
+        pushed(&mut session, 10);
+        let felt = session.rig.felt();
+        println!("{lost_ms} ms lost: let go {let_go}, step {} N", felt.largest_step_n);
+        assert!(felt.largest_step_n <= 1.001, "{lost_ms} ms lost: a step of {} N", felt.largest_step_n);
+        // A loop holds its force as long: it must not fall and rise meanwhile.
+        assert!(lost_ms > 4 || !let_go && felt.largest_step_n < 1e-3, "{lost_ms} ms lost: {felt:?}");
+        // Beyond that the watchdog may have been first.
+        assert!(lost_ms > 7 || vec3::distance(felt.force_n, FORCE_N) < 1e-3, "{lost_ms} ms lost: {felt:?}");
+    }
+}
+
+/// The same with the loop, whose force is held for three ticks and then zero: it rides on, and steps by no more than its own limit.
+#[test]
+fn a_loop_whose_requests_are_lost_for_a_moment_rides_on_without_a_step() {
+    let blob = golden_organ();
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
+    for lost_ms in 1..=7 {
+        let mut rig = rig();
+        let felt = with_loop(&mut rig, &organ, Method::Energy, |bench| {
+            let path = press(bench.rig, 0.006, 0.018);
+            bench.rig.follow(path);
+            bench.controls.arm();
+            bench.run(900).expect("a sound link");
+            assert!(vec3::norm(bench.rig.felt().force_n) > 2.0, "{:?}", bench.rig.felt());
+            bench.rig.forget();
+            bench.rig.set_faults(Faults { drop: 1.0, ..Faults::NONE }, Faults::NONE);
+            bench.run(lost_ms).expect("a link");
+            bench.rig.set_faults(Faults::NONE, Faults::NONE);
+            let records = bench.run(50).expect("a sound link");
+            assert_eq!(records.last().map(|record| record.phase), Some(Control::Active), "{lost_ms} ms lost");
+            bench.rig.felt()
+        });
+        let felt = felt.expect("it opens");
+        println!("{lost_ms} ms lost under the loop: step {} N", felt.largest_step_n);
+        assert!(felt.largest_step_n <= 1.001, "{lost_ms} ms lost: a step of {} N", felt.largest_step_n);
+    }
 }
 
 /// Noise from the wire with the checksum ignored would be positions and forces nobody meant.
@@ -174,10 +303,10 @@ impl Served {
         self.device.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn host(&self) -> Child {
+    fn host(&self) -> Host {
         let mut command = Command::new(std::env::current_exe().expect("a test has a file"));
         command.args(["--ignored", "--exact", "process_host"]).env("TEST_PORT", &self.port);
-        command.stdout(Stdio::null()).spawn().expect("this file starts")
+        Host::start(command)
     }
 }
 
@@ -188,24 +317,16 @@ impl Drop for Served {
     }
 }
 
-fn wait(what: &str, mut done: impl FnMut() -> bool) {
-    let begun = Instant::now();
-    while !done() {
-        assert!(begun.elapsed() < Duration::from_secs(30), "no {what}");
-        std::thread::sleep(Duration::from_micros(200));
-    }
-}
-
 /// A real process, killed and stopped. Between its last command and zero nobody acts but the device: the time is the device's own.
 #[test]
 fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let served = Served::new();
-        let mut host = served.host();
+        let host = served.host();
         let now_us = || served.begun.elapsed().as_micros() as u64;
         let is_forced = || served.device().force_n() != vec3::ZERO;
         wait("a force", is_forced);
-        kill(Pid::from_raw(host.id() as i32), signal).expect("it is there");
+        host.signal(signal);
         wait("zero and the latch", || {
             served.device().phase() == Phase::Faulted(DeviceFault::Watchdog) && !is_forced()
         });
@@ -217,8 +338,8 @@ fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
             assert!(!is_forced(), "it stays so");
             now_us() > until_us
         });
-        let _ = kill(Pid::from_raw(host.id() as i32), Signal::SIGCONT);
         if signal == Signal::SIGSTOP {
+            host.signal(Signal::SIGCONT);
             // It goes on with its old force, and nobody listens.
             let until_us = now_us() + 300_000;
             wait("300 ms", || {
@@ -226,8 +347,6 @@ fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
                 now_us() > until_us
             });
         }
-        let _ = host.kill();
-        let _ = host.wait();
     }
 }
 

@@ -1,7 +1,8 @@
 //! The fault matrix in the small; `palpate-hil matrix` prints the table of docs/fault-matrix.md.
 
-use palpate_hil::matrix::{Ended, Run, Size, Table, Wrong, matrix};
-use palpate_hil::rig;
+use palpate_core::Organ;
+use palpate_hil::matrix::{self, Ended, Run, Size, Table, Wrong, matrix};
+use palpate_hil::{rig, session};
 
 fn runs(size: Size) -> Vec<Run> {
     let runs = matrix(&rig::all(), size, &|_, _| {});
@@ -35,4 +36,32 @@ fn a_seed_repeats_its_runs() {
     let memory: Vec<_> = rig::all().into_iter().filter(|kind| kind.in_memory).collect();
     let size = Size { in_memory: 62, real: 0, seed: 9 };
     assert_eq!(matrix(&memory, size, &|_, _| {}), matrix(&memory, size, &|_, _| {}));
+}
+
+/// A bit of each request is flipped for up to 10 ms: which seed hits one that matters is luck, so it is looked for. Hazard in docs/fault-matrix.md.
+#[test]
+#[ignore = "1,500 runs, half a minute: the worst case of the table's rarest fault"]
+fn the_worst_of_many_damaged_requests() {
+    let blob = session::golden_organ();
+    let organ = Organ::read(blob.bytes()).expect("golden");
+    for kind in rig::all().into_iter().filter(|kind| kind.in_memory) {
+        let runs = (0..500).map(|seed| {
+            let run = matrix::run(kind, Wrong::CorruptRequest, seed, &organ)
+                .expect("nothing is wrong with it before");
+            assert!(run.broken().is_none(), "{run:?}");
+            run
+        });
+        let runs: Vec<Run> = runs.collect();
+        let worst = runs.iter().max_by(|a, b| a.largest_n.total_cmp(&b.largest_n)).expect("500");
+        let beyond = runs.iter().filter(|run| run.beyond_us > 0).count();
+        println!(
+            "{}: seed {}: {} N, {} us beyond the limit; {beyond} of {} runs beyond it",
+            worst.rig,
+            worst.seed,
+            worst.largest_n,
+            worst.beyond_us,
+            runs.len()
+        );
+        assert_eq!(beyond > 0, kind.name != "link-memory");
+    }
 }

@@ -65,7 +65,10 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let figures: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let ticks = figures["ticks"].as_u64().expect("a number");
-    assert_eq!(ticks + figures["skipped_periods"].as_u64().expect("a number"), 2_000, "{figures}");
+    // A tick that would have been late at the end of the session is neither.
+    let late = (figures["max_lateness_us"].as_f64().expect("a number") * 1e-3).ceil() as u64;
+    let periods = ticks + figures["skipped_periods"].as_u64().expect("a number");
+    assert!(periods <= 2_000 && 2_000 - periods <= late, "{figures}");
     assert_eq!((&figures["method"], &figures["end"]), (&"hermite".into(), &"completed".into()));
     assert_eq!((&figures["lost"], &figures["cut"]), (&0.into(), &false.into()));
     let (code, told) = said(&["inspect", text(&recording)]);

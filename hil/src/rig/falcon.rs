@@ -75,7 +75,7 @@ impl FalconRig {
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
             vec![Waypoint { t_us: 0, position_m: OUT_M }, Waypoint { t_us: 100_000, position_m: middle_m }];
-        let drag = super::assumed_drag(&profile);
+        let drag = super::drag(&profile);
         let config =
             FalconConfig { path, drag, firmware_runs, loader, nm_per_motor_count, ..FalconConfig::default() };
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);

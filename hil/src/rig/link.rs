@@ -1,17 +1,32 @@
 //! The device link on a serial line.
 
-use super::serial::{SerialDevice, WAKE, held_in_the_middle};
+use super::serial::{SerialDevice, SerialRig, WAKE, Wire, held_in_the_middle};
 use super::{Mishap, OpenError, Traits};
-use crate::link::EmulatedLink;
+use crate::link::{COUNTS_PER_TURN, EmulatedLink};
 use crate::mechanism::Handle;
 use crate::transport::Transport;
 use palpate_core::Vec3;
 use palpate_host::Device;
-use palpate_host::device::link::{Link, LinkConfig};
+use palpate_host::device::link::{Capstan, Link, LinkConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use serialport::SerialPort;
 use std::io;
+
+/// The figures of any device on a gantry: force, friction, mass, encoder steps and mapping are its profile's, mechanism and link are those of
+/// the device link. For devices that have a profile and no driver.
+#[must_use]
+pub fn on_a_gantry(mut profile: Profile) -> SerialRig<EmulatedLink> {
+    let step_m = f64::from(*profile.mechanism.encoder_quantum_m.get_or_insert(FINE_M));
+    profile.capstan.get_or_insert_with(|| Capstan {
+        metres_per_turn: [step_m * f64::from(COUNTS_PER_TURN); 3],
+        origin_m: profile.workspace.device_origin_m.map(f64::from),
+    });
+    SerialRig::of(profile, Wire::Memory, 1)
+}
+
+/// A step of encoders that nobody has stated, m.
+const FINE_M: f32 = 10e-6;
 
 impl SerialDevice for EmulatedLink {
     const NAME: &'static str = "device link";

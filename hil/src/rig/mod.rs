@@ -15,6 +15,7 @@ mod link;
 mod serial;
 
 pub use falcon::FalconRig;
+pub use link::on_a_gantry;
 pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, Faults};
@@ -29,10 +30,14 @@ use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 
-/// What the mechanism of a device does to the hand on it, as its profile assumes it.
-fn assumed_drag(profile: &Profile) -> Drag {
-    let assumed = profile.assumed;
-    Drag { mass_kg: assumed.mass_kg, damping_n_s_m: assumed.damping_n_s_m, coulomb_n: assumed.coulomb_n }
+/// What the mechanism of a device does to the hand on it, as its profile knows it, or else assumes it.
+fn drag(profile: &Profile) -> Drag {
+    let (known, assumed) = (&profile.mechanism, profile.assumed);
+    Drag {
+        mass_kg: known.mass_kg.unwrap_or(assumed.mass_kg),
+        damping_n_s_m: known.damping.map_or(assumed.damping_n_s_m, |damping| damping.n_s_m),
+        coulomb_n: known.coulomb_n.unwrap_or(assumed.coulomb_n),
+    }
 }
 
 /// What a device needs and how exact it is.

@@ -69,7 +69,7 @@ pub trait SerialDevice: Send + 'static {
 
 /// A steady hand that holds the handle of a profile's mechanism in the middle of its workspace.
 pub(super) fn held_in_the_middle(profile: &Profile) -> Handle {
-    let drag = super::assumed_drag(profile);
+    let drag = super::drag(profile);
     let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
     let middle = Waypoint { t_us: 0, position_m: profile.workspace.device_origin_m };
     Handle::held(hand, drag, vec![middle])
@@ -226,6 +226,12 @@ impl<E: SerialDevice> SerialRig<E> {
     #[must_use]
     pub fn new(wire: Wire, seed: u64) -> Self {
         let profile = Profile::bundled(E::profile()).expect("an emulated device has a bundled profile");
+        Self::of(profile, wire, seed)
+    }
+
+    /// A device of this profile that has just been plugged in.
+    #[must_use]
+    pub(super) fn of(profile: Profile, wire: Wire, seed: u64) -> Self {
         Self {
             far: Arc::new(Mutex::new(Far { device: E::new(&profile), line: None, now_us: 0 })),
             wire,

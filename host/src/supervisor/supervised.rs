@@ -47,6 +47,12 @@ pub enum StartError {
     Stopped,
 }
 
+/// Whether nobody holds the other end of a socket any more.
+fn is_gone(error: &io::Error) -> bool {
+    use io::ErrorKind::{BrokenPipe, ConnectionRefused, ConnectionReset, NotConnected};
+    matches!(error.kind(), BrokenPipe | ConnectionRefused | ConnectionReset | NotConnected)
+}
+
 impl fmt::Display for StartError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -173,7 +179,8 @@ impl Supervised {
         // Not the process id: two supervisors of one host must differ, and so must two hosts.
         let nonce = RandomState::new().hash_one(sys::monotonic_ns()) as u32;
         let orders = Orders { socket: Arc::new(socket), nonce, number: Arc::default() };
-        orders.send(Order::Hello { limit_us: limit_ms.saturating_mul(1_000) })?;
+        let failed = |error: io::Error| if is_gone(&error) { StartError::Ended } else { error.into() };
+        orders.send(Order::Hello { limit_us: limit_ms.saturating_mul(1_000) }).map_err(failed)?;
         orders.socket.set_nonblocking(true)?;
         let opening = loop {
             if stop.load(Ordering::Relaxed) {
@@ -195,7 +202,7 @@ impl Supervised {
                 }
                 Err(error) if is_passing(&error) && !ended => {}
                 Err(error) if is_passing(&error) => return Err(StartError::Ended),
-                Err(error) => return Err(error.into()),
+                Err(error) => return Err(failed(error)),
             }
         };
         match opening {

@@ -15,6 +15,8 @@
 mod capstan;
 mod opening;
 mod requests;
+mod rise;
+mod stopping;
 
 pub use capstan::Capstan;
 pub use opening::LinkError;
@@ -25,20 +27,23 @@ use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, Emerg
 use capstan::Counter;
 use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
-use palpate_core::link::message::{ENABLED, HOMED, HOMING};
-use palpate_core::link::{
-    self, DeviceFault, DeviceMessage, FrameReader, HostMessage, MAX_FRAME, VERSION, encode,
-};
+use palpate_core::link::message::{ENABLED, HOMED, HOMING, REFUSED};
+use palpate_core::link::{self, DeviceFault, DeviceMessage, FrameReader, HostMessage, VERSION};
 use palpate_core::{Sample, Vec3, limit, vec3};
 use requests::{REPLY_TIMEOUT_US, Requests};
+use rise::Rise;
 use serialport::SerialPort;
 use std::io::ErrorKind;
 use std::sync::Arc;
 use std::time::Duration;
+use stopping::{SecondHandle, write};
 
-/// How long a torque acts without another command, us: no longer than the shortest watchdog.
-const VALID_FOR_US: u16 = link::message::MIN_WATCHDOG_US;
-/// Silence after which a device is taken to have started anew, us. Long before, the samples are stale.
+/// How long a torque acts without another command, us, where the watchdog waits as long.
+///
+/// While requests are lost the loop holds its force for three ticks, and the last request with it goes 5 ms after the last one that came through. A
+/// torque that had ended by then would come back with it in one step.
+const VALID_FOR_US: u16 = 7_000;
+/// Silence after which a device that does not obey is taken to have started anew, us. One that obeys has latched its watchdog sooner.
 const LOST_US: u64 = 250_000;
 /// Pause between two Hello, us.
 const HELLO_PAUSE_US: u64 = 10_000;
@@ -65,7 +70,7 @@ pub enum LinkFault {
     Device(DeviceFault),
     /// It obeyed, and does not any more.
     Disabled,
-    /// No answer in this session for a quarter of a second: it may have started anew.
+    /// No answer in this session for twice the watchdog's time while it obeyed, or for a quarter of a second: it may have started anew.
     Silent,
 }
 
@@ -109,6 +114,7 @@ pub struct Link {
     /// The loop has not been told of it.
     untold: bool,
     counter: Counter,
+    rise: Rise,
     /// The motors may have a torque of ours.
     rendering: bool,
     lost: bool,
@@ -196,6 +202,12 @@ impl Link {
                 Ok(None)
             }
             DeviceMessage::State { seq_echo, encoders, buttons, flags, .. } => {
+                // The answer to Enable is the first that says so, and was no torque. One that was overtaken tells as well.
+                if let (true, 0, Some(sent_us)) =
+                    (self.enabled, flags & REFUSED, self.requests.sent_us(seq_echo))
+                {
+                    self.rise.acted(sent_us);
+                }
                 let Some(t_us) = self.requests.answered(now_us, seq_echo) else { return Ok(None) };
                 self.note(flags);
                 if self.homing != Homing::Homed || self.latched.is_some() {
@@ -213,8 +225,20 @@ impl Link {
     fn begin(&mut self, session: u32) {
         self.session.store(session, Ordering::Release);
         self.greeting = false;
-        self.requests = Requests::default();
+        self.requests = self.requests.next_session();
+        self.rise = Rise::default();
         (self.enabled, self.rendering) = (false, false);
+    }
+
+    /// How long a torque acts without another command, us.
+    fn valid_for_us(&self) -> u16 {
+        VALID_FOR_US.min(self.device.watchdog_us)
+    }
+
+    /// How long nothing may come, us. A device that obeys and had no request for the time of its watchdog has latched that; one whose answers
+    /// are lost is to be disabled.
+    fn patience_us(&self) -> u64 {
+        if self.enabled { 2 * u64::from(self.device.watchdog_us) } else { LOST_US }
     }
 
     /// What the device says of itself.
@@ -244,13 +268,6 @@ impl Link {
         }
     }
 
-    fn disable(&mut self) {
-        let disable = HostMessage::Disable { session: self.session(), seq: 0 };
-        // A port that is gone cannot be helped, and there is nobody left to tell.
-        let _ = write(&mut *self.port, &disable);
-        (self.enabled, self.rendering) = (false, false);
-    }
-
     /// The next request, if it is time for one.
     fn speak(&mut self, now_us: u64, device_n: Vec3) -> Result<(), DeviceError> {
         if self.latched.is_some() {
@@ -277,6 +294,7 @@ impl Link {
             Homing::Homed if forced && !self.enabled => HostMessage::Enable { session, seq },
             _ => {
                 if forced {
+                    let device_n = self.rise.limit(now_us, device_n, self.valid_for_us());
                     torque_unm = self.config.capstan.torque_unm(device_n, self.device.torque_limit_unm);
                 }
                 HostMessage::Command {
@@ -284,7 +302,7 @@ impl Link {
                     seq,
                     t_host_us: now_us as u32,
                     torque_unm,
-                    valid_for_us: VALID_FOR_US,
+                    valid_for_us: self.valid_for_us(),
                 }
             }
         };
@@ -296,7 +314,7 @@ impl Link {
 
     fn exchange_frames(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let received = self.receive(now_us)?;
-        if !self.greeting && self.latched.is_none() && self.requests.silent_us(now_us) >= LOST_US {
+        if !self.greeting && self.latched.is_none() && self.requests.silent_us(now_us) >= self.patience_us() {
             self.latch(LinkFault::Silent);
         }
         let overdue = if self.greeting {
@@ -336,10 +354,7 @@ impl Device for Link {
     }
 
     fn stop(&mut self) {
-        // Twice: a frame is seldom lost, two in a row hardly ever.
-        for _ in 0..2 {
-            self.disable();
-        }
+        self.disable_twice();
     }
 
     fn info(&self) -> DeviceInfo {
@@ -365,8 +380,7 @@ impl Device for Link {
     }
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        let port = self.port.try_clone().ok()?;
-        Some(Box::new(SecondHandle { port, session: Arc::clone(&self.session) }))
+        Some(Box::new(SecondHandle::of(self)?))
     }
 
     fn was_zeroed(&mut self) -> bool {
@@ -377,33 +391,4 @@ impl Device for Link {
         self.latched = None;
         self.greeting = true;
     }
-}
-
-impl Drop for Link {
-    fn drop(&mut self) {
-        self.stop();
-    }
-}
-
-/// The same port on a second handle. Disable is obeyed whatever its number, and the driver sees that the device no longer obeys.
-struct SecondHandle {
-    port: Box<dyn SerialPort>,
-    session: Arc<AtomicU32>,
-}
-
-impl EmergencyStop for SecondHandle {
-    fn zero(&mut self) -> Result<(), DeviceError> {
-        let disable = HostMessage::Disable { session: self.session.load(Ordering::Acquire), seq: 0 };
-        let first = write(&mut *self.port, &disable);
-        write(&mut *self.port, &disable).and(first)
-    }
-}
-
-/// Sends one message, a 00 before it: what was cut short before must not take it along.
-fn write(port: &mut dyn SerialPort, message: &HostMessage) -> Result<(), DeviceError> {
-    let (mut frame, mut bytes) = ([0; MAX_FRAME], [0; MAX_FRAME + 1]);
-    // No message is longer than a frame.
-    let frame = encode(message, &mut frame).map_err(|_| DeviceError::new(DeviceErrorKind::Unsupported))?;
-    bytes[1..=frame.len()].copy_from_slice(frame);
-    port.write_all(&bytes[..=frame.len()]).map_err(DeviceError::from)
 }

@@ -1,7 +1,8 @@
 //! Opening a session, before the loop: may block.
 
 use super::requests::Requests;
-use super::{Counter, Homing, Link, LinkConfig, write};
+use super::stopping::write;
+use super::{Counter, Homing, Link, LinkConfig, Rise};
 use crate::device::serial::from_serial;
 use crate::device::{Device, DeviceError, DeviceErrorKind};
 use core::fmt;
@@ -125,6 +126,7 @@ impl Link {
             latched: None,
             untold: false,
             counter: Counter::default(),
+            rise: Rise::default(),
             rendering: false,
             lost: false,
         })

@@ -6,6 +6,8 @@ use palpate_core::link::guard::is_newer;
 pub(super) const REPLY_TIMEOUT_US: u64 = 2_000;
 /// Requests that are remembered: at one each 2 ms the oldest is three times the stale limit of 10 ms old.
 const REMEMBERED: usize = 16;
+/// A number is newer than the 0 of a device in a new session if it is ahead by less than 2^31.
+const MOST_AT_START: u32 = 1 << 30;
 
 /// The requests of a session. An answer names the newest request that the device had seen, so that one that is late keeps its true age.
 #[derive(Debug, Clone, Copy, Default)]
@@ -19,6 +21,13 @@ pub(super) struct Requests {
 }
 
 impl Requests {
+    /// None of these, for a session that begins. The numbers go on, so that a late answer of the old one is an answer to nothing; before a device that
+    /// begins at 0 would take them for old ones they begin anew.
+    pub(super) fn next_session(&self) -> Self {
+        let newest = if self.newest < MOST_AT_START { self.newest } else { 0 };
+        Self { newest, answered: newest, ..Self::default() }
+    }
+
     /// The number of the next request, which is sent now.
     pub(super) fn number(&mut self, now_us: u64) -> u32 {
         self.newest = self.newest.wrapping_add(1);
@@ -28,13 +37,16 @@ impl Requests {
 
     /// An answer has come: when its request was sent. Nothing for one that was answered, overtaken or forgotten, or never sent.
     pub(super) fn answered(&mut self, now_us: u64, seq_echo: u32) -> Option<u64> {
-        let (number, sent_us) = self.sent[seq_echo as usize % REMEMBERED];
-        if number != seq_echo || !is_newer(seq_echo, self.answered) {
-            return None;
-        }
+        let sent_us = self.sent_us(seq_echo).filter(|_| is_newer(seq_echo, self.answered))?;
         self.answered = seq_echo;
         self.heard_us = Some(now_us);
         Some(sent_us)
+    }
+
+    /// When a request of this session was sent, if it is remembered.
+    pub(super) fn sent_us(&self, number: u32) -> Option<u64> {
+        let (remembered, sent_us) = self.sent[number as usize % REMEMBERED];
+        (remembered == number).then_some(sent_us)
     }
 
     /// Whether the newest request has waited too long.
@@ -72,6 +84,23 @@ mod tests {
         assert_eq!((requests.answered(3_500, 2), requests.answered(3_500, 1)), (None, None));
         assert!(requests.may_send(3_500) && requests.answered(4_000, 3).is_none(), "never sent");
         assert_eq!(requests.silent_us(10_000), 6_500);
+    }
+
+    /// A State does not say of which session it is.
+    #[test]
+    fn an_answer_of_an_old_session_is_none() {
+        let mut requests = Requests::default();
+        requests.number(0);
+        requests.number(2_000);
+        let mut requests = requests.next_session();
+        assert!(requests.may_send(2_000) && !requests.is_overdue(9_000), "nothing is open");
+        assert_eq!(requests.number(3_000), 3);
+        for old in 0..3 {
+            assert_eq!(requests.answered(4_000, old), None, "{old}");
+        }
+        assert_eq!(requests.answered(4_000, 3), Some(3_000));
+        let last = Requests { newest: MOST_AT_START, ..Requests::default() };
+        assert_eq!(last.next_session().number(0), 1, "newer than 0");
     }
 
     #[test]
