@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::is_folded;
 use crate::configuration_space::{Store, StoreError};
-use crate::fit::{DisplacementBound, FitError, Kernel, Misfit, Sample, SurfaceMotion, SurfaceRbf};
+use crate::fit::{FitError, Kernel, Misfit, Sample, SurfaceMotion, SurfaceRbf};
 use crate::held_out::Kind;
 
 /// What was measured of the displacements of one space.
@@ -82,8 +82,8 @@ pub(super) fn measure(
     nodes: &[u32],
     samples: &[Sample],
     solved: usize,
-    bound: DisplacementBound,
 ) -> Result<DisplacementCertificate, StoreError> {
+    let bound = store.identity()?.displacement_bound;
     let motion = SurfaceMotion::new(store, active, nodes)?;
     let mut found = vec![[0.0f32; 3]; nodes.len()];
     let mut configurations = Apart::default();

@@ -223,8 +223,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let displacement = space.displacement.as_ref().map(|table| {
             let nodes = organ.surface.node;
             let solved = records.iter().filter(|r| r.tag.is_solved()).count();
-            let bound = identity.displacement_bound;
-            displacement::measure(store, active, space, table, nodes, &samples, solved, bound)
+            displacement::measure(store, active, space, table, nodes, &samples, solved)
         });
         spaces.push(SpaceCertificate {
             cost: cost(store, active)?,
