@@ -16,6 +16,8 @@ use palpate_core::vec3;
 use palpate_host::device::falcon::Ftdi;
 use std::time::Duration;
 
+/// The hand moves on while the guest does, whose time is not real: this long after the last command, us.
+const HAND_WAITS_US: u64 = 3_000;
 /// How long the cable is out, us: long enough for a guest to notice.
 const OUT_US: u64 = 400_000;
 /// Bytes of a request that reach the board before the cable is pulled.
@@ -54,7 +56,11 @@ impl Rig {
         let wrong =
             (strike == Some(Strike::WrongEcho)).then_some((LoaderFault::WrongEcho { at: WRONG_AT }, 1));
         let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: wrong };
-        let mut falcon = EmulatedFalcon::new(FalconConfig { loader, ..FalconConfig::default() });
+        let mut falcon = EmulatedFalcon::new(FalconConfig {
+            loader,
+            hand_waits_us: Some(HAND_WAITS_US),
+            ..FalconConfig::default()
+        });
         falcon.unplug();
         Self {
             link: FaultyFtdi::new(MemoryFtdi::in_real_time(falcon), seed),

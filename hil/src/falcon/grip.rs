@@ -28,6 +28,9 @@ pub struct Grip {
     path: Path,
     /// When the hand began its path, us; before that it holds the grip at the path's beginning.
     begun_us: Option<u64>,
+    /// Without a command for so long the hand stays where it is, us.
+    waits_us: Option<u64>,
+    commanded_us: u64,
     now_us: u64,
     motors: [i16; 3],
     nm_per_count: [f64; 3],
@@ -50,6 +53,8 @@ impl Grip {
             drag,
             path,
             begun_us: None,
+            waits_us: None,
+            commanded_us: 0,
             now_us: 0,
             motors: [0; 3],
             nm_per_count: NM_PER_MOTOR_COUNT,
@@ -62,6 +67,13 @@ impl Grip {
     #[must_use]
     pub const fn with_motors(mut self, nm_per_count: [f64; 3]) -> Self {
         self.nm_per_count = nm_per_count;
+        self
+    }
+
+    /// The same with a hand that stays where it is while no command has come for so long, us: for a host whose time is not real.
+    #[must_use]
+    pub const fn with_waiting(mut self, waits_us: Option<u64>) -> Self {
+        self.waits_us = waits_us;
         self
     }
 
@@ -100,7 +112,7 @@ impl Grip {
 
     /// The motors get another command.
     pub fn command(&mut self, at_us: u64, motors: [i16; 3], homed: bool) {
-        self.motors = motors;
+        (self.motors, self.commanded_us) = (motors, at_us);
         self.felt.command(at_us, self.motors_n(), motors, homed);
     }
 
@@ -123,7 +135,13 @@ impl Grip {
         if next_us > until_us {
             return None;
         }
-        let (from_m, to_m) = (self.wanted_m(self.now_us), self.wanted_m(next_us));
+        let from_m = self.wanted_m(self.now_us);
+        if self.waits_us.is_some_and(|waits_us| next_us.saturating_sub(self.commanded_us) > waits_us)
+            && let Some(begun_us) = &mut self.begun_us
+        {
+            *begun_us += STEP_US;
+        }
+        let to_m = self.wanted_m(next_us);
         let (force_n, before_m) = (self.felt.force_n, self.hand.position_m());
         let drag_j = self.hand.push(from_m, to_m, force_n, &self.drag, STEP_US as f32 * 1e-6);
         let held_m = within_reach(self.hand.position_m());
@@ -224,6 +242,30 @@ mod tests {
         let speed_m_s = vec3::norm(grip.hand.velocity_m_s());
         let motion_j = 0.5 * f64::from((limp.mass_kg + drag.mass_kg) * speed_m_s * speed_m_s);
         assert!(motion_j > 1e-3 && (grip.felt().work_j / motion_j - 1.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_hand_that_waits_goes_on_where_it_was() {
+        let way = vec![
+            Waypoint { t_us: 0, position_m: [0.0, 0.0, 0.12] },
+            Waypoint { t_us: 100_000, position_m: [0.0, 0.0, 0.13] },
+        ];
+        let drag = Drag { mass_kg: 0.15, damping_n_s_m: 1.0, coulomb_n: 0.0 };
+        let mut grip = Grip::new(steady(), drag, way).with_waiting(Some(3_000));
+        grip.begin();
+        for t_us in (0..50_000).step_by(1_000) {
+            grip.command(t_us, [0; 3], true);
+            run(&mut grip, t_us);
+        }
+        // Nothing for half a second: 3 ms of the way and what it takes to stop.
+        run(&mut grip, 550_000);
+        let waiting_m = grip.position_m()[2];
+        assert!((waiting_m - 0.1252).abs() < 2e-4, "{waiting_m}");
+        for t_us in (550_000..700_000).step_by(1_000) {
+            grip.command(t_us, [0; 3], true);
+            run(&mut grip, t_us);
+        }
+        assert!((grip.position_m()[2] - 0.13).abs() < 1e-3, "{:?}", grip.position_m());
     }
 
     #[test]

@@ -58,6 +58,8 @@ pub struct FalconConfig {
     pub loader: LoaderOptions,
     /// The firmware runs already, as after an earlier session.
     pub firmware_runs: bool,
+    /// The hand stays where it is while no command has come for so long, us; never if `None`.
+    pub hand_waits_us: Option<u64>,
 }
 
 impl Default for FalconConfig {
@@ -71,6 +73,7 @@ impl Default for FalconConfig {
             raw_offset: [1_234, -4_321, 77],
             loader: LoaderOptions::default(),
             firmware_runs: false,
+            hand_waits_us: None,
         }
     }
 }
@@ -103,8 +106,17 @@ impl EmulatedFalcon {
     /// A device that was just plugged in, at time 0.
     #[must_use]
     pub fn new(config: FalconConfig) -> Self {
-        let FalconConfig { hand, drag, path, nm_per_motor_count, raw_offset, loader, firmware_runs } = config;
-        let grip = Grip::new(hand, drag, path).with_motors(nm_per_motor_count);
+        let FalconConfig {
+            hand,
+            drag,
+            path,
+            nm_per_motor_count,
+            raw_offset,
+            loader,
+            firmware_runs,
+            hand_waits_us,
+        } = config;
+        let grip = Grip::new(hand, drag, path).with_motors(nm_per_motor_count).with_waiting(hand_waits_us);
         Self {
             chip: Chip::new(0),
             loader: Loader::new(loader),

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// For a device without a sample to give: it is not homed.
 const UNHOMED: Duration = Duration::from_millis(2);
+/// Lost exchanges that are told of.
+const TOLD: u64 = 3;
 /// Between two looks.
 const PAUSE: Duration = Duration::from_micros(50);
 
@@ -54,7 +56,11 @@ impl<D: Device> Device for Waiting<D> {
                     return result;
                 }
                 _ => {
-                    tally.lost.fetch_add(u64::from(is_homed), Ordering::Relaxed);
+                    let before = tally.lost.fetch_add(u64::from(is_homed), Ordering::Relaxed);
+                    if is_homed && before < TOLD {
+                        let why = result.as_ref().map_or_else(ToString::to_string, |_| "no reply".into());
+                        println!("lost after {} us: {why}", elapsed.as_micros());
+                    }
                     return result;
                 }
             }
