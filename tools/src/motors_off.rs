@@ -6,17 +6,27 @@ use palpate_host::rt::{SessionState, TickRecord};
 /// Ticks between two lines.
 const EVERY_TICKS: u64 = 200;
 
-/// A line on standard error, now and then.
-pub(crate) fn show(record: &TickRecord) {
-    if record.tick.is_multiple_of(EVERY_TICKS) {
-        eprintln!("palpate: {}", line(record));
+/// Lines on standard error, now and then.
+#[derive(Debug, Default)]
+pub(crate) struct Lines {
+    /// Not every tick brings one.
+    newest: Option<Sample>,
+}
+
+impl Lines {
+    /// Takes a tick, and shows it if it is time.
+    pub(crate) fn take(&mut self, record: &TickRecord) {
+        self.newest = record.sample.or(self.newest);
+        if record.tick.is_multiple_of(EVERY_TICKS) {
+            eprintln!("palpate: {}", line(record, self.newest));
+        }
     }
 }
 
 /// State, position of the hand in the model, buttons, and the force that was computed.
-fn line(record: &TickRecord) -> String {
+fn line(record: &TickRecord, newest: Option<Sample>) -> String {
     let [x, y, z] = record.hand_force_n;
-    let place = record.sample.map_or_else(
+    let place = newest.map_or_else(
         || "no position".into(),
         |Sample { position_m, buttons, .. }| {
             let [x, y, z] = position_m.map(|metres| 1e3 * metres);
@@ -35,11 +45,11 @@ mod tests {
         let sample = Sample { t_us: 0, position_m: [0.012, -0.0034, 0.0], buttons: 0b101 };
         let record =
             TickRecord { sample: Some(sample), hand_force_n: [0.0, 1.25, -0.5], ..TickRecord::NOTHING };
-        let shown = line(&record);
+        let shown = line(&record, record.sample);
         assert!(
             shown.ends_with(": x +12.0 y -3.4 z +0.0 mm, buttons 0101; not sent +0.00 +1.25 -0.50 N"),
             "{shown}"
         );
-        assert!(line(&TickRecord::NOTHING).contains("no position"));
+        assert!(line(&TickRecord::NOTHING, None).contains("no position"));
     }
 }

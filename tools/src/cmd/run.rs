@@ -306,11 +306,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             Ok(if args.motors_off { Box::new(MotorsOff::new(device)) } else { device })
         }
     };
-    let mut ready = None;
+    let (mut ready, mut unsent) = (None, motors_off::Lines::default());
     let touched = touch::run(&organs, method, show, &stop, open, |record| {
         ready.get_or_insert_with(|| begun.elapsed());
         if args.motors_off {
-            motors_off::show(record);
+            unsent.take(record);
         }
         resident.take(record);
     })?;
