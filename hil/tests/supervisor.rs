@@ -31,7 +31,7 @@ fn program() -> &'static Path {
 fn holding(role: Role) -> (Stage, Host) {
     let stage = Stage::new(Held::Polhem);
     let host = stage.host(program(), role, FORCE_N);
-    stage.hold(&host, FORCE_N);
+    stage.hold(&host, FORCE_N).expect("the host holds its force");
     (stage, host)
 }
 
