@@ -634,16 +634,20 @@ fn lost_homing(kind: Kind) -> Result<(), Broken> {
     Ok(())
 }
 
+/// A silence that is latched, ticks.
+const STALE_TICKS: u64 = 14;
+
 /// Armed inside nothing pushes until the hand enters anew, so it does.
 fn latched_stays(kind: Kind) -> Result<(), Broken> {
     let (mut rig, _) = made(kind);
     on_golden(&mut *rig, |bench| {
         lean_in(bench)?;
         bench.rig.set_faults(Faults::NONE, Faults { drop: 1.0, ..Faults::NONE });
-        let records = bench.run(30)?;
+        // Long enough to be stale, and too short for a device link to call its session lost.
+        let records = bench.run(STALE_TICKS)?;
         let latched = Some(Phase::SafeZero(Fault::Stale));
         let last = records.last().map(|record| record.phase);
-        ensure!(last == latched, "{last:?} after 30 ms of silence");
+        ensure!(last == latched, "{last:?} after {STALE_TICKS} ms of silence");
         bench.rig.set_faults(Faults::NONE, Faults::NONE);
         let mut records = bench.run(60)?;
         bench.rig.forget();
