@@ -202,7 +202,12 @@ impl Stage {
     ///
     /// A supervisor on a busy machine may fire between the host's word and the look at the force; the host then goes back, and holds anew.
     pub fn hold(&self, host: &Host, force_n: Vec3) -> Result<(), &'static str> {
-        if !self.has_force(force_n, CERTAIN) {
+        let mut has_force = false;
+        let _ = comes(CERTAIN, || {
+            has_force = self.has_force(force_n, LOOK);
+            has_force || host.silent.load(Ordering::Relaxed)
+        });
+        if !has_force {
             return Err("no force");
         }
         for _ in 0..TRIES {
@@ -270,6 +275,8 @@ pub struct Host {
     child: Child,
     words: ChildStdin,
     lines: Arc<Mutex<Vec<String>>>,
+    /// It says nothing any more.
+    silent: Arc<AtomicBool>,
 }
 
 impl Host {
@@ -284,13 +291,15 @@ impl Host {
             command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
         let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
         let lines = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&lines);
+        let silent = Arc::new(AtomicBool::new(false));
+        let (heard, ended) = (Arc::clone(&lines), Arc::clone(&silent));
         std::thread::spawn(move || {
             for line in BufReader::new(said).lines().map_while(Result::ok) {
                 heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
             }
+            ended.store(true, Ordering::Relaxed);
         });
-        Self { child, words, lines }
+        Self { child, words, lines, silent }
     }
 
     /// Sends a signal.
