@@ -55,7 +55,7 @@ impl Check {
 }
 
 /// All of it.
-pub const CHECKS: [Check; 15] = [
+pub const CHECKS: [Check; 16] = [
     Check { name: "it says what it is and never arms itself", run: says_what_it_is },
     Check { name: "forces arrive with their size, axis and sign", run: forces_arrive },
     Check { name: "no force and no sample before it is homed", run: nothing_before_homing },
@@ -70,6 +70,7 @@ pub const CHECKS: [Check; 15] = [
     Check { name: "zero after stop, second handle and drop", run: zero_after_stop },
     Check { name: "zero after disarming, the end of the loop and a panic in it", run: zero_after_the_loop },
     Check { name: "homing that is lost takes force and samples away", run: lost_homing },
+    Check { name: "a latched fault stays, on a sound link and pressed anew", run: latched_stays },
     Check { name: "unplugged is gone for good; nothing resumes by itself", run: unplugged_is_gone },
 ];
 
@@ -419,7 +420,27 @@ fn every_fault() -> [(&'static str, Faults); 9] {
 /// Longest that an exchange may keep the loop in virtual time, us: two writes that find no room, at a tick each, would be an overrun already.
 const LONGEST_EXCHANGE_US: u64 = 2_000;
 
+/// Longest median of an exchange on a sound link in memory: there is nothing to wait for, and a driver that sleeps is not seen in virtual time.
+const MEDIAN_EXCHANGE: Duration = Duration::from_millis(1);
+
+/// The median of some hundreds: a busy machine delays a few.
+fn median_exchange(kind: Kind) -> Result<Duration, Broken> {
+    let (mut rig, traits) = made(kind);
+    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+    let mut times = Vec::new();
+    for tick in 0..400 {
+        session.tick(if tick % 7 < 5 { [1.0, 0.0, 0.5] } else { vec3::ZERO })?;
+        times.push(session.last_wait());
+    }
+    times.sort_unstable();
+    Ok(times[times.len() / 2])
+}
+
 fn exchanges_do_not_wait(kind: Kind) -> Result<(), Broken> {
+    if kind.in_memory {
+        let median = median_exchange(kind)?;
+        ensure!(median < MEDIAN_EXCHANGE, "an exchange on a sound link takes {median:?} of real time");
+    }
     for (name, faults) in every_fault() {
         for (to_device, to_host) in [(faults, Faults::NONE), (Faults::NONE, faults), (faults, faults)] {
             let (mut rig, traits) = made(kind);
@@ -611,6 +632,48 @@ fn lost_homing(kind: Kind) -> Result<(), Broken> {
         })?;
     }
     Ok(())
+}
+
+/// A silence that is latched, ticks.
+const STALE_TICKS: u64 = 14;
+
+/// Armed inside nothing pushes until the hand enters anew, so it does.
+fn latched_stays(kind: Kind) -> Result<(), Broken> {
+    let (mut rig, _) = made(kind);
+    on_golden(&mut *rig, |bench| {
+        lean_in(bench)?;
+        bench.rig.set_faults(Faults::NONE, Faults { drop: 1.0, ..Faults::NONE });
+        // Long enough to be stale, and too short for a device link to call its session lost.
+        let records = bench.run(STALE_TICKS)?;
+        let latched = Some(Phase::SafeZero(Fault::Stale));
+        let last = records.last().map(|record| record.phase);
+        ensure!(last == latched, "{last:?} after {STALE_TICKS} ms of silence");
+        bench.rig.set_faults(Faults::NONE, Faults::NONE);
+        let mut records = bench.run(60)?;
+        bench.rig.forget();
+        let path = session::press_anew(bench.rig, 0.006, 0.014);
+        bench.rig.follow(path);
+        records.extend(bench.run(session::ANEW_TICKS)?);
+        let sampled = records.iter().filter(|record| record.sample.is_some()).count();
+        ensure!(sampled > 150, "{sampled} samples of a link that is sound again");
+        let left = records.iter().map(|record| record.phase).find(|phase| Some(*phase) != latched);
+        ensure!(left.is_none(), "{left:?} after a latched fault, without a reset");
+        let felt = bench.rig.felt();
+        ensure!(
+            felt.force_n == vec3::ZERO && felt.largest_force_n == 0.0,
+            "{felt:?} after a latched fault, pressed anew"
+        );
+        // The same way gives a force once somebody has reset and armed.
+        bench.controls.reset();
+        bench.run(2)?;
+        bench.controls.arm();
+        let path = session::press_anew(bench.rig, 0.006, 0.014);
+        bench.rig.follow(path);
+        bench.run(session::ANEW_TICKS)?;
+        let felt = bench.rig.felt();
+        ensure!(felt.force_n[2] > 0.3, "{:?} N, reset, armed and pressed anew", felt.force_n);
+        Ok(())
+    })
 }
 
 fn unplugged_is_gone(kind: Kind) -> Result<(), Broken> {

@@ -6,13 +6,13 @@
 //! ```
 //!
 //! A host process says where it is, a line each: `supervisor PID`, `holds`, `zeroed`, `end KIND`. It takes the words `hold`, from when on it resets
-//! nothing by itself, and `reset`.
+//! nothing by itself until `again` (to which it says so), and `reset`.
 
 mod process;
 mod stage;
 
 pub use process::{Device, Role, host, process, supervise};
-pub use stage::{CERTAIN, Host, Seen, Stage, is_running, wait};
+pub use stage::{CERTAIN, Host, Seen, Stage, comes, is_running, wait};
 
 use crate::fault::split_mix;
 use crate::matrix::{Ended, Run, Wrong};
@@ -30,44 +30,79 @@ pub const TARGET: Duration = Duration::from_millis(20);
 /// How long it must stay at zero, at each look.
 const STAYS: Duration = Duration::from_millis(150);
 
-/// One run: a host with a force on a device, then the signal.
+/// How often a run is begun before it is a failed one.
+const TRIES: usize = 2;
+
+/// One run: a host with a force on a device, then the signal. What does not come, and which host cannot be brought up at all, is a run that
+/// [`Ended::Missed`] something.
 ///
 /// `program` is `palpate-hil`, of which the processes are made.
 ///
 /// # Panics
 ///
-/// If the processes do not come up, or nothing happens in [`CERTAIN`].
+/// If `program` does not start.
 #[must_use]
 pub fn run(program: &Path, device: Device, wrong: Wrong, seed: u64) -> Run {
-    let draw = |what: u64, low: u64, high: u64| low + split_mix(seed, what) % (high - low + 1);
+    let mut run = Run::with_nothing(device.name(), wrong, seed, device.limit_n());
+    for _ in 0..TRIES {
+        match attempt(program, device, &mut run) {
+            Ok(()) => break,
+            Err(Missing { what, is_staged }) => {
+                run.ended = Ended::Missed(what);
+                if is_staged {
+                    break;
+                }
+            }
+        }
+    }
+    run
+}
+
+/// What did not come in [`CERTAIN`].
+struct Missing {
+    what: &'static str,
+    /// The signal was sent: this is a finding, and not to be tried again.
+    is_staged: bool,
+}
+
+fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing> {
+    let draw = |what: u64, low: u64, high: u64| low + split_mix(run.seed, what) % (high - low + 1);
     let component = |what| 0.1 * draw(what, 0, 30) as f32 - 1.5;
     let force_n: Vec3 = [component(1), component(2), 0.5 + 0.1 * draw(3, 0, 15) as f32];
     let stage = Stage::new(device);
     let host = stage.host(program, Role::Host, force_n);
-    stage.hold(&host, force_n);
+    let unstaged = |what| Missing { what, is_staged: false };
+    stage.hold(&host, force_n).map_err(unstaged)?;
     let supervisor = host.supervisor();
     std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
+    if host.said("zeroed") {
+        // The machine's doing, and not what is measured.
+        stage.release(&host).and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
+    }
     stage.forget();
-    let mut run = Run::with_nothing(device.name(), wrong, seed, device.limit_n());
-    host.signal(if wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
-    wait("zero", || stage.seen().force_n == vec3::ZERO);
+    let then_ms = draw(5, 0, 100);
+    let certain = |what, happens: bool| {
+        if happens { Ok(()) } else { Err(Missing { what, is_staged: true }) }
+    };
+    host.signal(if run.wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
+    certain("no zero", comes(CERTAIN, || stage.seen().force_n == vec3::ZERO))?;
     let seen = stage.seen();
     run.ended = Ended::Supervisor;
     run.zero_us = seen.zero_after().map(|time| time.as_micros() as u64);
-    if wrong == Wrong::HostKilled {
-        wait("end of the supervisor", || !is_running(supervisor));
+    if run.wrong == Wrong::HostKilled {
+        certain("no end of the supervisor", comes(CERTAIN, || !is_running(supervisor)))?;
         run.resumed = !stage.is_zero_for(STAYS);
     } else {
-        std::thread::sleep(Duration::from_millis(draw(5, 0, 100)));
+        std::thread::sleep(Duration::from_millis(then_ms));
         run.resumed = !stage.is_zero_for(STAYS);
         // It goes on with its force as if nothing had been.
         host.signal(Signal::SIGCONT);
-        wait("word that it was zeroed", || host.said("zeroed"));
+        certain("no word that it was zeroed", comes(CERTAIN, || host.said("zeroed")))?;
         run.resumed |= !stage.is_zero_for(STAYS);
     }
     let felt = stage.felt();
     (run.largest_n, run.step_n) = (felt.largest_force_n, felt.largest_step_n);
-    run
+    Ok(())
 }
 
 /// So many runs, over both devices and both signals in turn, one after the other: they measure time.

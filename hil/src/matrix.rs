@@ -2,7 +2,8 @@
 //! the emulated hand leans on. From one seed, so that a run repeats.
 //!
 //! A run: open, home, arm, press until the hand is pushed back; then the fault, for some time; then a sound link again, with nobody touching
-//! reset or arm. Written down is what the motors did to the hand, not what was sent.
+//! reset or arm; a loop that has latched then feels the hand leave the organ and press anew: what is armed inside renders nothing until it enters.
+//! Written down is what the motors did to the hand, not what was sent.
 
 use crate::falcon::{LoaderFault, LoaderOptions};
 use crate::fault::Faults;
@@ -155,6 +156,8 @@ pub enum Ended {
     Opened,
     /// The supervisor took the force away.
     Supervisor,
+    /// It did not come so far, or no further: what was waited for in vain.
+    Missed(&'static str),
 }
 
 /// One run.
@@ -184,7 +187,7 @@ pub struct Run {
     pub beyond_us: u64,
     /// The profile's limit and a step of the motors, N.
     pub limit_n: f32,
-    /// The motors had a force again although nobody had reset and armed.
+    /// The motors had a force again, or the loop left the fault it had latched, although nobody had reset and armed.
     pub resumed: bool,
     /// Requests got through to the motors all the time.
     way_is_sound: bool,
@@ -228,6 +231,9 @@ impl Run {
     #[must_use]
     pub fn broken(&self) -> Option<&'static str> {
         let latched = matches!(self.ended, Ended::Latched(_) | Ended::Lost);
+        if let Ended::Missed(what) = self.ended {
+            return Some(what);
+        }
         if self.silent && self.detected_us.is_none_or(|us| us > STALE_US) {
             return Some("silence was not detected within 10 ms");
         }
@@ -277,6 +283,8 @@ impl Watch {
             if let Phase::SafeZero(fault) = record.phase {
                 run.ended = Ended::Latched(fault);
                 run.detected_us.get_or_insert(since_us);
+            } else if matches!(run.ended, Ended::Latched(_)) {
+                run.resumed = true;
             }
         }
         self.beyond_us = if vec3::norm(felt.force_n) > run.limit_n { self.beyond_us + TICK_US } else { 0 };
@@ -400,7 +408,12 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
             let after = stalled_ticks(&plan.to_device) + plan.to_device.delay_us / 1_000;
             let _ = (0..after).any(|_| !watch.step(bench));
             watch.mended = Some(bench.now_us());
-            let _ = (0..200).any(|_| !watch.step(bench));
+            let goes_on = (0..200).all(|_| watch.step(bench));
+            if goes_on && matches!(watch.run.ended, Ended::Latched(_)) {
+                let path = session::press_anew(bench.rig, 0.006, depth_m);
+                bench.rig.follow(path);
+                let _ = (0..session::ANEW_TICKS).any(|_| !watch.step(bench));
+            }
         }
         bench.end();
         let felt = bench.rig.felt();
@@ -578,6 +591,7 @@ impl Row<'_> {
                 Ended::Refused => "not opened".into(),
                 Ended::Opened => "opened".into(),
                 Ended::Supervisor => "supervisor".into(),
+                Ended::Missed(what) => what.into(),
             };
             match ends.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, count)) => *count += 1,
@@ -637,16 +651,18 @@ pub fn csv(runs: &[Run]) -> String {
     let mut text = String::from(
         "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,broken\n",
     );
+    // Names have commas.
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let number = |us: Option<u64>| us.map_or_else(String::new, |us| us.to_string());
     for run in runs {
         // Writing to a String does not fail.
         let _ = writeln!(
             text,
-            "{},{},{},{:?},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{}",
             run.rig,
-            run.wrong.name(),
+            quoted(run.wrong.name()),
             run.seed,
-            run.ended,
+            quoted(&format!("{:?}", run.ended)),
             number(run.degraded_us),
             number(run.detected_us),
             number(run.zero_us),
@@ -655,7 +671,7 @@ pub fn csv(runs: &[Run]) -> String {
             run.step_n,
             run.beyond_us,
             run.resumed,
-            run.broken().unwrap_or("")
+            quoted(run.broken().unwrap_or(""))
         );
     }
     text

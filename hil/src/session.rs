@@ -72,6 +72,7 @@ pub struct Session<'r> {
     truth: Vec<(u64, Vec3)>,
     longest_wait_us: u64,
     longest_wait: Duration,
+    last_wait: Duration,
 }
 
 impl<'r> Session<'r> {
@@ -85,6 +86,7 @@ impl<'r> Session<'r> {
             truth: Vec::new(),
             longest_wait_us: 0,
             longest_wait: Duration::ZERO,
+            last_wait: Duration::ZERO,
         })
     }
 
@@ -133,13 +135,20 @@ impl<'r> Session<'r> {
         (self.longest_wait_us, self.longest_wait)
     }
 
+    /// How long the last exchange has kept its caller, on the clock of the wall.
+    #[must_use]
+    pub const fn last_wait(&self) -> Duration {
+        self.last_wait
+    }
+
     /// One exchange, then the device's turn.
     pub fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (now_us, before_us, begun) = (self.now_us, self.rig.now_us(), Instant::now());
         let exchanged = self.device().exchange(now_us, force_n);
         let waited_us = self.rig.now_us().saturating_sub(before_us);
         self.longest_wait_us = self.longest_wait_us.max(waited_us);
-        self.longest_wait = self.longest_wait.max(begun.elapsed());
+        self.last_wait = begun.elapsed();
+        self.longest_wait = self.longest_wait.max(self.last_wait);
         self.pass(TICK_US);
         exchanged
     }
@@ -283,6 +292,19 @@ pub fn with_loop<T>(
         Bench { rig, controls: &controls, haptic: Some(haptic), clock: &clock, records, fuse, index };
     Ok(test(&mut bench))
 }
+
+/// Out of the organ and into it again, from where [`press`] has ended; depths as there.
+#[must_use]
+pub fn press_anew(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
+    let path = press(rig, above_m, below_m);
+    let (above_m, below_m) = (path[1].position_m, path[3].position_m);
+    [(0, below_m), (150_000, above_m), (200_000, above_m), (400_000, below_m)]
+        .map(|(t_us, position_m)| Waypoint { t_us, position_m })
+        .to_vec()
+}
+
+/// Ticks of [`press_anew`], and some to stay inside.
+pub const ANEW_TICKS: u64 = 450;
 
 /// From a little above the surface into the organ: in touch with all of it after 0.6 s. Depths in the model, metres.
 #[must_use]

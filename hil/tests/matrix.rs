@@ -31,6 +31,21 @@ fn nothing_that_goes_wrong_breaks_a_limit() {
     assert!(ends(Wrong::WrongEcho, |end| end == Ended::Refused) > 0);
 }
 
+/// A name with a comma in it is one field.
+#[test]
+fn every_line_of_the_csv_has_the_columns_of_its_head() {
+    let memory: Vec<_> = rig::all().into_iter().filter(|kind| kind.in_memory).collect();
+    let runs = matrix(&memory, Size { in_memory: 16, real: 0, seed: 4 }, &|_, _| {});
+    assert!(runs.iter().any(|run| run.wrong.name().contains(',')));
+    let text = matrix::csv(&runs);
+    let columns = |line: &str| {
+        let outside = line.split('"').step_by(2);
+        outside.map(|part| part.matches(',').count()).sum::<usize>()
+    };
+    let counts: Vec<usize> = text.lines().map(columns).collect();
+    assert_eq!(counts, vec![12; runs.len() + 1], "{text}");
+}
+
 #[test]
 fn a_seed_repeats_its_runs() {
     let memory: Vec<_> = rig::all().into_iter().filter(|kind| kind.in_memory).collect();

@@ -6,7 +6,7 @@
 use nix::sys::signal::{Signal, kill};
 use palpate_core::{Vec3, vec3};
 use palpate_hil::hosts::{self, Device as Held, GENEROUS, Host, Role, Stage, is_running, wait};
-use palpate_hil::matrix::{Ended, Wrong};
+use palpate_hil::matrix::{Ended, Run, Table, Wrong};
 use palpate_hil::{EmulatedFalcon, FalconConfig, MemoryFtdi};
 use palpate_host::Device;
 use palpate_host::device::DeviceState;
@@ -31,7 +31,7 @@ fn program() -> &'static Path {
 fn holding(role: Role) -> (Stage, Host) {
     let stage = Stage::new(Held::Polhem);
     let host = stage.host(program(), role, FORCE_N);
-    stage.hold(&host, FORCE_N);
+    stage.hold(&host, FORCE_N).expect("the host holds its force");
     (stage, host)
 }
 
@@ -55,6 +55,16 @@ fn killed_and_stopped_hosts_are_zeroed_and_stay_so() {
     println!("killed and stopped hosts: zero {median:?} after the last force, in the median");
     // Five times the target: a busy machine runs this beside others.
     assert!(median < 5 * hosts::TARGET, "{median:?}");
+}
+
+/// A host that does not come up is a line of the table and a limit that is broken, and the others have theirs.
+#[test]
+fn a_host_that_cannot_be_brought_up_is_a_failed_run() {
+    let runs = hosts::runs(Path::new("/bin/false"), 4, 3);
+    let broken: Vec<_> = runs.iter().map(Run::broken).collect();
+    assert_eq!(broken, [Some("no force"); 4]);
+    let table = Table(&runs).to_string();
+    assert_eq!(table.matches("| no force 1 |").count(), 4, "{table}");
 }
 
 /// The same without a supervisor: what takes the force away above is the supervisor and nothing else.

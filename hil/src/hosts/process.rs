@@ -136,7 +136,7 @@ pub fn supervise<D: palpate_host::Device>(open: impl FnOnce() -> Result<D, Strin
     serve_stdin(Policy::Other, open).map(drop).map_err(|error| error.to_string())
 }
 
-/// A thousand times a second until the device is gone. Resets by itself what a busy machine trips, until it is told to hold.
+/// A thousand times a second until the device is gone. Resets by itself what a busy machine trips, while it is not told to hold.
 fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
     let (hold, reset) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let words = (Arc::clone(&hold), Arc::clone(&reset));
@@ -144,6 +144,7 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
             match &line[..] {
                 "hold" => words.0.store(true, Ordering::Relaxed),
+                "again" => words.0.store(false, Ordering::Relaxed),
                 "reset" => words.1.store(true, Ordering::Relaxed),
                 _ => {}
             }
@@ -172,9 +173,10 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
                 device.reset();
             }
         }
-        if !holds && hold.load(Ordering::Relaxed) {
-            holds = true;
-            println!("holds");
+        let told = hold.load(Ordering::Relaxed);
+        if told != holds {
+            holds = told;
+            println!("{}", if holds { "holds" } else { "again" });
         }
         if reset.swap(false, Ordering::Relaxed) {
             device.reset();

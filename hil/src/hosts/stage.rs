@@ -20,6 +20,10 @@ use std::time::{Duration, Instant};
 
 /// How long what must happen is waited for, however busy the machine.
 pub const CERTAIN: Duration = Duration::from_secs(20);
+/// How often a host is told to hold its force.
+const TRIES: usize = 8;
+/// How long one try may take.
+const TRY: Duration = Duration::from_secs(3);
 /// Between two looks at the device.
 const LOOK: Duration = Duration::from_micros(100);
 
@@ -182,24 +186,54 @@ impl Stage {
         Host::start(command(program, role, self.device, &self.place, force_n))
     }
 
-    /// Waits until the device has a host's force on its motors and goes on to get it.
-    pub fn wait_for_force(&self, force_n: Vec3) {
-        wait("force", || {
+    /// Whether the device has a host's force on its motors in time, and goes on to get it.
+    fn has_force(&self, force_n: Vec3, time: Duration) -> bool {
+        comes(time, || {
             let before = self.seen().requests;
             std::thread::sleep(Duration::from_millis(20));
             let seen = self.seen();
             // A Falcon's torques stand on where the grip was a moment ago.
             let off_n = vec3::distance(seen.force_n, force_n);
             off_n <= 0.1 * vec3::norm(force_n) && seen.requests > before
-        });
+        })
     }
 
-    /// From now on the host resets nothing by itself, and its force is on the motors.
-    pub fn hold(&self, host: &Host, force_n: Vec3) {
-        self.wait_for_force(force_n);
-        host.say("hold");
-        wait("word that the host holds", || host.said("holds"));
-        self.wait_for_force(force_n);
+    /// From now on the host resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries.
+    ///
+    /// A supervisor on a busy machine may fire between the host's word and the look at the force; the host then goes back, and holds anew.
+    pub fn hold(&self, host: &Host, force_n: Vec3) -> Result<(), &'static str> {
+        let mut has_force = false;
+        let _ = comes(CERTAIN, || {
+            has_force = self.has_force(force_n, LOOK);
+            has_force || host.silent.load(Ordering::Relaxed)
+        });
+        if !has_force {
+            return Err("no force");
+        }
+        for _ in 0..TRIES {
+            if self.has_force(force_n, TRY) {
+                host.say("hold");
+                let holds = comes(CERTAIN, || host.said("holds"));
+                if !holds {
+                    return Err("no word that the host holds");
+                }
+                if self.has_force(force_n, TRY) && !host.said("zeroed") {
+                    return Ok(());
+                }
+                self.release(host)?;
+            }
+        }
+        Err("no force that is held")
+    }
+
+    /// The host resets again what a busy machine trips.
+    pub fn release(&self, host: &Host) -> Result<(), &'static str> {
+        host.say("again");
+        if !comes(CERTAIN, || host.said("again")) {
+            return Err("no word that the host goes back");
+        }
+        host.forget();
+        Ok(())
     }
 
     /// Whether the force is zero for so long on end.
@@ -241,6 +275,8 @@ pub struct Host {
     child: Child,
     words: ChildStdin,
     lines: Arc<Mutex<Vec<String>>>,
+    /// It says nothing any more.
+    silent: Arc<AtomicBool>,
 }
 
 impl Host {
@@ -255,13 +291,15 @@ impl Host {
             command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
         let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
         let lines = Arc::new(Mutex::new(Vec::new()));
-        let heard = Arc::clone(&lines);
+        let silent = Arc::new(AtomicBool::new(false));
+        let (heard, ended) = (Arc::clone(&lines), Arc::clone(&silent));
         std::thread::spawn(move || {
             for line in BufReader::new(said).lines().map_while(Result::ok) {
                 heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
             }
+            ended.store(true, Ordering::Relaxed);
         });
-        Self { child, words, lines }
+        Self { child, words, lines, silent }
     }
 
     /// Sends a signal.
@@ -282,6 +320,12 @@ impl Host {
     #[must_use]
     pub fn said(&self, line: &str) -> bool {
         self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|said| said == line)
+    }
+
+    /// Forgets what it has said of holding.
+    fn forget(&self) {
+        let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        lines.retain(|line| !["holds", "again", "zeroed"].contains(&&line[..]));
     }
 
     /// Its supervisor.
@@ -322,12 +366,21 @@ impl Drop for Host {
 /// # Panics
 ///
 /// If it has not in [`CERTAIN`].
-pub fn wait(what: &str, mut done: impl FnMut() -> bool) {
+pub fn wait(what: &str, done: impl FnMut() -> bool) {
+    assert!(comes(CERTAIN, done), "no {what}");
+}
+
+/// Whether something happens in time.
+#[must_use]
+pub fn comes(time: Duration, mut done: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     while !done() {
-        assert!(begun.elapsed() < CERTAIN, "no {what}");
+        if begun.elapsed() >= time {
+            return false;
+        }
         std::thread::sleep(Duration::from_millis(1));
     }
+    true
 }
 
 /// Whether a process is there.
