@@ -23,10 +23,10 @@ use super::packet::{ALL_HOMED, Lights, Reply, Request};
 use super::usb::UsbFtdi;
 use crate::device::pending::Pending;
 use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
-use palpate_core::link::DeviceFault;
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
+use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3, vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -229,10 +229,11 @@ impl<F: Ftdi + 'static> Falcon<F> {
     }
 
     fn note_homing(&mut self, reply: &Reply) {
-        let homing = match (reply.is_homed(), self.homing) {
-            (true, Homing::Doubted) => Homing::Doubted,
-            (true, _) => Homing::Homed,
-            (false, _) => Homing::Unhomed,
+        let homing = match self.homing {
+            // Less than all of it may be a damaged packet.
+            Homing::Doubted if reply.homed & ALL_HOMED != 0 => Homing::Doubted,
+            _ if reply.is_homed() => Homing::Homed,
+            _ => Homing::Unhomed,
         };
         if homing != self.homing {
             // Homing sets the coordinates anew.

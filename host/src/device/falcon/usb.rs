@@ -172,10 +172,7 @@ impl Ftdi for UsbFtdi {
 
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
         let timeout = at_least_a_millisecond(timeout);
-        past_halt(
-            || self.handle.write_bulk(BULK_OUT, bytes, timeout),
-            || self.handle.clear_halt(BULK_OUT),
-        )
+        past_halt(|| self.handle.write_bulk(BULK_OUT, bytes, timeout), || self.handle.clear_halt(BULK_OUT))
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
