@@ -39,6 +39,8 @@ const CONTROL_PIPE: u8 = 0;
 const NO_PIPE: u8 = 255;
 const FULL_SPEED: u8 = 1;
 const DIRECTION_IN: u8 = 0x80;
+/// bmRequestType, bRequest and wValue of CLEAR_FEATURE(ENDPOINT_HALT).
+const CLEAR_HALT: (u8, u8, u16) = (0x02, 1, 0);
 
 /// A transfer that has not ended.
 #[derive(Debug, Clone)]
@@ -77,6 +79,8 @@ pub struct Session {
     last_in: Option<(u64, Vec<u8>)>,
     /// What it brought, if the peer had cancelled it before that arrived.
     returned: Vec<u8>,
+    /// Pipes that a stall has halted, out and in: nothing passes until the host clears them.
+    halted: [bool; 2],
     output: Vec<u8>,
     traffic: Traffic,
 }
@@ -101,6 +105,7 @@ impl Session {
             gathered: Vec::new(),
             last_in: None,
             returned: Vec::new(),
+            halted: [false; 2],
             output: packet::hello(),
             traffic: Traffic::default(),
         }
@@ -226,6 +231,9 @@ impl Session {
             Message::Cancel => self.cancel(id),
             Message::Control { endpoint, setup, data } => {
                 self.traffic.control += 1;
+                if (setup.request_type, setup.request, setup.value) == CLEAR_HALT {
+                    self.halted[usize::from(setup.index & u16::from(DIRECTION_IN) != 0)] = false;
+                }
                 let answer = device.control(setup, &data);
                 let (status, answer) = match answer {
                     Ok(answer) => (Status::Success, answer),
@@ -287,7 +295,8 @@ impl Session {
     /// Looks whether transfers that wait can go on.
     pub fn poll(&mut self, device: &mut impl UsbDevice) {
         while let Some(waiting) = self.outs.front_mut() {
-            let taken = device.bulk_out(&waiting.bulk.data);
+            let taken = if self.halted[0] { Err(Stall) } else { device.bulk_out(&waiting.bulk.data) };
+            self.halted[0] = taken.is_err();
             if let Ok(count) = taken {
                 waiting.bulk.data.drain(..count);
                 if !waiting.bulk.data.is_empty() {
@@ -311,7 +320,12 @@ impl Session {
             // Whole packets only, as on a wire.
             let room = waiting.bulk.len.saturating_sub(self.gathered.len()) / PACKET_LEN * PACKET_LEN;
             // What a cancelled transfer has left may fill this one.
-            let packets = if room == 0 { Ok(Some(Vec::new())) } else { device.bulk_in(room) };
+            let packets = match room {
+                _ if self.halted[1] => Err(Stall),
+                0 => Ok(Some(Vec::new())),
+                _ => device.bulk_in(room),
+            };
+            self.halted[1] = packets.is_err();
             let (status, ended) = match packets {
                 Ok(Some(packets)) => {
                     self.gathered.extend(&packets);

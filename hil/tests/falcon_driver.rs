@@ -127,6 +127,73 @@ fn torques_that_are_held_stay_within_the_limit_while_the_grip_moves() {
     assert!(fastest_m_s > 0.5, "{fastest_m_s} m/s is no motion");
 }
 
+/// Deep in the organ with a force on the hand, then `test`.
+fn leaning(seed: u64, test: impl FnOnce(&mut Bench<'_, '_>)) {
+    let mut rig = FalconRig::new(seed);
+    let blob = session::golden_organ();
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("sound");
+    session::with_loop(&mut rig, &organ, Method::Energy, |bench| {
+        let path = session::press(bench.rig, 0.006, 0.014);
+        bench.rig.follow(path);
+        bench.controls.arm();
+        bench.run(700).expect("a sound link");
+        assert!(vec3::norm(bench.rig.felt().force_n) > 0.3, "it leans on nothing");
+        bench.rig.forget();
+        test(bench);
+    })
+    .expect("it is homed");
+}
+
+/// An encoder miscounts while the hand leans on the organ, and goes on miscounting. The false place is neither taken at once nor a little later.
+#[test]
+fn an_encoder_that_jumps_ends_the_force_for_good() {
+    for axis in 0..3 {
+        for by_m in [0.005, -0.005, 0.015, -0.015, 0.030, -0.030] {
+            leaning(7, |bench| {
+                let case = format!("{by_m} m on {axis}");
+                let before_n = vec3::norm(bench.rig.felt().force_n);
+                assert!(bench.rig.strike(Mishap::EncoderJump { axis, by_m }));
+                let records = bench.run(8).expect("a fault, and a device that is there");
+                assert!(matches!(records[7].phase, Phase::SafeZero(_)), "{case}: {:?}", records[7].phase);
+                assert_eq!(records[7].device, DeviceState::Unhomed, "{case}");
+                let felt = bench.rig.felt();
+                assert_eq!(felt.force_n, vec3::ZERO, "{case}");
+                assert!(felt.largest_force_n < before_n + 0.5, "{case}: {} N", felt.largest_force_n);
+                bench.rig.forget();
+                for tick in 0..1_500 {
+                    if tick % 100 == 50 {
+                        bench.controls.reset();
+                    }
+                    if tick % 100 == 60 {
+                        bench.controls.arm();
+                    }
+                    let record = bench.step().expect("a device that is there");
+                    assert_ne!(record.phase, Phase::Active, "{case}: tick {tick}");
+                    assert_eq!(record.sample, None, "{case}: tick {tick}");
+                }
+                assert_eq!(bench.rig.felt().largest_motor, 0, "{case}: it comes back");
+            });
+        }
+    }
+}
+
+/// Replies that are damaged now and then are no encoder that miscounts.
+#[test]
+fn damaged_replies_do_not_end_the_homing() {
+    for seed in 0..20 {
+        leaning(seed, |bench| {
+            bench.rig.set_faults(Faults::NONE, Faults { corrupt: 0.05, ..Faults::NONE });
+            bench.run(500).expect("a passing fault");
+            assert!(bench.rig.counts().corrupted > 5);
+            bench.rig.set_faults(Faults::NONE, Faults::NONE);
+            // A flipped bit of the homing latches as well, but passes.
+            let records = bench.run(20).expect("a sound link");
+            assert_eq!(records[19].device, DeviceState::Homed, "seed {seed}");
+            assert!(records[19].sample.is_some(), "seed {seed}");
+        });
+    }
+}
+
 const WEIGHT_N: f32 = 0.7;
 
 /// Held above the organ, so that the weight of the grip is all there is to carry.

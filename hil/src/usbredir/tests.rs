@@ -190,12 +190,19 @@ fn what_there_is_no_room_for_waits_as_after_a_nak() {
 }
 
 #[test]
-fn a_stalled_transfer_says_so_and_the_next_one_goes_on() {
+fn a_stalled_pipe_stays_halted_until_it_is_cleared() {
     let (mut session, mut device) = connected();
     device.ready.extend([Err(Stall), Ok(vec![1, 0x60])]);
     let stalled = ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 64, b""));
     assert_eq!((stalled[17], stalled.len()), (Status::Stall as u8, 26));
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""))[26..], [1, 0x60]);
+    let clear = |endpoint| [0, 1, 0x02, 0, 0, 0, endpoint, 0, 0, 0];
+    // Another pipe is another affair.
+    ask(&mut session, &mut device, kind::CONTROL, 2, &clear(0x02));
+    assert_eq!(ask(&mut session, &mut device, kind::BULK, 3, &bulk(0x02, 3, b"abc"))[17], 0);
+    let again = ask(&mut session, &mut device, kind::BULK, 4, &bulk(0x81, 64, b""));
+    assert_eq!((again[17], again.len()), (Status::Stall as u8, 26), "for good, if nobody clears it");
+    ask(&mut session, &mut device, kind::CONTROL, 5, &clear(0x81));
+    assert_eq!(ask(&mut session, &mut device, kind::BULK, 6, &bulk(0x81, 64, b""))[26..], [1, 0x60]);
 }
 
 #[test]

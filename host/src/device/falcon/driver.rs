@@ -4,7 +4,8 @@
 //! given up. A sample is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
 //!
 //! Homing counts only if it was done since the device was opened. A board that keeps its power keeps its homing, and nobody has seen what was done
-//! to the grip since: it is made to forget, by loading its firmware anew, or it is not opened.
+//! to the grip since: it is made to forget, by loading its firmware anew, or it is not opened. Nor does it count after an encoder has miscounted,
+//! whatever the board says of it: until the board has forgotten it.
 //!
 //! Lights: red, not homed (and no force); blue, homed; green, a force is on the motors.
 //! The device has no watchdog as far as is known: its motors keep the last command. See [`Device::stop`] and [`Device::emergency_stop`].
@@ -25,6 +26,7 @@ use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceStat
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
+use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3, vec3};
 use std::sync::Arc;
 use std::time::Instant;
@@ -33,8 +35,13 @@ use std::time::Instant;
 const RESOLUTION_M: f32 = 54e-6;
 /// Fastest that a hand moves the grip, m/s: a jump beyond it is a miscounted encoder or a damaged packet that looks whole.
 const FASTEST_M_S: f32 = 3.0;
+/// Most that a hand, or what it hits, changes its speed by, m/s^2: half a metre a second within a tick.
+const HARDEST_M_S2: f32 = 500.0;
 /// What it may jump in no time, m: requests are stamped within a tick.
 const JUMP_M: f32 = 2e-3;
+/// Positions refused in a row after which it is no packet that was damaged, but an encoder that has miscounted: fewer than make a sample stale,
+/// also where there is a reply every other tick.
+const REFUSALS: u32 = 3;
 /// How long torques may be held: until the next exchange, and two more on a link that is late, s.
 const HELD_S: f64 = 3e-3;
 /// Longest wait for a zero to leave when the device is stopped.
@@ -51,6 +58,17 @@ enum Homing {
     Unknown,
     Unhomed,
     Homed,
+    /// The board says that it is homed, and an encoder has miscounted since: nothing it says is believed until it has lost its homing and was
+    /// homed anew.
+    Doubted,
+}
+
+/// Positions that were refused, without a good one since.
+#[derive(Debug, Clone, Copy)]
+struct Refused {
+    count: u32,
+    /// What was allowed when the first one came. Not more since, or what was refused would be taken a little later.
+    allowed_m: f32,
 }
 
 /// The device behind a chip.
@@ -69,6 +87,7 @@ pub struct Falcon<F: Ftdi + 'static> {
     last: Option<(u64, Vec3)>,
     /// Between the last two samples, device frame, m/s.
     velocity_m_s: Vec3,
+    refused: Option<Refused>,
     /// The motors may still have a force of ours.
     rendering: bool,
     lost: bool,
@@ -127,6 +146,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             homing: Homing::Unknown,
             last: None,
             velocity_m_s: [0.0; 3],
+            refused: None,
             rendering: false,
             lost: false,
             disturbed,
@@ -145,7 +165,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         // What is still open belongs to another time: let it come, and forget it.
         std::thread::sleep(SETTLING);
         self.receive(0)?;
-        self.last = None;
+        (self.last, self.refused) = (None, None);
         self.pending = Pending::default();
         Ok(self.homing == Homing::Homed)
     }
@@ -209,33 +229,62 @@ impl<F: Ftdi + 'static> Falcon<F> {
     }
 
     fn note_homing(&mut self, reply: &Reply) {
-        let homing = if reply.is_homed() { Homing::Homed } else { Homing::Unhomed };
+        let homing = match self.homing {
+            // Less than all of it may be a damaged packet.
+            Homing::Doubted if reply.homed & ALL_HOMED != 0 => Homing::Doubted,
+            _ if reply.is_homed() => Homing::Homed,
+            _ => Homing::Unhomed,
+        };
         if homing != self.homing {
             // Homing sets the coordinates anew.
-            self.homing = homing;
-            self.last = None;
-            self.velocity_m_s = [0.0; 3];
-            self.kinematics.reset();
+            self.set_homing(homing);
         }
+    }
+
+    fn set_homing(&mut self, homing: Homing) {
+        self.homing = homing;
+        (self.last, self.refused) = (None, None);
+        self.velocity_m_s = [0.0; 3];
+        self.kinematics.reset();
+    }
+
+    /// How far a position of this time is from where the hand may be, and how far it may be, m.
+    ///
+    /// It is near the last one or near where its speed has taken it: with stamps that are a tick wrong its speed is, too.
+    fn leap(&self, (last_us, last_m): (u64, Vec3), t_us: u64, device_m: Vec3) -> (f32, f32) {
+        let seconds = t_us.saturating_sub(last_us) as f32 * 1e-6;
+        let carried_m = vec3::add(last_m, vec3::scale(self.velocity_m_s, seconds));
+        let off_m = vec3::distance(device_m, last_m).min(vec3::distance(device_m, carried_m));
+        let moved_m = (0.5 * HARDEST_M_S2 * seconds * seconds).min(FASTEST_M_S * seconds);
+        (off_m, self.refused.map_or(JUMP_M + moved_m, |refused| refused.allowed_m))
+    }
+
+    /// A position that cannot be: of a damaged packet, which is ridden out, or of an encoder that has miscounted, which ends the homing.
+    fn refuse(&mut self, allowed_m: f32) -> DeviceError {
+        let count = self.refused.map_or(0, |refused| refused.count) + 1;
+        if count >= REFUSALS {
+            self.set_homing(Homing::Doubted);
+            return DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost));
+        }
+        self.refused = Some(Refused { count, allowed_m });
+        DeviceError::new(DeviceErrorKind::BadFrame)
     }
 
     /// The sample of a reply; `None` before the device is homed.
     fn sample(&mut self, t_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
-        if !reply.is_homed() {
+        if self.homing != Homing::Homed {
             return Ok(None);
         }
         let before = self.kinematics;
         let solution = self.kinematics.solve(reply.encoders);
         let device_m = self.kinematics.pose().position_m.map(|metres| metres as f32);
-        let jumps = self.last.is_some_and(|(last_us, last_m)| {
-            let seconds = t_us.saturating_sub(last_us) as f32 * 1e-6;
-            vec3::distance(device_m, last_m) > JUMP_M + FASTEST_M_S * seconds
-        });
-        if solution == Solution::Kept || jumps {
+        let leap = self.last.map(|last| self.leap(last, t_us, device_m));
+        if solution == Solution::Kept || leap.is_some_and(|(off_m, allowed_m)| off_m > allowed_m) {
             // The force goes on for a few ticks with the Jacobian of where the hand was.
             self.kinematics = before;
-            return Err(DeviceError::new(DeviceErrorKind::BadFrame));
+            return Err(self.refuse(leap.map_or(JUMP_M, |(_, allowed_m)| allowed_m)));
         }
+        self.refused = None;
         self.velocity_m_s = self.last.map_or([0.0; 3], |(last_us, last_m)| {
             let per_second = 1e6 / t_us.saturating_sub(last_us).max(1) as f32;
             vec3::scale(vec3::sub(device_m, last_m), per_second)
@@ -304,7 +353,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         match self.homing {
             _ if self.lost => DeviceState::Disconnected,
             Homing::Unknown => DeviceState::FirmwareLoaded,
-            Homing::Unhomed => DeviceState::Unhomed,
+            Homing::Unhomed | Homing::Doubted => DeviceState::Unhomed,
             Homing::Homed => DeviceState::Homed,
         }
     }

@@ -88,6 +88,19 @@ fn from_usb(error: rusb::Error) -> DeviceError {
     })
 }
 
+/// A transfer on a pipe. One that is halted stays so until it is cleared, however often it is closed and opened: then it is cleared and tried once
+/// more. What was refused the device has not taken, so nothing is sent twice.
+fn past_halt<T>(
+    mut transfer: impl FnMut() -> rusb::Result<T>,
+    clear: impl FnOnce() -> rusb::Result<()>,
+) -> Result<T, DeviceError> {
+    match transfer() {
+        Err(rusb::Error::Pipe) => clear().and_then(|()| transfer()),
+        done => done,
+    }
+    .map_err(from_usb)
+}
+
 /// Whole milliseconds, at least one: libusb takes zero for ever.
 fn at_least_a_millisecond(timeout: Duration) -> Duration {
     timeout.max(Duration::from_millis(1))
@@ -141,6 +154,10 @@ impl UsbFtdi {
             Err(error) => return Err(error.into()),
         }
         handle.claim_interface(INTERFACE)?;
+        // Halts of an earlier session. What cannot be cleared shows with the first transfer.
+        for endpoint in [BULK_IN, BULK_OUT] {
+            let _ = handle.clear_halt(endpoint);
+        }
         Ok(Self { handle })
     }
 }
@@ -154,11 +171,13 @@ impl Ftdi for UsbFtdi {
     }
 
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.handle.write_bulk(BULK_OUT, bytes, at_least_a_millisecond(timeout)).map_err(from_usb)
+        let timeout = at_least_a_millisecond(timeout);
+        past_halt(|| self.handle.write_bulk(BULK_OUT, bytes, timeout), || self.handle.clear_halt(BULK_OUT))
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.handle.read_bulk(BULK_IN, buffer, at_least_a_millisecond(timeout)).map_err(from_usb)
+        let timeout = at_least_a_millisecond(timeout);
+        past_halt(|| self.handle.read_bulk(BULK_IN, buffer, timeout), || self.handle.clear_halt(BULK_IN))
     }
 }
 
@@ -181,6 +200,36 @@ mod tests {
             assert_eq!(from_usb(error).kind(), kind);
         }
         assert_eq!(UsbError::from(E::Access), UsbError::Denied);
+    }
+
+    /// What came of it, how often it was tried, and how often cleared.
+    fn tried(
+        answers: &[rusb::Result<usize>],
+        cleared: rusb::Result<()>,
+    ) -> (Result<usize, DeviceErrorKind>, usize, u32) {
+        let (mut tries, mut clears) = (0, 0);
+        let transfer = || {
+            tries += 1;
+            answers[tries - 1]
+        };
+        let clear = || {
+            clears += 1;
+            cleared
+        };
+        let done = past_halt(transfer, clear).map_err(|error| error.kind());
+        (done, tries, clears)
+    }
+
+    #[test]
+    fn a_halted_pipe_is_cleared_once_and_tried_once_more() {
+        use rusb::Error as E;
+        let gone = Err(DeviceErrorKind::Disconnected);
+        assert_eq!(tried(&[Ok(16)], Ok(())), (Ok(16), 1, 0));
+        assert_eq!(tried(&[Err(E::Pipe), Ok(16)], Ok(())), (Ok(16), 2, 1));
+        assert_eq!(tried(&[Err(E::Pipe); 2], Ok(())), (gone, 2, 1), "bounded");
+        assert_eq!(tried(&[Err(E::Pipe)], Err(E::NoDevice)), (gone, 1, 1));
+        assert_eq!(tried(&[Err(E::Pipe), Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 2, 1));
+        assert_eq!(tried(&[Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 1, 0));
     }
 
     #[test]

@@ -240,6 +240,91 @@ fn where_no_hand_can_be_is_an_error_and_no_sample() {
     }
 }
 
+/// One damaged packet that looks whole, or two, whatever the hand does meanwhile.
+#[test]
+fn single_positions_that_cannot_be_are_ridden_out() {
+    for wrong in 1..REFUSALS as u64 {
+        let chip = Fake::running();
+        let (mut falcon, mut now_us) = homed(&chip);
+        let mut errors = 0;
+        for tick in 1..200_u64 {
+            now_us += 1_000;
+            // 1 m/s, to and fro.
+            let phase = (tick % 40) as f64;
+            chip.with(|script| script.put([1e-3 * phase.min(40.0 - phase), 0.0, 0.12]));
+            if tick % 10 < wrong {
+                chip.with(|script| script.reply.encoders[0] += 0x100);
+            }
+            match falcon.exchange(now_us, [0.0, 0.0, 1.0]) {
+                Ok(sample) => assert!(sample.is_some()),
+                Err(error) => {
+                    assert_eq!(error.kind(), DeviceErrorKind::BadFrame);
+                    errors += 1;
+                }
+            }
+            assert_eq!(falcon.state(), DeviceState::Homed);
+        }
+        assert!(errors > 15 * wrong, "{errors}");
+    }
+}
+
+/// What is refused once is not taken later, and what goes on being refused is no damaged packet: the motors are at zero at once, and nothing of
+/// the board is believed until it has lost its homing and was homed again.
+#[test]
+fn an_encoder_that_has_miscounted_ends_the_homing() {
+    for counts in [75, -75, 150, 280, 560, -560] {
+        for axis in 0..3 {
+            // A reply each tick, or each second one.
+            for period_us in [1_000, 2_000] {
+                let chip = Fake::running();
+                let (mut falcon, mut now_us) = homed(&chip);
+                let mut tick = |falcon: &mut Falcon<Fake>| {
+                    now_us += period_us;
+                    falcon.exchange(now_us, [0.0, 0.0, 2.0])
+                };
+                for _ in 0..20 {
+                    assert!(tick(&mut falcon).expect("a link").is_some());
+                }
+                assert_ne!(chip.last().motors, [0; 3]);
+                chip.with(|script| script.reply.encoders[axis] += counts);
+                let case = format!("{counts} on {axis}, every {period_us} us");
+                assert!(tick(&mut falcon).expect("from before").is_some());
+                for _ in 1..REFUSALS {
+                    assert_eq!(kind(tick(&mut falcon)), DeviceErrorKind::BadFrame, "{case}");
+                }
+                assert_eq!(
+                    kind(tick(&mut falcon)),
+                    DeviceErrorKind::Faulted(DeviceFault::HomeLost),
+                    "{case}"
+                );
+                for _ in 0..1_000 {
+                    assert_eq!(
+                        (falcon.state(), chip.last().motors),
+                        (DeviceState::Unhomed, [0; 3]),
+                        "{case}"
+                    );
+                    assert_eq!(tick(&mut falcon), Ok(None), "{case}");
+                }
+                // Where it was before: the board says that it is homed, and is not believed.
+                chip.with(|script| script.reply.encoders[axis] -= counts);
+                falcon.reset();
+                assert_eq!((tick(&mut falcon), tick(&mut falcon)), (Ok(None), Ok(None)), "{case}");
+                for homed in [0b011, ALL_HOMED, 0] {
+                    chip.with(|script| script.reply.homed = homed);
+                    assert_eq!(
+                        (tick(&mut falcon), tick(&mut falcon)),
+                        (Ok(None), Ok(None)),
+                        "{case}, {homed}"
+                    );
+                }
+                chip.home();
+                assert_eq!(tick(&mut falcon), Ok(None), "from before");
+                assert!(tick(&mut falcon).expect("a link").is_some(), "homed anew");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_fast_hand_is_followed() {
     let chip = Fake::running();
