@@ -58,6 +58,10 @@ fn wrong(name: &str) -> Option<Wrong> {
         Strike::StallIn | Strike::StallOut => Wrong::TransferStall,
         Strike::Silence => Wrong::Silence,
         Strike::Babble => Wrong::Babble,
+        Strike::Delay => Wrong::Delay,
+        Strike::Duplicate => Wrong::Duplicate,
+        Strike::Truncate => Wrong::Truncate,
+        Strike::Reorder => Wrong::Reorder,
         Strike::Noise => Wrong::Noise,
         Strike::Homing => Wrong::HomingLost,
     };

@@ -23,6 +23,14 @@ pub enum Strike {
     Silence,
     /// Bytes that nobody asked for come before each reply.
     Babble,
+    /// Frames come late on the wire, both ways.
+    Delay,
+    /// Frames come twice there.
+    Duplicate,
+    /// Frames end early there.
+    Truncate,
+    /// Frames are overtaken by the next there.
+    Reorder,
     /// A little of everything on the wire, in both directions; requests are lost, cut, late, doubled and swapped, not changed.
     Noise,
     /// The firmware forgets its homing.
@@ -34,7 +42,7 @@ const MOST_PASSED: u64 = 60;
 
 impl Strike {
     /// All of them, in the order of the seeds from 1.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 15] = [
         Self::WrongEcho,
         Self::DropRequest,
         Self::DropReply,
@@ -46,6 +54,10 @@ impl Strike {
         Self::Babble,
         Self::Noise,
         Self::Homing,
+        Self::Delay,
+        Self::Duplicate,
+        Self::Truncate,
+        Self::Reorder,
     ];
 
     /// What the run of a seed meets; nothing with seed 0.
@@ -74,6 +86,10 @@ impl Strike {
             Self::StallOut => "stall-out",
             Self::Silence => "silence",
             Self::Babble => "babble",
+            Self::Delay => "delay",
+            Self::Duplicate => "duplicate",
+            Self::Truncate => "truncate",
+            Self::Reorder => "reorder",
             Self::Noise => "noise",
             Self::Homing => "homing-lost",
         }
@@ -94,7 +110,14 @@ impl Strike {
             ..Faults::NONE
         };
         const BACK: Faults = Faults { corrupt: 0.02, babble: 0.01, ..THERE };
+        const fn both(faults: Faults) -> (Faults, Faults) {
+            (faults, faults)
+        }
         match self {
+            Self::Delay => both(Faults { delay: 0.05, delay_us: 3_000, ..Faults::NONE }),
+            Self::Duplicate => both(Faults { duplicate: 0.05, ..Faults::NONE }),
+            Self::Truncate => both(Faults { truncate: 0.05, ..Faults::NONE }),
+            Self::Reorder => both(Faults { reorder: 0.05, ..Faults::NONE }),
             Self::Silence | Self::DropReply => (Faults::NONE, Faults { drop: 1.0, ..Faults::NONE }),
             Self::Babble => (Faults::NONE, Faults { babble: 1.0, ..Faults::NONE }),
             Self::Noise => (THERE, BACK),
@@ -112,9 +135,9 @@ mod tests {
         assert_eq!(Strike::of(0), None);
         for (at, strike) in Strike::ALL.into_iter().enumerate() {
             let seed = at as u64 + 1;
-            assert_eq!((Strike::of(seed), Strike::of(seed + 11)), (Some(strike), Some(strike)));
+            assert_eq!((Strike::of(seed), Strike::of(seed + 15)), (Some(strike), Some(strike)));
             assert!(Strike::passes(seed) < MOST_PASSED);
         }
-        assert_ne!(Strike::passes(3), Strike::passes(14), "the same fault at another time");
+        assert_ne!(Strike::passes(3), Strike::passes(18), "the same fault at another time");
     }
 }

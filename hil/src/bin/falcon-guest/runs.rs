@@ -563,7 +563,14 @@ fn as_expected(fault: Strike, end: End) -> bool {
         Strike::Silence => end == End::Latched(Fault::Stale),
         Strike::Homing => end == End::Latched(Fault::NotReady),
         // Whether too much is lost in a row depends on the time. A halted pipe is cleared by the driver.
-        Strike::Babble | Strike::Noise | Strike::StallIn | Strike::StallOut => {
+        Strike::Babble
+        | Strike::Delay
+        | Strike::Duplicate
+        | Strike::Truncate
+        | Strike::Reorder
+        | Strike::Noise
+        | Strike::StallIn
+        | Strike::StallOut => {
             matches!(end, End::Active | End::Latched(Fault::Stale))
         }
     }
