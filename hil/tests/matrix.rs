@@ -55,7 +55,7 @@ fn a_seed_repeats_its_runs() {
 
 /// A bit of each request is flipped for up to 10 ms: which seed hits one that matters is luck, so it is looked for. Hazard in docs/fault-matrix.md.
 #[test]
-#[ignore = "1,500 runs, half a minute: the worst case of the table's rarest fault"]
+#[ignore = "1,500 runs, half a minute; run by hand for the worst damaged request that docs/fault-matrix.md tells of"]
 fn the_worst_of_many_damaged_requests() {
     let blob = session::golden_organ();
     let organ = Organ::read(blob.bytes()).expect("golden");
