@@ -26,8 +26,8 @@ impl Limits {
     pub const MICROCONTROLLER: Self = Self { slots: 13 * 13 * 13, centres: 1_024, vertices: 2_000, modes: 0 };
 }
 
-/// Active nodes on a PC.
-pub const PC_SPACES: usize = 256;
+/// Active nodes on a PC: every surface node of an organ that is touched anywhere.
+pub const PC_SPACES: usize = 512;
 
 /// Active nodes on a microcontroller.
 pub const MICROCONTROLLER_SPACES: usize = 4;

@@ -14,6 +14,7 @@ mod help;
 pub mod image;
 mod lanes;
 pub mod live;
+pub mod map;
 pub mod navigation;
 mod occlusion;
 pub mod overlay;

@@ -5,6 +5,7 @@
 
 mod displacement;
 mod errors;
+mod health;
 mod probes;
 pub mod reference;
 
@@ -12,6 +13,7 @@ use std::collections::BTreeMap;
 
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
+pub use health::{Health, Reason, Verdict};
 pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 
@@ -19,10 +21,13 @@ use palpate_core::flags::SMOOTH;
 use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
 use serde::{Deserialize, Serialize};
 
+use health::Findings;
+
 use crate::configuration_space::fold::folds;
 use crate::configuration_space::{GridIndex, Record, Sampling, Scattered, Store, StoreError};
 use crate::fit::samples;
 use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
+use crate::scattered::planned;
 
 /// Everything that was measured of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,6 +83,9 @@ pub struct SpaceCertificate {
     /// The surface for the eye, if it was packed.
     #[serde(default)]
     pub displacement: Option<DisplacementCertificate>,
+    /// What speaks against its numbers; none in blobs that were packed before it was asked.
+    #[serde(default)]
+    pub health: Option<Health>,
 }
 
 /// Grid points where tries from different neighbours ended at different stable solutions: the body is on two branches there, and which
@@ -225,12 +233,22 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             let solved = records.iter().filter(|r| r.tag.is_solved()).count();
             displacement::measure(store, active, space, table, nodes, &samples, solved)
         });
+        let cost = cost(store, active)?;
+        let methods: Vec<MethodCertificate> = methods.map(|method| measure(space, method, &truths)).collect();
+        let two_solutions = TwoSolutions::of(&store.attempts(active)?);
+        let folded_volume = probes::share_of_ball(space, |at| is_folded(space, at));
+        let scattered = sampling.scattered().map(|_| planned(store, active)).transpose()?.flatten();
+        let search = scattered.as_ref().and_then(|plan| Some((plan.search()?, plan.verdict())));
+        let fold_pairs = folds.len();
+        let findings =
+            Findings { cost: &cost, fold_pairs, folded_volume, two_solutions, methods: &methods, search };
         spaces.push(SpaceCertificate {
-            cost: cost(store, active)?,
-            fold_pairs: folds.len(),
-            two_solutions: TwoSolutions::of(&store.attempts(active)?),
-            folded_volume: probes::share_of_ball(space, |at| is_folded(space, at)),
-            methods: methods.map(|method| measure(space, method, &truths)).collect(),
+            health: Some(Health::of(&records, &findings)),
+            cost,
+            fold_pairs,
+            two_solutions,
+            folded_volume,
+            methods,
             displacement: displacement.transpose()?,
             active: name,
             node,

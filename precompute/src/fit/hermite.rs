@@ -84,7 +84,10 @@ fn nodes_with(
         folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
     cuts.sort_unstable();
     let mut field = Field { grid, solved, cuts };
-    field.differentiate();
+    // Where a fit says everything there is nothing to differentiate.
+    if known.len() < samples.len() {
+        field.differentiate();
+    }
     for (&index, derivatives) in known {
         let solved = grid.lattice.slot(index).and_then(|slot| field.solved[slot].as_mut());
         if let Some(solved) = solved {

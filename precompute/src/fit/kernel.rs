@@ -176,6 +176,13 @@ impl KernelFit {
         self.centres.is_empty()
     }
 
+    /// A lower bound of the condition number of the scaled matrix: the square of the ratio of the factor's diagonal entries.
+    pub fn condition(&self) -> f64 {
+        let diagonal = (0..self.factor.nrows()).map(|i| self.factor[(i, i)]);
+        let (low, high) = diagonal.fold((f64::INFINITY, 0.0f64), |(low, high), d| (low.min(d), high.max(d)));
+        (high / low).powi(2)
+    }
+
     /// Takes configurations in. The fit stays as it was if one of them is too close to another.
     ///
     /// The factor is extended by 20 rows each: of N configurations in all (20 N)^3 / 3 operations, however they come.

@@ -9,7 +9,7 @@ mod reach;
 mod resample;
 mod search;
 
-pub use plan::{ScatteredPlan, searched};
+pub use plan::{ScatteredPlan, planned, searched};
 pub use resample::{Resampled, resample};
 pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted};
 

@@ -124,12 +124,17 @@ impl ScatteredPlan {
     }
 }
 
-/// The search of an active node as far as its store goes; `None` without a rest.
-pub fn searched(store: &Store, active: usize) -> Result<Option<Search>, StoreError> {
+/// The plan of an active node as far as its store goes; `None` where it is a lattice.
+pub fn planned(store: &Store, active: usize) -> Result<Option<ScatteredPlan>, StoreError> {
     Ok(match Plans::of(store)?.replayed(active, &store.attempts(active)?).0 {
-        SpacePlan::Scattered(plan) => plan.search,
+        SpacePlan::Scattered(plan) => Some(*plan),
         SpacePlan::Lattice(_) => None,
     })
+}
+
+/// Its search; `None` without a rest.
+pub fn searched(store: &Store, active: usize) -> Result<Option<Search>, StoreError> {
+    Ok(planned(store, active)?.and_then(|plan| plan.search))
 }
 
 /// What a fit takes from a record; rest has no force by its definition.

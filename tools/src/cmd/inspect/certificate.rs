@@ -5,7 +5,7 @@ use std::path::Path;
 
 use palpate_core::Organ;
 use palpate_precompute::certificate::{
-    Apart, Certificate, DisplacementCertificate, Errors, MethodCertificate, TwoSolutions,
+    Apart, Certificate, DisplacementCertificate, Errors, Health, MethodCertificate, Reason, TwoSolutions,
 };
 
 use crate::failure::Failure;
@@ -37,6 +37,9 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
             cost.held_out,
             cost.held_out_seconds
         );
+        if let Some(health) = &space.health {
+            text.push_str(&of_health(health));
+        }
         let _ = writeln!(
             text,
             "  folds: {} pairs of neighbours, {:.1} % of the volume in touch with them",
@@ -79,6 +82,23 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
         if let Some(displacement) = &space.displacement {
             text.push_str(&of_surface(displacement));
         }
+    }
+    text
+}
+
+fn of_health(health: &Health) -> String {
+    let mut text = format!(
+        "  health: {} (smallest J {:.2}, residual up to {:.1e} N",
+        health.verdict.name().to_uppercase(),
+        health.min_jacobian,
+        health.residual_n
+    );
+    if let Some(condition) = health.condition {
+        let _ = write!(text, ", condition of the fit {condition:.0e}");
+    }
+    text.push_str(")\n");
+    for Reason { verdict, what } in &health.reasons {
+        let _ = writeln!(text, "    {}: {what}", verdict.name());
     }
     text
 }

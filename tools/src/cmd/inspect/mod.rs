@@ -2,6 +2,7 @@
 
 pub(crate) mod certificate;
 mod held_out;
+mod map;
 mod recording;
 mod scattered;
 mod space;
@@ -48,6 +49,10 @@ pub(crate) struct Args {
     /// Of a .space: write its held-out truth to this CSV file, one row a position
     #[arg(long, value_name = "CSV")]
     held_out: Option<PathBuf>,
+    /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the configurations that its
+    /// nodes took
+    #[arg(long, value_name = "PNG")]
+    picture: Option<PathBuf>,
     /// Of a mesh: its unit of length, m, cm or mm (a scene says its own) [default: m]
     #[arg(long, value_parser = unit)]
     unit: Option<LengthUnit>,
@@ -63,9 +68,9 @@ fn unit(text: &str) -> Result<LengthUnit, String> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let kind = args.file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    let of_spaces = args.vtu.is_some() || args.held_out.is_some() || args.all_tries;
+    let of_spaces = args.vtu.is_some() || args.held_out.is_some() || args.picture.is_some() || args.all_tries;
     if kind != "space" && (of_spaces || (args.csv.is_some() && kind != "mcap")) {
-        let what = "--vtu, --held-out and --all-tries are for .space files, --csv for .space and .mcap files";
+        let what = "--vtu, --held-out, --picture and --all-tries are for .space files, --csv for .space and .mcap files";
         return Err(Failure::input(format!("{}: {what}", args.file.display())));
     }
     if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml" | "mcap") {

@@ -12,7 +12,7 @@ use palpate_precompute::held_out::Summary;
 use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
 use serde_json::json;
 
-use super::{Args, Shown, held_out, scattered};
+use super::{Args, Shown, held_out, map, scattered};
 use crate::cmd::held_out::in_words;
 use crate::failure::Failure;
 
@@ -48,6 +48,9 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         }
         Sampling::Scattered(scattered) => (None, None, super::in_words(&scattered)),
     };
+    if let Some(picture) = &args.picture {
+        map::write(&store, picture)?;
+    }
     let mut text = format!(
         "scene   {} ({})\ngrid    {grid_words}, f_max {} N\nsolver  {}\n",
         identity.scene_name,

@@ -1,6 +1,7 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
-use std::collections::BTreeMap;
+mod fitted;
+
 use std::path::Path;
 
 use bytemuck::Pod;
@@ -12,15 +13,13 @@ use palpate_core::blob::format::{
 use palpate_core::profile::PC_SPACES;
 use palpate_core::rbf::LANES;
 
-use crate::configuration_space::fold::{Fold, folds};
-use crate::configuration_space::{GridIndex, Lattice, Record, Sampling, SpaceGrid, Store, StoreError};
+use crate::configuration_space::{GridIndex, Store, StoreError};
 use crate::fit::{
-    Centre, Derivatives, DisplacementBound, DisplacementFault, FitError, HermiteNodes, Kernel, Misfit,
-    RbfFit, Sample, ScatteredMotion, SurfaceMotion, fit_displacement, fit_rbf, flag_folds, hermite_nodes,
-    hermite_nodes_known, lattice_values, samples,
+    Centre, DisplacementFit, FitError, HermiteNodes, Kernel, Misfit, RbfFit, fit_rbf, flag_folds,
+    lattice_values,
 };
 use crate::mesh::{Surface, TetMesh};
-use crate::scattered::{self, Resampled, resample, searched};
+use fitted::{Chosen, Fitted, Fitter, Known};
 
 /// Why a space could not be packed.
 #[derive(Debug)]
@@ -159,20 +158,25 @@ pub fn pack_with(
     let surface = Surface::of(&mesh);
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
-    let mut packer = Packer { store, mesh, surface, options, visual, planes: PlaneArea::default() };
-    let surface_header = packer.surface(&fixed)?;
-    let (mut spaces, mut left_out) = (Vec::new(), Vec::new());
+    let mut chosen = Vec::new();
+    let mut left_out = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
         // The rest point alone is no space.
         if records.iter().filter(|record| record.tag.is_solved()).count() > 1 {
-            let known = packer.known(active, &records, &identity.sampling)?;
-            spaces.push(packer.space(active, &name, node, &known)?);
+            chosen.push(Chosen { active, name, node, records });
         } else {
             left_out.push(name);
         }
     }
+    let fitter =
+        Fitter { sampling: identity.sampling, nodes: &surface.nodes, methods: options.methods, visual };
+    let fitted = fitter.all(store, &chosen, options.threads)?;
+    let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
+    let surface_header = packer.surface(&fixed)?;
+    let spaces = chosen.iter().zip(fitted).map(|(chosen, fitted)| packer.space(chosen, &fitted));
+    let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
     if spaces.len() > PC_SPACES {
         return Err(PackError::TooLarge("the number of active nodes"));
     }
@@ -195,25 +199,12 @@ pub fn pack_with(
 /// The rest point.
 const REST: GridIndex = [0; 3];
 
-/// What the tables of a space are made of: configurations on a lattice, solved there or said by a fit.
-struct Known {
-    grid: SpaceGrid,
-    samples: Vec<Sample>,
-    folds: Vec<Fold>,
-    /// All that the energy's table takes, where a fit says it.
-    derivatives: Option<BTreeMap<GridIndex, Derivatives>>,
-    /// The length of that fit, m.
-    length_m: f64,
-}
-
 /// What every space of a blob shares while it is packed.
 struct Packer<'s> {
     store: &'s Store,
     mesh: TetMesh,
-    surface: Surface,
+    surface: &'s Surface,
     options: &'s PackOptions<'s>,
-    /// The bound of the displacements, if the scene wants any.
-    visual: Option<DisplacementBound>,
     planes: PlaneArea,
 }
 
@@ -236,33 +227,11 @@ impl Packer<'_> {
         })
     }
 
-    /// What the tables of an active node are made of.
-    fn known(&self, active: usize, records: &[Record], sampling: &Sampling) -> Result<Known, PackError> {
-        match sampling {
-            Sampling::Lattice(Lattice { grid, .. }) => Ok(Known {
-                grid: *grid,
-                samples: samples(grid, records),
-                folds: folds(grid, records),
-                derivatives: None,
-                length_m: 0.0,
-            }),
-            Sampling::Scattered(_) => {
-                let search = searched(self.store, active)?.ok_or(PackError::Empty)?;
-                let Resampled { grid, samples, derivatives, .. } = resample(&search);
-                let length_m = search.fit().length_m();
-                Ok(Known { grid, samples, folds: Vec::new(), derivatives: Some(derivatives), length_m })
-            }
-        }
-    }
-
-    fn space(
-        &mut self,
-        active: usize,
-        name: &str,
-        node: u32,
-        known: &Known,
-    ) -> Result<SpaceHeader, PackError> {
-        let Known { grid, samples, folds, derivatives, .. } = known;
+    fn space(&mut self, chosen: &Chosen, fitted: &Fitted) -> Result<SpaceHeader, PackError> {
+        let Chosen { active, name, node, .. } = chosen;
+        let (active, node) = (*active, *node);
+        let Fitted { known, hermite, displacement } = fitted;
+        let Known { grid, samples, folds, .. } = known;
         let mut values = lattice_values(grid, samples);
         flag_folds(grid, folds, &mut values);
         let flags = self.planes.push(&values.flags)?;
@@ -281,19 +250,19 @@ impl Packer<'_> {
             Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
             None => None,
         };
-        let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.options.methods.contains(m));
-        let (mut hermite, mut displacement, mut row) = (None, None, None);
-        if has_hermite {
-            let HermiteNodes { row: rows, nodes } = match derivatives {
-                Some(derivatives) => hermite_nodes_known(grid, samples, derivatives),
-                None => hermite_nodes(grid, samples, folds),
-            };
-            let header = HermiteHeader { row: self.planes.push(&rows)?, nodes: self.planes.push(&nodes)? };
-            (hermite, row) = (Some(header), Some((rows, header.row)));
-        }
-        if let Some(bound) = self.visual {
-            displacement = Some(self.displacement(active, name, known, bound, row)?);
-        }
+        let hermite = match hermite {
+            Some(HermiteNodes { row, nodes }) => {
+                Some((row, HermiteHeader { row: self.planes.push(row)?, nodes: self.planes.push(nodes)? }))
+            }
+            None => None,
+        };
+        let displacement = match displacement {
+            Some(fit) => {
+                Some(self.displacement(fit, hermite.as_ref().map(|(row, header)| (&row[..], header.row)))?)
+            }
+            None => None,
+        };
+        let hermite = hermite.map(|(_, header)| header);
         let normal = self.surface.normal(node).expect("an active node is on the surface");
         Ok(SpaceHeader {
             name: short_text(name, "an active node's name")?,
@@ -309,24 +278,6 @@ impl Packer<'_> {
             hermite,
             displacement,
         })
-    }
-
-    /// How the surface moves between scattered configurations.
-    fn scattered_motion(
-        &self,
-        active: usize,
-        known: &Known,
-        motion: &SurfaceMotion<'_>,
-    ) -> Result<ScatteredMotion, PackError> {
-        let mut configurations = Vec::new();
-        for record in self.store.records(active)?.iter().filter(|r| r.tag.is_solved() && !r.switched) {
-            let moved = motion.at(record.index, record.attempt)?;
-            configurations.push((scattered::displacement_m(record.index), moved));
-        }
-        // Rest first.
-        let size = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>();
-        configurations.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
-        ScatteredMotion::new(known.length_m, &configurations).ok_or(PackError::Empty)
     }
 
     /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
@@ -371,33 +322,14 @@ impl Packer<'_> {
         })
     }
 
-    /// `row` is the plane of rows that the hermite table has, and what is in it.
+    /// `row` is that of the hermite table and the plane it is in.
     fn displacement(
         &mut self,
-        active: usize,
-        name: &str,
-        known: &Known,
-        bound: DisplacementBound,
-        row: Option<(Vec<u32>, PlaneRef)>,
+        fit: &DisplacementFit,
+        row: Option<(&[u32], PlaneRef)>,
     ) -> Result<DisplacementHeader, PackError> {
-        let Known { grid, samples, folds, .. } = known;
-        let motion = SurfaceMotion::new(self.store, active, &self.surface.nodes)?;
-        let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
-        let scattered = known.derivatives.as_ref().map(|_| self.scattered_motion(active, known, &motion));
-        let scattered = scattered.transpose()?;
-        let read = |at: usize| match &scattered {
-            Some(scattered) => Ok(scattered.at(grid.displacement_m(samples[at].index))),
-            None => motion.at(samples[at].index, samples[at].attempt),
-        };
-        let fit = fit_displacement(grid, &solved, folds, bound, read).map_err(|fault| match fault {
-            DisplacementFault::Read(error) => PackError::Store(error),
-            DisplacementFault::Modes => PackError::Displacement { active: name.into(), beyond: None },
-            DisplacementFault::Bound { index, misfit } => {
-                PackError::Displacement { active: name.into(), beyond: Some((index, misfit)) }
-            }
-        })?;
         let planes = &mut self.planes;
-        let row = row.filter(|(rows, _)| *rows == fit.row).map(|(_, plane)| plane);
+        let row = row.filter(|(rows, _)| *rows == &fit.row[..]).map(|(_, plane)| plane);
         Ok(DisplacementHeader {
             slopes: fit.slopes as u32,
             row: row.map_or_else(|| planes.push(&fit.row), Ok)?,

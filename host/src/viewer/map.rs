@@ -1,0 +1,293 @@
+//! One still picture of a surface coloured by figures of its vertices: a column for each figure, seen from the front and from behind.
+
+use super::camera::{OrbitCamera, Projection};
+use super::font::{Align, TextStyle, Typeface};
+use super::image::Image;
+use super::palette::{ColourMap, linear, packed};
+use super::raster::{Raster, Vertex};
+use super::scene::FIXED_COLOUR;
+use super::shade::{Material, Shader};
+use super::smooth::Smooth;
+use super::viewpoint::{box_of, longest_axis, up_axis};
+use glam::{Vec2, Vec3};
+
+const BRIGHT: u32 = 0xed_f1f5;
+const MUTED: u32 = 0x93_9eab;
+/// Of vertices without a figure.
+const NONE_COLOUR: u32 = 0x6b_727a;
+/// Nearly parallel rays: near and far are compared.
+const FIELD_OF_VIEW_RAD: f32 = 0.22;
+/// More samples than this are not worth their memory.
+const MOST_SAMPLES: usize = 12_000_000;
+
+/// What is shown.
+#[derive(Debug, Clone, Default)]
+pub struct SurfaceMap {
+    /// Heading.
+    pub title: String,
+    /// Line below the heading.
+    pub subtitle: String,
+    /// The surface, counter-clockwise seen from outside; every corner is an index into `position_m`.
+    pub triangles: Vec<[u32; 3]>,
+    /// Vertices, m.
+    pub position_m: Vec<[f32; 3]>,
+    /// Which vertices are fixed.
+    pub fixed: Vec<bool>,
+    /// The figures.
+    pub figures: Vec<Figure>,
+}
+
+/// A figure of every vertex.
+#[derive(Debug, Clone, Default)]
+pub struct Figure {
+    /// What it is, with its unit.
+    pub name: String,
+    /// By vertex; none where there is none.
+    pub values: Vec<Option<f32>>,
+    /// Whether equal ratios are equal steps of colour.
+    pub is_logarithmic: bool,
+}
+
+impl Figure {
+    /// The least and the largest value.
+    fn range(&self) -> [f32; 2] {
+        let all = self.values.iter().flatten().filter(|x| x.is_finite());
+        let [low, high] =
+            all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)]);
+        if low < high { [low, high] } else { [low.min(0.0), low.max(0.0) + 1.0] }
+    }
+
+    /// Where a value lies in it, 0..1.
+    fn share(&self, value: f32) -> f32 {
+        let scale = |x: f32| if self.is_logarithmic { x.max(f32::MIN_POSITIVE).ln() } else { x };
+        let [low, high] = self.range().map(scale);
+        (scale(value) - low) / (high - low)
+    }
+
+    /// The value at a share: the inverse of [`Self::share`].
+    fn value(&self, share: f32) -> f32 {
+        let [low, high] = self.range();
+        if self.is_logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
+    }
+}
+
+/// Draws the map. A corner out of range is not drawn, nor is a figure with other than the surface's number of vertices.
+#[must_use]
+pub fn draw(map: &SurfaceMap, width: usize, height: usize) -> Image {
+    let mut image = Image::new(width, height);
+    let scale = (height as f32 / 720.0).min(width as f32 / 1280.0).max(0.05);
+    let mut face = Typeface::new();
+    let margin = 36.0 * scale;
+    face.draw(
+        &mut image,
+        &map.title,
+        margin,
+        46.0 * scale,
+        Align::Left,
+        TextStyle::new(17.0 * scale, BRIGHT),
+    );
+    face.draw(
+        &mut image,
+        &map.subtitle,
+        margin,
+        72.0 * scale,
+        Align::Left,
+        TextStyle::new(9.5 * scale, MUTED),
+    );
+    let (top, legend) = (92.0 * scale, 84.0 * scale);
+    let columns = map.figures.len().max(1);
+    let [panel_width, panel_height] =
+        [width / columns, ((height as f32 - top - legend) / 2.0).max(1.0) as usize];
+    let colours = ColourMap::new();
+    let mut shader = Shader::new();
+    for (column, figure) in map.figures.iter().enumerate() {
+        let left = column * panel_width;
+        for (row, (name, back)) in [("front", false), ("back", true)].into_iter().enumerate() {
+            let panel = panel(map, figure, &colours, &mut shader, [panel_width, panel_height], back);
+            let at = top as usize + row * panel_height;
+            paste(&mut image, &panel, left, at);
+            let style = TextStyle::new(9.0 * scale, MUTED);
+            let y = at as f32 + 16.0 * scale;
+            face.draw(&mut image, name, left as f32 + margin, y, Align::Left, style);
+        }
+        let bar = Bar {
+            left: left as f32 + 0.18 * panel_width as f32,
+            right: left as f32 + 0.82 * panel_width as f32,
+            top: height as f32 - legend + 28.0 * scale,
+            scale,
+        };
+        bar.draw(figure, &colours, &mut face, &mut image);
+    }
+    image
+}
+
+/// The legend of a figure.
+struct Bar {
+    left: f32,
+    right: f32,
+    top: f32,
+    scale: f32,
+}
+
+impl Bar {
+    fn draw(&self, figure: &Figure, colours: &ColourMap, face: &mut Typeface, image: &mut Image) {
+        let Self { left, right, top, scale } = *self;
+        let style = TextStyle::new(10.0 * scale, BRIGHT);
+        face.draw(image, &figure.name, 0.5 * (left + right), top - 9.0 * scale, Align::Centre, style);
+        for x in left as i32..right as i32 {
+            let colour = packed(colours.linear((x as f32 - left) / (right - left)));
+            image.fill_rect(x, top as i32, 1, (12.0 * scale) as i32, colour, 1.0);
+        }
+        for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
+            let value = figure.value(share);
+            let text = if value.abs() >= 9.95 { format!("{value:.0}") } else { format!("{value:.1}") };
+            let (x, y) = (left + share * (right - left), top + 30.0 * scale);
+            face.draw(image, &text, x, y, Align::Centre, TextStyle::new(9.0 * scale, MUTED));
+        }
+    }
+}
+
+/// The surface by one figure, from one side.
+fn panel(
+    map: &SurfaceMap,
+    figure: &Figure,
+    colours: &ColourMap,
+    shader: &mut Shader,
+    [width, height]: [usize; 2],
+    back: bool,
+) -> Image {
+    let mut image = Image::new(width, height);
+    let count = map.position_m.len();
+    let sound = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
+    let triangles: Vec<[u32; 3]> = map.triangles.iter().filter(sound).copied().collect();
+    if figure.values.len() != count || triangles.is_empty() {
+        return image;
+    }
+    let colour = |at: usize| match figure.values[at] {
+        Some(value) => colours.linear(figure.share(value)),
+        None if map.fixed.get(at) == Some(&true) => linear(FIXED_COLOUR),
+        None => linear(NONE_COLOUR),
+    };
+    let vertex = |(at, p): (usize, &[f32; 3])| Vertex {
+        position_m: Vec3::from_array(*p),
+        normal: Vec3::ZERO,
+        albedo: colour(at),
+    };
+    let mut vertices: Vec<Vertex> = map.position_m.iter().enumerate().map(vertex).collect();
+    for triangle in &triangles {
+        let [a, b, c] = triangle.map(|corner| vertices[corner as usize].position_m);
+        for corner in triangle {
+            vertices[*corner as usize].normal += (b - a).cross(c - a);
+        }
+    }
+    for vertex in &mut vertices {
+        vertex.normal = vertex.normal.normalize_or_zero();
+    }
+    let smooth = Smooth::new(&triangles, count);
+    smooth.refine(&mut vertices);
+    let projection = viewpoint(&vertices, [width, height], back);
+    let factor = if width * height * 4 <= MOST_SAMPLES { 2 } else { 1 };
+    let mut raster = Raster::new(width, height, factor, &projection);
+    raster.begin(&projection);
+    raster.draw(&vertices, smooth.triangles(), Material::Plain);
+    raster.resolve(shader, &mut image);
+    image
+}
+
+/// The long side across, from a little above; filling the panel.
+fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], back: bool) -> Projection {
+    let points: Vec<Vec3> = vertices.iter().map(|vertex| vertex.position_m).collect();
+    let (centre_m, radius_m) = box_of(&points);
+    let long = longest_axis(&points, centre_m);
+    let up = up_axis(&[], long);
+    let across = long.cross(up).normalize_or_zero();
+    let towards = (if back { -across } else { across } + 0.35 * up).normalize_or_zero();
+    let mut camera = OrbitCamera {
+        field_of_view_rad: FIELD_OF_VIEW_RAD,
+        distance_m: radius_m / (0.5 * FIELD_OF_VIEW_RAD).sin(),
+        ..OrbitCamera::framing(centre_m, radius_m, towards, up)
+    };
+    let size = Vec2::new(width as f32, height as f32);
+    let extent = |projection: &Projection| {
+        points
+            .iter()
+            .filter_map(|&point| projection.project(point))
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(least, most), (pixel, _)| {
+                (least.min(pixel), most.max(pixel))
+            })
+    };
+    for _ in 0..4 {
+        let (least, most) = extent(&camera.projection(width, height));
+        let ratio = ((most - least).max(Vec2::splat(1e-3)) / (0.88 * size)).max_element();
+        if ratio.is_finite() && ratio > 0.0 {
+            camera.zoom(ratio);
+        }
+    }
+    let mut projection = camera.projection(width, height);
+    let (least, most) = extent(&projection);
+    if least.is_finite() && most.is_finite() {
+        projection.centre_px += 0.5 * size - 0.5 * (least + most);
+    }
+    projection
+}
+
+fn paste(image: &mut Image, part: &Image, left: usize, top: usize) {
+    let (width, height) = (image.width(), image.height());
+    for y in 0..part.height().min(height.saturating_sub(top)) {
+        for x in 0..part.width().min(width.saturating_sub(left)) {
+            let from = y * part.width() + x;
+            image.pixels_mut()[(top + y) * width + left + x] = part.pixels()[from];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FACES: [[u32; 3]; 8] =
+        [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
+
+    fn octahedron(values: Vec<Option<f32>>) -> SurfaceMap {
+        let corners = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z];
+        SurfaceMap {
+            title: "octahedron".into(),
+            subtitle: "a line".into(),
+            triangles: FACES.to_vec(),
+            position_m: corners.map(|corner| (0.1 * corner).to_array()).to_vec(),
+            fixed: vec![false; 6],
+            figures: vec![Figure { name: "figure".into(), values, is_logarithmic: false }],
+        }
+    }
+
+    /// Pixels redder than blue in the panels.
+    fn warm(image: &Image) -> usize {
+        image.pixels().iter().filter(|&&pixel| (pixel >> 16 & 0xff) > (pixel & 0xff) + 60).count()
+    }
+
+    #[test]
+    fn what_has_a_figure_has_its_colour_and_what_has_none_is_grey() {
+        let with = draw(&octahedron((0..6).map(|n| Some(n as f32)).collect()), 640, 360);
+        let without = draw(&octahedron(vec![None; 6]), 640, 360);
+        // The legend is in both.
+        assert!(warm(&with) > 4 * warm(&without), "{} against {}", warm(&with), warm(&without));
+        let lit = |image: &Image| image.pixels().iter().filter(|&&p| p & 0xff > 0x20).count();
+        assert!(lit(&without) > 10_000, "grey, but drawn: {}", lit(&without));
+    }
+
+    #[test]
+    fn shares_and_values_are_each_others_inverse() {
+        for is_logarithmic in [false, true] {
+            let values = [3.0, 30.0, 300.0].map(Some).to_vec();
+            let figure = Figure { values, is_logarithmic, ..Figure::default() };
+            for share in [0.0, 0.3, 1.0] {
+                assert!((figure.share(figure.value(share)) - share).abs() < 1e-5);
+            }
+            assert_eq!(figure.range(), [3.0, 300.0]);
+        }
+        // One value only: a scale there is nevertheless.
+        let figure = Figure { values: vec![Some(2.0), None], ..Figure::default() };
+        assert!(figure.share(2.0).is_finite() && figure.value(1.0) > figure.value(0.0));
+        assert_eq!(draw(&SurfaceMap::default(), 64, 48).pixels().len(), 64 * 48);
+    }
+}

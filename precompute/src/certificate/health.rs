@@ -1,0 +1,277 @@
+//! Numerical health of a space: what speaks against its numbers, and how loudly.
+//!
+//! Errors say how far a force is from the solver's. Health says whether the solver's is worth anything: whether it was converged, on a branch
+//! that a body would stay on, in elements that are not inside out, with a force for every position and not two.
+
+use serde::{Deserialize, Serialize};
+
+use super::errors::NOT_FELT_N;
+use super::{Cost, MethodCertificate, TwoSolutions};
+use crate::configuration_space::Record;
+use crate::scattered::{Search, Verdict as LoopVerdict};
+
+/// What to make of a space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Nothing speaks against it.
+    #[default]
+    Green,
+    /// Usable by somebody who has read why.
+    Yellow,
+    /// Not to be touched as it is.
+    Red,
+}
+
+impl Verdict {
+    /// In a word.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Green => "green",
+            Self::Yellow => "yellow",
+            Self::Red => "red",
+        }
+    }
+}
+
+/// One thing that speaks against a space.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Reason {
+    /// How loudly.
+    pub verdict: Verdict,
+    /// What, and how to mend it.
+    pub what: String,
+}
+
+/// Figures of the reachable configurations, those within f_max, and what follows from them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Health {
+    /// The loudest of the reasons.
+    pub verdict: Verdict,
+    /// The loudest first.
+    pub reasons: Vec<Reason>,
+    /// Reachable configurations, rest among them.
+    pub reachable: usize,
+    /// Smallest J of any element in any of them.
+    pub min_jacobian: f64,
+    /// With elements inside out.
+    pub inverted: usize,
+    /// In equilibrium, but not stable: a body would leave them.
+    pub unstable: usize,
+    /// That left the branch they were to be followed on.
+    pub switched: usize,
+    /// Largest residual, N.
+    pub residual_n: f64,
+    /// A lower bound of the condition number of the fit's matrix, where the fit is a scattered one.
+    pub condition: Option<f64>,
+    /// Whether the blind loop came within tolerance, where there was one.
+    pub loop_passed: Option<bool>,
+}
+
+/// From which figure on something is yellow, and from which on red.
+struct Limits {
+    yellow: f64,
+    red: f64,
+}
+
+impl Limits {
+    fn of(&self, figure: f64) -> Verdict {
+        // NaN is red.
+        if figure <= self.yellow {
+            Verdict::Green
+        } else if figure <= self.red {
+            Verdict::Yellow
+        } else {
+            Verdict::Red
+        }
+    }
+}
+
+/// Share of the ball that is at folds, of configurations that are unstable or left their branch, of points with two solutions: a hand meets
+/// one in a hundred, but not in a stroke.
+const BRANCHES: Limits = Limits { yellow: 0.0, red: 0.01 };
+/// Share of configurations with elements inside out: P1/P1 bears a few, but past a quarter the mesh and not the body answers.
+const INVERTED: Limits = Limits { yellow: 0.0, red: 0.25 };
+/// Share of points that could not be solved.
+const FAILED: Limits = Limits { yellow: 0.01, red: 0.05 };
+/// Residual, N: a converged one is rounding; the other is a twentieth of what a hand feels.
+const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: NOT_FELT_N / 20.0 };
+/// Share of independent positions where the error is felt, with the best method.
+const FELT: Limits = Limits { yellow: 0.01, red: 0.05 };
+/// Difference of the tick's arithmetic from f64, N.
+const ROUNDING_N: Limits = Limits { yellow: NOT_FELT_N / 10.0, red: NOT_FELT_N };
+/// Condition of the fit's matrix: the nuggets hold it below 1e12 unless data contradict each other.
+const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
+
+/// What else is known of a space when its health is asked for.
+pub(super) struct Findings<'f> {
+    pub(super) cost: &'f Cost,
+    pub(super) fold_pairs: usize,
+    pub(super) folded_volume: f64,
+    pub(super) two_solutions: TwoSolutions,
+    pub(super) methods: &'f [MethodCertificate],
+    /// The blind loop and how it ended, if the positions are scattered.
+    pub(super) search: Option<(&'f Search, Option<LoopVerdict>)>,
+}
+
+impl Health {
+    /// Of the records of a space.
+    pub(super) fn of(records: &[Record], found: &Findings<'_>) -> Self {
+        let reachable: Vec<&Record> =
+            records.iter().filter(|r| r.tag == palpate_core::ConfigTag::Expandable).collect();
+        let count = |is: &dyn Fn(&Record) -> bool| reachable.iter().filter(|r| is(r)).count();
+        let mut health = Self {
+            reachable: reachable.len(),
+            min_jacobian: reachable.iter().map(|r| r.min_jacobian).fold(f64::INFINITY, f64::min),
+            inverted: count(&|r| r.inverted > 0),
+            unstable: count(&|r| r.unstable_modes.unwrap_or(0) > 0),
+            switched: count(&|r| r.switched),
+            residual_n: reachable.iter().map(|r| r.residual_n).fold(0.0, |a, b| if b <= a { a } else { b }),
+            condition: found.search.map(|(search, _)| search.fit().condition()),
+            loop_passed: found.search.map(|(_, verdict)| verdict == Some(LoopVerdict::Passed)),
+            ..Self::default()
+        };
+        health.reasons = health.judged(found);
+        health.reasons.sort_by_key(|reason| std::cmp::Reverse(reason.verdict));
+        health.verdict = health.reasons.iter().map(|reason| reason.verdict).max().unwrap_or_default();
+        health
+    }
+
+    fn judged(&self, found: &Findings<'_>) -> Vec<Reason> {
+        let share = |n: usize| n as f64 / self.reachable.max(1) as f64;
+        let mut reasons = Vec::new();
+        let mut say = |verdict: Verdict, what: String| {
+            if verdict > Verdict::Green {
+                reasons.push(Reason { verdict, what });
+            }
+        };
+        say(
+            BRANCHES.of(found.folded_volume),
+            format!(
+                "{:.1} % of the ball lies at folds ({} pairs of neighbours on different branches): the force there depends on the way; \
+                 take a smaller radius_m",
+                100.0 * found.folded_volume,
+                found.fold_pairs
+            ),
+        );
+        let TwoSolutions { points, apart_n } = found.two_solutions;
+        say(
+            BRANCHES.of(share(points)),
+            format!(
+                "two stable solutions at {points} points, up to {apart_n:.2} N apart: the body buckles; take a smaller radius_m"
+            ),
+        );
+        let of_all = format!("of {} reachable configurations", self.reachable);
+        say(
+            BRANCHES.of(share(self.unstable)),
+            format!("{} {of_all} are unstable: a body would leave them", self.unstable),
+        );
+        say(
+            BRANCHES.of(share(self.switched)),
+            format!("{} {of_all} left the branch they were followed on", self.switched),
+        );
+        say(
+            INVERTED.of(share(self.inverted)),
+            format!(
+                "{} {of_all} have elements inside out (smallest J {:.2}): refine the mesh there, or take order = 2 or a smaller radius_m",
+                self.inverted, self.min_jacobian
+            ),
+        );
+        let points = found.cost.configurations + found.cost.failed;
+        say(
+            FAILED.of(found.cost.failed as f64 / points.max(1) as f64),
+            format!("{} of {points} points could not be solved", found.cost.failed),
+        );
+        say(
+            RESIDUAL_N.of(self.residual_n),
+            format!("residuals of up to {:.1e} N: not converged", self.residual_n),
+        );
+        if self.loop_passed == Some(false) {
+            say(
+                Verdict::Yellow,
+                "the blind loop did not come within its tolerance; take a smaller radius_m, or a lattice"
+                    .into(),
+            );
+        }
+        if let Some(condition) = self.condition {
+            say(
+                CONDITION.of(condition),
+                format!("the fit's matrix has a condition of {condition:.0e} or more"),
+            );
+        }
+        let measured = || found.methods.iter().filter(|method| method.uniform.count > 0);
+        let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
+        if let Some(best) = measured().min_by(|a, b| felt(a).total_cmp(&felt(b))) {
+            let percent = 100.0 * felt(best);
+            say(
+                FELT.of(felt(best)),
+                format!(
+                    "the error can be felt at {percent:.1} % of {} independent positions ({}, the best method)",
+                    best.uniform.count, best.method
+                ),
+            );
+        }
+        for method in found.methods {
+            say(
+                ROUNDING_N.of(method.probe.rounding_n),
+                format!("{}: rounding of up to {:.1} mN", method.method, 1e3 * method.probe.rounding_n),
+            );
+        }
+        reasons
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {
+        for (figure, verdict) in
+            [(0.0, Verdict::Green), (1e-3, Verdict::Yellow), (0.02, Verdict::Red), (f64::NAN, Verdict::Red)]
+        {
+            assert_eq!(BRANCHES.of(figure), verdict, "{figure}");
+        }
+    }
+
+    /// Each kind of trouble alone turns a sound space yellow or red, and says so.
+    #[test]
+    fn the_loudest_reason_is_the_verdict() {
+        let sound = Health { reachable: 200, min_jacobian: 0.4, ..Health::default() };
+        let cost = Cost { configurations: 200, ..Cost::default() };
+        let judged = |health: &Health, change: &dyn Fn(&mut Findings<'_>)| {
+            let two_solutions = TwoSolutions::default();
+            let mut found = Findings {
+                cost: &cost,
+                fold_pairs: 0,
+                folded_volume: 0.0,
+                two_solutions,
+                methods: &[],
+                search: None,
+            };
+            change(&mut found);
+            let reasons = health.judged(&found);
+            (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
+        };
+        let nothing = |_: &mut Findings<'_>| {};
+        assert_eq!(judged(&sound, &nothing), (Verdict::Green, 0));
+        for (health, verdict) in [
+            (Health { unstable: 1, ..sound.clone() }, Verdict::Yellow),
+            (Health { unstable: 10, ..sound.clone() }, Verdict::Red),
+            (Health { switched: 10, ..sound.clone() }, Verdict::Red),
+            (Health { inverted: 10, ..sound.clone() }, Verdict::Yellow),
+            (Health { inverted: 90, ..sound.clone() }, Verdict::Red),
+            (Health { residual_n: 1e-4, ..sound.clone() }, Verdict::Yellow),
+            (Health { residual_n: f64::NAN, ..sound.clone() }, Verdict::Red),
+            (Health { condition: Some(1e14), ..sound.clone() }, Verdict::Yellow),
+            (Health { loop_passed: Some(false), ..sound.clone() }, Verdict::Yellow),
+        ] {
+            assert_eq!(judged(&health, &nothing), (verdict, 1), "{health:?}");
+        }
+        let folded = |found: &mut Findings<'_>| found.folded_volume = 0.2;
+        assert_eq!(judged(&sound, &folded), (Verdict::Red, 1));
+        let buckled =
+            |found: &mut Findings<'_>| found.two_solutions = TwoSolutions { points: 1, apart_n: 0.5 };
+        assert_eq!(judged(&sound, &buckled), (Verdict::Yellow, 1));
+    }
+}

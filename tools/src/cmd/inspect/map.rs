@@ -1,0 +1,66 @@
+//! A `.space` file as a picture: the organ coloured by how stiff it is to the touch at rest, and by what that took to know.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use palpate_host::viewer::frames::write_still;
+use palpate_host::viewer::map::{Figure, SurfaceMap, draw};
+use palpate_precompute::configuration_space::Store;
+use palpate_precompute::mesh::Surface;
+
+use crate::failure::Failure;
+
+const SIZE: [usize; 2] = [1280, 720];
+
+/// What is shown of an active node.
+#[derive(Debug, Clone, Copy)]
+struct Touched {
+    stiffness_n_m: f32,
+    configurations: f32,
+}
+
+/// Draws it.
+pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
+    let (mesh, fixed) = store.body()?;
+    let surface = Surface::of(&mesh);
+    let mut touched = HashMap::new();
+    for (active, (_, node)) in store.active()?.into_iter().enumerate() {
+        let records = store.records(active)?;
+        let solved = records.iter().filter(|record| record.tag.is_solved());
+        let (Some(rest), Some(normal)) =
+            (records.iter().find(|record| record.index == [0; 3]), surface.normal(node))
+        else {
+            continue;
+        };
+        let of = |i: usize, j: usize| normal[i] * rest.stiffness_n_m[(i, j)] * normal[j];
+        let stiffness_n_m = (0..9).map(|n| of(n / 3, n % 3)).sum::<f64>() as f32;
+        touched.insert(node, Touched { stiffness_n_m, configurations: solved.count() as f32 });
+    }
+    let vertex =
+        |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes");
+    let figure = |name: &str, of: fn(&Touched) -> f32| Figure {
+        name: name.into(),
+        values: surface.nodes.iter().map(|node| touched.get(node).map(of)).collect(),
+        is_logarithmic: true,
+    };
+    let identity = store.identity()?;
+    let solved: f32 = touched.values().map(|t| t.configurations).sum();
+    let map = SurfaceMap {
+        title: identity.scene_name,
+        subtitle: format!(
+            "{} active nodes, {solved:.0} configurations; {} vertices, {} of them fixed (blue)",
+            touched.len(),
+            surface.nodes.len(),
+            surface.nodes.iter().filter(|n| fixed.binary_search(n).is_ok()).count()
+        ),
+        triangles: surface.triangles.iter().map(|t| t.map(|node| vertex(node) as u32)).collect(),
+        position_m: surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize].map(|x| x as f32)).collect(),
+        fixed: surface.nodes.iter().map(|n| fixed.binary_search(n).is_ok()).collect(),
+        figures: vec![
+            figure("stiffness at rest, pushed, N/m", |t| t.stiffness_n_m),
+            figure("configurations needed", |t| t.configurations),
+        ],
+    };
+    let [width, height] = SIZE;
+    write_still(&draw(&map, width, height), path).map_err(|error| Failure::file(path, &error))
+}
