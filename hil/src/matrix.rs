@@ -156,6 +156,8 @@ pub enum Ended {
     Opened,
     /// The supervisor took the force away.
     Supervisor,
+    /// The device did, and its own watchdog keeps it away.
+    Watchdog,
     /// It did not come so far, or no further: what was waited for in vain.
     Missed(&'static str),
 }
@@ -247,9 +249,12 @@ impl Run {
         {
             return Some("no zero after the link was mended");
         }
-        let is_late = self.zero_us.is_none_or(|us| us > GENEROUS.as_micros() as u64);
-        if matches!(self.wrong, Wrong::HostKilled | Wrong::HostPaused) && is_late {
-            return Some("no zero by the supervisor");
+        let is_late = |us: Option<u64>| us.is_none_or(|us| us > GENEROUS.as_micros() as u64);
+        if matches!(self.wrong, Wrong::HostKilled | Wrong::HostPaused) && is_late(self.zero_us) {
+            return Some("no zero for a host that is gone");
+        }
+        if self.ended == Ended::Watchdog && is_late(self.detected_us) {
+            return Some("no latch by the device's watchdog");
         }
         let damaged = self.wrong == Wrong::CorruptRequest && !self.checked_requests;
         if self.largest_n > self.limit_n && !damaged {
@@ -591,6 +596,7 @@ impl Row<'_> {
                 Ended::Refused => "not opened".into(),
                 Ended::Opened => "opened".into(),
                 Ended::Supervisor => "supervisor".into(),
+                Ended::Watchdog => "device's watchdog".into(),
                 Ended::Missed(what) => what.into(),
             };
             match ends.iter_mut().find(|(known, _)| *known == name) {

@@ -65,6 +65,11 @@ pub trait SerialDevice: Send + 'static {
 
     /// Something happens to it. False if it cannot happen to this one.
     fn strike(&mut self, mishap: Mishap) -> bool;
+
+    /// Whether its own watchdog has ended the session; never, where it has none.
+    fn has_latched(&self) -> bool {
+        false
+    }
 }
 
 /// A steady hand that holds the handle of a profile's mechanism in the middle of its workspace.

@@ -22,6 +22,8 @@ pub mod workspace;
 use core::fmt;
 use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// What went wrong, as far as the caller's decision goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -278,6 +280,25 @@ impl<D: Device + ?Sized> Device for &mut D {
     fn reset(&mut self) {
         (**self).reset();
     }
+}
+
+/// Between two exchanges while a device is homed.
+const HOMING_PAUSE: Duration = Duration::from_millis(1);
+
+/// Exchanges without a force until the user has homed the device, or until `stop`. Before the loop: may block.
+fn wait_homed(device: &mut impl Device, stop: &AtomicBool) -> Result<(), DeviceError> {
+    let begun = Instant::now();
+    while device.state() != DeviceState::Homed && !stop.load(Ordering::Relaxed) {
+        match device.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
+            Err(error) if !error.kind().is_passing() => return Err(error),
+            _ => std::thread::sleep(HOMING_PAUSE),
+        }
+        if device.was_zeroed() {
+            // Nothing is armed yet: there is no force that could come back.
+            device.reset();
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
