@@ -27,6 +27,7 @@ pub mod falcon;
 pub mod fault;
 pub mod faulty;
 pub mod felt;
+pub mod handed;
 pub mod hosts;
 pub mod link;
 pub mod matrix;

@@ -1,5 +1,6 @@
 //! A rig in step with the driver alone, or with the whole loop: an exchange or a tick each millisecond, then the device's turn.
 
+use crate::handed::Holder;
 use crate::mechanism::Waypoint;
 use crate::rig::{OpenError, Rig};
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
@@ -269,13 +270,26 @@ impl Bench<'_, '_> {
 
 /// Opens and homes the device of a rig on an organ, and runs `test` with the loop, disarmed. The hand waits in the middle of the workspace:
 /// on the surface.
+///
+/// Without a supervisor: what is asked of driver and loop together is not to be softened by another process.
 pub fn with_loop<T>(
     rig: &mut dyn Rig,
     organ: &Organ<'_>,
     method: Method,
     test: impl FnOnce(&mut Bench<'_, '_>) -> T,
 ) -> Result<T, OpenError> {
-    let profile = rig.profile().clone();
+    with_loop_held(rig, organ, method, Holder::Loop, test)
+}
+
+/// The same with the device in somebody's hands.
+pub fn with_loop_held<T>(
+    rig: &mut dyn Rig,
+    organ: &Organ<'_>,
+    method: Method,
+    holder: Holder,
+    test: impl FnOnce(&mut Bench<'_, '_>) -> T,
+) -> Result<T, OpenError> {
+    let profile = holder.seen_from_here(rig.profile());
     let workspace = on_organ(organ, &profile);
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
     let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
@@ -283,7 +297,7 @@ pub fn with_loop<T>(
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
-    let mined = Mined { inner: device, fuse: Arc::clone(&fuse) };
+    let mined = Mined { inner: holder.hold(device), fuse: Arc::clone(&fuse) };
     let carried_n = Profile { workspace, ..profile }.carried_n();
     let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
         .carrying(carried_n);

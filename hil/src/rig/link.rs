@@ -51,6 +51,7 @@ impl SerialDevice for EmulatedLink {
             motor_step_n: 2e-4,
             checked_requests: true,
             numbered_replies: true,
+            has_watchdog: true,
         }
     }
 

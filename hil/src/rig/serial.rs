@@ -101,6 +101,7 @@ impl SerialDevice for EmulatedPolhem {
             motor_step_n: profile.mechanism.motor_quantum_n.unwrap_or(1e-3),
             checked_requests: false,
             numbered_replies: false,
+            has_watchdog: false,
         }
     }
 
