@@ -37,6 +37,12 @@ const STAYS_ASKED: Duration = Duration::from_millis(300);
 /// How often a run is begun before it is a failed one.
 const TRIES: usize = 2;
 
+/// How a host is taken away.
+#[must_use]
+pub const fn signal(wrong: Wrong) -> Signal {
+    if matches!(wrong, Wrong::HostKilled) { Signal::SIGKILL } else { Signal::SIGSTOP }
+}
+
 /// One run: a host with a force on a device, then the signal. What does not come, and which host cannot be brought up at all, is a run that
 /// [`Ended::Missed`] something.
 ///
@@ -81,14 +87,14 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
     std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
     if host.said("zeroed") {
         // The machine's doing, and not what is measured.
-        stage.release(&host).and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
+        host.release().and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
     }
     stage.forget();
     let then_ms = draw(5, 0, 100);
     let certain = |what, happens: bool| {
         if happens { Ok(()) } else { Err(Missing { what, is_staged: true }) }
     };
-    host.signal(if run.wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
+    host.signal(signal(run.wrong));
     certain("no zero", comes(CERTAIN, || stage.seen().force_n == vec3::ZERO))?;
     let micros = |time: Duration| time.as_micros() as u64;
     run.zero_us = stage.seen().zero_after().map(micros);

@@ -23,6 +23,7 @@
 pub mod bench;
 pub mod closed_loop;
 pub mod contract;
+pub mod emulate;
 pub mod falcon;
 pub mod fault;
 pub mod faulty;

@@ -226,42 +226,9 @@ impl Stage {
         })
     }
 
-    /// From now on the host resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries.
-    ///
-    /// A supervisor on a busy machine may fire between the host's word and the look at the force; the host then goes back, and holds anew.
+    /// [`Host::hold`] on this stage.
     pub fn hold(&self, host: &Host, force_n: Vec3) -> Result<(), &'static str> {
-        let mut has_force = false;
-        let _ = comes(CERTAIN, || {
-            has_force = self.has_force(force_n, LOOK);
-            has_force || host.silent.load(Ordering::Relaxed)
-        });
-        if !has_force {
-            return Err("no force");
-        }
-        for _ in 0..TRIES {
-            if self.has_force(force_n, TRY) {
-                host.say("hold");
-                let holds = comes(CERTAIN, || host.said("holds"));
-                if !holds {
-                    return Err("no word that the host holds");
-                }
-                if self.has_force(force_n, TRY) && !host.said("zeroed") {
-                    return Ok(());
-                }
-                self.release(host)?;
-            }
-        }
-        Err("no force that is held")
-    }
-
-    /// The host resets again what a busy machine trips.
-    pub fn release(&self, host: &Host) -> Result<(), &'static str> {
-        host.say("again");
-        if !comes(CERTAIN, || host.said("again")) {
-            return Err("no word that the host goes back");
-        }
-        host.forget();
-        Ok(())
+        host.hold(|time| self.has_force(force_n, time))
     }
 
     /// Whether the force is zero for so long on end.
@@ -343,6 +310,44 @@ impl Host {
     /// Says a word to it; one that is gone does not hear it.
     pub fn say(&self, word: &str) {
         let _ = (&self.words).write_all(format!("{word}\n").as_bytes());
+    }
+
+    /// From now on it resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries. `has_force`
+    /// looks whether the force gets there in some time.
+    ///
+    /// A watchdog on a busy machine may fire between its word and the look at the force; it then goes back, and holds anew.
+    pub fn hold(&self, mut has_force: impl FnMut(Duration) -> bool) -> Result<(), &'static str> {
+        let mut is_there = false;
+        let _ = comes(CERTAIN, || {
+            is_there = has_force(LOOK);
+            is_there || self.silent.load(Ordering::Relaxed)
+        });
+        if !is_there {
+            return Err("no force");
+        }
+        for _ in 0..TRIES {
+            if has_force(TRY) {
+                self.say("hold");
+                if !comes(CERTAIN, || self.said("holds")) {
+                    return Err("no word that the host holds");
+                }
+                if has_force(TRY) && !self.said("zeroed") {
+                    return Ok(());
+                }
+                self.release()?;
+            }
+        }
+        Err("no force that is held")
+    }
+
+    /// It resets again what a busy machine trips.
+    pub fn release(&self) -> Result<(), &'static str> {
+        self.say("again");
+        if !comes(CERTAIN, || self.said("again")) {
+            return Err("no word that the host goes back");
+        }
+        self.forget();
+        Ok(())
     }
 
     /// Whether it has said this.
