@@ -12,7 +12,7 @@
 
 use palpate_core::{Sample, Vec3};
 use palpate_host::device::profile::Profile;
-use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
+use palpate_host::device::{Around, DeviceState};
 use palpate_host::{Device, DeviceError};
 
 /// Who holds the device.
@@ -54,35 +54,25 @@ struct Handed {
     state: DeviceState,
 }
 
-impl Device for Handed {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl Around for Handed {
+    type Inner = dyn Device;
+
+    fn inner(&self) -> &(dyn Device + 'static) {
+        &*self.device
+    }
+
+    fn inner_mut(&mut self) -> &mut (dyn Device + 'static) {
+        &mut *self.device
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.state = self.device.state();
         let brought = self.device.exchange(now_us, hand_force_n);
         core::mem::replace(&mut self.brought, brought)
     }
 
-    fn stop(&mut self) {
-        self.device.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        self.device.info()
-    }
-
-    fn state(&self) -> DeviceState {
+    fn state_around(&self) -> DeviceState {
         self.state
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.device.emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        self.device.was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        self.device.reset();
     }
 }
 

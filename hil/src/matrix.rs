@@ -97,23 +97,11 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
     };
     let pulled = matches!(wrong, Wrong::UnplugMidFrame | Wrong::Replug);
     let run = Run {
-        rig: kind.name,
-        wrong,
-        seed,
-        ended: Ended::RodeOn,
-        degraded_us: None,
-        detected_us: None,
-        zero_us: None,
-        mended_us: None,
-        largest_n: 0.0,
-        step_n: 0.0,
-        beyond_us: 0,
-        limit_n,
-        resumed: false,
         way_is_sound: plan.to_device == Faults::NONE && !pulled,
         // A tick more: the last sample may have come with the tick of the fault.
         silent: silent_ticks > STALE_US / TICK_US + 1,
         checked_requests: traits.checked_requests,
+        ..Run::with_nothing(kind.name, wrong, seed, limit_n)
     };
     let depth_m = 1e-3 * dice.draw(4, 8, 18) as f32;
     let lead = dice.draw(5, 600, 720);
@@ -213,22 +201,11 @@ fn load(kind: Kind, dice: Dice) -> Run {
     };
     let felt = rig.felt();
     Run {
-        rig: kind.name,
-        wrong: Wrong::WrongEcho,
-        seed: dice.0,
         ended: if opened { Ended::Opened } else { Ended::Refused },
-        degraded_us: None,
-        detected_us: None,
-        zero_us: None,
-        mended_us: None,
         largest_n: felt.largest_force_n,
         step_n: felt.largest_step_n,
-        beyond_us: 0,
-        limit_n: 0.0,
         resumed: felt.largest_force_n > 0.0,
-        way_is_sound: true,
-        silent: false,
-        checked_requests: true,
+        ..Run::with_nothing(kind.name, Wrong::WrongEcho, dice.0, 0.0)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::rig::{OpenError, Rig};
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
-use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
+use palpate_host::device::{Around, DeviceState};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{BlobFile, Device, DeviceError};
 use std::sync::Arc;
@@ -183,34 +183,20 @@ struct Mined {
     fuse: Arc<AtomicBool>,
 }
 
-impl Device for Mined {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl Around for Mined {
+    type Inner = dyn Device;
+
+    fn inner(&self) -> &(dyn Device + 'static) {
+        &*self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut (dyn Device + 'static) {
+        &mut *self.inner
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         assert!(!self.fuse.load(Ordering::Relaxed), "planted");
         self.inner.exchange(now_us, hand_force_n)
-    }
-
-    fn stop(&mut self) {
-        self.inner.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        self.inner.info()
-    }
-
-    fn state(&self) -> DeviceState {
-        self.inner.state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.inner.emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        self.inner.was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        self.inner.reset();
     }
 }
 

@@ -12,6 +12,7 @@
 
 mod falcon;
 mod link;
+mod polhem;
 mod serial;
 
 pub use falcon::FalconRig;

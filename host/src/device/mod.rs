@@ -3,6 +3,7 @@
 //! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
+mod around;
 pub mod falcon;
 pub mod hand;
 pub mod impedance;
@@ -18,6 +19,8 @@ pub mod script;
 pub mod serial;
 pub mod simulated;
 pub mod workspace;
+
+pub use around::Around;
 
 use core::fmt;
 use palpate_core::link::DeviceFault;
@@ -220,66 +223,6 @@ pub trait Device: Send {
 pub trait EmergencyStop: Send {
     /// Sends zero force, now, without waiting for the device or for its owner.
     fn zero(&mut self) -> Result<(), DeviceError>;
-}
-
-impl<D: Device + ?Sized> Device for Box<D> {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        (**self).exchange(now_us, hand_force_n)
-    }
-
-    fn stop(&mut self) {
-        (**self).stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        (**self).info()
-    }
-
-    fn state(&self) -> DeviceState {
-        (**self).state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        (**self).emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        (**self).was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        (**self).reset();
-    }
-}
-
-impl<D: Device + ?Sized> Device for &mut D {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        (**self).exchange(now_us, hand_force_n)
-    }
-
-    fn stop(&mut self) {
-        (**self).stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        (**self).info()
-    }
-
-    fn state(&self) -> DeviceState {
-        (**self).state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        (**self).emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        (**self).was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        (**self).reset();
-    }
 }
 
 /// Between two exchanges while a device is homed.
