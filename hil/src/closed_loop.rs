@@ -6,13 +6,16 @@
 //!    error            delay, motors        encoder steps       cap, slew, fade
 //! ```
 //!
+//! A device that the product gives a supervisor has one here: its samples are a tick later ([`crate::handed`]).
+//!
 //! Ideal is the organ's force at the true position, now, within the force limit; capped the same with the stiffness cap, the slew limit and the fade; stepped the same with
 //! the position rounded as the encoders do. Each is a controller of its own with its own touch, so that a difference in when a touch begins
 //! counts too. None of it says how good the organ is: its own certificate states the distance to finite elements.
 
+use crate::handed::Holder;
 use crate::mechanism::Waypoint;
 use crate::rig::{self, Kind, OpenError, Rig};
-use crate::session::{self, TICK_US, on_organ, settings, with_loop};
+use crate::session::{self, TICK_US, on_organ, settings, with_loop_held};
 use core::fmt;
 use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, Vec3, vec3};
 use palpate_host::device::profile::Profile;
@@ -135,7 +138,8 @@ pub fn palpate(
     method: Method,
     seconds: u64,
 ) -> Result<Found, OpenError> {
-    let profile = rig.profile().clone();
+    let holder = rig.traits().holder();
+    let profile = holder.seen_from_here(rig.profile());
     let workspace = on_organ(organ, &profile);
     let capped = settings(organ, &profile, workspace, method);
     let mut ideal = capped;
@@ -144,9 +148,9 @@ pub fn palpate(
     ideal.limits.max_slew_n_per_s = 1e9;
     ideal.limits.fade_s = 0.0;
     let mut shadows = [Shadow::new(organ, ideal)?, Shadow::new(organ, capped)?, Shadow::new(organ, capped)?];
-    with_loop(rig, organ, method, |bench| {
+    with_loop_held(rig, organ, method, holder, |bench| {
         let mut found = Found {
-            rig: name.into(),
+            rig: if holder == Holder::Supervisor { format!("{name}, supervised") } else { name.into() },
             touches: 0,
             touching_us: 0,
             peak_n: 0.0,

@@ -1,8 +1,10 @@
-//! Hosts that are killed and hosts that stand still: real processes with a real supervisor, on emulated devices, in real time.
+//! Hosts that are killed and hosts that stand still: real processes, with a real supervisor where the product has one, on emulated devices, in
+//! real time.
 //!
 //! ```text
 //! Stage (this process): emulated device <- pty | socket <- supervisor process <- socket pair <- host process: a loop that asks for a force
 //!   |---------------------------------- signals, words ---------------------------------------------|
+//!                       emulated device of the link, with a watchdog <- pty <----------------- host process
 //! ```
 //!
 //! A host process says where it is, a line each: `supervisor PID`, `holds`, `zeroed`, `end KIND`. It takes the words `hold`, from when on it resets
@@ -24,14 +26,22 @@ use std::time::Duration;
 /// Longest time to zero of a single run on a busy machine; the target is 20 ms, for the median.
 pub const GENEROUS: Duration = Duration::from_millis(500);
 
-/// Longest median of the times to zero.
+/// Longest median of the times to zero, of each device.
 pub const TARGET: Duration = Duration::from_millis(20);
 
-/// How long it must stay at zero, at each look.
+/// How long it must stay at zero.
 const STAYS: Duration = Duration::from_millis(150);
+/// The same while a host goes on with its force.
+const STAYS_ASKED: Duration = Duration::from_millis(300);
 
 /// How often a run is begun before it is a failed one.
 const TRIES: usize = 2;
+
+/// How a host is taken away.
+#[must_use]
+pub const fn signal(wrong: Wrong) -> Signal {
+    if matches!(wrong, Wrong::HostKilled) { Signal::SIGKILL } else { Signal::SIGSTOP }
+}
 
 /// One run: a host with a force on a device, then the signal. What does not come, and which host cannot be brought up at all, is a run that
 /// [`Ended::Missed`] something.
@@ -43,7 +53,7 @@ const TRIES: usize = 2;
 /// If `program` does not start.
 #[must_use]
 pub fn run(program: &Path, device: Device, wrong: Wrong, seed: u64) -> Run {
-    let mut run = Run::with_nothing(device.name(), wrong, seed, device.limit_n());
+    let mut run = Run::with_nothing(device.name(), wrong, seed, device.profile().max_force_n);
     for _ in 0..TRIES {
         match attempt(program, device, &mut run) {
             Ok(()) => break,
@@ -73,24 +83,32 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
     let host = stage.host(program, Role::Host, force_n);
     let unstaged = |what| Missing { what, is_staged: false };
     stage.hold(&host, force_n).map_err(unstaged)?;
-    let supervisor = host.supervisor();
+    let supervisor = device.is_supervised().then(|| host.supervisor());
     std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
     if host.said("zeroed") {
         // The machine's doing, and not what is measured.
-        stage.release(&host).and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
+        host.release().and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
     }
     stage.forget();
     let then_ms = draw(5, 0, 100);
     let certain = |what, happens: bool| {
         if happens { Ok(()) } else { Err(Missing { what, is_staged: true }) }
     };
-    host.signal(if run.wrong == Wrong::HostKilled { Signal::SIGKILL } else { Signal::SIGSTOP });
+    host.signal(signal(run.wrong));
     certain("no zero", comes(CERTAIN, || stage.seen().force_n == vec3::ZERO))?;
-    let seen = stage.seen();
+    let micros = |time: Duration| time.as_micros() as u64;
+    run.zero_us = stage.seen().zero_after().map(micros);
     run.ended = Ended::Supervisor;
-    run.zero_us = seen.zero_after().map(|time| time.as_micros() as u64);
+    if supervisor.is_none() {
+        // A force that ends because nobody asks for it again may come back with the next request: only the latch is an end.
+        certain("no latch by the device's watchdog", comes(GENEROUS, || stage.seen().latched.is_some()))?;
+        run.ended = Ended::Watchdog;
+        run.detected_us = stage.seen().latch_after().map(micros);
+    }
     if run.wrong == Wrong::HostKilled {
-        certain("no end of the supervisor", comes(CERTAIN, || !is_running(supervisor)))?;
+        if let Some(supervisor) = supervisor {
+            certain("no end of the supervisor", comes(CERTAIN, || !is_running(supervisor)))?;
+        }
         run.resumed = !stage.is_zero_for(STAYS);
     } else {
         std::thread::sleep(Duration::from_millis(then_ms));
@@ -98,14 +116,15 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
         // It goes on with its force as if nothing had been.
         host.signal(Signal::SIGCONT);
         certain("no word that it was zeroed", comes(CERTAIN, || host.said("zeroed")))?;
-        run.resumed |= !stage.is_zero_for(STAYS);
+        run.resumed |= !stage.is_zero_for(STAYS_ASKED);
+        run.resumed |= supervisor.is_none() && stage.seen().latched.is_none();
     }
     let felt = stage.felt();
     (run.largest_n, run.step_n) = (felt.largest_force_n, felt.largest_step_n);
     Ok(())
 }
 
-/// So many runs, over both devices and both signals in turn, one after the other: they measure time.
+/// So many runs, over all devices and both signals in turn, one after the other: they measure time.
 #[must_use]
 pub fn runs(program: &Path, count: usize, seed: u64) -> Vec<Run> {
     let cells = Device::ALL.map(|device| [Wrong::HostKilled, Wrong::HostPaused].map(|wrong| (device, wrong)));
@@ -116,10 +135,15 @@ pub fn runs(program: &Path, count: usize, seed: u64) -> Vec<Run> {
         .collect()
 }
 
-/// The middle one of the times to zero, if there is any.
+/// For each device that has any the middle one of the times after which there was no force and none could come back.
 #[must_use]
-pub fn median_zero(runs: &[Run]) -> Option<Duration> {
-    let mut times: Vec<u64> = runs.iter().filter_map(|run| run.zero_us).collect();
-    times.sort_unstable();
-    times.get(times.len() / 2).map(|us| Duration::from_micros(*us))
+pub fn medians(runs: &[Run]) -> Vec<(Device, Duration)> {
+    let safe_us = |run: &Run| Some(run.zero_us?.max(run.detected_us.unwrap_or(0)));
+    let median = |device: Device| {
+        let of_device = runs.iter().filter(|run| run.rig == device.name());
+        let mut times: Vec<u64> = of_device.filter_map(safe_us).collect();
+        times.sort_unstable();
+        times.get(times.len() / 2).map(|us| (device, Duration::from_micros(*us)))
+    };
+    Device::ALL.into_iter().filter_map(median).collect()
 }

@@ -23,10 +23,12 @@
 pub mod bench;
 pub mod closed_loop;
 pub mod contract;
+pub mod emulate;
 pub mod falcon;
 pub mod fault;
 pub mod faulty;
 pub mod felt;
+pub mod handed;
 pub mod hosts;
 pub mod link;
 pub mod matrix;

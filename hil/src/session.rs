@@ -1,11 +1,12 @@
 //! A rig in step with the driver alone, or with the whole loop: an exchange or a tick each millisecond, then the device's turn.
 
+use crate::handed::Holder;
 use crate::mechanism::Waypoint;
 use crate::rig::{OpenError, Rig};
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
-use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
+use palpate_host::device::{Around, DeviceState};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{BlobFile, Device, DeviceError};
 use std::sync::Arc;
@@ -182,34 +183,20 @@ struct Mined {
     fuse: Arc<AtomicBool>,
 }
 
-impl Device for Mined {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl Around for Mined {
+    type Inner = dyn Device;
+
+    fn inner(&self) -> &(dyn Device + 'static) {
+        &*self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut (dyn Device + 'static) {
+        &mut *self.inner
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         assert!(!self.fuse.load(Ordering::Relaxed), "planted");
         self.inner.exchange(now_us, hand_force_n)
-    }
-
-    fn stop(&mut self) {
-        self.inner.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        self.inner.info()
-    }
-
-    fn state(&self) -> DeviceState {
-        self.inner.state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.inner.emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        self.inner.was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        self.inner.reset();
     }
 }
 
@@ -269,13 +256,26 @@ impl Bench<'_, '_> {
 
 /// Opens and homes the device of a rig on an organ, and runs `test` with the loop, disarmed. The hand waits in the middle of the workspace:
 /// on the surface.
+///
+/// Without a supervisor: what is asked of driver and loop together is not to be softened by another process.
 pub fn with_loop<T>(
     rig: &mut dyn Rig,
     organ: &Organ<'_>,
     method: Method,
     test: impl FnOnce(&mut Bench<'_, '_>) -> T,
 ) -> Result<T, OpenError> {
-    let profile = rig.profile().clone();
+    with_loop_held(rig, organ, method, Holder::Loop, test)
+}
+
+/// The same with the device in somebody's hands.
+pub fn with_loop_held<T>(
+    rig: &mut dyn Rig,
+    organ: &Organ<'_>,
+    method: Method,
+    holder: Holder,
+    test: impl FnOnce(&mut Bench<'_, '_>) -> T,
+) -> Result<T, OpenError> {
+    let profile = holder.seen_from_here(rig.profile());
     let workspace = on_organ(organ, &profile);
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
     let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
@@ -283,7 +283,7 @@ pub fn with_loop<T>(
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
-    let mined = Mined { inner: device, fuse: Arc::clone(&fuse) };
+    let mined = Mined { inner: holder.hold(device), fuse: Arc::clone(&fuse) };
     let carried_n = Profile { workspace, ..profile }.carried_n();
     let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
         .carrying(carried_n);

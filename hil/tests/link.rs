@@ -1,29 +1,30 @@
 //! The driver of the device link on an emulated controller: what the contract does not ask of every device.
 
-use nix::sys::signal::Signal;
-use palpate_core::link::{DeviceFault, Phase};
+use palpate_core::link::DeviceFault;
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
 use palpate_hil::fault::Faults;
-use palpate_hil::hosts::{Host, wait};
+use palpate_hil::hosts::{self, Device};
 use palpate_hil::link::WATCHDOG_US;
+use palpate_hil::matrix::{Ended, Wrong};
 use palpate_hil::rig::{Cut, Mishap, Rig, SerialRig, Wire};
 use palpate_hil::session::{Session, golden_organ, press, with_loop};
-use palpate_hil::{EmulatedLink, Handle, PtyTransport};
+use palpate_hil::{EmulatedLink, PtyTransport};
+use palpate_host::DeviceErrorKind;
 use palpate_host::device::DeviceState;
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
 use palpate_host::device::profile::Profile;
-use palpate_host::sys;
-use palpate_host::{Device, DeviceErrorKind};
-use serialport::SerialPort;
-use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::path::Path;
+use std::time::Duration;
 
 const FORCE_N: Vec3 = [0.5, -0.5, 1.5];
 
 fn rig() -> SerialRig<EmulatedLink> {
     SerialRig::new(Wire::Memory, 3)
+}
+
+fn homed(rig: &mut SerialRig<EmulatedLink>) -> Session<'_> {
+    let workspace = rig.profile().workspace;
+    Session::homed(rig, workspace).expect("it homes")
 }
 
 fn forced(session: &mut Session<'_>) {
@@ -41,8 +42,7 @@ fn pushed(session: &mut Session<'_>, ticks: u32) -> Option<DeviceErrorKind> {
 #[test]
 fn a_silent_host_is_zeroed_by_the_device_within_its_watchdog() {
     let mut rig = rig();
-    let workspace = rig.profile().workspace;
-    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let mut session = homed(&mut rig);
     forced(&mut session);
     let silent_us = session.now_us();
     session.pass(30_000);
@@ -62,8 +62,7 @@ fn a_silent_host_is_zeroed_by_the_device_within_its_watchdog() {
 #[test]
 fn a_device_that_started_anew_is_a_fault_and_never_obeys_by_itself() {
     let mut rig = rig();
-    let workspace = rig.profile().workspace;
-    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let mut session = homed(&mut rig);
     forced(&mut session);
     session.rig.strike(Mishap::PowerCycle);
     let struck_us = session.now_us();
@@ -91,8 +90,7 @@ fn a_device_that_started_anew_is_a_fault_and_never_obeys_by_itself() {
 #[test]
 fn a_device_that_somebody_disabled_is_a_fault() {
     let mut rig = rig();
-    let workspace = rig.profile().workspace;
-    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let mut session = homed(&mut rig);
     let mut second = session.device().emergency_stop().expect("a second handle");
     forced(&mut session);
     second.zero().expect("the port is open");
@@ -134,8 +132,7 @@ fn no_fault_ends_by_itself() {
     ];
     for (name, strike, code) in faults {
         let mut rig = rig();
-        let workspace = rig.profile().workspace;
-        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        let mut session = homed(&mut rig);
         forced(&mut session);
         strike(&mut session);
         let mut told = 0;
@@ -156,8 +153,7 @@ fn no_fault_ends_by_itself() {
 fn an_answer_of_an_old_session_is_no_sample_of_the_new_one() {
     for (lead, delay_us) in [(1, 1_500), (1, 4_000), (2, 8_000), (3, 15_000), (5, 40_000)] {
         let mut rig = rig();
-        let workspace = rig.profile().workspace;
-        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        let mut session = homed(&mut rig);
         pushed(&mut session, 20);
         session.rig.set_faults(Faults::NONE, Faults { delay: 1.0, delay_us, ..Faults::NONE });
         pushed(&mut session, lead);
@@ -180,8 +176,7 @@ fn an_answer_of_an_old_session_is_no_sample_of_the_new_one() {
 fn a_force_that_was_let_go_comes_back_slowly() {
     for lost_ms in 1..=9 {
         let mut rig = rig();
-        let workspace = rig.profile().workspace;
-        let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+        let mut session = homed(&mut rig);
         forced(&mut session);
         session.rig.set_faults(Faults { drop: 1.0, ..Faults::NONE }, Faults::NONE);
         pushed(&mut session, lost_ms);
@@ -230,8 +225,7 @@ fn a_loop_whose_requests_are_lost_for_a_moment_rides_on_without_a_step() {
 #[test]
 fn damaged_answers_are_errors_and_never_samples() {
     let mut rig = rig();
-    let workspace = rig.profile().workspace;
-    let mut session = Session::homed(&mut rig, workspace).expect("it homes");
+    let mut session = homed(&mut rig);
     let at_m = session.rig.position_m();
     session.rig.set_faults(Faults::NONE, Faults { corrupt: 1.0, ..Faults::NONE });
     let mut damaged = 0;
@@ -245,25 +239,12 @@ fn damaged_answers_are_errors_and_never_samples() {
     assert!(damaged > 100, "{damaged}");
 }
 
-fn profile() -> Profile {
-    Profile::bundled("link").expect("bundled")
-}
-
-fn config(patience: Duration) -> LinkConfig {
-    let profile = profile();
-    LinkConfig {
-        workspace: profile.workspace,
-        capstan: profile.capstan.expect("it states one"),
-        max_force_n: profile.max_force_n,
-        max_stiffness_n_m: profile.cap().n_m,
-        patience,
-    }
-}
-
 #[test]
 fn nobody_at_the_other_end_is_said_and_does_not_hang() {
     let (_silent, driver) = PtyTransport::pair().expect("a pseudo terminal");
-    let opened = Link::with_port(Box::new(driver), config(Duration::from_millis(100)));
+    let profile = Profile::bundled("link").expect("bundled");
+    let config = LinkConfig::of(&profile, Duration::from_millis(100)).expect("it states a capstan");
+    let opened = Link::with_port(Box::new(driver), config);
     assert_eq!(opened.err(), Some(LinkError::Silent));
     let mut rig = rig();
     rig.unplug(Cut::Between);
@@ -271,105 +252,18 @@ fn nobody_at_the_other_end_is_said_and_does_not_hang() {
     assert!(rig.open(workspace).is_err(), "no cable, no port");
 }
 
-/// The controller on a pseudo terminal in real time, served by a thread.
-struct Served {
-    device: Arc<Mutex<EmulatedLink>>,
-    begun: Instant,
-    ends: Arc<AtomicBool>,
-    thread: Option<std::thread::JoinHandle<()>>,
-    port: String,
-    _driver_end: serialport::TTYPort,
-}
-
-impl Served {
-    fn new() -> Self {
-        let (mut link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
-        let device = Arc::new(Mutex::new(EmulatedLink::new(Handle::new(Vec::new()), &profile())));
-        let (begun, ends) = (Instant::now(), Arc::new(AtomicBool::new(false)));
-        let (served, stop) = (Arc::clone(&device), Arc::clone(&ends));
-        let thread = std::thread::spawn(move || {
-            while !stop.load(Ordering::Relaxed) {
-                let mut device = served.lock().unwrap_or_else(PoisonError::into_inner);
-                device.poll(begun.elapsed().as_micros() as u64, &mut link).expect("the terminal is open");
-                drop(device);
-                std::thread::sleep(Duration::from_micros(100));
-            }
-        });
-        let port = driver_end.name().expect("a terminal has a name");
-        Self { device, begun, ends, thread: Some(thread), port, _driver_end: driver_end }
-    }
-
-    fn device(&self) -> std::sync::MutexGuard<'_, EmulatedLink> {
-        self.device.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn host(&self) -> Host {
-        let mut command = Command::new(std::env::current_exe().expect("a test has a file"));
-        command.args(["--ignored", "--exact", "process_host"]).env("TEST_PORT", &self.port);
-        Host::start(command)
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        self.ends.store(true, Ordering::Relaxed);
-        let _ = self.thread.take().map(std::thread::JoinHandle::join);
-    }
-}
-
-/// A real process, killed and stopped. Between its last command and zero nobody acts but the device: the time is the device's own.
+/// A real process, killed and stopped, without a supervisor. Between its last command and zero nobody acts but the device: the times are its own.
 #[test]
 fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
-    for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
-        let served = Served::new();
-        let host = served.host();
-        let now_us = || served.begun.elapsed().as_micros() as u64;
-        let is_forced = || served.device().force_n() != vec3::ZERO;
-        wait("a force", is_forced);
-        host.signal(signal);
-        wait("zero and the latch", || {
-            served.device().phase() == Phase::Faulted(DeviceFault::Watchdog) && !is_forced()
-        });
-        let felt = *served.device().handle().felt();
-        let (last_us, off_us) = (felt.last_command_us.expect("one"), felt.off_since_us.expect("zero"));
-        println!("{signal}: zero {} us after the last command", off_us - last_us);
-        let until_us = now_us() + 100_000;
-        wait("100 ms", || {
-            assert!(!is_forced(), "it stays so");
-            now_us() > until_us
-        });
-        if signal == Signal::SIGSTOP {
-            host.signal(Signal::SIGCONT);
-            // It goes on with its old force, and nobody listens.
-            let until_us = now_us() + 300_000;
-            wait("300 ms", || {
-                assert!(!is_forced(), "a force without a reset");
-                now_us() > until_us
-            });
-        }
-    }
-}
-
-#[test]
-#[ignore = "a host process of the test above"]
-fn process_host() {
-    let port = std::env::var("TEST_PORT").expect("started by a test of this file");
-    let mut device = Link::open(&port, 1_000_000, config(Duration::from_secs(10))).expect("it answers");
-    let begun = sys::monotonic_ns();
-    let mut stopped_for_good = false;
-    let mut before_ns = begun;
-    for tick in 0_u64.. {
-        sys::sleep_until_ns(begun + tick * 1_000_000);
-        let now_ns = sys::monotonic_ns();
-        // A machine that is busy trips the watchdog as well: reset, but not after the long pause of the test.
-        stopped_for_good |= now_ns - before_ns > 90_000_000;
-        before_ns = now_ns;
-        match device.exchange((now_ns - begun) / 1_000, FORCE_N) {
-            Err(error) if !error.kind().is_passing() => return,
-            _ => {}
-        }
-        if device.was_zeroed() && !stopped_for_good {
-            device.reset();
-        }
+    for wrong in [Wrong::HostKilled, Wrong::HostPaused] {
+        let run = hosts::run(Path::new(env!("CARGO_BIN_EXE_palpate-hil")), Device::Link, wrong, 5);
+        println!(
+            "{}: zero {:?} us, latched {:?} us after the last command",
+            wrong.name(),
+            run.zero_us,
+            run.detected_us
+        );
+        assert_eq!((run.broken(), run.ended), (None, Ended::Watchdog), "{run:?}");
+        assert!(run.largest_n > 0.4, "{run:?}");
     }
 }

@@ -6,6 +6,7 @@
 mod synthetic;
 
 use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Vec3, vec3};
+use palpate_hil::hosts::wait;
 use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint};
 use palpate_host::device::EmergencyStop;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
@@ -419,8 +420,13 @@ fn a_babbling_device_still_gets_its_zero() {
         // Damaged lines, unasked, every tick: the driver waits for silence that never comes, and the controller faults.
         let mut records = Vec::new();
         for _ in 0..30 {
-            let now_us = bench.now_us();
-            palpate_hil::Transport::send(bench.link.inner_mut(), now_us, b"babble babble\n").expect("open");
+            let (now_us, babble) = (bench.now_us(), b"babble babble\n");
+            let readable = bench.driver_end.bytes_to_read().expect("open") as usize;
+            palpate_hil::Transport::send(bench.link.inner_mut(), now_us, babble).expect("open");
+            // A terminal that hands it on late would leave the driver its silence after all.
+            wait("babble", || {
+                bench.driver_end.bytes_to_read().is_ok_and(|count| count as usize >= readable + babble.len())
+            });
             records.push(bench.step().expect("the device is there"));
         }
         assert_safe(&records);

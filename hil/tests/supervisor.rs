@@ -45,26 +45,27 @@ fn assert_zero_and_alive_for(stage: &Stage, time: Duration) {
 /// Each device, each signal, a few times; what the table of docs/fault-matrix.md has.
 #[test]
 fn killed_and_stopped_hosts_are_zeroed_and_stay_so() {
-    let runs = hosts::runs(program(), 12, 3);
+    let runs = hosts::runs(program(), 18, 3);
     for run in &runs {
-        assert_eq!((run.broken(), run.ended), (None, Ended::Supervisor), "{run:?}");
+        let by = if run.rig == Held::Link.name() { Ended::Watchdog } else { Ended::Supervisor };
+        assert_eq!((run.broken(), run.ended), (None, by), "{run:?}");
         assert!(run.largest_n > 0.4, "{run:?}");
     }
-    assert_eq!(runs.iter().filter(|run| run.wrong == Wrong::HostPaused).count(), 6);
-    let median = hosts::median_zero(&runs).expect("twelve of them");
-    println!("killed and stopped hosts: zero {median:?} after the last force, in the median");
+    assert_eq!(runs.iter().filter(|run| run.wrong == Wrong::HostPaused).count(), 9);
+    let medians = hosts::medians(&runs);
+    println!("killed and stopped hosts: no force after the last request, in the median: {medians:?}");
     // Five times the target: a busy machine runs this beside others.
-    assert!(median < 5 * hosts::TARGET, "{median:?}");
+    assert!(medians.len() == 3 && medians.iter().all(|(_, median)| *median < 5 * hosts::TARGET));
 }
 
 /// A host that does not come up is a line of the table and a limit that is broken, and the others have theirs.
 #[test]
 fn a_host_that_cannot_be_brought_up_is_a_failed_run() {
-    let runs = hosts::runs(Path::new("/bin/false"), 4, 3);
+    let runs = hosts::runs(Path::new("/bin/false"), 6, 3);
     let broken: Vec<_> = runs.iter().map(Run::broken).collect();
-    assert_eq!(broken, [Some("no force"); 4]);
+    assert_eq!(broken, [Some("no force"); 6]);
     let table = Table(&runs).to_string();
-    assert_eq!(table.matches("| no force 1 |").count(), 4, "{table}");
+    assert_eq!(table.matches("| no force 1 |").count(), 6, "{table}");
 }
 
 /// The same without a supervisor: what takes the force away above is the supervisor and nothing else.

@@ -119,18 +119,11 @@ fn say_latency(port: &str) {
 
 /// What a profile says of a device link.
 fn link_config(profile: &Profile) -> Result<LinkConfig, Failure> {
-    let capstan = profile.capstan.ok_or_else(|| {
+    LinkConfig::of(profile, LINK_PATIENCE).ok_or_else(|| {
         Failure::input(format!(
             "{}: the profile states no mechanism; add [capstan] (docs/devices.md, Profiles)",
             profile.name
         ))
-    })?;
-    Ok(LinkConfig {
-        workspace: profile.workspace,
-        capstan,
-        max_force_n: profile.max_force_n,
-        max_stiffness_n_m: profile.cap().n_m,
-        patience: LINK_PATIENCE,
     })
 }
 

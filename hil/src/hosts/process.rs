@@ -4,6 +4,7 @@ use crate::falcon::socket::SocketFtdi;
 use palpate_core::Vec3;
 use palpate_host::DeviceErrorKind;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Mode};
+use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::supervisor::{DEFAULT_LIMIT_MS, Supervised, serve_stdin};
@@ -13,6 +14,12 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// How long a device on a busy machine may take to answer.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Of a line that has no speed: it is a pseudo terminal.
+const BAUD: u32 = 1_000_000;
 
 /// What is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,11 +28,13 @@ pub enum Device {
     Polhem,
     /// A Falcon whose chip is at the other end of a socket.
     Falcon,
+    /// A controller of the device link on a pseudo terminal.
+    Link,
 }
 
 impl Device {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::Polhem, Self::Falcon];
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Polhem, Self::Falcon, Self::Link];
 
     /// Device and link, as in the table.
     #[must_use]
@@ -33,21 +42,29 @@ impl Device {
         match self {
             Self::Polhem => "polhem-pty",
             Self::Falcon => "falcon-socket",
+            Self::Link => "link-pty",
         }
     }
 
-    /// Limit of its force, N.
+    /// Whether the product gives it a supervisor. The device link has a watchdog instead, its own.
+    #[must_use]
+    pub const fn is_supervised(self) -> bool {
+        !matches!(self, Self::Link)
+    }
+
+    /// Its bundled profile.
     ///
     /// # Panics
     ///
-    /// Never: both profiles are bundled.
+    /// Never: they are bundled.
     #[must_use]
-    pub fn limit_n(self) -> f32 {
-        let profile = match self {
+    pub fn profile(self) -> Profile {
+        let name = match self {
             Self::Polhem => "polhem",
             Self::Falcon => "falcon",
+            Self::Link => "link",
         };
-        Profile::bundled(profile).expect("bundled").max_force_n
+        Profile::bundled(name).expect("bundled")
     }
 
     fn open(self, place: &str) -> Result<Box<dyn palpate_host::Device>, String> {
@@ -62,6 +79,13 @@ impl Device {
                     .map(|device| Box::new(device) as _)
                     .map_err(|error| error.to_string())
             }
+            Self::Link => {
+                let config =
+                    LinkConfig::of(&self.profile(), PATIENCE).ok_or("the profile states no capstan")?;
+                let mut device = Link::open(place, BAUD, config).map_err(|error| error.to_string())?;
+                device.home(&AtomicBool::new(false)).map_err(|error| error.to_string())?;
+                Ok(Box::new(device))
+            }
         }
     }
 }
@@ -69,7 +93,7 @@ impl Device {
 /// What a process is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// A host with a supervisor.
+    /// A host as the product runs it: with a supervisor where the device needs one.
     Host,
     /// A host that holds the device itself.
     Alone,
@@ -105,11 +129,11 @@ pub fn process(arguments: &[String]) -> Result<(), String> {
     let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("no such device")?;
     let numbers: Vec<f32> = force_n.iter().filter_map(|word| word.parse().ok()).collect();
     let force_n: Vec3 = numbers.try_into().map_err(|_| "a force has three components")?;
-    if *role == Role::Host.name() {
+    if *role == Role::Host.name() && device.is_supervised() {
         let program = std::env::current_exe().map_err(|error| error.to_string())?;
         let supervisor = command(&program, Role::Supervisor, device, place, force_n);
         host(supervisor, DEFAULT_LIMIT_MS, device == Device::Falcon, force_n)
-    } else if *role == Role::Alone.name() {
+    } else if [Role::Host.name(), Role::Alone.name()].contains(role) {
         render(device.open(place)?, force_n);
         Ok(())
     } else {

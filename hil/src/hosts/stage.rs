@@ -3,12 +3,15 @@
 use super::process::{Device, Role, command};
 use crate::falcon::{EmulatedFalcon, FalconConfig, MemoryFtdi, socket};
 use crate::felt::Felt;
-use crate::mechanism::{Handle, Waypoint};
+use crate::link::EmulatedLink;
+use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
+use crate::rig::SerialDevice;
 use crate::transport::PtyTransport;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use palpate_core::{Vec3, vec3};
+use palpate_host::device::profile::Profile;
 use serialport::{SerialPort, TTYPort};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -38,6 +41,8 @@ pub struct Seen {
     pub forced: Option<Instant>,
     /// When the force last became zero.
     pub released: Option<Instant>,
+    /// Since when the device's own watchdog has been latched; nothing while it is not, or where there is none.
+    pub latched: Option<Instant>,
 }
 
 impl Seen {
@@ -45,6 +50,12 @@ impl Seen {
     #[must_use]
     pub fn zero_after(&self) -> Option<Duration> {
         Some(self.released?.duration_since(self.forced?))
+    }
+
+    /// From the last request with a force to the latch of the device's own watchdog.
+    #[must_use]
+    pub fn latch_after(&self) -> Option<Duration> {
+        Some(self.latched?.duration_since(self.forced?))
     }
 }
 
@@ -55,16 +66,23 @@ trait Watched: Send + 'static {
     fn felt(&self) -> Felt;
     fn forget(&mut self);
     fn requests(&self) -> u64;
+
+    /// Whether its own watchdog is latched.
+    fn has_latched(&self) -> bool {
+        false
+    }
 }
 
-struct OnTerminal {
-    device: EmulatedPolhem,
+struct OnTerminal<E> {
+    device: E,
     link: PtyTransport,
+    /// Requests that are no longer in the record of what was felt.
+    forgotten: u64,
     /// Holds the terminal open.
     _driver_end: TTYPort,
 }
 
-impl Watched for OnTerminal {
+impl<E: SerialDevice> Watched for OnTerminal<E> {
     fn poll(&mut self, now_us: u64) {
         self.device.poll(now_us, &mut self.link).expect("the terminal is open");
     }
@@ -74,12 +92,26 @@ impl Watched for OnTerminal {
     }
 
     fn forget(&mut self) {
+        self.forgotten = self.requests();
         self.device.handle_mut().forget();
     }
 
     fn requests(&self) -> u64 {
-        self.device.requests()
+        self.forgotten + self.device.handle().felt().commands
     }
+
+    fn has_latched(&self) -> bool {
+        self.device.has_latched()
+    }
+}
+
+/// A device on a pseudo terminal, and the name of the driver's end.
+fn on_terminal<E: SerialDevice>() -> (Box<dyn Watched>, String) {
+    let (link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
+    let place = driver_end.name().expect("a terminal has a name");
+    let profile = Profile::bundled(E::profile()).expect("an emulated device has a bundled profile");
+    let device = E::new(&profile);
+    (Box::new(OnTerminal { device, link, forgotten: 0, _driver_end: driver_end }), place)
 }
 
 struct OnSocket {
@@ -127,12 +159,8 @@ impl Stage {
     #[must_use]
     pub fn new(device: Device) -> Self {
         let (watched, place): (Box<dyn Watched>, String) = match device {
-            Device::Polhem => {
-                let (link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
-                let place = driver_end.name().expect("a terminal has a name");
-                let device = EmulatedPolhem::new(Handle::new(Vec::new()));
-                (Box::new(OnTerminal { device, link, _driver_end: driver_end }), place)
-            }
+            Device::Polhem => on_terminal::<EmulatedPolhem>(),
+            Device::Link => on_terminal::<EmulatedLink>(),
             Device::Falcon => {
                 static NUMBER: AtomicU64 = AtomicU64::new(0);
                 let number = NUMBER.fetch_add(1, Ordering::Relaxed);
@@ -146,7 +174,7 @@ impl Stage {
                 (Box::new(OnSocket { chip, listener }), place)
             }
         };
-        let seen = Seen { force_n: vec3::ZERO, requests: 0, forced: None, released: None };
+        let seen = Seen { force_n: vec3::ZERO, requests: 0, forced: None, released: None, latched: None };
         let (watched, ends) = (Arc::new(Mutex::new((watched, seen))), Arc::new(AtomicBool::new(false)));
         let (served, stop) = (Arc::clone(&watched), Arc::clone(&ends));
         let serve = move || {
@@ -198,42 +226,9 @@ impl Stage {
         })
     }
 
-    /// From now on the host resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries.
-    ///
-    /// A supervisor on a busy machine may fire between the host's word and the look at the force; the host then goes back, and holds anew.
+    /// [`Host::hold`] on this stage.
     pub fn hold(&self, host: &Host, force_n: Vec3) -> Result<(), &'static str> {
-        let mut has_force = false;
-        let _ = comes(CERTAIN, || {
-            has_force = self.has_force(force_n, LOOK);
-            has_force || host.silent.load(Ordering::Relaxed)
-        });
-        if !has_force {
-            return Err("no force");
-        }
-        for _ in 0..TRIES {
-            if self.has_force(force_n, TRY) {
-                host.say("hold");
-                let holds = comes(CERTAIN, || host.said("holds"));
-                if !holds {
-                    return Err("no word that the host holds");
-                }
-                if self.has_force(force_n, TRY) && !host.said("zeroed") {
-                    return Ok(());
-                }
-                self.release(host)?;
-            }
-        }
-        Err("no force that is held")
-    }
-
-    /// The host resets again what a busy machine trips.
-    pub fn release(&self, host: &Host) -> Result<(), &'static str> {
-        host.say("again");
-        if !comes(CERTAIN, || host.said("again")) {
-            return Err("no word that the host goes back");
-        }
-        host.forget();
-        Ok(())
+        host.hold(|time| self.has_force(force_n, time))
     }
 
     /// Whether the force is zero for so long on end.
@@ -267,6 +262,7 @@ fn look((watched, seen): &mut (Box<dyn Watched>, Seen), begun: Instant) {
     if force_n == vec3::ZERO && seen.force_n != vec3::ZERO {
         seen.released = Some(now);
     }
+    seen.latched = watched.has_latched().then(|| seen.latched.unwrap_or(now));
     (seen.force_n, seen.requests) = (force_n, requests);
 }
 
@@ -314,6 +310,44 @@ impl Host {
     /// Says a word to it; one that is gone does not hear it.
     pub fn say(&self, word: &str) {
         let _ = (&self.words).write_all(format!("{word}\n").as_bytes());
+    }
+
+    /// From now on it resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries. `has_force`
+    /// looks whether the force gets there in some time.
+    ///
+    /// A watchdog on a busy machine may fire between its word and the look at the force; it then goes back, and holds anew.
+    pub fn hold(&self, mut has_force: impl FnMut(Duration) -> bool) -> Result<(), &'static str> {
+        let mut is_there = false;
+        let _ = comes(CERTAIN, || {
+            is_there = has_force(LOOK);
+            is_there || self.silent.load(Ordering::Relaxed)
+        });
+        if !is_there {
+            return Err("no force");
+        }
+        for _ in 0..TRIES {
+            if has_force(TRY) {
+                self.say("hold");
+                if !comes(CERTAIN, || self.said("holds")) {
+                    return Err("no word that the host holds");
+                }
+                if has_force(TRY) && !self.said("zeroed") {
+                    return Ok(());
+                }
+                self.release()?;
+            }
+        }
+        Err("no force that is held")
+    }
+
+    /// It resets again what a busy machine trips.
+    pub fn release(&self) -> Result<(), &'static str> {
+        self.say("again");
+        if !comes(CERTAIN, || self.said("again")) {
+            return Err("no word that the host goes back");
+        }
+        self.forget();
+        Ok(())
     }
 
     /// Whether it has said this.

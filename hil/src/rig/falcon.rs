@@ -134,6 +134,7 @@ impl Rig for FalconRig {
             // USB ends at the chip; from there it is a UART without parity.
             checked_requests: false,
             numbered_replies: false,
+            has_watchdog: false,
         }
     }
 

@@ -6,6 +6,7 @@ use crate::link::{COUNTS_PER_TURN, EmulatedLink};
 use crate::mechanism::Handle;
 use crate::transport::Transport;
 use palpate_core::Vec3;
+use palpate_core::link::{DeviceFault, Phase};
 use palpate_host::Device;
 use palpate_host::device::link::{Capstan, Link, LinkConfig};
 use palpate_host::device::profile::Profile;
@@ -50,6 +51,7 @@ impl SerialDevice for EmulatedLink {
             motor_step_n: 2e-4,
             checked_requests: true,
             numbered_replies: true,
+            has_watchdog: true,
         }
     }
 
@@ -58,14 +60,8 @@ impl SerialDevice for EmulatedLink {
         profile: &Profile,
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError> {
-        let config = LinkConfig {
-            workspace,
-            capstan: profile.capstan.ok_or("the profile states no capstan")?,
-            max_force_n: profile.max_force_n,
-            max_stiffness_n_m: profile.cap().n_m,
-            patience: WAKE,
-        };
-        Ok(Box::new(Link::with_port(port, config)?))
+        let config = LinkConfig::of(profile, WAKE).ok_or("the profile states no capstan")?;
+        Ok(Box::new(Link::with_port(port, LinkConfig { workspace, ..config })?))
     }
 
     fn poll(&mut self, now_us: u64, link: &mut dyn Transport) -> io::Result<()> {
@@ -95,5 +91,9 @@ impl SerialDevice for EmulatedLink {
             Mishap::PowerCycle => self.power_cycle(),
         }
         true
+    }
+
+    fn has_latched(&self) -> bool {
+        self.phase() == Phase::Faulted(DeviceFault::Watchdog)
     }
 }

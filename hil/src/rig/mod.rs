@@ -12,6 +12,7 @@
 
 mod falcon;
 mod link;
+mod polhem;
 mod serial;
 
 pub use falcon::FalconRig;
@@ -20,6 +21,7 @@ pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
+use crate::handed::Holder;
 use crate::link::EmulatedLink;
 use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
@@ -57,6 +59,16 @@ pub struct Traits {
     pub checked_requests: bool,
     /// Replies say which request they answer.
     pub numbered_replies: bool,
+    /// It takes the force away itself when its host is gone; any other has a supervisor in the product.
+    pub has_watchdog: bool,
+}
+
+impl Traits {
+    /// Who holds it in the product.
+    #[must_use]
+    pub const fn holder(&self) -> Holder {
+        if self.has_watchdog { Holder::Loop } else { Holder::Supervisor }
+    }
 }
 
 /// What may happen to a device beside its link.

@@ -5,13 +5,11 @@ use crate::fault::{FaultCounts, Faults};
 use crate::faulty::Faulty;
 use crate::felt::Felt;
 use crate::mechanism::{Handle, Waypoint};
-use crate::polhem::EmulatedPolhem;
 use crate::port::{FarEnd, MemoryPort};
 use crate::transport::{MemoryTransport, PtyTransport, Transport};
-use palpate_core::{Vec3, vec3};
+use palpate_core::Vec3;
 use palpate_host::Device;
 use palpate_host::device::hand::HandConfig;
-use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 use serialport::{SerialPort, TTYPort};
@@ -65,6 +63,11 @@ pub trait SerialDevice: Send + 'static {
 
     /// Something happens to it. False if it cannot happen to this one.
     fn strike(&mut self, mishap: Mishap) -> bool;
+
+    /// Whether its own watchdog has ended the session; never, where it has none.
+    fn has_latched(&self) -> bool {
+        false
+    }
 }
 
 /// A steady hand that holds the handle of a profile's mechanism in the middle of its workspace.
@@ -73,75 +76,6 @@ pub(super) fn held_in_the_middle(profile: &Profile) -> Handle {
     let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
     let middle = Waypoint { t_us: 0, position_m: profile.workspace.device_origin_m };
     Handle::held(hand, drag, vec![middle])
-}
-
-impl SerialDevice for EmulatedPolhem {
-    const NAME: &'static str = "Polhem";
-
-    fn new(profile: &Profile) -> Self {
-        Self::new(held_in_the_middle(profile)).with_step_m(profile.mechanism.encoder_quantum_m.unwrap_or(0.0))
-    }
-
-    fn profile() -> &'static str {
-        "polhem"
-    }
-
-    fn traits(profile: &Profile) -> Traits {
-        Traits {
-            homes: false,
-            virtual_time: true,
-            middle_m: profile.workspace.device_origin_m,
-            // Half a step on each of three axes.
-            count_m: 0.87 * profile.mechanism.encoder_quantum_m.unwrap_or(1e-6) + 1e-6,
-            motor_step_n: profile.mechanism.motor_quantum_n.unwrap_or(1e-3),
-            checked_requests: false,
-            numbered_replies: false,
-        }
-    }
-
-    fn open(
-        port: Box<dyn SerialPort>,
-        profile: &Profile,
-        workspace: Workspace,
-    ) -> Result<Box<dyn Device>, OpenError> {
-        let config = PolhemConfig {
-            workspace,
-            max_force_n: profile.max_force_n,
-            max_stiffness_n_m: profile.cap().n_m,
-            wake_timeout: WAKE,
-        };
-        Ok(Box::new(Polhem::with_port(port, config)?))
-    }
-
-    fn poll(&mut self, now_us: u64, link: &mut dyn Transport) -> io::Result<()> {
-        Self::poll(self, now_us, link)
-    }
-
-    fn handle(&self) -> &Handle {
-        Self::handle(self)
-    }
-
-    fn handle_mut(&mut self) -> &mut Handle {
-        Self::handle_mut(self)
-    }
-
-    fn reported_m(&self) -> Vec3 {
-        Self::reported_m(self)
-    }
-
-    fn press(&mut self, buttons: u8) {
-        self.set_info(i16::from(buttons));
-    }
-
-    fn strike(&mut self, mishap: Mishap) -> bool {
-        let Mishap::EncoderJump { axis, by_m } = mishap else { return false };
-        let mut jump_m = vec3::ZERO;
-        if let Some(along) = jump_m.get_mut(axis) {
-            *along = by_m;
-        }
-        self.jump(jump_m);
-        true
-    }
 }
 
 /// What carries the bytes.

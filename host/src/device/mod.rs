@@ -3,6 +3,7 @@
 //! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
+mod around;
 pub mod falcon;
 pub mod hand;
 pub mod impedance;
@@ -19,9 +20,13 @@ pub mod serial;
 pub mod simulated;
 pub mod workspace;
 
+pub use around::Around;
+
 use core::fmt;
 use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 /// What went wrong, as far as the caller's decision goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -220,64 +225,23 @@ pub trait EmergencyStop: Send {
     fn zero(&mut self) -> Result<(), DeviceError>;
 }
 
-impl<D: Device + ?Sized> Device for Box<D> {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        (**self).exchange(now_us, hand_force_n)
-    }
+/// Between two exchanges while a device is homed.
+const HOMING_PAUSE: Duration = Duration::from_millis(1);
 
-    fn stop(&mut self) {
-        (**self).stop();
+/// Exchanges without a force until the user has homed the device, or until `stop`. Before the loop: may block.
+fn wait_homed(device: &mut impl Device, stop: &AtomicBool) -> Result<(), DeviceError> {
+    let begun = Instant::now();
+    while device.state() != DeviceState::Homed && !stop.load(Ordering::Relaxed) {
+        match device.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
+            Err(error) if !error.kind().is_passing() => return Err(error),
+            _ => std::thread::sleep(HOMING_PAUSE),
+        }
+        if device.was_zeroed() {
+            // Nothing is armed yet: there is no force that could come back.
+            device.reset();
+        }
     }
-
-    fn info(&self) -> DeviceInfo {
-        (**self).info()
-    }
-
-    fn state(&self) -> DeviceState {
-        (**self).state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        (**self).emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        (**self).was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        (**self).reset();
-    }
-}
-
-impl<D: Device + ?Sized> Device for &mut D {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        (**self).exchange(now_us, hand_force_n)
-    }
-
-    fn stop(&mut self) {
-        (**self).stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        (**self).info()
-    }
-
-    fn state(&self) -> DeviceState {
-        (**self).state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        (**self).emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        (**self).was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        (**self).reset();
-    }
+    Ok(())
 }
 
 #[cfg(test)]

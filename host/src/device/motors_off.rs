@@ -1,6 +1,6 @@
 //! A device whose motors get no force: positions are real, forces are computed and go nowhere.
 
-use super::{Device, DeviceError, DeviceInfo, DeviceState, EmergencyStop};
+use super::{Around, Device, DeviceError, DeviceInfo};
 use palpate_core::{Sample, Vec3, vec3};
 
 /// For the first power-up: whatever the loop asks for, zero is what leaves.
@@ -14,41 +14,31 @@ impl<D: Device> MotorsOff<D> {
     }
 }
 
-impl<D: Device> Device for MotorsOff<D> {
-    fn exchange(&mut self, now_us: u64, _hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl<D: Device> Around for MotorsOff<D> {
+    type Inner = D;
+
+    fn inner(&self) -> &D {
+        &self.0
+    }
+
+    fn inner_mut(&mut self) -> &mut D {
+        &mut self.0
+    }
+
+    fn exchange_around(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.0.exchange(now_us, vec3::ZERO)
     }
 
-    fn stop(&mut self) {
-        self.0.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
+    fn info_around(&self) -> DeviceInfo {
         let info = self.0.info();
         DeviceInfo { name: format!("{}, motors off", info.name), ..info }
-    }
-
-    fn state(&self) -> DeviceState {
-        self.0.state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.0.emergency_stop()
-    }
-
-    fn was_zeroed(&mut self) -> bool {
-        self.0.was_zeroed()
-    }
-
-    fn reset(&mut self) {
-        self.0.reset();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::DeviceErrorKind;
+    use crate::device::{DeviceErrorKind, DeviceState};
 
     /// Remembers what it was asked for.
     struct Asked {

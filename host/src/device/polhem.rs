@@ -9,7 +9,7 @@
 
 use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
-use super::serial::from_serial;
+use super::serial::{MOST_READS, from_serial, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
 use palpate_core::{Sample, Vec3, limit};
@@ -158,17 +158,11 @@ impl Polhem {
     fn receive(&mut self, now_us: u64) -> Result<Received, DeviceError> {
         let mut received = Received::default();
         let mut chunk = [0; 4 * LINE_LEN];
-        // Bounded: a babbling device must not hold the tick.
-        for _ in 0..4 {
-            if self.port.bytes_to_read().map_err(from_serial)? == 0 {
+        for _ in 0..MOST_READS {
+            let count = read_waiting(&mut *self.port, &mut chunk)?;
+            if count == 0 {
                 break;
             }
-            let count = match self.port.read(&mut chunk) {
-                Ok(0) => break,
-                Ok(count) => count,
-                Err(error) if error.kind() == std::io::ErrorKind::TimedOut => break,
-                Err(error) => return Err(error.into()),
-            };
             for byte in &chunk[..count] {
                 match self.line.push(*byte).map(|line| line.and_then(Reply::parse)) {
                     None => {}

@@ -2,6 +2,7 @@
 
 use super::{DeviceError, DeviceErrorKind};
 use core::fmt;
+use serialport::SerialPort;
 use std::io;
 use std::path::Path;
 
@@ -12,6 +13,20 @@ pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
         serialport::ErrorKind::InvalidInput => DeviceError::new(DeviceErrorKind::Unsupported),
         serialport::ErrorKind::Unknown => DeviceError::new(DeviceErrorKind::Io),
         serialport::ErrorKind::Io(kind) => DeviceError::from(io::Error::from(kind)),
+    }
+}
+
+/// Reads in one look at a port: a babbling device must not hold the tick.
+pub(super) const MOST_READS: usize = 4;
+
+/// What has come, as far as there is room for it, without waiting for more; 0 if nothing has.
+pub(super) fn read_waiting(port: &mut dyn SerialPort, chunk: &mut [u8]) -> Result<usize, DeviceError> {
+    if port.bytes_to_read().map_err(from_serial)? == 0 {
+        return Ok(0);
+    }
+    match port.read(chunk) {
+        Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(0),
+        read => Ok(read?),
     }
 }
 

@@ -8,11 +8,11 @@ use palpate_hil::fault::{FaultCounts, Faults};
 use palpate_hil::felt::Felt;
 use palpate_hil::mechanism::Waypoint;
 use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig, Traits};
+use palpate_host::device::Around;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, Mode, UsbFtdi};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
-use palpate_host::device::{DeviceInfo, DeviceState, EmergencyStop};
 use palpate_host::{Device, DeviceError};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -60,28 +60,22 @@ impl Drop for Driver {
     }
 }
 
-impl Device for Driver {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl Around for Driver {
+    type Inner = Falcon<Patient>;
+
+    fn inner(&self) -> &Falcon<Patient> {
+        &self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut Falcon<Patient> {
+        &mut self.inner
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
         // The device's time does not go on before it has what was sent.
         self.inner.wait_sent(WRITE);
         exchanged
-    }
-
-    fn stop(&mut self) {
-        self.inner.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        self.inner.info()
-    }
-
-    fn state(&self) -> DeviceState {
-        self.inner.state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.inner.emergency_stop()
     }
 }
 

@@ -5,7 +5,8 @@ use crate::line::Line;
 use nix::sys::signal::Signal;
 use palpate_core::Vec3;
 use palpate_hil::bench::{Order, Report};
-use palpate_hil::hosts::{self, Host, is_running, wait};
+use palpate_hil::hosts::{self, Host, comes, is_running, wait};
+use palpate_hil::matrix::Wrong;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -18,8 +19,6 @@ const FELT_N: f32 = 1.0;
 const LIMIT_MS: u32 = 20;
 /// How long nothing must be felt, at each look.
 const STAYS: Duration = Duration::from_millis(500);
-/// Times that the force may be gone already, because the machine itself stood still.
-const TRIES: u32 = 20;
 /// Words of the firmware, which is none.
 const FIRMWARE_WORDS: u16 = 500;
 
@@ -47,10 +46,11 @@ fn this(word: &str) -> Outcome<Command> {
 pub(crate) fn orphans(line: &str) -> Outcome<()> {
     let begun = Instant::now();
     let mut line = Line::open(line)?;
-    let all = [("host-killed", Signal::SIGKILL), ("host-paused", Signal::SIGSTOP)];
+    let all = [Wrong::HostKilled, Wrong::HostPaused];
     let mut failed = 0;
-    for (name, signal) in all {
-        match orphan(&mut line, signal) {
+    for wrong in all {
+        let name = wrong.name();
+        match orphan(&mut line, wrong) {
             Ok(Report { largest_n, step_n, zero_ms, .. }) => {
                 let zero_ms = zero_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.1}"));
                 println!(
@@ -69,35 +69,21 @@ pub(crate) fn orphans(line: &str) -> Outcome<()> {
     Ok(())
 }
 
-fn orphan(line: &mut Line, signal: Signal) -> Outcome<Report> {
+fn orphan(line: &mut Line, wrong: Wrong) -> Outcome<Report> {
     line.order(Order::Plug { seed: 0 })?;
     wait("Falcon on the bus", || UsbFtdi::open().is_ok());
     let host = Host::start(this("host")?);
     let supervisor = host.supervisor();
-    let mut is_held = || -> Outcome<bool> {
-        let report = line.report()?;
-        Ok(report.push_n > FELT_N)
-    };
     let mut broken = None;
-    wait("force", || is_held().map_err(|error| broken = Some(error)).unwrap_or(true));
-    if let Some(error) = broken {
-        return Err(error);
-    }
-    host.say("hold");
-    wait("word that the host holds", || host.said("holds"));
-    let mut tries = 0;
-    while line.report()?.push_n <= FELT_N {
-        // The machine stood still, and the supervisor did as it should.
-        tries += 1;
-        if tries > TRIES {
-            return Err("the host cannot hold a force".into());
-        }
-        host.say("reset");
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    let is_felt = |report: Report| report.push_n > FELT_N;
+    // A line that is broken needs no more looks.
+    let mut look = || line.report().map(is_felt).map_err(|error| broken = Some(error)).unwrap_or(true);
+    let held = host.hold(|time| comes(time, &mut look));
+    broken.map_or(Ok(()), Err)?;
+    held?;
     line.order(Order::Forget)?;
     line.order(Order::Strike)?;
-    host.signal(signal);
+    host.signal(hosts::signal(wrong));
     let since = Instant::now();
     let zeroed = loop {
         let report = line.report()?;
@@ -112,7 +98,7 @@ fn orphan(line: &mut Line, signal: Signal) -> Outcome<Report> {
         return Err("there was no force to take away".into());
     }
     stays_zero(line)?;
-    if signal == Signal::SIGKILL {
+    if wrong == Wrong::HostKilled {
         wait("end of the supervisor", || !is_running(supervisor));
     } else {
         // It goes on with its force as if nothing had been.

@@ -22,14 +22,15 @@ use super::outlet::{Outlet, WRITE_TIMEOUT, write_whole};
 use super::packet::{ALL_HOMED, Lights, Reply, Request};
 use super::usb::UsbFtdi;
 use crate::device::pending::Pending;
-use crate::device::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
+use crate::device::{
+    Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop, wait_homed,
+};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3, vec3};
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Coarsest step of the position, m: 42 to 54 um in x and y, 27 um in z.
 const RESOLUTION_M: f32 = 54e-6;
@@ -46,9 +47,6 @@ const REFUSALS: u32 = 3;
 const HELD_S: f64 = 3e-3;
 /// Longest wait for a zero to leave when the device is stopped.
 const STOP_PATIENCE: Duration = Duration::from_millis(10);
-/// Pause between two exchanges while the user homes it.
-const HOMING_PAUSE: Duration = Duration::from_millis(1);
-
 /// After this nothing is on its way any more.
 const SETTLING: Duration = Duration::from_millis(10);
 
@@ -155,13 +153,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
 
     /// Waits until the user has homed it, or until `stop`; true if it is homed. Before the loop, whose clock begins anew.
     pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
-        let begun = Instant::now();
-        while self.homing != Homing::Homed && !stop.load(Ordering::Relaxed) {
-            match self.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
-                Err(error) if !error.kind().is_passing() => return Err(error),
-                _ => std::thread::sleep(HOMING_PAUSE),
-            }
-        }
+        wait_homed(self, stop)?;
         // What is still open belongs to another time: let it come, and forget it.
         std::thread::sleep(SETTLING);
         self.receive(0)?;

@@ -21,7 +21,8 @@ mod stopping;
 pub use capstan::Capstan;
 pub use opening::LinkError;
 
-use super::serial::from_serial;
+use super::profile::Profile;
+use super::serial::{MOST_READS, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
 use capstan::Counter;
@@ -33,7 +34,6 @@ use palpate_core::{Sample, Vec3, limit, vec3};
 use requests::{REPLY_TIMEOUT_US, Requests};
 use rise::Rise;
 use serialport::SerialPort;
-use std::io::ErrorKind;
 use std::sync::Arc;
 use std::time::Duration;
 use stopping::{SecondHandle, write};
@@ -61,6 +61,20 @@ pub struct LinkConfig {
     pub max_stiffness_n_m: f32,
     /// How long to try to open a session.
     pub patience: Duration,
+}
+
+impl LinkConfig {
+    /// As a profile states it; `None` if it states no mechanism.
+    #[must_use]
+    pub fn of(profile: &Profile, patience: Duration) -> Option<Self> {
+        Some(Self {
+            workspace: profile.workspace,
+            capstan: profile.capstan?,
+            max_force_n: profile.max_force_n,
+            max_stiffness_n_m: profile.cap().n_m,
+            patience,
+        })
+    }
 }
 
 /// Why the driver has given up a session until it is reset.
@@ -157,17 +171,11 @@ impl Link {
     fn receive(&mut self, now_us: u64) -> Result<Received, DeviceError> {
         let mut received = Received::default();
         let mut chunk = [0; 256];
-        // Bounded: a babbling device must not hold the tick.
-        for _ in 0..4 {
-            if self.port.bytes_to_read().map_err(from_serial)? == 0 {
+        for _ in 0..MOST_READS {
+            let count = read_waiting(&mut *self.port, &mut chunk)?;
+            if count == 0 {
                 break;
             }
-            let count = match self.port.read(&mut chunk) {
-                Ok(0) => break,
-                Ok(count) => count,
-                Err(error) if error.kind() == ErrorKind::TimedOut => break,
-                Err(error) => return Err(error.into()),
-            };
             let mut bytes = &chunk[..count];
             while let Some(outcome) = self.reader.read(&mut bytes) {
                 match outcome {

@@ -4,9 +4,9 @@ use super::requests::Requests;
 use super::stopping::write;
 use super::{Counter, Homing, Link, LinkConfig, Rise};
 use crate::device::serial::from_serial;
-use crate::device::{Device, DeviceError, DeviceErrorKind};
+use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
 use core::fmt;
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::AtomicBool;
 use palpate_core::link::{DeviceInfo, DeviceMessage, FrameReader, HostMessage, InfoError, VERSION};
 use serialport::SerialPort;
 use std::hash::{BuildHasher, RandomState};
@@ -16,8 +16,6 @@ use std::time::{Duration, Instant};
 
 /// How long one Hello is waited for. Twice the longest that an adapter of FTDI may hold bytes back, both ways.
 const HELLO_WAIT: Duration = Duration::from_millis(70);
-/// Pause between two exchanges while it is homed.
-const HOMING_PAUSE: Duration = Duration::from_millis(1);
 /// Reads of one wait: a device that babbles is no reason to wait for ever.
 const MOST_READS: usize = 64;
 
@@ -78,16 +76,7 @@ impl Link {
 
     /// Waits until it is homed, or until `stop`; true if it is homed. Before the loop, whose clock begins anew.
     pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
-        let begun = Instant::now();
-        while self.homing != Homing::Homed && !stop.load(Ordering::Relaxed) {
-            match self.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
-                Err(error) if !error.kind().is_passing() => return Err(error),
-                _ => std::thread::sleep(HOMING_PAUSE),
-            }
-            if self.was_zeroed() {
-                self.reset();
-            }
-        }
+        wait_homed(self, stop)?;
         // What is still open belongs to another time: a new session, whose first Hello goes with the first tick.
         (self.greeting, self.greeted_us) = (true, None);
         Ok(self.homing == Homing::Homed)

@@ -5,6 +5,7 @@ use crate::device::falcon::kinematics::CENTRE_M;
 use crate::device::falcon::usb::UsbError;
 use crate::device::profile::Profile;
 use crate::device::workspace::Workspace;
+use std::time::Instant;
 
 const POLLED: FalconConfig = FalconConfig {
     workspace: Workspace {

@@ -1,0 +1,162 @@
+//! What goes wrong, and for how long in one run.
+
+use crate::fault::Faults;
+use crate::rig::{Kind, Mishap};
+
+/// What goes wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Wrong {
+    /// Frames are lost, 1 to 40 ms.
+    Drop,
+    /// Nothing comes or goes for 60 ms.
+    Silence,
+    /// Replies (on the Falcon requests too) are 2 to 40 ms late, for up to 60 ms.
+    Delay,
+    /// Frames come twice, 1 to 40 ms.
+    Duplicate,
+    /// Frames end early, 1 to 40 ms.
+    Truncate,
+    /// A bit of each reply is flipped, 1 to 10 ms.
+    CorruptReply,
+    /// A bit of each request is flipped, 1 to 10 ms.
+    CorruptRequest,
+    /// Frames are overtaken by the next, 1 to 40 ms.
+    Reorder,
+    /// Nothing comes through for 3 to 60 ms, then all of it at once.
+    Stall,
+    /// Bytes that nobody asked for before each frame, 1 to 40 ms.
+    Babble,
+    /// The cable is pulled in the middle of a request, and put in again.
+    UnplugMidFrame,
+    /// The cable is pulled between two requests, and put in again.
+    Replug,
+    /// An encoder miscounts, by 0.5 to 40 mm at the handle.
+    EncoderJump,
+    /// The device forgets its homing.
+    HomingLost,
+    /// The device loses its power for a moment.
+    PowerCycle,
+    /// The boot loader echoes a wrong byte, stops, or never starts what it was given.
+    WrongEcho,
+    /// A transfer of USB is stalled.
+    TransferStall,
+    /// The cable is pulled, and the device loses its power with it.
+    UnplugPower,
+    /// A little of everything on the wire.
+    Noise,
+    /// The host's process is killed.
+    HostKilled,
+    /// The host's process stands still, and goes on later.
+    HostPaused,
+}
+
+impl Wrong {
+    /// All that happen in step. The others need USB ([`crate::bench`]) or processes ([`crate::hosts`]).
+    pub const ALL: [Self; 16] = [
+        Self::Drop,
+        Self::Silence,
+        Self::Delay,
+        Self::Duplicate,
+        Self::Truncate,
+        Self::CorruptReply,
+        Self::CorruptRequest,
+        Self::Reorder,
+        Self::Stall,
+        Self::Babble,
+        Self::UnplugMidFrame,
+        Self::Replug,
+        Self::EncoderJump,
+        Self::HomingLost,
+        Self::PowerCycle,
+        Self::WrongEcho,
+    ];
+
+    /// Name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Drop => "drop",
+            Self::Silence => "silence",
+            Self::Delay => "delay",
+            Self::Duplicate => "duplicate",
+            Self::Truncate => "truncate",
+            Self::CorruptReply => "corrupt reply",
+            Self::CorruptRequest => "corrupt request",
+            Self::Reorder => "reorder",
+            Self::Stall => "stall",
+            Self::Babble => "babble",
+            Self::UnplugMidFrame => "unplug mid-frame",
+            Self::Replug => "unplug, replug",
+            Self::EncoderJump => "encoder jump",
+            Self::HomingLost => "homing lost",
+            Self::PowerCycle => "power cycle",
+            Self::WrongEcho => "wrong firmware echo",
+            Self::TransferStall => "transfer stalled",
+            Self::UnplugPower => "unplug, power too",
+            Self::Noise => "noise",
+            Self::HostKilled => "host-killed",
+            Self::HostPaused => "host-paused",
+        }
+    }
+
+    /// Whether it can happen to a device: homing and power to one that homes, a boot loader to the Falcon.
+    pub(super) fn can_happen(self, kind: Kind) -> bool {
+        match self {
+            Self::HomingLost => (kind.make)(0).strike(Mishap::LoseHoming),
+            Self::PowerCycle => (kind.make)(0).strike(Mishap::PowerCycle),
+            Self::WrongEcho => kind.name == "falcon-memory",
+            _ => true,
+        }
+    }
+}
+
+/// What a fault of the link is in one run.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Plan {
+    pub(super) to_device: Faults,
+    pub(super) to_host: Faults,
+    pub(super) ticks: u64,
+}
+
+/// A few numbers from a seed, none of which depends on how many were drawn before.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Dice(pub(super) u64);
+
+impl Dice {
+    /// From `low` to `high`, both included.
+    pub(super) fn draw(self, what: u64, low: u64, high: u64) -> u64 {
+        low + crate::fault::split_mix(self.0, what) % (high - low + 1)
+    }
+}
+
+pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
+    let none = Faults::NONE;
+    let ticks = dice.draw(1, 1, 40);
+    let faults = match wrong {
+        Wrong::Drop => Faults { drop: 1.0, ..none },
+        Wrong::Silence => Faults { drop: 1.0, ..none },
+        Wrong::Delay => Faults { delay: 1.0, delay_us: 1_000 * dice.draw(2, 2, 40), ..none },
+        Wrong::Duplicate => Faults { duplicate: 1.0, ..none },
+        Wrong::Truncate => Faults { truncate: 1.0, ..none },
+        Wrong::CorruptReply | Wrong::CorruptRequest => Faults { corrupt: 1.0, ..none },
+        Wrong::Reorder => Faults { reorder: 1.0, ..none },
+        Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.draw(2, 3, 60), ..none },
+        Wrong::Babble => Faults { babble: 1.0, ..none },
+        _ => none,
+    };
+    let (to_device, to_host) = match (wrong, dice.draw(3, 0, 2)) {
+        (Wrong::Silence, _) => (faults, faults),
+        (Wrong::CorruptReply, _) | (_, 0) if wrong != Wrong::CorruptRequest => (none, faults),
+        (Wrong::CorruptRequest, _) | (_, 1) => (faults, none),
+        _ => (faults, faults),
+    };
+    let ticks = match wrong {
+        Wrong::Silence => 60,
+        Wrong::Delay => dice.draw(1, 1, 60),
+        Wrong::CorruptReply | Wrong::CorruptRequest => dice.draw(1, 1, 10),
+        // One of them is enough.
+        Wrong::Stall => 1,
+        _ => ticks,
+    };
+    Plan { to_device, to_host, ticks }
+}

@@ -1,0 +1,114 @@
+//! `palpate-hil emulate` as a user has it: a process that is asked for its terminal, and the real driver on it.
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use palpate_core::{Organ, Vec3, vec3};
+use palpate_hil::session::golden_organ;
+use palpate_host::device::DeviceState;
+use palpate_host::device::link::{Link, LinkConfig};
+use palpate_host::device::polhem::{Polhem, PolhemConfig};
+use palpate_host::device::profile::Profile;
+use palpate_host::{Device, sys};
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+/// For what must happen, however busy the machine.
+const PATIENCE: Duration = Duration::from_secs(20);
+const ORGAN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
+
+/// The process. Ends with this.
+struct Emulator(Child);
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Starts it, puts the driver on the terminal that it names, asks for a force while the hand is in the organ, and ends it with Ctrl-C.
+fn is_felt(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Device>) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate-hil"));
+    command.args(["emulate", kind, "--organ", ORGAN]).stdout(Stdio::piped());
+    let mut emulator = Emulator(command.spawn().expect("it starts"));
+    let mut said = BufReader::new(emulator.0.stdout.take().expect("piped"));
+    let mut line = || {
+        let mut line = String::new();
+        said.read_line(&mut line).expect("it says something");
+        line.trim().to_owned()
+    };
+    let port = line();
+    assert_eq!(line(), format!("palpate run {ORGAN} --device {kind}:{port}"));
+
+    let blob = golden_organ();
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
+    let node = &organ.spaces[0];
+    let height_m = |at_m: Vec3| vec3::dot(vec3::sub(at_m, node.rest_position_m), node.outward_normal);
+    let push_n = vec3::scale(node.outward_normal, 1.5);
+
+    let profile = Profile::bundled(kind).expect("bundled");
+    let mut device = open(&port, &profile);
+    assert_eq!(device.state(), DeviceState::Homed);
+    let (begun, mut pressed, mut deepest_m, mut force_n) = (Instant::now(), false, 0.0f32, vec3::ZERO);
+    while !pressed || deepest_m > -0.002 {
+        assert!(begun.elapsed() < PATIENCE, "button {pressed}, deepest {deepest_m} m");
+        let now_us = begun.elapsed().as_micros() as u64;
+        // What breaks on a busy machine is the link's affair, and a watchdog that fires then as well.
+        if let Ok(Some(sample)) = device.exchange(now_us, force_n) {
+            let height_m = height_m(sample.position_m);
+            // The hand presses the button above, and then goes in.
+            pressed |= sample.buttons & 1 != 0 && height_m > 0.005;
+            if pressed {
+                deepest_m = deepest_m.min(height_m);
+                force_n = if height_m < 0.0 { push_n } else { vec3::ZERO };
+            }
+        }
+        if device.was_zeroed() {
+            device.reset();
+        }
+        sys::sleep_until_ns(sys::monotonic_ns() + 1_000_000);
+    }
+    drop(device);
+
+    kill(Pid::from_raw(emulator.0.id() as i32), Signal::SIGINT).expect("it is there");
+    let mut summary = String::new();
+    said.read_to_string(&mut summary).expect("its last words");
+    assert!(emulator.0.wait().expect("it ends").success(), "{summary}");
+    println!("{kind}: {summary}");
+    assert!(summary.contains("largest force 1.50 N; frames lost 0, "), "{summary}");
+}
+
+#[test]
+fn a_link_is_emulated_for_whoever_opens_its_terminal() {
+    is_felt("link", |port, profile| {
+        let config = LinkConfig::of(profile, PATIENCE).expect("it states a capstan");
+        let mut device = Link::open(port, 1_000_000, config).expect("it answers");
+        assert!(device.home(&AtomicBool::new(false)).expect("it is there"));
+        Box::new(device)
+    });
+}
+
+#[test]
+fn a_polhem_is_emulated_for_whoever_opens_its_terminal() {
+    is_felt("polhem", |port, profile| {
+        let config = PolhemConfig { workspace: profile.workspace, ..PolhemConfig::default() };
+        Box::new(Polhem::open(port, config).expect("it wakes"))
+    });
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    for (arguments, word) in [
+        (&["emulate", "link", "--faults", "2"][..], "--faults"),
+        (&["emulate", "link", "--seconds=-1"], "--seconds"),
+        (&["emulate", "link", "--profile", "polhem"], "capstan"),
+        (&["emulate", "polhem", "--organ", "/no/such.blob"], "/no/such.blob"),
+    ] {
+        let ran =
+            Command::new(env!("CARGO_BIN_EXE_palpate-hil")).args(arguments).output().expect("it starts");
+        let said = String::from_utf8_lossy(&ran.stderr);
+        assert!(!ran.status.success() && said.contains(word), "{arguments:?}: {said}");
+    }
+}
