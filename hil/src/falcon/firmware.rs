@@ -163,6 +163,12 @@ impl Firmware {
     }
 }
 
+/// Whether there is a packet among these bytes that begins and ends as one does.
+#[must_use]
+pub fn is_whole(bytes: &[u8]) -> bool {
+    bytes.windows(PACKET_LEN).any(|packet| (packet[0], packet[PACKET_LEN - 1]) == (BEGIN, END))
+}
+
 fn parse(packet: &[u8]) -> Option<Request> {
     let [BEGIN, inner @ .., END] = packet else { return None };
     let values: Vec<u8> = inner.iter().map(|byte| byte.wrapping_sub(BASE)).collect();
