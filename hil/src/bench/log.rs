@@ -103,4 +103,31 @@ mod tests {
             assert_eq!(runs(line), Err(BadLine(line.into())));
         }
     }
+    /// Whoever looks for a fault of the issue finds it by its name.
+    #[test]
+    fn each_fault_has_a_row() {
+        let names = |strikes: &[Strike]| -> Vec<&str> {
+            strikes.iter().map(|strike| wrong(strike.name()).expect("a fault of the bench").name()).collect()
+        };
+        let all = names(&Strike::ALL);
+        for name in [
+            "drop",
+            "silence",
+            "delay",
+            "duplicate",
+            "truncate",
+            "corrupt reply",
+            "reorder",
+            "babble",
+            "transfer stalled",
+            "unplug mid-frame",
+            "unplug, replug",
+            "power cycle",
+            "wrong firmware echo",
+            "encoder jump",
+            "homing lost",
+        ] {
+            assert!(all.contains(&name), "{name}");
+        }
+    }
 }

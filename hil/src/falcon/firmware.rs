@@ -203,6 +203,14 @@ mod tests {
     }
 
     #[test]
+    fn a_whole_packet_is_seen_among_others_bytes() {
+        let mut bytes = b"x>".to_vec();
+        bytes.extend(REQUEST);
+        assert!(is_whole(&bytes) && is_whole(REQUEST));
+        assert!(!is_whole(&bytes[..17]) && !is_whole(&REQUEST[1..]) && !is_whole(&[]));
+    }
+
+    #[test]
     fn anything_else_is_thrown_away_and_the_motors_go_on() {
         let mut firmware = Firmware::new([0; 3], [0; 3]);
         say(&mut firmware, REQUEST);
