@@ -12,6 +12,7 @@
 //! The faults of a run follow from its seed alone, so both ends know them.
 
 pub mod ask;
+mod jump;
 pub mod log;
 pub mod order;
 pub mod rig;

@@ -41,8 +41,7 @@ fn run(line: &str) -> Option<Run> {
         end if end.starts_with("lost:") => Ended::Lost,
         _ => return None,
     };
-    // While the cable is out the motors of a device with power of its own keep their force.
-    let zero_ms = value("zero_ms").filter(|ms| *ms != "-" && wrong != Wrong::UnplugMidFrame);
+    let zero_ms = value("zero_ms").filter(|ms| *ms != "-");
     run.zero_us = zero_ms.map(|ms| ms.parse().map(|ms: f32| (1e3 * ms) as u64)).transpose().ok()?;
     run.largest_n = value("largest_n")?.parse().ok()?;
     run.step_n = value("step_n")?.parse().ok()?;
@@ -53,8 +52,10 @@ fn wrong(name: &str) -> Option<Wrong> {
     let struck = |strike| match strike {
         Strike::WrongEcho => Wrong::WrongEcho,
         Strike::DropRequest | Strike::DropReply => Wrong::Drop,
-        Strike::UnplugCable => Wrong::UnplugMidFrame,
+        Strike::UnplugMidFrame => Wrong::UnplugMidFrame,
+        Strike::Replug => Wrong::Replug,
         Strike::UnplugPower => Wrong::UnplugPower,
+        Strike::PowerCycle => Wrong::PowerCycle,
         Strike::StallIn | Strike::StallOut => Wrong::TransferStall,
         Strike::Silence => Wrong::Silence,
         Strike::Babble => Wrong::Babble,
@@ -62,8 +63,10 @@ fn wrong(name: &str) -> Option<Wrong> {
         Strike::Duplicate => Wrong::Duplicate,
         Strike::Truncate => Wrong::Truncate,
         Strike::Reorder => Wrong::Reorder,
+        Strike::CorruptReply => Wrong::CorruptReply,
         Strike::Noise => Wrong::Noise,
         Strike::Homing => Wrong::HomingLost,
+        Strike::EncoderJump => Wrong::EncoderJump,
     };
     match name {
         "host-killed" => Some(Wrong::HostKilled),
@@ -98,6 +101,33 @@ mod tests {
             ["run seed=3 FAIL nothing was felt", "host fault=host-paused FAIL no zero", "run seed=1 fault=x"]
         {
             assert_eq!(runs(line), Err(BadLine(line.into())));
+        }
+    }
+    /// Whoever looks for a fault of the issue finds it by its name.
+    #[test]
+    fn each_fault_has_a_row() {
+        let names = |strikes: &[Strike]| -> Vec<&str> {
+            strikes.iter().map(|strike| wrong(strike.name()).expect("a fault of the bench").name()).collect()
+        };
+        let all = names(&Strike::ALL);
+        for name in [
+            "drop",
+            "silence",
+            "delay",
+            "duplicate",
+            "truncate",
+            "corrupt reply",
+            "reorder",
+            "babble",
+            "transfer stalled",
+            "unplug mid-frame",
+            "unplug, replug",
+            "power cycle",
+            "wrong firmware echo",
+            "encoder jump",
+            "homing lost",
+        ] {
+            assert!(all.contains(&name), "{name}");
         }
     }
 }

@@ -1,9 +1,11 @@
 //! The emulated Falcon of one run, its hand, and what goes wrong with it.
 
+use super::jump::Jump;
 use super::order::{Order, Report};
 use super::stepped::control;
 use super::strike::Strike;
 use crate::falcon::descriptors::PACKET_LEN;
+use crate::falcon::firmware::is_whole;
 use crate::falcon::memory::Link;
 use crate::falcon::{
     EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderFault, LoaderOptions, MemoryFtdi, Setup, Stall,
@@ -30,7 +32,7 @@ const WRONG_AT: usize = 300;
 const ABOVE_M: f32 = 0.120;
 const BELOW_M: f32 = 0.103;
 /// Between the two, us.
-const STROKE_US: u64 = 400_000;
+const STROKE_US: u64 = 200_000;
 
 /// A device, a hand and a fault.
 #[derive(Debug)]
@@ -41,11 +43,14 @@ pub struct Rig {
     /// Requests that may still pass before it strikes.
     countdown: Option<u64>,
     struck: u64,
+    /// It strikes, or has.
+    has_begun: bool,
+    /// What the motors are to be off for: a fault that comes once; on the wire the first frame it struck since a whole reply went out.
     struck_us: Option<u64>,
+    /// Frames struck that have been seen.
+    seen: u64,
     stall_in: bool,
     replug_us: Option<u64>,
-    /// What the hand is at: above, or pressing.
-    hand_z_m: f32,
 }
 
 impl Rig {
@@ -68,10 +73,11 @@ impl Rig {
             strike,
             countdown: None,
             struck: 0,
+            has_begun: false,
             struck_us: None,
+            seen: 0,
             stall_in: false,
             replug_us: Some(OUT_US),
-            hand_z_m: ABOVE_M,
         }
     }
 
@@ -94,10 +100,7 @@ impl Rig {
     pub fn obey(&mut self, order: Order) -> String {
         match order {
             Order::Plug { seed } => *self = Self::new(seed),
-            Order::Home => {
-                self.link.inner().falcon().follow(homing_path());
-                self.hand_z_m = ABOVE_M;
-            }
+            Order::Home => self.link.inner().falcon().follow(homing_path()),
             Order::Press => self.stroke(BELOW_M),
             Order::Lift => self.stroke(ABOVE_M),
             // Where there is none it is the host that something happens to, now.
@@ -114,11 +117,11 @@ impl Rig {
         "ok".into()
     }
 
-    fn stroke(&mut self, to_m: f32) {
-        let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
-        let path = vec![at(0, self.hand_z_m), at(STROKE_US, to_m)];
-        self.link.inner().falcon().follow(path);
-        self.hand_z_m = to_m;
+    /// From wherever the grip is, so that it never leaps.
+    fn stroke(&self, to_m: f32) {
+        let mut falcon = self.link.inner().falcon();
+        let from = Waypoint { t_us: 0, position_m: falcon.position_m() };
+        falcon.follow(vec![from, Waypoint { t_us: STROKE_US, position_m: [0.0, 0.0, to_m] }]);
     }
 
     /// The truth.
@@ -127,17 +130,6 @@ impl Rig {
         let falcon = self.link.inner().falcon();
         let felt = falcon.felt();
         let zero_us = self.struck_us.zip(felt.off_since_us).map(|(struck, off)| off.saturating_sub(struck));
-        let wire = {
-            let (there, back) = self.link.counts();
-            let all = there + back;
-            all.dropped
-                + all.truncated
-                + all.corrupted
-                + all.delayed
-                + all.duplicated
-                + all.reordered
-                + all.babbled
-        };
         Report {
             plugged: falcon.is_plugged(),
             homed: falcon.is_homed(),
@@ -148,8 +140,37 @@ impl Rig {
             largest_n: felt.largest_force_n,
             step_n: felt.largest_step_n,
             unhomed_n: felt.largest_unhomed_n,
-            struck: self.struck + wire,
+            struck: self.struck + self.on_the_wire(),
             zero_ms: zero_us.map(|us| us as f32 * 1e-3),
+        }
+    }
+
+    /// Frames that were struck on the wire.
+    fn on_the_wire(&self) -> u64 {
+        let (there, back) = self.link.counts();
+        let all = there + back;
+        all.dropped
+            + all.truncated
+            + all.corrupted
+            + all.delayed
+            + all.duplicated
+            + all.reordered
+            + all.babbled
+    }
+
+    /// A transfer is done, and perhaps a whole reply went out with it. While single frames are struck and others pass, it is not the first of
+    /// them that the motors are off for in the end.
+    fn note(&mut self, is_whole: bool) {
+        let off = self.link.inner().falcon().felt().off_since_us.is_some();
+        if !self.strike.is_some_and(Strike::is_on_the_wire) || off {
+            return;
+        }
+        if is_whole {
+            self.struck_us = None;
+        }
+        let struck = self.on_the_wire();
+        if struck > core::mem::replace(&mut self.seen, struck) {
+            self.struck_us.get_or_insert_with(|| self.link.now_us());
         }
     }
 
@@ -162,18 +183,31 @@ impl Rig {
         }
         self.countdown = None;
         let strike = self.strike?;
+        self.has_begun = true;
+        if strike.is_on_the_wire() {
+            // What strikes there is counted there.
+            let (there, back) = strike.on_the_wire();
+            self.link.set_faults(there, back);
+            return None;
+        }
         self.struck_us = Some(self.link.now_us());
-        let (there, back) = strike.on_the_wire();
-        self.link.set_faults(there, back);
-        // What strikes on the wire is counted there.
-        self.struck += u64::from((there, back) == (Faults::NONE, Faults::NONE));
+        self.struck += 1;
         match strike {
             Strike::DropRequest => return Some(Ok(bytes.len())),
             Strike::StallOut => return Some(Err(Stall)),
             Strike::StallIn => self.stall_in = true,
             Strike::Homing => self.link.inner().falcon().lose_homing(),
-            Strike::UnplugCable | Strike::UnplugPower => {
-                self.link.inner().falcon().bulk_out(&bytes[..bytes.len().min(CUT_AT)]);
+            Strike::PowerCycle => self.link.inner().falcon().power_cycle(),
+            Strike::EncoderJump => {
+                let mut falcon = self.link.inner().falcon();
+                let jump = Jump::of(self.seed, falcon.counts()).expect("the legs reach one way or the other");
+                falcon.jump_encoder(jump.axis, jump.counts);
+            }
+            Strike::UnplugMidFrame | Strike::Replug | Strike::UnplugPower => {
+                if strike != Strike::Replug {
+                    self.link.inner().falcon().bulk_out(&bytes[..bytes.len().min(CUT_AT)]);
+                }
+                // What is on the wire arrives.
                 std::thread::sleep(CUT_WAIT);
                 self.replug_us = Some(self.link.now_us() + OUT_US);
                 self.link.unplug();
@@ -201,9 +235,11 @@ impl UsbDevice for Rig {
         if let Some(outcome) = self.struck(bytes) {
             return outcome;
         }
-        if self.countdown.is_none() && self.struck_us.is_some() {
+        if self.has_begun {
             // What the wire does to a frame it does to all of it, room or not.
-            return self.link.write(bytes, Duration::ZERO).map_err(|_| Stall);
+            let written = self.link.write(bytes, Duration::ZERO).map_err(|_| Stall);
+            self.note(false);
+            return written;
         }
         Ok(self.link.inner().falcon().bulk_out(bytes))
     }
@@ -225,6 +261,7 @@ impl UsbDevice for Rig {
         match read {
             Ok(count) => {
                 buffer.truncate(count);
+                self.note(is_whole(&buffer));
                 Ok(Some(buffer))
             }
             Err(error) if error.kind().is_passing() => Ok(None),

@@ -12,9 +12,13 @@ pub enum Strike {
     /// A reply is lost there.
     DropReply,
     /// The cable is pulled in the middle of a request and put in again; the board keeps its power.
-    UnplugCable,
-    /// And the board loses its power with it.
+    UnplugMidFrame,
+    /// The cable is pulled between two requests and put in again; the board keeps its power.
+    Replug,
+    /// The cable is pulled in the middle of a request, and the board loses its power with it.
     UnplugPower,
+    /// The board loses its power for a moment; the cable stays in, and the chip on the bus.
+    PowerCycle,
     /// A transfer to the host is stalled.
     StallIn,
     /// A transfer to the device is stalled, and what it carried is lost.
@@ -31,10 +35,14 @@ pub enum Strike {
     Truncate,
     /// Frames are overtaken by the next there.
     Reorder,
+    /// Bits are flipped in replies; not in requests, which no driver can help: see [`Strike::on_the_wire`].
+    CorruptReply,
     /// A little of everything on the wire, in both directions; requests are lost, cut, late, doubled and swapped, not changed.
     Noise,
     /// The firmware forgets its homing.
     Homing,
+    /// An encoder miscounts, and the grip seems to be some millimetres away.
+    EncoderJump,
 }
 
 /// How many requests a fault lets pass at most, once it is asked for.
@@ -42,11 +50,11 @@ const MOST_PASSED: u64 = 60;
 
 impl Strike {
     /// All of them, in the order of the seeds from 1.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 19] = [
         Self::WrongEcho,
         Self::DropRequest,
         Self::DropReply,
-        Self::UnplugCable,
+        Self::UnplugMidFrame,
         Self::UnplugPower,
         Self::StallIn,
         Self::StallOut,
@@ -58,6 +66,10 @@ impl Strike {
         Self::Duplicate,
         Self::Truncate,
         Self::Reorder,
+        Self::CorruptReply,
+        Self::EncoderJump,
+        Self::PowerCycle,
+        Self::Replug,
     ];
 
     /// What the run of a seed meets; nothing with seed 0.
@@ -80,8 +92,10 @@ impl Strike {
             Self::WrongEcho => "wrong-echo",
             Self::DropRequest => "drop-request",
             Self::DropReply => "drop-reply",
-            Self::UnplugCable => "unplug-cable",
+            Self::UnplugMidFrame => "unplug-mid-frame",
+            Self::Replug => "replug",
             Self::UnplugPower => "unplug-power",
+            Self::PowerCycle => "power-cycle",
             Self::StallIn => "stall-in",
             Self::StallOut => "stall-out",
             Self::Silence => "silence",
@@ -90,8 +104,10 @@ impl Strike {
             Self::Duplicate => "duplicate",
             Self::Truncate => "truncate",
             Self::Reorder => "reorder",
+            Self::CorruptReply => "corrupt-reply",
             Self::Noise => "noise",
             Self::Homing => "homing-lost",
+            Self::EncoderJump => "encoder-jump",
         }
     }
 
@@ -118,26 +134,57 @@ impl Strike {
             Self::Duplicate => both(Faults { duplicate: 0.05, ..Faults::NONE }),
             Self::Truncate => both(Faults { truncate: 0.05, ..Faults::NONE }),
             Self::Reorder => both(Faults { reorder: 0.05, ..Faults::NONE }),
+            Self::CorruptReply => (Faults::NONE, Faults { corrupt: 0.05, ..Faults::NONE }),
             Self::Silence | Self::DropReply => (Faults::NONE, Faults { drop: 1.0, ..Faults::NONE }),
             Self::Babble => (Faults::NONE, Faults { babble: 1.0, ..Faults::NONE }),
             Self::Noise => (THERE, BACK),
             _ => (Faults::NONE, Faults::NONE),
         }
     }
+
+    /// Whether it strikes frames on the wire, one by one.
+    #[must_use]
+    pub fn is_on_the_wire(self) -> bool {
+        self.on_the_wire() != (Faults::NONE, Faults::NONE)
+    }
+
+    /// Whether the cable is out for a while, and the board keeps its power meanwhile: nothing takes the force away until the driver is back.
+    #[must_use]
+    pub const fn is_pulled(self) -> bool {
+        matches!(self, Self::UnplugMidFrame | Self::Replug)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::HashSet;
 
     #[test]
     fn each_seed_has_its_fault_and_its_time() {
         assert_eq!(Strike::of(0), None);
         for (at, strike) in Strike::ALL.into_iter().enumerate() {
             let seed = at as u64 + 1;
-            assert_eq!((Strike::of(seed), Strike::of(seed + 15)), (Some(strike), Some(strike)));
+            let again = seed + Strike::ALL.len() as u64;
+            assert_eq!((Strike::of(seed), Strike::of(again)), (Some(strike), Some(strike)));
             assert!(Strike::passes(seed) < MOST_PASSED);
         }
-        assert_ne!(Strike::passes(3), Strike::passes(18), "the same fault at another time");
+        let again = 3 + Strike::ALL.len() as u64;
+        assert_ne!(Strike::passes(3), Strike::passes(again), "the same fault at another time");
+    }
+    /// Each fault has a run of its own, and a row by its own name.
+    #[test]
+    fn no_fault_stands_for_another() {
+        let names: HashSet<&str> = Strike::ALL.iter().map(|strike| strike.name()).collect();
+        assert_eq!(names.len(), Strike::ALL.len());
+    }
+
+    /// A request has no check sum, so none may be changed on the wire.
+    #[test]
+    fn requests_are_never_changed() {
+        for strike in Strike::ALL {
+            let (there, _) = strike.on_the_wire();
+            assert_eq!((there.corrupt, there.babble), (0.0, 0.0), "{}", strike.name());
+        }
     }
 }

@@ -163,6 +163,12 @@ impl Firmware {
     }
 }
 
+/// Whether there is a packet among these bytes that begins and ends as one does.
+#[must_use]
+pub fn is_whole(bytes: &[u8]) -> bool {
+    bytes.windows(PACKET_LEN).any(|packet| (packet[0], packet[PACKET_LEN - 1]) == (BEGIN, END))
+}
+
 fn parse(packet: &[u8]) -> Option<Request> {
     let [BEGIN, inner @ .., END] = packet else { return None };
     let values: Vec<u8> = inner.iter().map(|byte| byte.wrapping_sub(BASE)).collect();
@@ -194,6 +200,14 @@ mod tests {
         assert_eq!(say(&mut firmware, REQUEST), b"<MPNPAAAAMCBAJA>");
         assert_eq!(firmware.motors(), [1, -2, 0x1234]);
         assert_eq!((firmware.leds(), firmware.is_homing(), firmware.requests()), (0b010, true, 1));
+    }
+
+    #[test]
+    fn a_whole_packet_is_seen_among_others_bytes() {
+        let mut bytes = b"x>".to_vec();
+        bytes.extend(REQUEST);
+        assert!(is_whole(&bytes) && is_whole(REQUEST));
+        assert!(!is_whole(&bytes[..17]) && !is_whole(&REQUEST[1..]) && !is_whole(&[]));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
 //!
 //! `falcon-guest no-usb` before the machine has USB; after that `run LINE SEEDS EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
-//! the bench. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
+//! the bench. `falcon-guest faults`, anywhere: how many there are, which is how many seeds meet each of them once. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
 //! `FAIL`. See `hil/bench/run`.
 
 mod far;
@@ -13,7 +13,7 @@ mod waiting;
 
 use line::Line;
 use palpate_core::Organ;
-use palpate_hil::bench::Order;
+use palpate_hil::bench::{Order, Strike};
 use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
@@ -37,6 +37,10 @@ fn main() -> ExitCode {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let passed = match words[..] {
         ["no-usb"] => no_usb(),
+        ["faults"] => {
+            println!("{}", Strike::ALL.len());
+            Ok(())
+        }
         ["run", line, seeds, exchanges] => match (seeds.parse(), exchanges.parse()) {
             (Ok(seeds), Ok(exchanges)) => run(line, seeds, exchanges),
             _ => Err("SEEDS and EXCHANGES are numbers".into()),
@@ -45,7 +49,9 @@ fn main() -> ExitCode {
         ["hosts", line] => orphans::orphans(line),
         ["host"] => orphans::host(),
         ["supervise"] => orphans::supervise(),
-        _ => Err("falcon-guest no-usb | run LINE SEEDS EXCHANGES | contract LINE | hosts LINE".into()),
+        _ => {
+            Err("falcon-guest no-usb | faults | run LINE SEEDS EXCHANGES | contract LINE | hosts LINE".into())
+        }
     };
     match passed {
         Ok(()) => ExitCode::SUCCESS,
@@ -112,12 +118,12 @@ fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {
     let unhomed_n = runs.iter().map(|run| run.unhomed_n).fold(0.0, f32::max);
     let slowest_ms = runs.iter().filter_map(|run| run.zero_ms).fold(0.0, f32::max);
     let clean = runs.iter().find(|run| run.fault.is_none());
-    let (done, lost) = clean.map_or((0, 0), |run| (run.exchanges, run.lost));
+    let (done, lost, closing) = clean.map_or((0, 0, 0), |run| (run.exchanges, run.lost, run.lost_closing));
     let all: u64 = runs.iter().map(|run| run.exchanges).sum();
     let rate_hz = clean.map_or(0.0, Run::rate_hz);
     println!(
-        "summary {} runs={} failed={failed} exchanges={all} clean_exchanges={done} clean_lost={lost} rate_hz={rate_hz:.0} \
-         largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
+        "summary {} runs={} failed={failed} exchanges={all} clean_exchanges={done} clean_lost={lost} \
+         clean_lost_closing={closing} rate_hz={rate_hz:.0} largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
         if failed == 0 { "PASS" } else { "FAIL" },
         runs.len() + failed,
         begun.elapsed().as_secs_f64()

@@ -1,5 +1,7 @@
 //! One run of a device: up, homed, armed, in touch, struck, safe, and up again only when it is asked for.
 
+mod struck;
+
 use crate::Outcome;
 use crate::line::Line;
 use crate::patient::Patient;
@@ -31,16 +33,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// For a reply where none is to be lost, and where some are.
 const PATIENT: Duration = Duration::from_secs(2);
 const IMPATIENT: Duration = Duration::from_millis(20);
-/// Ticks with a force after the last sample: the controller holds it for three.
-const ZERO_TICKS: u64 = 3;
-/// Ticks in which a fault shows what comes of it: it strikes within 60 requests.
-const STRUCK_TICKS: u64 = 400;
-/// Ticks after a latched fault, for the force to be gone at the grip too.
-const AFTER_TICKS: u64 = 10;
 /// Ticks in which the hand is above the organ again.
-const LIFT_TICKS: u64 = 450;
-/// What the hand's homing still takes once the device is homed.
-const HOMING: Duration = Duration::from_millis(800);
+const LIFT_TICKS: u64 = 250;
 /// Surface of the organ, and axis into it, in the device's frame.
 const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
 
@@ -73,8 +67,11 @@ type Opened = Waiting<Falcon<Patient>>;
 pub(crate) struct Run {
     pub fault: Option<Strike>,
     pub end: End,
+    /// Exchanges with a sample, and those without; in a run without a fault those that were checked, in touch.
     pub exchanges: u64,
     pub lost: u64,
+    /// Without a sample after that, while it was disarmed and closed: a zero that goes out at once may cost the reply to a request before it.
+    pub lost_closing: u64,
     pub mean_us: u64,
     pub longest_us: u64,
     pub struck: u64,
@@ -88,6 +85,7 @@ pub(crate) struct Run {
     pub again_n: f32,
     pub ready: Duration,
     pub loads: u32,
+    pub seconds: f32,
 }
 
 impl Run {
@@ -96,6 +94,7 @@ impl Run {
         end: End::Active,
         exchanges: 0,
         lost: 0,
+        lost_closing: 0,
         mean_us: 0,
         longest_us: 0,
         struck: 0,
@@ -108,7 +107,16 @@ impl Run {
         again_n: 0.0,
         ready: Duration::ZERO,
         loads: 0,
+        seconds: 0.0,
     };
+
+    /// What the exchanges have come to.
+    fn count(&mut self, tally: &Tally) {
+        self.exchanges = tally.answered.load(Ordering::Relaxed);
+        self.lost = tally.lost.load(Ordering::Relaxed);
+        self.mean_us = tally.spent_us.load(Ordering::Relaxed) / self.exchanges.max(1);
+        self.longest_us = tally.longest_us.load(Ordering::Relaxed);
+    }
 
     /// Exchanges a second.
     pub(crate) fn rate_hz(&self) -> f64 {
@@ -118,7 +126,7 @@ impl Run {
 
 impl fmt::Display for Run {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { fault, end, exchanges, lost, mean_us, longest_us, struck, ready, .. } = self;
+        let Self { fault, end, exchanges, lost, lost_closing, mean_us, longest_us, struck, ready, .. } = self;
         let fault = fault.map_or("none", Strike::name);
         write!(
             f,
@@ -126,7 +134,10 @@ impl fmt::Display for Run {
             ready.as_millis(),
             self.loads
         )?;
-        write!(f, "exchanges={exchanges} lost={lost} mean_us={mean_us} longest_us={longest_us} ")?;
+        write!(
+            f,
+            "exchanges={exchanges} lost={lost} lost_closing={lost_closing} mean_us={mean_us} longest_us={longest_us} "
+        )?;
         write!(
             f,
             "touch_n={:.2} largest_n={:.2} step_n={:.2} unhomed_n={:.2} ",
@@ -136,7 +147,7 @@ impl fmt::Display for Run {
             Some(zero_ms) => write!(f, "zero_ms={zero_ms:.0} ")?,
             None => f.write_str("zero_ms=- ")?,
         }
-        write!(f, "zero_ticks={} again_n={:.2}", self.zero_ticks, self.again_n)
+        write!(f, "zero_ticks={} again_n={:.2} seconds={:.1}", self.zero_ticks, self.again_n, self.seconds)
     }
 }
 
@@ -252,9 +263,8 @@ impl<'o> Bench<'o> {
             Ok(true) => {
                 let homed = self.line.report()?.homed;
                 check(homed, || "the driver says homed, the device does not".into())?;
-                // To the end of what the hand does when it homes.
-                std::thread::sleep(HOMING);
-                Ok(())
+                // Enough of what the hand does when it homes: it is to wait above the organ.
+                self.order(Order::Lift)
             }
             Ok(false) => Err("it was not homed in time".into()),
             Err(error) => Err(format!("lost while it was homed: {error}")),
@@ -345,7 +355,7 @@ impl<'o> Bench<'o> {
         self.say("homed");
         let (clock, controls) = (VirtualClock::default(), Controls::default());
         let mut session = self.session(device, &clock, &controls);
-        let records = session.ticks(50)?;
+        let records = session.ticks(LIFT_TICKS)?;
         let is_disarmed = records.iter().all(|record| record.phase == Phase::Disarmed);
         check(is_disarmed, || "it has armed itself".into())?;
         self.nothing("before it was armed")?;
@@ -355,16 +365,17 @@ impl<'o> Bench<'o> {
         match fault {
             None => {
                 self.long(&mut session, &tally, exchanges)?;
-                let lost = tally.lost.load(Ordering::Relaxed);
-                check(lost == 0, || format!("{lost} exchanges lost"))?;
+                run.count(&tally);
+                check(run.lost == 0, || format!("{} exchanges lost", run.lost))?;
                 self.done(session, &controls, &mut run)?;
+                run.lost_closing = tally.lost.load(Ordering::Relaxed) - run.lost;
             }
-            Some(fault) => self.struck(session, &controls, fault, &mut run, &tally)?,
+            Some(fault) => {
+                self.struck(session, &controls, fault, &mut run, &tally)?;
+                run.count(&tally);
+            }
         }
-        run.exchanges = tally.answered.load(Ordering::Relaxed);
-        run.lost = tally.lost.load(Ordering::Relaxed);
-        run.mean_us = tally.spent_us.load(Ordering::Relaxed) / run.exchanges.max(1);
-        run.longest_us = tally.longest_us.load(Ordering::Relaxed);
+        run.seconds = plugged.elapsed().as_secs_f32();
         Ok(run)
     }
 
@@ -415,163 +426,5 @@ impl<'o> Bench<'o> {
         run.unhomed_n = run.unhomed_n.max(report.unhomed_n);
         self.say("disarmed, closed: no force");
         Ok(())
-    }
-
-    /// The fault, what came of it, and that nothing goes on by itself.
-    fn struck(
-        &mut self,
-        mut session: Session<'_, '_, Opened>,
-        controls: &Controls,
-        fault: Strike,
-        run: &mut Run,
-        tally: &Arc<Tally>,
-    ) -> Outcome<()> {
-        self.order(Order::Strike)?;
-        // The request that is on its way when homing is lost has a force, and cannot know.
-        self.unhomed_passes = fault == Strike::Homing;
-        let mut since = None;
-        run.end = End::Active;
-        for tick in 0..STRUCK_TICKS {
-            match session.step() {
-                Err(error) => {
-                    run.end = End::Lost(error.kind());
-                    check(tally.gone.load(Ordering::Relaxed), || {
-                        "it is lost, and does not say disconnected".into()
-                    })?;
-                    break;
-                }
-                Ok(record) => {
-                    session.judge(&record)?;
-                    // Ticks without a sample until the force is gone.
-                    since = if record.sample.is_some() { None } else { since.or(Some(tick)) };
-                    let age = since.map_or(0, |since| tick - since);
-                    if record.hand_force_n != vec3::ZERO {
-                        run.zero_ticks = run.zero_ticks.max(age);
-                    }
-                    if let Phase::SafeZero(fault) = record.phase {
-                        run.end = End::Latched(fault);
-                        session.ticks(AFTER_TICKS)?;
-                        break;
-                    }
-                }
-            }
-        }
-        check(run.zero_ticks <= ZERO_TICKS, || {
-            format!("a force {} ticks after the last sample", run.zero_ticks)
-        })?;
-        check(as_expected(fault, run.end), || format!("{} ended in {}", fault.name(), run.end))?;
-        self.say(format_args!("{}: {}", fault.name(), run.end));
-        let lost = matches!(run.end, End::Lost(_));
-        // Whoever loses a device lets go of it: that sends zero if there is still a way.
-        let session = if lost {
-            drop(session);
-            None
-        } else {
-            Some(session)
-        };
-        let mut report = self.safe()?;
-        run.struck = report.struck;
-        (run.largest_n, run.step_n) = (report.largest_n, report.step_n);
-        check(fault == Strike::WrongEcho || report.struck > 0, || "the fault did not strike".into())?;
-        let is_pulled = matches!(fault, Strike::UnplugCable);
-        if lost && !is_pulled {
-            report = self.off("after the device was lost")?;
-        } else if matches!(run.end, End::Latched(_)) {
-            report = self.off("after a fault was latched")?;
-        }
-        self.order(Order::Calm)?;
-
-        // The device is up again where it was lost, and the hand still presses: nothing may come of it.
-        let (clock, fresh) = (VirtualClock::default(), Controls::default());
-        let (mut session, controls) = match session {
-            Some(session) => (session, controls),
-            None => {
-                let device =
-                    Waiting { device: self.open(IMPATIENT)?, patience: IMPATIENT, tally: Arc::clone(tally) };
-                (self.session(device, &clock, &fresh), &fresh)
-            }
-        };
-        if is_pulled {
-            // Without a watchdog in the device it is the first request that gets through which takes the force away.
-            report = self.off("after the cable was in again")?;
-        }
-        run.zero_ms = report.zero_ms;
-        if run.end != End::Active {
-            self.nothing_by_itself(&mut session, controls, fault, run.end)?;
-        }
-        self.order(Order::Lift)?;
-        session.ticks(LIFT_TICKS)?;
-        run.again_n = self.touch(&mut session, controls)?;
-        self.done(session, controls, run)
-    }
-
-    /// The force is gone, and neither time nor half of what is asked for brings it back.
-    fn nothing_by_itself(
-        &mut self,
-        session: &mut Session<'_, '_, Opened>,
-        controls: &Controls,
-        fault: Strike,
-        run_end: End,
-    ) -> Outcome<()> {
-        self.order(Order::Forget)?;
-        self.unhomed_passes = false;
-        // Out and in again: a controller that had armed itself would feel the surface on the way.
-        for stroke in [Order::Lift, Order::Press] {
-            self.order(stroke)?;
-            let records = session.ticks(LIFT_TICKS)?;
-            let is_active = records.iter().any(|record| record.phase == Phase::Active);
-            check(!is_active, || "it has armed itself".into())?;
-        }
-        self.nothing("though nobody has armed it")?;
-        let record = session.tick()?;
-        if let Phase::SafeZero(_) = record.phase {
-            controls.arm();
-            session.ticks(20)?;
-            self.nothing("though the fault was latched")?;
-        }
-        // A device that was opened anew counts for not homed, whatever it has kept.
-        if fault == Strike::Homing || matches!(run_end, End::Lost(_)) {
-            check(record.device == DeviceState::Unhomed, || format!("{:?}, not unhomed", record.device))?;
-            controls.reset();
-            session.ticks(2)?;
-            controls.arm();
-            let armed = session.ticks(20)?;
-            let is_disarmed = armed.iter().all(|record| record.phase == Phase::Disarmed);
-            check(is_disarmed, || "it arms though it is not homed any more".into())?;
-            self.nothing("though it is not homed any more")?;
-            self.order(Order::Home)?;
-            let until = Instant::now() + PATIENCE;
-            while session.tick()?.device != DeviceState::Homed {
-                check(Instant::now() < until, || "it was not homed again in time".into())?;
-            }
-            session.ticks(20)?;
-            self.nothing("though nobody has armed it since it was homed again")?;
-            self.say("homed again");
-            // To the end of what the hand does when it homes.
-            std::thread::sleep(HOMING);
-            session.ticks(20)?;
-        }
-        Ok(())
-    }
-}
-
-/// What a fault may end in.
-fn as_expected(fault: Strike, end: End) -> bool {
-    match fault {
-        Strike::WrongEcho | Strike::DropRequest | Strike::DropReply => end == End::Active,
-        Strike::UnplugCable | Strike::UnplugPower => end == End::Lost(DeviceErrorKind::Disconnected),
-        Strike::Silence => end == End::Latched(Fault::Stale),
-        Strike::Homing => end == End::Latched(Fault::NotReady),
-        // Whether too much is lost in a row depends on the time. A halted pipe is cleared by the driver.
-        Strike::Babble
-        | Strike::Delay
-        | Strike::Duplicate
-        | Strike::Truncate
-        | Strike::Reorder
-        | Strike::Noise
-        | Strike::StallIn
-        | Strike::StallOut => {
-            matches!(end, End::Active | End::Latched(Fault::Stale))
-        }
     }
 }
