@@ -34,13 +34,13 @@ fn ball(stiffer: fn(u32) -> f64, active: usize) -> Aligned {
 }
 
 struct Bench<'o> {
-    controller: Controller<'o, 'o, 256>,
+    controller: Controller<'o, 'o>,
     state: State,
     now_us: u64,
 }
 
 impl<'o> Bench<'o> {
-    fn new(organ: &'o Organ<'o, 256>, memory: &'o mut Vec<u32>, friction: f32) -> Self {
+    fn new(organ: &'o Organ<'o>, memory: &'o mut Vec<u32>, friction: f32) -> Self {
         let mut config = Config::new(Method::Trilinear);
         config.limits.ramp_s = 0.0;
         config.contact.friction = friction;
@@ -69,7 +69,7 @@ impl<'o> Bench<'o> {
 macro_rules! bench {
     ($bench:ident, $blob:expr, $friction:expr) => {
         let blob = $blob;
-        let organ = Organ::<256>::read(blob.bytes()).expect("good");
+        let organ = <Organ<'_>>::read(blob.bytes()).expect("good");
         let mut memory = Vec::new();
         let mut $bench = Bench::new(&organ, &mut memory, $friction);
     };
@@ -79,7 +79,7 @@ macro_rules! bench {
 #[test]
 fn every_way_in_is_found_and_no_way_out() {
     let blob = ball(|_| 1.0, 162);
-    let organ = Organ::<256>::read(blob.bytes()).expect("good");
+    let organ = <Organ<'_>>::read(blob.bytes()).expect("good");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let surface = TouchSurface::new(&organ, &mut memory).expect("a surface");
     let (vertices, triangles) = sphere(RADIUS_M, 2);
@@ -113,7 +113,7 @@ fn every_way_in_is_found_and_no_way_out() {
 #[test]
 fn the_cells_hide_no_triangle() {
     let blob = ball(|_| 1.0, 162);
-    let organ = Organ::<256>::read(blob.bytes()).expect("good");
+    let organ = <Organ<'_>>::read(blob.bytes()).expect("good");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let surface = TouchSurface::new(&organ, &mut memory).expect("a surface");
     let mut random = Random(7);
@@ -154,7 +154,7 @@ fn a_long_way_ends_at_the_first_surface() {
         let recipe =
             Recipe { nodes: nodes.clone(), body, rbf: false, displacement: false, ..Recipe::default() };
         let blob = recipe.blob();
-        let organ = Organ::<256>::read(blob.bytes()).expect("good");
+        let organ = <Organ<'_>>::read(blob.bytes()).expect("good");
         let mut memory = vec![0; TouchSurface::words(&organ)];
         let surface = TouchSurface::new(&organ, &mut memory).expect("a surface");
         let mut random = Random(11);
@@ -403,7 +403,7 @@ fn only_what_is_close_is_taken_hold_of() {
 fn a_grasp_slips_at_its_limits() {
     let pull = |max_force_n: f32, max_stiffness_n_m: f32| {
         let blob = ball(|_| 1.0, 162);
-        let organ = Organ::<256>::read(blob.bytes()).expect("good");
+        let organ = <Organ<'_>>::read(blob.bytes()).expect("good");
         let mut config = Config::new(Method::Trilinear);
         config.limits.ramp_s = 0.0;
         (config.limits.max_force_n, config.limits.max_stiffness_n_m) = (max_force_n, max_stiffness_n_m);
@@ -439,7 +439,7 @@ fn a_grasp_slips_at_its_limits() {
 fn another_model_takes_over_without_a_step() {
     let (soft, stiff) = (ball(|_| 1.0, 162), ball(|_| 1.9, 162));
     let (soft, stiff) =
-        (Organ::<256>::read(soft.bytes()).expect("good"), Organ::<256>::read(stiff.bytes()).expect("good"));
+        (<Organ<'_>>::read(soft.bytes()).expect("good"), <Organ<'_>>::read(stiff.bytes()).expect("good"));
     let (mut one, mut two) = (Vec::new(), Vec::new());
     let mut bench = Bench::new(&soft, &mut one, 0.3);
     let other = Bench::new(&stiff, &mut two, 0.3).controller;

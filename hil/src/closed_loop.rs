@@ -111,7 +111,7 @@ fn strokes(rig: &dyn Rig, seconds: u64) -> Vec<Waypoint> {
 
 /// A controller beside the loop, given a place each tick.
 struct Shadow<'o> {
-    controller: Controller<'o, 'o, 256>,
+    controller: Controller<'o, 'o>,
     state: State,
 }
 

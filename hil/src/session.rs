@@ -206,7 +206,7 @@ pub struct Bench<'l, 'o> {
     pub rig: &'l mut dyn Rig,
     /// What other threads would ask of the loop.
     pub controls: &'l Controls,
-    haptic: Option<HapticLoop<'l, 'o, 'o, Mined, &'l VirtualClock, 256>>,
+    haptic: Option<HapticLoop<'l, 'o, 'o, Mined, &'l VirtualClock>>,
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
     fuse: Arc<AtomicBool>,

@@ -57,7 +57,7 @@ fn serve(device: &mut EmulatedPolhem, link: &mut Faulty<PtyTransport>, driver_en
 
 /// Both ends of the link after the device has been woken.
 struct Bench<'l, 'o> {
-    haptic: HapticLoop<'l, 'o, 'o, Polhem, &'l VirtualClock, 256>,
+    haptic: HapticLoop<'l, 'o, 'o, Polhem, &'l VirtualClock>,
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
     device: EmulatedPolhem,

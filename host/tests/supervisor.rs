@@ -391,7 +391,7 @@ fn a_host_that_is_gone_is_noticed_and_the_device_stopped() {
         let sent_ns = palpate_host::sys::monotonic_ns();
         Numbered { nonce: 3, number, sent_ns, order }.encode()
     };
-    ours.send(&order(1, Order::Hello { limit_us: 10_000 })).expect("room");
+    ours.send(&order(1, Order::Hello { limit_us: 500_000 })).expect("room");
     ours.send(&order(2, Order::Tick { session: 0, force_n: FORCE_N })).expect("room");
     wait("force", || lock(&script).forces.last() == Some(&FORCE_N));
     drop(ours);
@@ -479,7 +479,7 @@ fn an_exchange_allocates_nothing_and_waits_for_nobody() {
 fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
     let blob = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
-    let controller: Controller<'_, '_, 256> =
+    let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
     let Bench { device, script, thread, stranger, .. } = Bench::new(50);
     let normal = organ.spaces[0].outward_normal;

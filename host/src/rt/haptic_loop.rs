@@ -12,6 +12,7 @@ use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
+use palpate_core::profile::PC_SPACES;
 use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
 
 /// Timing of the loop, and how it is armed.
@@ -92,7 +93,7 @@ struct Rendered<'o, 'a, const N: usize> {
 
 /// The loop with all it owns; built outside the real-time thread, because building allocates.
 #[derive(Debug)]
-pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize> {
+pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = PC_SPACES> {
     models: Vec<Rendered<'o, 'a, N>>,
     model: usize,
     state: State,

@@ -13,6 +13,10 @@ use crate::fit::{Derivatives, Sample, hermite_nodes_known};
 const CELLS: [u32; 8] = [3, 4, 5, 6, 7, 8, 10, 12];
 /// Share of the tolerance that the table may take.
 const SHARE: f64 = 0.1;
+/// A finer lattice is worth its bytes where it adds less than this share of the error.
+const GAIN: f64 = 0.7;
+/// Lattices in a row that were not.
+const IN_VAIN: u32 = 2;
 /// Places where the table is compared with the fit.
 const PLACES: u32 = 600;
 /// The lattice ends so much beyond the farthest configuration.
@@ -31,22 +35,26 @@ pub struct Resampled {
     pub added: f64,
 }
 
-/// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error; the finest if none does.
+/// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
+/// ragged or its rim is, the coarsest that finer ones are no better than.
 pub fn resample(search: &Search) -> Resampled {
     let farthest = search.jets().iter().map(|jet| norm(jet.displacement_m)).fold(0.0, f64::max);
     let radius_m = (MARGIN * farthest).min(search.wanted().radius_m).max(super::UNIT_M);
-    let mut last = None;
+    let (mut best, mut in_vain): (Option<Resampled>, u32) = (None, 0);
     for cells in CELLS {
         let Ok(grid) = SpaceGrid::new(radius_m / f64::from(cells), radius_m) else { continue };
         let mut on = on_lattice(search, grid);
         on.added = added(search, &on);
-        let enough = on.added <= SHARE;
-        last = Some(on);
-        if enough {
+        let is_better = best.as_ref().is_none_or(|best| on.added < GAIN * best.added);
+        in_vain = if is_better { 0 } else { in_vain + 1 };
+        if is_better {
+            best = Some(on);
+        }
+        if in_vain == IN_VAIN || best.as_ref().is_some_and(|best| best.added <= SHARE) {
             break;
         }
     }
-    last.expect("a ball of a few cells is a lattice")
+    best.expect("a ball of a few cells is a lattice")
 }
 
 fn on_lattice(search: &Search, grid: SpaceGrid) -> Resampled {

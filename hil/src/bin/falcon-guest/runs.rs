@@ -157,7 +157,7 @@ fn check(is: bool, what: impl FnOnce() -> String) -> Outcome<()> {
 
 /// The loop on its virtual clock.
 struct Session<'l, 'o, D: Device> {
-    haptic: HapticLoop<'l, 'o, 'o, D, &'l VirtualClock, 256>,
+    haptic: HapticLoop<'l, 'o, 'o, D, &'l VirtualClock>,
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
     index: u64,

@@ -1,8 +1,8 @@
 //! A device that is waited for: time in the loop is virtual and goes on by a tick when the reply has come, however slow the machine is.
 
 use palpate_core::{Sample, Vec3};
-use palpate_host::device::{DeviceState, EmergencyStop};
-use palpate_host::{Device, DeviceError, DeviceInfo};
+use palpate_host::device::{Around, DeviceState};
+use palpate_host::{Device, DeviceError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -37,8 +37,18 @@ pub(crate) struct Waiting<D> {
     pub tally: Arc<Tally>,
 }
 
-impl<D: Device> Device for Waiting<D> {
-    fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+impl<D: Device> Around for Waiting<D> {
+    type Inner = D;
+
+    fn inner(&self) -> &D {
+        &self.device
+    }
+
+    fn inner_mut(&mut self) -> &mut D {
+        &mut self.device
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let begun = Instant::now();
         loop {
             let result = self.device.exchange(now_us, hand_force_n);
@@ -65,21 +75,5 @@ impl<D: Device> Device for Waiting<D> {
                 }
             }
         }
-    }
-
-    fn stop(&mut self) {
-        self.device.stop();
-    }
-
-    fn info(&self) -> DeviceInfo {
-        self.device.info()
-    }
-
-    fn state(&self) -> DeviceState {
-        self.device.state()
-    }
-
-    fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        self.device.emergency_stop()
     }
 }

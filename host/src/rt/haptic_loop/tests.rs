@@ -377,7 +377,7 @@ impl Device for Latching<'_> {
 fn a_device_that_was_zeroed_past_the_loop_is_reset_by_the_user_or_while_disarmed() {
     let blob = synthetic::organ(&Shape::default());
     let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
-    let controller: Controller<'_, '_, 256> =
+    let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
     let (records, mut drained) = rtrb::RingBuffer::new(100);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
