@@ -33,6 +33,7 @@ use crate::summary;
 use crate::timing::Timing;
 use crate::touch;
 use crate::workbench::stop_flag;
+use palpate_precompute::certificate::Verdict;
 
 /// Touch the organ in a blob: the 1 kHz loop, a device and the viewer.
 ///
@@ -279,7 +280,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     })?;
     if !args.uncertified {
         for (path, organ) in paths.iter().zip(&organs) {
-            check_certificate(path, organ, method)?;
+            check_certificate(path, organ, method, Hardware::named(&args.device).is_some())?;
         }
     }
     if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement.is_none())) {
@@ -432,8 +433,14 @@ fn run_replay(
     Ok(())
 }
 
-/// Refuses a blob that nobody measured with this method, or only where no position could speak for the others.
-fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(), Failure> {
+/// Refuses a blob that nobody measured with this method, or only where no position could speak for the others; and with a real device one
+/// whose numbers are nothing to drive motors with.
+fn check_certificate(
+    path: &Path,
+    organ: &Organ<'_>,
+    method: Method,
+    has_motors: bool,
+) -> Result<(), Failure> {
     let path_name = path.display();
     let Some(certificate) = certificate::of(path, organ)? else {
         return Err(Failure::input(format!(
@@ -450,6 +457,14 @@ fn check_certificate(path: &Path, organ: &Organ<'_>, method: Method) -> Result<(
                 space.active,
                 method.name()
             )));
+        }
+        let health = space.health.as_ref().filter(|health| health.verdict == Verdict::Red);
+        if let Some(reason) = health.and_then(|health| health.reasons.first()) {
+            let what = format!("{path_name}: {} is red: {}", space.active, reason.what);
+            if has_motors {
+                return Err(Failure::input(format!("{what}; or run it with --uncertified")));
+            }
+            eprintln!("palpate: warning: {what}");
         }
     }
     Ok(())

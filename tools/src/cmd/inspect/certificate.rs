@@ -3,9 +3,10 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use palpate_core::Organ;
+use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{
-    Apart, Certificate, DisplacementCertificate, Errors, Health, MethodCertificate, Reason, TwoSolutions,
+    Apart, Certificate, Cost, DisplacementCertificate, Errors, Health, MethodCertificate, Reason,
+    SpaceCertificate, TwoSolutions, Verdict, certified_share,
 };
 
 use crate::failure::Failure;
@@ -19,10 +20,79 @@ pub(crate) fn of(path: &Path, organ: &Organ<'_>) -> Result<Option<Certificate>, 
     serde_json::from_slice(bytes).map(Some).map_err(unreadable)
 }
 
+/// More spaces than this are shown together, and one by one only those that have something against them.
+const MOST_TABLES: usize = 8;
+/// Of which at most so many.
+const MOST_SHOWN: usize = 5;
+
 /// The tables of a certificate.
 pub(crate) fn in_words(certificate: &Certificate) -> String {
+    if certificate.spaces.len() <= MOST_TABLES {
+        return tables(&certificate.spaces.iter().collect::<Vec<_>>());
+    }
+    let mut text = together(certificate);
+    let felt = |space: &&SpaceCertificate| {
+        let of = |m: &MethodCertificate| m.uniform.count - m.uniform.not_felt;
+        space.methods.iter().map(of).min().unwrap_or(0)
+    };
+    let verdict = |space: &&SpaceCertificate| space.health.as_ref().map_or(Verdict::Green, |h| h.verdict);
+    let mut worst: Vec<&SpaceCertificate> = certificate.spaces.iter().collect();
+    worst.sort_by_key(|space| std::cmp::Reverse((verdict(space), felt(space))));
+    worst.retain(|space| verdict(space) > Verdict::Green);
+    worst.truncate(MOST_SHOWN);
+    if !worst.is_empty() {
+        let _ = writeln!(text, "the worst {} of them:\n", worst.len());
+    }
+    text + &tables(&worst)
+}
+
+/// All spaces as one: a position is one of any node.
+fn together(certificate: &Certificate) -> String {
+    let spaces = &certificate.spaces;
+    let cost = |of: fn(&Cost) -> usize| spaces.iter().map(|space| of(&space.cost)).sum::<usize>();
+    let seconds = |of: fn(&Cost) -> f64| spaces.iter().map(|space| of(&space.cost)).sum::<f64>();
+    let count = |colour| {
+        let has = |space: &&SpaceCertificate| space.health.as_ref().is_some_and(|h| h.verdict == colour);
+        spaces.iter().filter(has).count()
+    };
+    let mut text = format!(
+        "certificate of {} active nodes: {} configurations ({} failed, {:.0} s), {} held-out positions ({:.0} s)\n  health: {} green, {} \
+         yellow, {} red\n",
+        spaces.len(),
+        cost(|c| c.configurations),
+        cost(|c| c.failed),
+        seconds(|c| c.seconds),
+        cost(|c| c.held_out as usize),
+        seconds(|c| c.held_out_seconds),
+        count(Verdict::Green),
+        count(Verdict::Yellow),
+        count(Verdict::Red)
+    );
+    let methods: Vec<&str> = spaces.iter().flat_map(|s| &s.methods).map(|m| m.method.as_str()).collect();
+    for method in Method::ALL.into_iter().filter(|m| methods.contains(&m.name())) {
+        let of = || {
+            spaces.iter().flat_map(|s| &s.methods).filter(|m| m.method == method.name()).map(|m| &m.uniform)
+        };
+        let sum = |number: fn(&Errors) -> usize| of().map(number).sum::<usize>();
+        let (positions, not_felt) = (sum(|e| e.count), sum(|e| e.not_felt));
+        let mean = of().map(|e| e.mean_n * e.count as f64).sum::<f64>() / positions.max(1) as f64;
+        let _ = writeln!(
+            text,
+            "  {:<12} error not felt at {:.1} % of {positions} independent positions ({:.1} % certified of a random position of a random \
+             node); mean {} mN, largest {} mN",
+            method.name(),
+            100.0 * not_felt as f64 / positions.max(1) as f64,
+            100.0 * certified_share(positions, positions - not_felt),
+            mn(mean),
+            mn(of().map(|e| e.max_n).fold(0.0, f64::max))
+        );
+    }
+    text
+}
+
+fn tables(spaces: &[&SpaceCertificate]) -> String {
     let mut text = String::new();
-    for space in &certificate.spaces {
+    for space in spaces {
         let cost = &space.cost;
         let _ = writeln!(
             text,

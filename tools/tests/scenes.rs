@@ -1,0 +1,60 @@
+//! The bundled scenes, from file to certificate: each comes out as it says, and the one that must not be used says so.
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+/// `palpate`, which must end well; what it printed as JSON.
+fn palpate(args: &[&str]) -> Value {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    let output = command.current_dir(root).args(args).output().expect("palpate starts");
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
+}
+
+/// Solved, packed and measured at so many fresh positions: the spaces of the certificate.
+fn certified(scene: &str, uniform: &str) -> Vec<Value> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [space, blob] = ["space", "blob"].map(|end| folder.path().join(scene).with_extension(end));
+    let [space, blob] = [&space, &blob].map(|path| path.to_str().expect("plain"));
+    let scene = format!("assets/scenes/{scene}.toml");
+    palpate(&["precompute", &scene, "--out", space]);
+    let certificate = palpate(&["pack", space, "--out", blob, "--uniform", uniform, "--json"]);
+    certificate["spaces"].as_array().expect("spaces").clone()
+}
+
+fn verdict(space: &Value) -> (&str, String) {
+    let reasons = space["health"]["reasons"].as_array().expect("reasons");
+    let words: Vec<&str> = reasons.iter().filter_map(|reason| reason["what"].as_str()).collect();
+    (space["health"]["verdict"].as_str().expect("a verdict"), words.join("; "))
+}
+
+/// What a hand feels of them is the organ.
+#[test]
+fn the_six_scenes_cannot_be_felt_and_none_is_red() {
+    for (scene, nodes) in
+        [("palpation", 1), ("deep-push", 1), ("long-pull", 1), ("tumour", 2), ("fibres", 1), ("gravity", 1)]
+    {
+        let spaces = certified(scene, "60");
+        assert_eq!(spaces.len(), nodes, "{scene}");
+        for space in spaces {
+            let (colour, why) = verdict(&space);
+            println!("{scene} {}: {colour} {why}", space["active"]);
+            assert_ne!(colour, "red", "{scene}: {why}");
+            let uniform = &space["methods"][0]["uniform"];
+            let [count, not_felt] = ["count", "not_felt"].map(|key| uniform[key].as_u64().expect("a number"));
+            // One in a hundred may be felt; of sixty that is two, seldom.
+            assert!(count >= 40 && not_felt + 2 >= count, "{scene}: {not_felt} of {count}");
+        }
+    }
+}
+
+#[test]
+fn a_strip_that_buckles_is_red() {
+    let spaces = certified("buckling-strip", "20");
+    let (colour, why) = verdict(&spaces[0]);
+    assert_eq!(colour, "red", "{why}");
+    assert!(why.contains("folds") && why.contains("two stable solutions"), "{why}");
+}
