@@ -36,7 +36,7 @@ use crate::workbench::{Workbench, threads};
 /// Active nodes that are probed at most; the others are taken to be as they are on the average.
 const MOST_NODES: usize = 4;
 /// How long the probes may take, all nodes together, once each has its least.
-const PATIENCE: Duration = Duration::from_millis(1500);
+const PATIENCE: Duration = Duration::from_millis(2400);
 /// Where the scene has no lattice, the step whose time is asked: a cell of the paper's coarsest grid, so many along the radius.
 const CELLS_OF_A_STEP: f64 = 5.0;
 

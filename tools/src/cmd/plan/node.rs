@@ -121,8 +121,8 @@ pub(super) fn plan(
     };
     let mut choices = vec![Choice {
         spacing_m: None,
-        configurations: loop_.configurations as f64,
-        solving_s: loop_.configurations as f64 * mean(&probed.far_s),
+        configurations: loop_.configurations,
+        solving_s: loop_.configurations * mean(&probed.far_s),
         grid: resampled.grid,
         solved: resampled.samples.len(),
         methods: measure(&Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives))),
@@ -174,7 +174,7 @@ pub(super) fn plan(
     let share = within as f64 / errors.len().max(1) as f64;
     Ok(NodePlan {
         linear: Error { p99_n: percentile_99(&mut errors), within: share },
-        linear_configurations: linear.scattered().configurations as f64,
+        linear_configurations: linear.scattered().configurations,
         probed,
         choices,
         eye,

@@ -19,12 +19,19 @@ const LENGTHS: [f64; 5] = [0.35, 0.5, 0.75, 1.1, 1.6];
 /// The surrogate is so much rougher than the fit that predicts the probes best.
 const ROUGHER: f64 = 0.75;
 
+/// A fit of the force by energy, force, stiffness and third derivatives gains so many orders in the distance of its data.
+const ORDER: f64 = 6.0;
+/// With so many probes their own errors, each left out in turn, are taken as they are; with fewer as what so many would leave.
+const ENOUGH: f64 = 16.0;
+
 /// The energy of the probes.
 #[derive(Debug, Clone)]
 pub(super) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
     wanted: Wanted,
+    /// How much larger the errors of a fit of the body are than those of one of the surrogate; 1 where the probes tell it all.
+    doubt: f64,
 }
 
 /// A blind loop run to its end.
@@ -32,8 +39,8 @@ pub(super) struct Surrogate {
 pub(super) struct Scattered {
     /// How it ended.
     pub search: Search,
-    /// Configurations solved, rest among them.
-    pub configurations: usize,
+    /// Configurations that the body will take, rest among them.
+    pub configurations: f64,
     /// Whether its predictions came within the tolerance.
     pub passed: bool,
 }
@@ -43,8 +50,6 @@ pub(super) struct Scattered {
 pub(super) struct Expanded {
     /// Solved points, sorted, rest among them.
     pub samples: Vec<Sample>,
-    /// Points of the domain.
-    pub points: usize,
 }
 
 impl Surrogate {
@@ -60,10 +65,11 @@ impl Surrogate {
                 best = Some((score, share));
             }
         }
-        let (_, share) = best?;
+        let (score, share) = best?;
         let mut fit = KernelFit::new(ROUGHER * share * reach, rest.stiffness_n_m);
         fit.add(&probed.jets).ok()?;
-        Some(Self { fit, rest, wanted })
+        let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
+        Some(Self { fit, rest, wanted, doubt })
     }
 
     /// A body of the same stiffness at rest that answers in proportion, however far.
@@ -71,7 +77,17 @@ impl Surrogate {
         let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
         let mut fit = KernelFit::new(self.fit.length_m(), rest.stiffness_n_m);
         fit.add(&[rest]).expect("one configuration is apart from all others");
-        Self { fit, rest, wanted: self.wanted }
+        Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
+    }
+
+    /// How much larger errors on the body are than on the surrogate.
+    pub(super) fn doubt(&self) -> f64 {
+        self.doubt
+    }
+
+    /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`] / 3.
+    fn more(&self) -> f64 {
+        self.doubt.powf(3.0 / ORDER)
     }
 
     /// h, N.
@@ -82,10 +98,12 @@ impl Surrogate {
     /// The blind loop on it.
     pub(super) fn scattered(&self) -> Scattered {
         let mut search = Search::new(self.wanted, &self.rest);
-        let mut configurations = 1;
+        let mut configurations = 1_usize;
         loop {
             match search.step() {
                 Step::Done(verdict) => {
+                    let configurations =
+                        f64::min(configurations as f64 * self.more(), self.wanted.most as f64 + 1.0);
                     return Scattered { search, configurations, passed: verdict == Verdict::Passed };
                 }
                 Step::Solve(targets) => {
@@ -103,7 +121,6 @@ impl Surrogate {
     pub(super) fn lattice(&self, lattice: &Lattice) -> Expanded {
         let grid = lattice.grid;
         let domain = Arc::new(Domain::new(&grid, lattice.complete_cells));
-        let points = domain.len();
         let mut plan = Plan::new(domain, grid);
         let mut samples: BTreeMap<GridIndex, Sample> = BTreeMap::new();
         while let Some(task) = plan.next_task() {
@@ -135,7 +152,7 @@ impl Surrogate {
             });
             samples.insert(task.target, sample(task.target, &jet, beyond));
         }
-        Expanded { samples: samples.into_values().collect(), points }
+        Expanded { samples: samples.into_values().collect() }
     }
 }
 
@@ -166,6 +183,13 @@ fn left_out(jets: &[EnergyJet], length_m: f64, wanted: &Wanted) -> Option<f64> {
         sum += (error_n / wanted.tolerance.at(truth.force_n)).powi(2);
     }
     Some(sum / (jets.len() - 1).max(1) as f64)
+}
+
+/// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it says of a probe that is left
+/// out: `error`, by the tolerance, with so many probes. Within the tolerance nothing is missing that matters.
+fn doubt(error: f64, probes: usize) -> f64 {
+    let fewer = (probes as f64 / ENOUGH).min(1.0);
+    (error * fewer.powf(ORDER / 3.0)).max(1.0)
 }
 
 #[cfg(test)]
@@ -240,7 +264,7 @@ pub(super) mod tests {
             let probed = probed(batches, 8.0);
             let (predicted, truth) = (Surrogate::of(&probed).unwrap().scattered(), true_count(&probed));
             assert!(predicted.passed);
-            let ratio = predicted.configurations as f64 / truth as f64;
+            let ratio = predicted.configurations / truth as f64;
             assert!((0.5..=2.0).contains(&ratio), "{} for {truth}", predicted.configurations);
         }
     }
@@ -251,7 +275,7 @@ pub(super) mod tests {
         let lattice = Lattice { grid, complete_cells: true, increments: None };
         let of = |force_n| Surrogate::of(&probed(2, force_n)).unwrap().lattice(&lattice);
         let (all, some) = (of(1e3), of(4.0));
-        assert_eq!((all.samples.len(), all.points), (1015, 1015));
+        assert_eq!(all.samples.len(), 1015);
         assert!(
             some.samples.len() < 600 && some.samples.iter().any(|s| s.terminating),
             "{}",
@@ -262,6 +286,11 @@ pub(super) mod tests {
         let inside = some.samples.iter().filter(truly).count();
         let said = some.samples.iter().filter(|s| !s.terminating).count();
         assert!(inside.abs_diff(said) * 5 < said, "{inside} {said}");
+    }
+
+    #[test]
+    fn what_a_left_out_probe_tells() {
+        assert_eq!((doubt(0.7, 16), doubt(4.0, 16), doubt(4.0, 8), doubt(4.0, 99)), (1.0, 4.0, 1.0, 4.0));
     }
 
     #[test]

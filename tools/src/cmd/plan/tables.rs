@@ -83,7 +83,7 @@ impl Tables {
         }
     }
 
-    /// Error against the surrogate at `places` within `max_force_n`; `None` if the method has no table.
+    /// Error on the body, from that against the surrogate at `places` within `max_force_n`; `None` if the method has no table.
     pub(super) fn error(
         &self,
         method: Method,
@@ -104,7 +104,7 @@ impl Tables {
                 continue;
             }
             let found = space.force(method, at.map(|x| x as f32))?.force_n;
-            let error_n = norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
+            let error_n = truth.doubt() * norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
             within += usize::from(error_n <= tolerance.at(exact));
             errors.push(error_n);
         }
