@@ -180,6 +180,9 @@ impl Plan {
         let size = self.nodes[0].probed.size;
         let tets = scene.mesh.tets.len();
         let memory_bytes = model::memory_bytes(tets, scene.order, size, threads);
+        let mean_squared =
+            mean(&self.nodes.iter().map(|n| n.choices[0].configurations.powi(2)).collect::<Vec<_>>());
+        let fits_bytes = model::loop_bytes(mean_squared.sqrt(), threads, scene.active.len());
         let mut rows = Vec::new();
         for n in 0..self.nodes[0].choices.len() {
             let choice = &self.nodes[0].choices[n];
@@ -196,7 +199,7 @@ impl Plan {
                     method: method.name(),
                     configurations: of_all(&|node| node.choices[n].configurations),
                     solving_s: of_all(&|node| node.choices[n].solving_s),
-                    memory_bytes,
+                    memory_bytes: memory_bytes + if choice.spacing_m.is_some() { 0.0 } else { fits_bytes },
                     blob_bytes: other
                         + of_all(&|node| node.choices[n].bytes(&[method], node.eye.as_ref()) as f64),
                     nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
@@ -219,14 +222,17 @@ impl Plan {
             asked: false,
             ..first.clone()
         });
-        rows.extend(linear.filter(|_| bench.body.law_names() != "linear"));
+        rows.extend(
+            linear.filter(|row| bench.body.law_names() != "linear" && row.configurations.is_finite()),
+        );
         let (chosen, why) = row::recommend(&mut rows, self.tolerance_in_words());
         for beside in &self.besides {
             let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
                 2 => Some(0.0),
                 order => self.stiffer(s, if own.order == 2 { 2 } else { order }),
             });
-            let memory = memory_bytes + threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
+            let memory = rows[chosen].memory_bytes
+                + threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
             rows.push(rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory));
         }
         (rows, chosen, why)

@@ -90,13 +90,18 @@ pub(super) fn solver_bytes([unknowns, matrix, factor]: [usize; 3]) -> f64 {
 
 /// Bytes of the whole process: itself, the body with its scatter map and analysis, and a solver a thread.
 pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: usize) -> f64 {
-    const PROCESS: f64 = 30e6;
+    const PROCESS: f64 = 12e6;
     /// Bytes of a tet: geometry, and the places of its matrix in the sparse one.
     const TET: [f64; 2] = [3e3, 12e3];
     let tet = TET[usize::from(order.clamp(1, 2)) - 1];
     // Every active node that is worked on has an analysis of its own: matrix and factor as indices.
     let analysis = 8.0 * (2.0 * size[1] as f64 + 0.5 * size[2] as f64);
     PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
+}
+
+/// Bytes of the loop's fits in the spaces that are worked on at once: four factors of 20 rows a configuration each.
+pub(super) fn loop_bytes(configurations: f64, threads: usize, nodes: usize) -> f64 {
+    threads.min(nodes) as f64 * 4.0 * 8.0 * (20.0 * configurations).powi(2)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use palpate_precompute::scattered::{Resampled, resample};
 
 use super::probe::{Order, Probed, norm, probe};
 use super::surrogate::Surrogate;
-use super::tables::{Error, Eye, Tables, percentile_99, space_bytes};
+use super::tables::{Error, Eye, Place, Tables, percentile_99, space_bytes};
 use crate::failure::Failure;
 
 /// Cells along the radius of the paper's grids.
@@ -45,6 +45,9 @@ pub(super) struct Choice {
     pub passed: bool,
 }
 
+/// A linear body within the tolerance at fewer of the positions is not looked at any further.
+const WORTH_A_LOOK: f64 = 0.9;
+
 /// Everything about one node.
 #[derive(Debug)]
 pub(super) struct NodePlan {
@@ -54,7 +57,7 @@ pub(super) struct NodePlan {
     pub choices: Vec<Choice>,
     /// Error of a body that answers in proportion.
     pub linear: Error,
-    /// Configurations of a scattered space of it.
+    /// Configurations of a scattered space of it; NaN where it is far from the body.
     pub linear_configurations: f64,
     /// The eye's planes; none if nothing is to be seen.
     pub eye: Option<Eye>,
@@ -109,21 +112,23 @@ pub(super) fn plan(
     })?;
     let loop_ = truth.scattered();
     let (wanted, search) = (probed.wanted, &loop_.search);
-    let places = search.places(PLACES);
+    let places = truth.places(search, PLACES);
     let resampled = resample(search);
     let eye = bound.and_then(|bound| eye(&probed, search.fit().length_m(), &resampled, bound));
     let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
         let error = |&method: &Method| {
-            let error = tables.error(method, &truth, &places, &wanted.tolerance, wanted.max_force_n)?;
+            let error = tables.error(method, &truth, &places, &wanted.tolerance)?;
             Some((method, error, tables.nanoseconds(method, &places)))
         };
         METHODS.iter().filter_map(error).collect()
     };
+    // Where more configurations are needed than the surrogate takes, the table is finer alike.
+    let finer = SpaceGrid::new(resampled.grid.spacing_m / truth.more().cbrt(), resampled.grid.radius_m);
     let mut choices = vec![Choice {
         spacing_m: None,
         configurations: loop_.configurations,
-        solving_s: loop_.configurations * mean(&probed.far_s),
-        grid: resampled.grid,
+        solving_s: scattered_s(&probed, loop_.configurations),
+        grid: finer.unwrap_or(resampled.grid),
         solved: resampled.samples.len(),
         methods: measure(&Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives))),
         built: true,
@@ -131,6 +136,13 @@ pub(super) fn plan(
     }];
     // A scattered table is asked by the energy alone: that is what its derivatives are for.
     choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
+    // The loop ends when ten predictions pass, whatever the error is then: between what the surrogate has and what is allowed.
+    let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
+    allowed.sort_by(f64::total_cmp);
+    let allowed_n = allowed.get(allowed.len() / 2).copied().unwrap_or(wanted.tolerance.absolute_n);
+    for (_, error, _) in &mut choices[0].methods {
+        error.p99_n = (error.p99_n * allowed_n).sqrt();
+    }
     let mut shares: Vec<(f64, f64)> = Vec::new();
     for lattice in lattices(sampling) {
         let grid = lattice.grid;
@@ -165,8 +177,8 @@ pub(super) fn plan(
     let linear = truth.linear();
     let mut errors = Vec::new();
     let mut within = 0;
-    for &at in places.iter().filter(|at| norm(truth.force_n(**at)) <= wanted.max_force_n) {
-        let (exact, found) = (truth.force_n(at), linear.force_n(at));
+    for &Place { at, exact } in &places {
+        let found = linear.force_n(at);
         let error_n = norm(std::array::from_fn(|i| found[i] - exact[i]));
         within += usize::from(error_n <= wanted.tolerance.at(exact));
         errors.push(error_n);
@@ -174,7 +186,11 @@ pub(super) fn plan(
     let share = within as f64 / errors.len().max(1) as f64;
     Ok(NodePlan {
         linear: Error { p99_n: percentile_99(&mut errors), within: share },
-        linear_configurations: linear.scattered().configurations,
+        linear_configurations: if share >= WORTH_A_LOOK {
+            linear.scattered().configurations
+        } else {
+            f64::NAN
+        },
         probed,
         choices,
         eye,
@@ -234,6 +250,15 @@ fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
     }
 }
 
+/// Seconds of so many scattered configurations: as the probes at first, then from ever nearer parents, at distances that fall with the
+/// cube root of their number, down to a step of a lattice.
+fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
+    let (far_s, near_s) = (mean(&probed.far_s), mean(&probed.near_s).min(mean(&probed.far_s)));
+    let probes = (probed.far_s.len() as f64).min(configurations);
+    let farther = probes + 1.5 * (probes.cbrt() * configurations.cbrt().powi(2) - probes);
+    configurations * near_s + farther * (far_s - near_s)
+}
+
 /// Mean; zero of nothing.
 pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
@@ -258,6 +283,16 @@ pub(super) fn spread(positions: &[[f64; 3]], most: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn later_configurations_take_less_than_the_probes() {
+        let probed = super::super::surrogate::tests::probed(2, 8.0);
+        let seconds = |configurations| scattered_s(&probed, configurations);
+        assert_eq!(seconds(1.0), 3.0);
+        assert!(seconds(8.0) < 24.0 && seconds(8.0) > 2.0 * 8.0);
+        let last = seconds(1001.0) - seconds(1000.0);
+        assert!(last > 2.0 && last < 2.2, "{last}");
+    }
 
     #[test]
     fn nodes_are_spread() {

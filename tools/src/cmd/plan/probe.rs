@@ -11,8 +11,8 @@ use palpate_precompute::solve::{Configuration, Problem, Solver};
 
 use crate::failure::Failure;
 
-/// Probes on a node, however long they take: directions enough to see that a body is soft on one side and stiff on the other.
-const LEAST: usize = 4;
+/// Probes on a node, however long they take.
+const LEAST: usize = 2;
 /// Probes on a node at most: what more of them would tell is not worth waiting for.
 const MOST: usize = 16;
 
@@ -132,6 +132,9 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
     }
     // A step of a lattice from rest, and one from as far as the probes got.
     for seed in [seeds.first(), seeds.get(1)].into_iter().flatten() {
+        if begun.elapsed() > order.patience && !probed.near_s.is_empty() {
+            break;
+        }
         let from = seed.pose.displacement_m;
         let back = if norm(from) > 0.0 { from.map(|x| -x / norm(from)) } else { [0.0, 0.0, 1.0] };
         let to = std::array::from_fn(|i| from[i] + order.step_m * back[i]);
@@ -139,6 +142,9 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         if solved.is_ok() {
             probed.near_s.push(seconds);
         }
+    }
+    if probed.near_s.is_empty() {
+        probed.near_s.push(probed.rest_s);
     }
     Ok(probed)
 }

@@ -13,9 +13,10 @@ use palpate_precompute::fit::{EnergyJet, KernelFit, Sample};
 use palpate_precompute::scattered::{Found, Search, Step, Verdict, Wanted};
 
 use super::probe::{Probed, norm};
+use super::tables::Place;
 
-/// Lengths of the kernel as shares of the reach at first sight: those of the search, and one that is rougher.
-const LENGTHS: [f64; 5] = [0.35, 0.5, 0.75, 1.1, 1.6];
+/// Lengths of the kernel as shares of the reach at first sight: over the range of those of the search.
+const LENGTHS: [f64; 3] = [0.5, 0.9, 1.5];
 /// The surrogate is so much rougher than the fit that predicts the probes best.
 const ROUGHER: f64 = 0.75;
 
@@ -86,13 +87,19 @@ impl Surrogate {
     }
 
     /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`] / 3.
-    fn more(&self) -> f64 {
+    pub(super) fn more(&self) -> f64 {
         self.doubt.powf(3.0 / ORDER)
     }
 
     /// h, N.
     pub(super) fn force_n(&self, at: [f64; 3]) -> [f64; 3] {
         self.fit.force_n(at)
+    }
+
+    /// Positions spread over what is within reach, with the force there.
+    pub(super) fn places(&self, search: &Search, count: u32) -> Vec<Place> {
+        let places = search.places(count).into_iter().map(|at| Place { at, exact: self.force_n(at) });
+        places.filter(|place| norm(place.exact) <= self.wanted.max_force_n).collect()
     }
 
     /// The blind loop on it.
