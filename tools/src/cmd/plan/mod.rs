@@ -13,7 +13,7 @@ mod row;
 mod surrogate;
 mod tables;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
@@ -31,7 +31,7 @@ use self::probe::Order;
 use self::row::{LINEAR, Row};
 use crate::failure::Failure;
 use crate::output;
-use crate::workbench::{Workbench, threads};
+use crate::workbench::{Workbench, hex, threads};
 
 /// Active nodes that are probed at most; the others are taken to be as they are on the average.
 const MOST_NODES: usize = 4;
@@ -68,11 +68,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
     let threads = threads(args.threads);
     let bench = Workbench::load(&args.scene)?;
+    let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
     let plan = Plan::of(&bench, threads)?;
-    let compared = match &args.check {
-        Some(path) => {
+    let compared = match &store {
+        Some(store) => {
             let predicted = Predicted { nodes: &plan.nodes, spacing_m: plan.spacing_m, skin: plan.skin };
-            Some(predicted.compare(&Store::open(path)?, args.blob.as_deref())?)
+            Some(predicted.compare(store, args.blob.as_deref())?)
         }
         None => None,
     };
@@ -100,6 +101,19 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
          {seconds:.1} s",
         if threads == 1 { "" } else { "s" }
     ))
+}
+
+/// The store at `path`, which must be one of the scene.
+fn solved(bench: &Workbench, path: &Path) -> Result<Store, Failure> {
+    let store = Store::open(path)?;
+    if store.identity()?.content_hash != hex(&bench.scene.content_hash()) {
+        return Err(Failure::input(format!(
+            "{}: it was solved from another scene than {}; name the scene that it was solved from",
+            path.display(),
+            bench.path.display()
+        )));
+    }
+    Ok(store)
 }
 
 /// Everything that was found out.
