@@ -180,7 +180,8 @@ impl Workbench {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
+/// Bytes as a store names them.
+pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 

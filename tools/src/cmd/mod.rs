@@ -8,6 +8,7 @@ pub(crate) mod held_out;
 pub(crate) mod inspect;
 pub(crate) mod pack;
 pub(crate) mod path;
+pub(crate) mod plan;
 pub(crate) mod precompute;
 pub(crate) mod protocol;
 pub(crate) mod query;

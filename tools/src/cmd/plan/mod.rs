@@ -1,0 +1,358 @@
+//! `palpate plan`: what a scene will take, before it is solved.
+//!
+//! [`probe`] solves a handful of configurations on each active node; [`surrogate`] makes of them a body that costs nothing to ask, on which
+//! the blind loop, the lattice's plan and the packer's fits run as they will on the real one; [`tables`] measures what comes out;
+//! [`node`] puts that together for a node, [`model`] for other discretisations, [`row`] for the scene. [`check`] holds it
+//! against what later happened.
+
+mod check;
+mod model;
+mod node;
+mod probe;
+mod row;
+mod surrogate;
+mod tables;
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::Args as ClapArgs;
+use palpate_precompute::configuration_space::{Sampling, Store};
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::scattered::Tolerance;
+use serde_json::json;
+
+use self::check::Predicted;
+use self::model::{Beside, Model};
+use self::node::{METHODS, NodePlan, mean};
+use self::probe::Order;
+use self::row::{LINEAR, Row};
+use crate::failure::Failure;
+use crate::output;
+use crate::workbench::{Workbench, hex, threads};
+
+/// Active nodes that are probed at most; the others are taken to be as they are on the average.
+const MOST_NODES: usize = 4;
+/// How long the probes may take, all nodes together, once each has its least.
+const PATIENCE: Duration = Duration::from_millis(2400);
+/// Where the scene has no lattice, the step whose time is asked: a cell of the paper's coarsest grid, so many along the radius.
+const CELLS_OF_A_STEP: f64 = 5.0;
+
+/// What a scene will take before it is solved: configurations, seconds, memory, bytes, tick and error of the sensible choices.
+///
+/// A handful of probing solves on every active node tells how stiff and how nonlinear the body is there and what a solve takes on this
+/// machine. The loop, the plan and the fits of `precompute` and `pack` then run on a surrogate that meets the probes. Errors are
+/// against the finite elements of the same model; the column `stiffer` says what its discretisation adds on top.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scene file (TOML)
+    scene: PathBuf,
+    /// Worker threads, of the plan and of the work it foresees; one a core if not given
+    #[arg(long)]
+    threads: Option<usize>,
+    /// A .space file solved from the scene: show what was predicted beside what happened
+    #[arg(long, value_name = "FILE.space")]
+    check: Option<PathBuf>,
+    /// The .blob packed from it, for bytes, error and tick
+    #[arg(long, value_name = "FILE.blob", requires = "check")]
+    blob: Option<PathBuf>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let begun = Instant::now();
+    let threads = threads(args.threads);
+    let bench = Workbench::load(&args.scene)?;
+    let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
+    let plan = Plan::of(&bench, threads)?;
+    let compared = match &store {
+        Some(store) => {
+            let predicted = Predicted { nodes: &plan.nodes, spacing_m: plan.spacing_m, skin: plan.skin };
+            Some(predicted.compare(store, args.blob.as_deref())?)
+        }
+        None => None,
+    };
+    let (rows, chosen, why) = plan.rows(&bench, threads);
+    let seconds = begun.elapsed().as_secs_f64();
+    if args.json {
+        let figures = json!({
+            "scene": bench.scene.name, "threads": threads, "seconds": seconds, "nodes": plan.figures(&bench),
+            "rows": rows, "recommended": rows[chosen], "why": why,
+            "check": compared.map(|all| all.iter().map(|c| json!({
+                "what": c.what, "predicted": c.predicted, "happened": c.happened, "unit": c.unit,
+                "ratio": c.ratio(), "holds": c.holds(),
+            })).collect::<Vec<_>>()),
+        });
+        return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+    }
+    if let Some(all) = compared {
+        return output::line(check::in_words(&all));
+    }
+    output::line(plan.in_words(&bench))?;
+    output::line(row::table(&rows, threads))?;
+    output::line(format!("Recommended: {}: {why}.", rows[chosen].in_words()))?;
+    output::line(format!(
+        "Seconds are on {threads} thread{} of this machine as busy as it is now; ~ is continued from coarser or smaller solves. Planned in \
+         {seconds:.1} s",
+        if threads == 1 { "" } else { "s" }
+    ))
+}
+
+/// The store at `path`, which must be one of the scene.
+fn solved(bench: &Workbench, path: &Path) -> Result<Store, Failure> {
+    let store = Store::open(path)?;
+    if store.identity()?.content_hash != hex(&bench.scene.content_hash()) {
+        return Err(Failure::input(format!(
+            "{}: it was solved from another scene than {}; name the scene that it was solved from",
+            path.display(),
+            bench.path.display()
+        )));
+    }
+    Ok(store)
+}
+
+/// Everything that was found out.
+struct Plan {
+    nodes: Vec<NodePlan>,
+    besides: Vec<Beside>,
+    tolerance: Tolerance,
+    spacing_m: Option<f64>,
+    skin: [usize; 2],
+    has_pressure: bool,
+}
+
+impl Plan {
+    fn of(bench: &Workbench, threads: usize) -> Result<Self, Failure> {
+        let (scene, sampling) = (&bench.scene, bench.sampling()?);
+        let surface = Surface::of(&scene.mesh);
+        let tolerance =
+            sampling.scattered().map_or(Tolerance::CANNOT_BE_FELT, |scattered| scattered.tolerance);
+        let positions: Vec<[f64; 3]> =
+            scene.active.iter().map(|a| bench.body.rest_position_m(a.node)).collect();
+        let chosen = node::spread(&positions, MOST_NODES);
+        let share = (threads as f64 / chosen.len() as f64).min(1.0);
+        let orders: Vec<Order> = chosen
+            .iter()
+            .map(|&active| Order {
+                active,
+                problem: bench.problem(&scene.active[active]),
+                wanted: wanted(
+                    &sampling,
+                    scene.max_force_n,
+                    tolerance,
+                    surface.normal(scene.active[active].node),
+                ),
+                surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
+                step_m: sampling
+                    .lattice()
+                    .map_or(sampling.radius_m() / CELLS_OF_A_STEP, |l| l.grid.spacing_m),
+                patience: PATIENCE.mul_f64(share),
+            })
+            .collect();
+        let bound = scene.visual.then_some(scene.displacement_bound);
+        let planned = in_parallel(&orders, threads, |order| node::plan(order, &sampling, bound));
+        let nodes = planned.into_iter().collect::<Result<Vec<NodePlan>, Failure>>()?;
+        let has_pressure = bench.body.has_pressure();
+        let first = &nodes[0].probed;
+        let others = Model::of(scene).others(has_pressure);
+        let besides =
+            in_parallel(&others, threads, |&other| model::beside(scene, first.active, other, first));
+        Ok(Self {
+            besides: besides.into_iter().flatten().collect(),
+            nodes,
+            tolerance,
+            spacing_m: sampling.lattice().map(|lattice| lattice.grid.spacing_m),
+            skin: [surface.nodes.len(), surface.triangles.len()],
+            has_pressure,
+        })
+    }
+
+    /// Stiffness over that of quadratic elements, less 1.
+    fn stiffer(&self, stiffness_n_m: f64, order: u8) -> Option<f64> {
+        let quadratic = || self.besides.iter().find(|b| b.model.order == 2)?.stiffness_n_m;
+        let reference = if order == 2 { Some(self.stiffness_n_m()) } else { quadratic() };
+        reference.map(|reference| stiffness_n_m / reference - 1.0)
+    }
+
+    /// Mean stiffness at rest of the first node by the scene's own model, N/m.
+    fn stiffness_n_m(&self) -> f64 {
+        self.nodes[0].probed.jets[0].stiffness_n_m.trace() / 3.0
+    }
+
+    /// All rows; which of them is recommended, and why.
+    fn rows(&self, bench: &Workbench, threads: usize) -> (Vec<Row>, usize, String) {
+        let (scene, all) = (&bench.scene, bench.scene.active.len() as f64);
+        let own = Model::of(scene);
+        let of_all = |figure: &dyn Fn(&NodePlan) -> f64| {
+            all * mean(&self.nodes.iter().map(figure).collect::<Vec<_>>())
+        };
+        let size = self.nodes[0].probed.size;
+        let tets = scene.mesh.tets.len();
+        let memory_bytes = model::memory_bytes(tets, scene.order, size, threads);
+        let mean_squared =
+            mean(&self.nodes.iter().map(|n| n.choices[0].configurations.powi(2)).collect::<Vec<_>>());
+        let fits_bytes = model::loop_bytes(mean_squared.sqrt(), threads, scene.active.len());
+        let mut rows = Vec::new();
+        for n in 0..self.nodes[0].choices.len() {
+            let choice = &self.nodes[0].choices[n];
+            for method in METHODS {
+                let found = |node: &NodePlan| node.choices[n].of(method.name());
+                let figures: Vec<_> = self.nodes.iter().filter_map(found).collect();
+                if figures.len() < self.nodes.len() {
+                    continue;
+                }
+                let other = tables::other_bytes(self.skin, scene.active.len(), Some(1)) as f64;
+                rows.push(Row {
+                    model: own.words(self.has_pressure).into(),
+                    spacing_m: choice.spacing_m,
+                    method: method.name(),
+                    configurations: of_all(&|node| node.choices[n].configurations),
+                    solving_s: of_all(&|node| node.choices[n].solving_s),
+                    memory_bytes: memory_bytes + if choice.spacing_m.is_some() { 0.0 } else { fits_bytes },
+                    blob_bytes: other
+                        + of_all(&|node| node.choices[n].bytes(&[method], node.eye.as_ref()) as f64),
+                    nanoseconds: figures.iter().map(|(_, ns)| *ns).fold(0.0, f64::max),
+                    p99_n: figures.iter().map(|(error, _)| error.p99_n).fold(0.0, f64::max),
+                    within: figures.iter().map(|(error, _)| error.within).fold(1.0, f64::min),
+                    stiffer: self.stiffer(self.stiffness_n_m(), own.order),
+                    asked: choice.spacing_m == self.spacing_m && method == palpate_core::Method::Energy,
+                    recommended: false,
+                    extrapolated: !choice.built,
+                });
+            }
+        }
+        let linear = rows.first().map(|first| Row {
+            model: LINEAR.into(),
+            configurations: of_all(&|node| node.linear_configurations),
+            // One iteration, and what is read off it: the solve at rest.
+            solving_s: of_all(&|node| node.linear_configurations * node.probed.rest_s),
+            p99_n: self.nodes.iter().map(|node| node.linear.p99_n).fold(0.0, f64::max),
+            within: self.nodes.iter().map(|node| node.linear.within).fold(1.0, f64::min),
+            asked: false,
+            ..first.clone()
+        });
+        rows.extend(
+            linear.filter(|row| bench.body.law_names() != "linear" && row.configurations.is_finite()),
+        );
+        let (chosen, why) = row::recommend(&mut rows, self.tolerance_in_words());
+        for beside in &self.besides {
+            let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
+                2 => Some(0.0),
+                order => self.stiffer(s, if own.order == 2 { 2 } else { order }),
+            });
+            let memory = rows[chosen].memory_bytes
+                + threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
+            rows.push(rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory));
+        }
+        (rows, chosen, why)
+    }
+
+    fn tolerance_in_words(&self) -> &'static str {
+        if self.tolerance == Tolerance::CANNOT_BE_FELT {
+            "what a hand feels"
+        } else {
+            "the scene's tolerance"
+        }
+    }
+
+    fn in_words(&self, bench: &Workbench) -> String {
+        let scene = &bench.scene;
+        let mut text = format!(
+            "{}: {} nodes, {} tets, {}, {} of {} active nodes probed; tolerance {:.1} % of |h| or {:.0} mN\n",
+            scene.name,
+            scene.mesh.nodes_m.len(),
+            scene.mesh.tets.len(),
+            bench.body.law_names(),
+            self.nodes.len(),
+            scene.active.len(),
+            100.0 * self.tolerance.relative,
+            1e3 * self.tolerance.absolute_n
+        );
+        for node in &self.nodes {
+            let NodePlan { probed, linear, .. } = node;
+            let [near, far] = probed.reach_m();
+            text.push_str(&format!(
+                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost), {:.2} s each; a linear body errs by \
+                 {:.0} mN (p99)\n",
+                scene.active[probed.active].name,
+                probed.jets[0].stiffness_n_m.trace() / 3.0,
+                probed.far_s.len(),
+                1e3 * near,
+                1e3 * far,
+                probed.beyond,
+                probed.lost,
+                mean(&probed.far_s),
+                1e3 * linear.p99_n
+            ));
+        }
+        text
+    }
+
+    fn figures(&self, bench: &Workbench) -> serde_json::Value {
+        let of = |node: &NodePlan| {
+            let NodePlan { probed, choices, linear, eye, .. } = node;
+            let choices: Vec<_> = choices
+                .iter()
+                .map(|c| {
+                    let methods: Vec<_> = c
+                        .methods
+                        .iter()
+                        .map(|(m, e, ns)| json!({ "method": m.name(), "p99_n": e.p99_n, "within": e.within, "nanoseconds": ns }))
+                        .collect();
+                    json!({ "spacing_m": c.spacing_m, "configurations": c.configurations, "solving_s": c.solving_s,
+                            "table_spacing_m": c.grid.spacing_m, "built": c.built, "passed": c.passed, "methods": methods })
+                })
+                .collect();
+            json!({
+                "name": bench.scene.active[probed.active].name, "probes": probed.far_s.len(), "lost": probed.lost,
+                "beyond": probed.beyond, "reach_m": probed.reach_m(), "rest_s": probed.rest_s, "far_s": probed.far_s,
+                "near_s": probed.near_s, "unknowns": probed.size[0], "entries": probed.size[1], "factor": probed.size[2],
+                "linear_p99_n": linear.p99_n, "linear_within": linear.within, "eye": eye, "choices": choices,
+            })
+        };
+        json!(self.nodes.iter().map(of).collect::<Vec<_>>())
+    }
+}
+
+/// What is wanted of a node's space.
+fn wanted(
+    sampling: &Sampling,
+    max_force_n: f64,
+    tolerance: Tolerance,
+    normal: Option<[f64; 3]>,
+) -> palpate_precompute::scattered::Wanted {
+    let scattered =
+        sampling.scattered().copied().unwrap_or(palpate_precompute::configuration_space::Scattered {
+            radius_m: sampling.radius_m(),
+            tolerance,
+            only_push: false,
+        });
+    // An active node is on the surface; without a normal nothing is known of a side.
+    scattered.wanted(max_force_n, normal.unwrap_or_default())
+}
+
+/// `work` on every item, on so many threads, in the order of the items.
+fn in_parallel<I: Sync, T: Send>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..threads.min(items.len()) {
+            scope.spawn(|| {
+                while let Some((n, item)) =
+                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|n| Some((n, items.get(n)?)))
+                {
+                    let result = work(item);
+                    done.lock().expect("a worker that panics ends the scope").push((n, result));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().expect("no worker is left");
+    done.sort_by_key(|(n, _)| *n);
+    done.into_iter().map(|(_, result)| result).collect()
+}

@@ -1,0 +1,130 @@
+//! Discretisations: what another order of the shape functions or another pressure costs, and what it is worth.
+
+use std::sync::Arc;
+
+use palpate_precompute::scene::{PressurePair, ResolvedScene};
+use palpate_precompute::solve::Problem;
+
+use super::probe::{Probed, rest_of};
+
+/// Meshes of more tets are not factorised with quadratic elements: it takes longer than a plan may.
+const MOST_TETS: usize = 3000;
+/// Then a solve is said to take so many times that of linear elements (measured: 4.8 times the unknowns on a mesh of 1,800 tets, a
+/// factorisation that takes their square), and memory alike by the entries of the factor.
+const QUADRATIC_TIMES: [f64; 2] = [20.0, 14.0];
+
+/// Shape functions and pressure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Model {
+    /// 1 or 2.
+    pub order: u8,
+    /// Pressure field of incompressible regions.
+    pub pair: PressurePair,
+}
+
+/// A model beside that of the scene.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Beside {
+    /// Which.
+    pub model: Model,
+    /// Seconds of a solve over those of the scene's model.
+    pub times: f64,
+    /// Trace of the condensed stiffness at rest over 3, N/m; none where it was not solved.
+    pub stiffness_n_m: Option<f64>,
+    /// Bytes of one solver over those of the scene's model.
+    pub memory: f64,
+}
+
+impl Model {
+    /// That of a scene.
+    pub(super) fn of(scene: &ResolvedScene) -> Self {
+        Self { order: scene.order, pair: scene.pressure_pair }
+    }
+
+    /// For people.
+    pub(super) fn words(self, has_pressure: bool) -> &'static str {
+        match (self.order, self.pair, has_pressure) {
+            (1, _, false) => "P1",
+            (1, PressurePair::Plain, true) => "P1/P1",
+            (1, PressurePair::Stabilised, true) => "P1/P1 stab.",
+            (_, _, false) => "P2",
+            (..) => "P2/P1",
+        }
+    }
+
+    /// The sensible ones beside it.
+    pub(super) fn others(self, has_pressure: bool) -> Vec<Self> {
+        let (plain, stabilised) = (PressurePair::Plain, PressurePair::Stabilised);
+        let mut all = vec![Self { order: 1, pair: plain }, Self { order: 2, pair: plain }];
+        if has_pressure {
+            all.insert(1, Self { order: 1, pair: stabilised });
+        }
+        all.retain(|other| *other != self && !(other.order == 2 && self.order == 2));
+        all
+    }
+}
+
+/// What is known of another model of the scene, from its solve at rest with the same node active; `None` if the scene cannot have it.
+pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed: &Probed) -> Option<Beside> {
+    if model.order == 2 && scene.mesh.tets.len() > MOST_TETS {
+        let [times, memory] = QUADRATIC_TIMES;
+        return Some(Beside { model, times, stiffness_n_m: None, memory });
+    }
+    let other = ResolvedScene { order: model.order, pressure_pair: model.pair, ..scene.clone() };
+    let body = Arc::new(other.body().ok()?);
+    let problem = Arc::new(Problem::with(body, Some(scene.active[active].handle()), scene.constraints));
+    let (seconds, trace, size) = rest_of(&problem)?;
+    Some(Beside {
+        model,
+        times: seconds / probed.rest_s,
+        stiffness_n_m: Some(trace / 3.0),
+        memory: solver_bytes(size) / solver_bytes(probed.size),
+    })
+}
+
+/// Bytes of one thread's solver, from unknowns, entries of the matrix and of its factor: values, the factor and its work space, a
+/// dozen vectors and three right-hand sides several times over.
+pub(super) fn solver_bytes([unknowns, matrix, factor]: [usize; 3]) -> f64 {
+    8.0 * (2.0 * matrix as f64 + 1.5 * factor as f64 + 40.0 * unknowns as f64)
+}
+
+/// Bytes of the whole process: itself, the body with its scatter map and analysis, and a solver a thread.
+pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: usize) -> f64 {
+    const PROCESS: f64 = 12e6;
+    /// Bytes of a tet: geometry, and the places of its matrix in the sparse one.
+    const TET: [f64; 2] = [3e3, 12e3];
+    let tet = TET[usize::from(order.clamp(1, 2)) - 1];
+    // Every active node that is worked on has an analysis of its own: matrix and factor as indices.
+    let analysis = 8.0 * (2.0 * size[1] as f64 + 0.5 * size[2] as f64);
+    PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
+}
+
+/// Bytes of the loop's fits in the spaces that are worked on at once: four factors of 20 rows a configuration each.
+pub(super) fn loop_bytes(configurations: f64, threads: usize, nodes: usize) -> f64 {
+    threads.min(nodes) as f64 * 4.0 * 8.0 * (20.0 * configurations).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_other_models_of_a_scene() {
+        let words = |model: Model, pressure| -> Vec<&str> {
+            model.others(pressure).into_iter().map(|other| other.words(pressure)).collect()
+        };
+        let [plain, stabilised] = [PressurePair::Plain, PressurePair::Stabilised];
+        assert_eq!(words(Model { order: 1, pair: plain }, true), ["P1/P1 stab.", "P2/P1"]);
+        assert_eq!(words(Model { order: 1, pair: stabilised }, true), ["P1/P1", "P2/P1"]);
+        assert_eq!(words(Model { order: 2, pair: plain }, true), ["P1/P1", "P1/P1 stab."]);
+        assert_eq!(words(Model { order: 1, pair: plain }, false), ["P2"]);
+    }
+
+    #[test]
+    fn memory_grows_with_threads_and_entries() {
+        let size = [2_000, 60_000, 300_000];
+        let [one, two] = [1, 2].map(|threads| memory_bytes(1_800, 1, size, threads));
+        assert!(two > one && two < 2.0 * one);
+        assert!(memory_bytes(1_800, 2, size.map(|n| 5 * n), 1) > one);
+    }
+}

@@ -1,0 +1,331 @@
+//! What one active node's space will be, for every sampling that is sensible: from its probes, on their surrogate.
+
+use palpate_core::Method;
+use palpate_precompute::configuration_space::{Domain, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::fit::{DisplacementBound, ScatteredMotion, fit_displacement};
+use palpate_precompute::scattered::{Resampled, resample};
+
+use super::probe::{Order, Probed, norm, probe};
+use super::surrogate::Surrogate;
+use super::tables::{Error, Eye, Place, Tables, percentile_99, space_bytes};
+use crate::failure::Failure;
+
+/// Cells along the radius of the paper's grids.
+const CELLS: [f64; 4] = [5.0, 7.0, 10.0, 15.0];
+/// Lattices of more points are not built: their figures are continued from those of the coarser ones.
+const MOST_POINTS: usize = 2500;
+/// Positions where tables are compared with the surrogate.
+const PLACES: u32 = 600;
+/// The order of rbf-cubic on a lattice, where only one was fitted (measured, docs/plan.md).
+const RBF_ORDER: f64 = 3.0;
+/// What is believed of an order that two lattices show.
+const ORDERS: [f64; 2] = [1.0, 6.0];
+
+/// Methods that are compared, each on a lattice.
+pub(super) const METHODS: [Method; 4] = [Method::Trilinear, Method::Hybrid, Method::RbfCubic, Method::Energy];
+
+/// A sampling of one node's space.
+#[derive(Debug, Clone)]
+pub(super) struct Choice {
+    /// Spacing, m; none where positions are scattered.
+    pub spacing_m: Option<f64>,
+    /// Configurations solved, rest among them.
+    pub configurations: f64,
+    /// Seconds of solving them, one after the other.
+    pub solving_s: f64,
+    /// The lattice of its tables.
+    pub grid: SpaceGrid,
+    /// Points of that lattice with a configuration.
+    pub solved: usize,
+    /// Error and nanoseconds of every method that has a table.
+    pub methods: Vec<(Method, Error, f64)>,
+    /// Built, not continued from coarser ones.
+    pub built: bool,
+    /// The loop came within the tolerance; always where there is none.
+    pub passed: bool,
+}
+
+/// A linear body within the tolerance at fewer of the positions is not looked at any further.
+const WORTH_A_LOOK: f64 = 0.9;
+
+/// Everything about one node.
+#[derive(Debug)]
+pub(super) struct NodePlan {
+    /// Its probes.
+    pub probed: Probed,
+    /// Scattered first, then lattices, the coarsest first.
+    pub choices: Vec<Choice>,
+    /// Error of a body that answers in proportion.
+    pub linear: Error,
+    /// Configurations of a scattered space of it; NaN where it is far from the body.
+    pub linear_configurations: f64,
+    /// The eye's planes; none if nothing is to be seen.
+    pub eye: Option<Eye>,
+}
+
+impl Choice {
+    /// Bytes of the space with the tables of these methods.
+    pub(super) fn bytes(&self, methods: &[Method], eye: Option<&Eye>) -> usize {
+        space_bytes(&self.grid, self.solved, methods, eye)
+    }
+
+    /// Error and nanoseconds of a method, by its name.
+    pub(super) fn of(&self, method: &str) -> Option<(Error, f64)> {
+        self.methods.iter().find(|(m, ..)| m.name() == method).map(|&(_, error, ns)| (error, ns))
+    }
+}
+
+impl NodePlan {
+    /// The choice of this spacing; the scattered one without.
+    pub(super) fn choice(&self, spacing_m: Option<f64>) -> Option<&Choice> {
+        self.choices.iter().find(|choice| choice.spacing_m == spacing_m)
+    }
+}
+
+/// The lattices that are looked at: the paper's, and the scene's own; with every cell complete unless the scene says otherwise.
+pub(super) fn lattices(sampling: &Sampling) -> Vec<Lattice> {
+    let (radius_m, own) = (sampling.radius_m(), sampling.lattice());
+    let complete_cells = own.is_none_or(|own| own.complete_cells);
+    let increments = own.and_then(|own| own.increments);
+    let mut spacings: Vec<f64> = CELLS.iter().map(|cells| radius_m / cells).collect();
+    if let Some(own) = own {
+        let spacing_m = own.grid.spacing_m;
+        spacings.retain(|s| (s / spacing_m - 1.0).abs() > 0.02);
+        spacings.push(spacing_m);
+    }
+    spacings.sort_by(|a, b| b.total_cmp(a));
+    let lattice = |spacing_m| {
+        Some(Lattice { grid: SpaceGrid::new(spacing_m, radius_m).ok()?, complete_cells, increments })
+    };
+    spacings.into_iter().filter_map(lattice).collect()
+}
+
+/// Probes a node and plans its space.
+pub(super) fn plan(
+    order: &Order,
+    sampling: &Sampling,
+    bound: Option<DisplacementBound>,
+) -> Result<NodePlan, Failure> {
+    let probed = probe(order)?;
+    let truth = Surrogate::of(&probed).ok_or_else(|| {
+        Failure::work("the probing solves failed or fell together; take a larger radius_m or look at the scene with `palpate path`")
+    })?;
+    let loop_ = truth.scattered();
+    let (wanted, search) = (probed.wanted, &loop_.search);
+    let places = truth.places(search, PLACES);
+    let resampled = resample(search);
+    let eye = bound.and_then(|bound| eye(&probed, search.fit().length_m(), &resampled, bound));
+    let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
+        let error = |&method: &Method| {
+            let error = tables.error(method, &truth, &places, &wanted.tolerance)?;
+            Some((method, error, tables.nanoseconds(method, &places)))
+        };
+        METHODS.iter().filter_map(error).collect()
+    };
+    // Where more configurations are needed than the surrogate takes, the table is finer alike.
+    let finer = SpaceGrid::new(resampled.grid.spacing_m / truth.more().cbrt(), resampled.grid.radius_m);
+    let mut choices = vec![Choice {
+        spacing_m: None,
+        configurations: loop_.configurations,
+        solving_s: scattered_s(&probed, loop_.configurations),
+        grid: finer.unwrap_or(resampled.grid),
+        solved: resampled.samples.len(),
+        methods: measure(&Tables::of(&resampled.grid, &resampled.samples, Some(&resampled.derivatives))),
+        built: true,
+        passed: loop_.passed,
+    }];
+    // A scattered table is asked by the energy alone: that is what its derivatives are for.
+    choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
+    // The loop ends when ten predictions pass, whatever the error is then: between what the surrogate has and what is allowed.
+    let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
+    allowed.sort_by(f64::total_cmp);
+    let allowed_n = allowed.get(allowed.len() / 2).copied().unwrap_or(wanted.tolerance.absolute_n);
+    for (_, error, _) in &mut choices[0].methods {
+        error.p99_n = (error.p99_n * allowed_n).sqrt();
+    }
+    let mut shares: Vec<(f64, f64)> = Vec::new();
+    for lattice in lattices(sampling) {
+        let grid = lattice.grid;
+        let points = Domain::new(&grid, lattice.complete_cells).len();
+        let parts = f64::from(lattice.increments.unwrap_or(1));
+        let choice = if points <= MOST_POINTS || shares.is_empty() {
+            let samples = truth.lattice(&lattice).samples;
+            shares.push((grid.spacing_m, samples.len() as f64 / points as f64));
+            let methods = measure(&Tables::of(&grid, &samples, None));
+            Choice {
+                configurations: samples.len() as f64,
+                solved: samples.len(),
+                grid,
+                methods,
+                built: true,
+                ..choices[0].clone()
+            }
+        } else {
+            let configurations = points as f64 * share_at(&shares, grid.spacing_m);
+            let solved = configurations.round() as usize;
+            Choice { configurations, solved, grid, methods: Vec::new(), built: false, ..choices[0].clone() }
+        };
+        let methods = continued(&choices[1..], &choice);
+        choices.push(Choice {
+            spacing_m: Some(grid.spacing_m),
+            solving_s: choice.configurations * mean(&probed.near_s) * parts,
+            passed: true,
+            methods,
+            ..choice
+        });
+    }
+    let linear = truth.linear();
+    let mut errors = Vec::new();
+    let mut within = 0;
+    for &Place { at, exact } in &places {
+        let found = linear.force_n(at);
+        let error_n = norm(std::array::from_fn(|i| found[i] - exact[i]));
+        within += usize::from(error_n <= wanted.tolerance.at(exact));
+        errors.push(error_n);
+    }
+    let share = within as f64 / errors.len().max(1) as f64;
+    Ok(NodePlan {
+        linear: Error { p99_n: percentile_99(&mut errors), within: share },
+        linear_configurations: if share >= WORTH_A_LOOK {
+            linear.scattered().configurations
+        } else {
+            f64::NAN
+        },
+        probed,
+        choices,
+        eye,
+    })
+}
+
+/// What the eye's planes will hold, by the packer's own fit of the surface between the probes.
+fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound) -> Option<Eye> {
+    let vertices = probed.moved.first()?.1.displacement_m.len() / 3;
+    let motion = ScatteredMotion::new(length_m, &probed.moved)?;
+    let solved: Vec<_> = on.samples.iter().map(|sample| sample.index).collect();
+    let read = |at: usize| Ok::<_, std::convert::Infallible>(motion.at(on.grid.displacement_m(solved[at])));
+    let fit = fit_displacement(&on.grid, &solved, &[], bound, read).ok()?;
+    let outliers = fit.outlier_row.len() as f64 / solved.len().max(1) as f64;
+    Some(Eye { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
+}
+
+/// The methods of a lattice: as built, or where it or one of them was not, from the coarser ones by the order that they show.
+fn continued(coarser: &[Choice], choice: &Choice) -> Vec<(Method, Error, f64)> {
+    let of = |c: &Choice, method| c.methods.iter().find(|(m, ..)| *m == method).copied();
+    METHODS
+        .iter()
+        .filter_map(|&method| {
+            if let Some(built) = of(choice, method) {
+                return Some(built);
+            }
+            let known: Vec<(f64, Error, f64, usize)> = coarser
+                .iter()
+                .filter_map(|c| of(c, method).map(|(_, error, ns)| (c.grid.spacing_m, error, ns, c.solved)))
+                .collect();
+            let &(spacing_m, error, ns, solved) = known.first()?;
+            let shown = known
+                .get(1)
+                .map(|(finer_m, finer, ..)| (finer.p99_n / error.p99_n).ln() / (finer_m / spacing_m).ln());
+            let order = match method {
+                Method::RbfCubic => RBF_ORDER,
+                _ => shown.filter(|order| order.is_finite())?.clamp(ORDERS[0], ORDERS[1]),
+            };
+            let p99_n = error.p99_n * (choice.grid.spacing_m / spacing_m).powf(order);
+            let within = known.iter().map(|(_, error, ..)| error.within).fold(0.0, f64::max);
+            // A sum over all centres takes as long as there are centres; the others look at one cell.
+            let longer = if method == Method::RbfCubic { choice.solved as f64 / solved as f64 } else { 1.0 };
+            Some((method, Error { p99_n, within }, ns * longer))
+        })
+        .collect()
+}
+
+/// Share of a domain's points that are solved: the rim counts with the spacing.
+fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
+    match known {
+        [.., (coarse_m, coarse), (fine_m, fine)] if coarse_m != fine_m => {
+            let slope = (coarse - fine) / (coarse_m - fine_m);
+            (fine + slope * (spacing_m - fine_m)).clamp(0.5 * fine, 1.0)
+        }
+        [.., (_, share)] => *share,
+        [] => 1.0,
+    }
+}
+
+/// Seconds of so many scattered configurations: as the probes at first, then from ever nearer parents, at distances that fall with the
+/// cube root of their number, down to a step of a lattice.
+fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
+    let (far_s, near_s) = (mean(&probed.far_s), mean(&probed.near_s).min(mean(&probed.far_s)));
+    let probes = (probed.far_s.len() as f64).min(configurations);
+    let farther = probes + 1.5 * (probes.cbrt() * configurations.cbrt().powi(2) - probes);
+    configurations * near_s + farther * (far_s - near_s)
+}
+
+/// Mean; zero of nothing.
+pub(super) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// So many of these nodes as are probed, spread as far apart as they are: the first, then always the farthest from those taken.
+pub(super) fn spread(positions: &[[f64; 3]], most: usize) -> Vec<usize> {
+    let mut taken: Vec<usize> = Vec::new();
+    let mut gap = vec![f64::INFINITY; positions.len()];
+    while taken.len() < most.min(positions.len()) {
+        let next =
+            (0..positions.len()).max_by(|&a, &b| gap[a].total_cmp(&gap[b]).then(b.cmp(&a))).unwrap_or(0);
+        taken.push(next);
+        for (gap, at) in gap.iter_mut().zip(positions) {
+            *gap = gap.min(norm(std::array::from_fn(|i| at[i] - positions[next][i])));
+        }
+    }
+    taken.sort_unstable();
+    taken
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn later_configurations_take_less_than_the_probes() {
+        let probed = super::super::surrogate::tests::probed(2, 8.0);
+        let seconds = |configurations| scattered_s(&probed, configurations);
+        assert_eq!(seconds(1.0), 3.0);
+        assert!(seconds(8.0) < 24.0 && seconds(8.0) > 2.0 * 8.0);
+        let last = seconds(1001.0) - seconds(1000.0);
+        assert!(last > 2.0 && last < 2.2, "{last}");
+    }
+
+    #[test]
+    fn nodes_are_spread() {
+        let line: Vec<[f64; 3]> = (0..11).map(|n| [f64::from(n), 0.0, 0.0]).collect();
+        assert_eq!(spread(&line, 3), [0, 5, 10]);
+        assert_eq!(spread(&line[..2], 4), [0, 1]);
+    }
+
+    #[test]
+    fn a_finer_lattice_continues_the_order_of_the_coarser_ones() {
+        let choice = |cells: f64, p99_n: Option<f64>| {
+            let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
+            let error = |p99_n| (Method::Trilinear, Error { p99_n, within: 0.9 }, 10.0);
+            Choice {
+                spacing_m: Some(grid.spacing_m),
+                configurations: 1.0,
+                solving_s: 1.0,
+                grid,
+                solved: 100,
+                methods: p99_n.map(error).into_iter().collect(),
+                built: p99_n.is_some(),
+                passed: true,
+            }
+        };
+        let coarser = [choice(5.0, Some(0.1)), choice(10.0, Some(0.025))];
+        let [(_, error, ns)] = continued(&coarser, &choice(20.0, None))[..] else { panic!("one method") };
+        assert!((error.p99_n - 0.00625).abs() < 1e-6 && error.within == 0.9 && ns == 10.0, "{error:?}");
+    }
+
+    #[test]
+    fn the_share_of_solved_points_follows_the_spacing() {
+        assert_eq!(share_at(&[(0.01, 0.5)], 0.005), 0.5);
+        let share = share_at(&[(0.01, 0.5), (0.007, 0.44)], 0.005);
+        assert!((share - 0.40).abs() < 1e-12, "{share}");
+    }
+}

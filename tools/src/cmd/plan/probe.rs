@@ -1,0 +1,182 @@
+//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, and two steps of a lattice.
+//!
+//! They are what a scattered space begins with, so that where they reach and what they take is what the space will meet.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use palpate_precompute::fit::{EnergyJet, Moved};
+use palpate_precompute::scattered::{Found, Search, Step, Wanted};
+use palpate_precompute::solve::{Configuration, Problem, Solver};
+
+use crate::failure::Failure;
+
+/// Probes on a node, however long they take.
+const LEAST: usize = 2;
+/// Probes on a node at most: what more of them would tell is not worth waiting for.
+const MOST: usize = 16;
+
+/// What was learned of one active node.
+#[derive(Debug, Clone)]
+pub(super) struct Probed {
+    /// Its number in the scene.
+    pub active: usize,
+    /// What is wanted of its space.
+    pub wanted: Wanted,
+    /// Rest first, then every probe on its branch.
+    pub jets: Vec<EnergyJet>,
+    /// The surface at each of them.
+    pub moved: Vec<([f64; 3], Moved)>,
+    /// Wall seconds of the solve at rest: one factorisation with what is read off it.
+    pub rest_s: f64,
+    /// Wall seconds of each probe of the loop.
+    pub far_s: Vec<f64>,
+    /// Wall seconds of each step of a lattice.
+    pub near_s: Vec<f64>,
+    /// Probes that failed or left their branch.
+    pub lost: usize,
+    /// Probes beyond the force limit.
+    pub beyond: usize,
+    /// Unknowns, entries of the matrix and of its factor.
+    pub size: [usize; 3],
+}
+
+impl Probed {
+    /// Displacements of the probes, shortest and longest, m.
+    pub(super) fn reach_m(&self) -> [f64; 2] {
+        let size = |jet: &EnergyJet| jet.displacement_m.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let probes = || self.jets[1..].iter().map(size);
+        [probes().fold(f64::INFINITY, f64::min).min(self.wanted.radius_m), probes().fold(0.0, f64::max)]
+    }
+}
+
+/// What a probing is told.
+pub(super) struct Order {
+    /// Number of the active node.
+    pub active: usize,
+    /// Its problem.
+    pub problem: Arc<Problem>,
+    /// What is wanted of its space.
+    pub wanted: Wanted,
+    /// The surface nodes, for what the eye is to see; none if nothing is.
+    pub surface: Vec<u32>,
+    /// Step of the lattice whose time is asked, m.
+    pub step_m: f64,
+    /// How long it may take, once it has the least.
+    pub patience: Duration,
+}
+
+/// Probes one active node.
+pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
+    let begun = Instant::now();
+    let mut solver = Solver::new(order.problem.clone());
+    let (rest, rest_s) = timed(|| solver.rest());
+    let rest = rest.map_err(|failure| {
+        Failure::input(format!(
+            "the body cannot be solved at rest: {failure}; fix at least three nodes off one line"
+        ))
+    })?;
+    let problem = &order.problem;
+    let (matrix, factor) = problem.entries();
+    let mut probed = Probed {
+        active: order.active,
+        wanted: order.wanted,
+        jets: Vec::new(),
+        moved: Vec::new(),
+        rest_s,
+        far_s: Vec::new(),
+        near_s: Vec::new(),
+        lost: 0,
+        beyond: 0,
+        size: [problem.unknowns(), matrix, factor],
+    };
+    // Rest has no force by its definition.
+    let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) };
+    probed.keep(jet, &rest, &rest, &order.surface);
+    let mut search = Search::new(order.wanted, &jet);
+    let mut seeds = vec![rest.seed.clone()];
+    'batches: while let Step::Solve(targets) = search.step() {
+        let mut found = Vec::new();
+        let mut learned = Vec::new();
+        for target in &targets {
+            let spent = begun.elapsed() > order.patience;
+            if probed.far_s.len() >= MOST || (spent && probed.far_s.len() >= LEAST) {
+                break 'batches;
+            }
+            // A parent beyond the seeds kept is one that the search alone knows; it never is, but rest is always a start.
+            let seed = &seeds[target.parent.min(seeds.len() - 1)];
+            let (solved, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
+            probed.far_s.push(seconds);
+            found.push(match solved {
+                Ok(c) if !c.switched => {
+                    let jet = EnergyJet::from(&c);
+                    probed.keep(jet, &c, &rest, &order.surface);
+                    probed.beyond += usize::from(norm(jet.force_n) > order.wanted.max_force_n);
+                    learned.push((jet, c.seed));
+                    Found::Solved(jet)
+                }
+                Ok(c) => {
+                    probed.lost += 1;
+                    Found::Elsewhere(EnergyJet::from(&c))
+                }
+                Err(_) => {
+                    probed.lost += 1;
+                    Found::Failed
+                }
+            });
+        }
+        search.take(&found);
+        // The search leaves out what is far beyond the limit: parents are counted in what it kept.
+        let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.displacement_m == at);
+        seeds.extend(learned.into_iter().filter(|(jet, _)| kept(jet.displacement_m)).map(|(_, seed)| seed));
+    }
+    // A step of a lattice from rest, and one from as far as the probes got.
+    for seed in [seeds.first(), seeds.get(1)].into_iter().flatten() {
+        if begun.elapsed() > order.patience && !probed.near_s.is_empty() {
+            break;
+        }
+        let from = seed.pose.displacement_m;
+        let back = if norm(from) > 0.0 { from.map(|x| -x / norm(from)) } else { [0.0, 0.0, 1.0] };
+        let to = std::array::from_fn(|i| from[i] + order.step_m * back[i]);
+        let (solved, seconds) = timed(|| solver.advance(seed, to));
+        if solved.is_ok() {
+            probed.near_s.push(seconds);
+        }
+    }
+    if probed.near_s.is_empty() {
+        probed.near_s.push(probed.rest_s);
+    }
+    Ok(probed)
+}
+
+impl Probed {
+    fn keep(&mut self, jet: EnergyJet, at: &Configuration, rest: &Configuration, surface: &[u32]) {
+        self.jets.push(jet);
+        let of = |state: &[f64], less: Option<&[f64]>| -> Vec<f32> {
+            let components =
+                surface.iter().flat_map(|&node| (0..3).map(move |axis| 3 * node as usize + axis));
+            components.map(|k| (state[k] - less.map_or(0.0, |less| less[k])) as f32).collect()
+        };
+        let displacement_m = of(&at.seed.state, Some(&rest.seed.state));
+        let slopes = at.seed.sensitivity.each_ref().map(|column| of(column, None));
+        self.moved.push((jet.displacement_m, Moved { displacement_m, slopes }));
+    }
+}
+
+/// Seconds of the solve at rest of another discretisation, with the trace of its stiffness there, N/m, and its size.
+pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, f64, [usize; 3])> {
+    let mut solver = Solver::new(problem.clone());
+    let (rest, seconds) = timed(|| solver.rest());
+    let (matrix, factor) = problem.entries();
+    Some((seconds, rest.ok()?.stiffness_n_m.trace(), [problem.unknowns(), matrix, factor]))
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let begun = Instant::now();
+    let done = work();
+    (done, begun.elapsed().as_secs_f64())
+}
+
+pub(super) fn norm(a: [f64; 3]) -> f64 {
+    a.iter().map(|x| x * x).sum::<f64>().sqrt()
+}

@@ -1,0 +1,221 @@
+//! The rows of the plan, which of them is recommended, and the table of them.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::model::Beside;
+
+/// Share of the positions that must be within the tolerance.
+const ENOUGH: f64 = 0.99;
+
+/// One choice, over all active nodes of the scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(super) struct Row {
+    /// Shape functions and pressure, or the linear law.
+    pub model: String,
+    /// Spacing of the lattice, m; none where positions are scattered.
+    pub spacing_m: Option<f64>,
+    /// Method of the tables.
+    pub method: &'static str,
+    /// Configurations of all nodes.
+    pub configurations: f64,
+    /// Seconds of solving, all threads together.
+    pub solving_s: f64,
+    /// Peak memory, bytes.
+    pub memory_bytes: f64,
+    /// The blob, bytes.
+    pub blob_bytes: f64,
+    /// A query, ns.
+    pub nanoseconds: f64,
+    /// 99th percentile of the force's error against the finite elements of this model, N.
+    pub p99_n: f64,
+    /// Share of the reachable positions where it is within the tolerance.
+    pub within: f64,
+    /// Stiffness at rest over that of quadratic elements on this mesh, less 1; none where those were not solved.
+    pub stiffer: Option<f64>,
+    /// What the scene asks for.
+    pub asked: bool,
+    /// What is recommended.
+    pub recommended: bool,
+    /// Continued from coarser lattices or from a solve at rest alone.
+    pub extrapolated: bool,
+}
+
+impl Row {
+    /// Model, sampling and method.
+    pub(super) fn in_words(&self) -> String {
+        let sampling = match self.spacing_m {
+            Some(spacing_m) => format!("spacing_m = {spacing_m:.4}"),
+            None => "scattered positions".into(),
+        };
+        format!("{}, {sampling}, {}", self.model, self.method)
+    }
+
+    fn is_enough(&self) -> bool {
+        self.within >= ENOUGH
+    }
+
+    /// The same sampling of another model.
+    pub(super) fn with(&self, words: &str, beside: &Beside, stiffer: Option<f64>, memory_bytes: f64) -> Self {
+        Self {
+            model: words.into(),
+            solving_s: self.solving_s * beside.times,
+            memory_bytes,
+            stiffer,
+            asked: false,
+            recommended: false,
+            extrapolated: true,
+            ..self.clone()
+        }
+    }
+}
+
+/// Marks the linear law if it is within the tolerance, or else the cheapest row that is, by seconds and then by bytes, or the closest to it;
+/// says why.
+pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
+    let cost = |row: &Row| (row.solving_s, row.blob_bytes);
+    // A linear law has no configurations that are hard to find: within the tolerance it is the choice, whatever the clock said.
+    let rank = |n: usize| (rows[n].model != LINEAR, cost(&rows[n]));
+    let cheapest = (0..rows.len()).filter(|&n| rows[n].is_enough()).min_by(|&a, &b| {
+        let ((law, (s, bytes)), (other_law, (other_s, other))) = (rank(a), rank(b));
+        law.cmp(&other_law).then(s.total_cmp(&other_s)).then(bytes.total_cmp(&other))
+    });
+    let closest = || (0..rows.len()).max_by(|&a, &b| rows[a].within.total_cmp(&rows[b].within)).unwrap_or(0);
+    let chosen = cheapest.unwrap_or_else(closest);
+    let row = &mut rows[chosen];
+    row.recommended = true;
+    let (mn, share) = (1e3 * row.p99_n, 100.0 * row.within);
+    let why = match cheapest {
+        Some(_) if row.model == LINEAR => {
+            format!(
+                "small displacements: a linear model is within {tolerance} ({mn:.1} mN at p99), and every solve of it is one iteration"
+            )
+        }
+        Some(_) => format!("the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99"),
+        None => format!(
+            "nothing looked at is within {tolerance} at 99 % of the positions; this comes closest, with {share:.1} %. A smaller radius_m \
+             or max_force_n would help"
+        ),
+    };
+    (chosen, why)
+}
+
+/// The name of the row with the linear law.
+pub(super) const LINEAR: &str = "linear law";
+
+/// The table for people.
+pub(super) fn table(rows: &[Row], threads: usize) -> String {
+    let mut text = format!(
+        "  {:<12} {:<17} {:<10} {:>7} {:>9} {:>8} {:>9} {:>7} {:>9} {:>8} {:>9}\n",
+        "model",
+        "sampling",
+        "method",
+        "solves",
+        "seconds",
+        "memory",
+        "blob",
+        "tick ns",
+        "p99 mN",
+        "within",
+        "stiffer"
+    );
+    for row in rows {
+        let sampling = row.spacing_m.map_or("scattered".into(), |s| format!("lattice {:.2} mm", 1e3 * s));
+        let mark = if row.recommended { '>' } else { ' ' };
+        let about = if row.extrapolated { "~" } else { "" };
+        let stiffer = row.stiffer.map_or("-".into(), |s| format!("{:+.0} %", 100.0 * s));
+        let _ = writeln!(
+            text,
+            "{mark} {:<12} {sampling:<17} {:<10} {:>7.0} {:>9} {:>8} {:>9} {:>7.0} {:>9} {:>7.1}% {stiffer:>9}{}",
+            row.model,
+            row.method,
+            row.configurations,
+            format!("{about}{}", seconds(row.solving_s / threads as f64)),
+            bytes(row.memory_bytes),
+            bytes(row.blob_bytes),
+            row.nanoseconds,
+            format!("{about}{:.2}", 1e3 * row.p99_n),
+            100.0 * row.within,
+            if row.asked { "  (as the scene asks)" } else { "" }
+        );
+    }
+    text
+}
+
+/// Two figures that matter.
+pub(super) fn seconds(s: f64) -> String {
+    match s {
+        s if s >= 100.0 => format!("{s:.0}"),
+        s if s >= 10.0 => format!("{s:.1}"),
+        s => format!("{s:.2}"),
+    }
+}
+
+/// In kB or MB.
+pub(super) fn bytes(b: f64) -> String {
+    if b >= 1e7 {
+        format!("{:.0} MB", b * 1e-6)
+    } else if b >= 1e6 {
+        format!("{:.1} MB", b * 1e-6)
+    } else {
+        format!("{:.0} kB", b * 1e-3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(solving_s: f64, blob_bytes: f64, within: f64) -> Row {
+        Row {
+            model: "P1/P1".into(),
+            spacing_m: Some(0.01),
+            method: "energy",
+            configurations: 10.0,
+            solving_s,
+            memory_bytes: 1e8,
+            blob_bytes,
+            nanoseconds: 100.0,
+            p99_n: 0.01,
+            within,
+            stiffer: Some(0.9),
+            asked: false,
+            recommended: false,
+            extrapolated: false,
+        }
+    }
+
+    #[test]
+    fn the_cheapest_within_the_tolerance_is_recommended() {
+        let mut rows =
+            [row(1.0, 10.0, 0.95), row(5.0, 30.0, 0.999), row(5.0, 20.0, 0.995), row(9.0, 1.0, 1.0)];
+        let (chosen, why) = recommend(&mut rows, "what a hand feels");
+        assert_eq!(chosen, 2);
+        assert!(rows[2].recommended && why.contains("10.0 mN"), "{why}");
+        let mut none = [row(1.0, 1.0, 0.5), row(2.0, 1.0, 0.7)];
+        let (chosen, why) = recommend(&mut none, "what a hand feels");
+        assert!(chosen == 1 && why.contains("70.0 %"), "{why}");
+    }
+
+    #[test]
+    fn the_linear_law_is_called_by_its_name() {
+        let mut rows = [row(5.0, 1.0, 1.0), Row { model: LINEAR.into(), ..row(6.0, 1.0, 1.0) }];
+        let (chosen, why) = recommend(&mut rows, "what a hand feels");
+        assert!(chosen == 1 && why.contains("small displacements: a linear model"), "{why}");
+    }
+
+    #[test]
+    fn the_table_has_a_line_a_row_and_marks_the_one() {
+        let mut rows = [row(5.0, 2e6, 1.0), row(1.0, 1.0, 0.1)];
+        recommend(&mut rows, "");
+        let text = table(&rows, 2);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 3);
+        assert!(
+            lines[1].starts_with("> P1/P1") && lines[1].contains("2.0 MB") && lines[1].contains("2.50"),
+            "{text}"
+        );
+        assert!(lines[2].starts_with("  P1/P1"));
+    }
+}

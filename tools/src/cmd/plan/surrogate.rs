@@ -1,0 +1,311 @@
+//! A cheap body that answers as the probes do: the same loop, plan and fits run on it that will run on the real one.
+//!
+//! Its energy is a kernel fit of the probes, a little rougher than the one that predicted them best: between probes a real body
+//! has more to tell than a fit of them.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use palpate_core::ConfigTag;
+use palpate_precompute::configuration_space::plan::Plan;
+use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, Record};
+use palpate_precompute::fit::{EnergyJet, KernelFit, Sample};
+use palpate_precompute::scattered::{Found, Search, Step, Verdict, Wanted};
+
+use super::probe::{Probed, norm};
+use super::tables::Place;
+
+/// Lengths of the kernel as shares of the reach at first sight: over the range of those of the search.
+const LENGTHS: [f64; 3] = [0.5, 0.9, 1.5];
+/// The surrogate is so much rougher than the fit that predicts the probes best.
+const ROUGHER: f64 = 0.75;
+
+/// A fit of the force by energy, force, stiffness and third derivatives gains so many orders in the distance of its data.
+const ORDER: f64 = 6.0;
+/// With so many probes their own errors, each left out in turn, are taken as they are; with fewer as what so many would leave.
+const ENOUGH: f64 = 16.0;
+
+/// The energy of the probes.
+#[derive(Debug, Clone)]
+pub(super) struct Surrogate {
+    fit: KernelFit,
+    rest: EnergyJet,
+    wanted: Wanted,
+    /// How much larger the errors of a fit of the body are than those of one of the surrogate; 1 where the probes tell it all.
+    doubt: f64,
+}
+
+/// A blind loop run to its end.
+#[derive(Debug)]
+pub(super) struct Scattered {
+    /// How it ended.
+    pub search: Search,
+    /// Configurations that the body will take, rest among them.
+    pub configurations: f64,
+    /// Whether its predictions came within the tolerance.
+    pub passed: bool,
+}
+
+/// A lattice expanded to its end.
+#[derive(Debug)]
+pub(super) struct Expanded {
+    /// Solved points, sorted, rest among them.
+    pub samples: Vec<Sample>,
+}
+
+impl Surrogate {
+    /// The energy that meets every probe.
+    pub(super) fn of(probed: &Probed) -> Option<Self> {
+        let (rest, wanted) = (*probed.jets.first()?, probed.wanted);
+        let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
+        let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
+        let mut best = None;
+        for share in LENGTHS {
+            let Some(score) = left_out(&probed.jets, share * reach, &wanted) else { continue };
+            if best.is_none_or(|(least, _)| score < least) {
+                best = Some((score, share));
+            }
+        }
+        let (score, share) = best?;
+        let mut fit = KernelFit::new(ROUGHER * share * reach, rest.stiffness_n_m);
+        fit.add(&probed.jets).ok()?;
+        let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
+        Some(Self { fit, rest, wanted, doubt })
+    }
+
+    /// A body of the same stiffness at rest that answers in proportion, however far.
+    pub(super) fn linear(&self) -> Self {
+        let rest = EnergyJet { third_n_m2: [0.0; 10], ..self.rest };
+        let mut fit = KernelFit::new(self.fit.length_m(), rest.stiffness_n_m);
+        fit.add(&[rest]).expect("one configuration is apart from all others");
+        Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
+    }
+
+    /// How much larger errors on the body are than on the surrogate.
+    pub(super) fn doubt(&self) -> f64 {
+        self.doubt
+    }
+
+    /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`] / 3.
+    pub(super) fn more(&self) -> f64 {
+        self.doubt.powf(3.0 / ORDER)
+    }
+
+    /// h, N.
+    pub(super) fn force_n(&self, at: [f64; 3]) -> [f64; 3] {
+        self.fit.force_n(at)
+    }
+
+    /// Positions spread over what is within reach, with the force there.
+    pub(super) fn places(&self, search: &Search, count: u32) -> Vec<Place> {
+        let places = search.places(count).into_iter().map(|at| Place { at, exact: self.force_n(at) });
+        places.filter(|place| norm(place.exact) <= self.wanted.max_force_n).collect()
+    }
+
+    /// The blind loop on it.
+    pub(super) fn scattered(&self) -> Scattered {
+        let mut search = Search::new(self.wanted, &self.rest);
+        let mut configurations = 1_usize;
+        loop {
+            match search.step() {
+                Step::Done(verdict) => {
+                    let configurations =
+                        f64::min(configurations as f64 * self.more(), self.wanted.most as f64 + 1.0);
+                    return Scattered { search, configurations, passed: verdict == Verdict::Passed };
+                }
+                Step::Solve(targets) => {
+                    configurations += targets.len();
+                    let solved = |at: [f64; 3]| Found::Solved(self.fit.jet(at));
+                    let found: Vec<Found> =
+                        targets.iter().map(|target| solved(target.displacement_m())).collect();
+                    search.take(&found);
+                }
+            }
+        }
+    }
+
+    /// The lattice's plan on it.
+    pub(super) fn lattice(&self, lattice: &Lattice) -> Expanded {
+        let grid = lattice.grid;
+        let domain = Arc::new(Domain::new(&grid, lattice.complete_cells));
+        let mut plan = Plan::new(domain, grid);
+        let mut samples: BTreeMap<GridIndex, Sample> = BTreeMap::new();
+        while let Some(task) = plan.next_task() {
+            let is_rest = task.target == [0; 3];
+            let jet = if is_rest { self.rest } else { self.fit.jet(grid.displacement_m(task.target)) };
+            let beyond = !is_rest && norm(jet.force_n) >= self.wanted.max_force_n;
+            let tag = if beyond { ConfigTag::Terminating } else { ConfigTag::Expandable };
+            plan.decide(&Record {
+                index: task.target,
+                attempt: task.attempt,
+                tag,
+                round: task.round,
+                parent: task.parent,
+                failure: None,
+                energy_j: jet.energy_j,
+                force_n: jet.force_n,
+                stiffness_n_m: jet.stiffness_n_m,
+                third_n_m2: jet.third_n_m2,
+                residual_n: 0.0,
+                min_jacobian: 1.0,
+                inverted: 0,
+                unstable_modes: Some(0),
+                switched: false,
+                volume_m3: 0.0,
+                iterations: 0,
+                factorisations: 0,
+                increments: 1,
+                seconds: 0.0,
+            });
+            samples.insert(task.target, sample(task.target, &jet, beyond));
+        }
+        Expanded { samples: samples.into_values().collect() }
+    }
+}
+
+fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
+    Sample {
+        index,
+        attempt: 0,
+        energy_j: jet.energy_j,
+        force_n: jet.force_n,
+        stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
+        third_n_m2: jet.third_n_m2,
+        terminating,
+        inverted: false,
+    }
+}
+
+/// Mean square of the errors, by the tolerance, that a fit of this length makes at every probe without it; `None` if it cannot be made.
+fn left_out(jets: &[EnergyJet], length_m: f64, wanted: &Wanted) -> Option<f64> {
+    let mut sum = 0.0;
+    for without in 1..jets.len() {
+        let mut fit = KernelFit::new(length_m, jets[0].stiffness_n_m);
+        let others: Vec<EnergyJet> =
+            jets.iter().enumerate().filter(|(n, _)| *n != without).map(|(_, jet)| *jet).collect();
+        fit.add(&others).ok()?;
+        let truth = &jets[without];
+        let found = fit.force_n(truth.displacement_m);
+        let error_n = norm(std::array::from_fn(|i| found[i] - truth.force_n[i]));
+        sum += (error_n / wanted.tolerance.at(truth.force_n)).powi(2);
+    }
+    Some(sum / (jets.len() - 1).max(1) as f64)
+}
+
+/// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it says of a probe that is left
+/// out: `error`, by the tolerance, with so many probes. Within the tolerance nothing is missing that matters.
+fn doubt(error: f64, probes: usize) -> f64 {
+    let fewer = (probes as f64 / ENOUGH).min(1.0);
+    (error * fewer.powf(ORDER / 3.0)).max(1.0)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use palpate_precompute::configuration_space::SpaceGrid;
+    use palpate_precompute::scattered::Tolerance;
+
+    /// A body that stiffens as it is pushed: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
+    pub(in crate::cmd::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
+        let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
+        let e = c * (0..3).map(|i| g[i] * p[i]).sum::<f64>().exp();
+        let third =
+            palpate_precompute::material::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
+        let mut jet = EnergyJet {
+            displacement_m: p,
+            energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i] - c * g[i] * p[i]).sum::<f64>() + e - c,
+            force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
+            stiffness_n_m: Default::default(),
+            third_n_m2: third,
+        };
+        for i in 0..3 {
+            for j in 0..3 {
+                jet.stiffness_n_m[(i, j)] = e * g[i] * g[j] + if i == j { d[i] } else { 0.0 };
+            }
+        }
+        jet
+    }
+
+    pub(in crate::cmd::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
+        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let wanted = Wanted { tolerance, radius_m: 0.05, max_force_n, push: None, most: 160 };
+        let rest = stiffening([0.0; 3]);
+        let mut search = Search::new(wanted, &rest);
+        let mut jets = vec![rest];
+        for _ in 0..batches {
+            let Step::Solve(targets) = search.step() else { break };
+            let solved: Vec<EnergyJet> = targets.iter().map(|t| stiffening(t.displacement_m())).collect();
+            jets.extend(&solved);
+            search.take(&solved.into_iter().map(Found::Solved).collect::<Vec<_>>());
+        }
+        Probed {
+            active: 0,
+            wanted,
+            moved: Vec::new(),
+            jets,
+            rest_s: 1.0,
+            far_s: vec![3.0],
+            near_s: vec![2.0],
+            lost: 0,
+            beyond: 0,
+            size: [3000, 100_000, 400_000],
+        }
+    }
+
+    /// What the loop takes on the body itself.
+    fn true_count(probed: &Probed) -> usize {
+        let mut search = Search::new(probed.wanted, &stiffening([0.0; 3]));
+        let mut count = 1;
+        while let Step::Solve(targets) = search.step() {
+            count += targets.len();
+            let solved =
+                |t: &palpate_precompute::scattered::Target| Found::Solved(stiffening(t.displacement_m()));
+            search.take(&targets.iter().map(solved).collect::<Vec<_>>());
+        }
+        count
+    }
+
+    #[test]
+    fn the_loop_on_the_surrogate_takes_what_it_takes_on_the_body() {
+        for batches in [1, 2] {
+            let probed = probed(batches, 8.0);
+            let (predicted, truth) = (Surrogate::of(&probed).unwrap().scattered(), true_count(&probed));
+            assert!(predicted.passed);
+            let ratio = predicted.configurations / truth as f64;
+            assert!((0.5..=2.0).contains(&ratio), "{} for {truth}", predicted.configurations);
+        }
+    }
+
+    #[test]
+    fn a_lattice_ends_where_the_force_does() {
+        let grid = SpaceGrid::new(0.01, 0.05).unwrap();
+        let lattice = Lattice { grid, complete_cells: true, increments: None };
+        let of = |force_n| Surrogate::of(&probed(2, force_n)).unwrap().lattice(&lattice);
+        let (all, some) = (of(1e3), of(4.0));
+        assert_eq!(all.samples.len(), 1015);
+        assert!(
+            some.samples.len() < 600 && some.samples.iter().any(|s| s.terminating),
+            "{}",
+            some.samples.len()
+        );
+        // The body itself, by the same rule: within one in five.
+        let truly = |s: &&Sample| norm(stiffening(grid.displacement_m(s.index)).force_n) < 4.0;
+        let inside = some.samples.iter().filter(truly).count();
+        let said = some.samples.iter().filter(|s| !s.terminating).count();
+        assert!(inside.abs_diff(said) * 5 < said, "{inside} {said}");
+    }
+
+    #[test]
+    fn what_a_left_out_probe_tells() {
+        assert_eq!((doubt(0.7, 16), doubt(4.0, 16), doubt(4.0, 8), doubt(4.0, 99)), (1.0, 4.0, 1.0, 4.0));
+    }
+
+    #[test]
+    fn the_linear_body_answers_in_proportion() {
+        let linear = Surrogate::of(&probed(1, 8.0)).unwrap().linear();
+        let [a, b] = [[0.01, -0.002, 0.004], [0.02, -0.004, 0.008]].map(|at| linear.force_n(at));
+        for (a, b) in a.iter().zip(b) {
+            assert!((2.0 * a - b).abs() < 1e-9 * a.abs().max(1.0));
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! The tables that a space would get, made of the surrogate by the packer's own fits: their error, their time and their bytes.
+
+use std::collections::BTreeMap;
+
+use palpate_core::blob::format::ALIGNMENT;
+use palpate_core::hermite::{HermiteTable, Node};
+use palpate_core::rbf::{LANES, RbfTable};
+use palpate_core::table::{LatticeTable, Space};
+use palpate_core::{BallLattice, Method};
+use palpate_precompute::certificate::nanoseconds;
+use palpate_precompute::configuration_space::{Domain, GridIndex, SpaceGrid};
+use palpate_precompute::fit::{
+    Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
+    hermite_nodes_known, lattice_values,
+};
+use palpate_precompute::scattered::Tolerance;
+
+use super::probe::norm;
+use super::surrogate::Surrogate;
+
+/// Beyond so many centres a dense fit of weights takes longer than a plan may.
+const MOST_CENTRES: usize = 1100;
+
+/// Every table of one space.
+#[derive(Debug)]
+pub(super) struct Tables {
+    lattice: BallLattice,
+    values: LatticeValues,
+    hermite: HermiteNodes,
+    rbf: Option<[Vec<Vec<f64>>; 2]>,
+}
+
+/// A reachable position with the surrogate's force there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    /// Displacement, m.
+    pub at: [f64; 3],
+    /// h, N.
+    pub exact: [f64; 3],
+}
+
+/// What a method's error comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Error {
+    /// 99th percentile of |error|, N.
+    pub p99_n: f64,
+    /// Share of the positions where it is within the tolerance.
+    pub within: f64,
+}
+
+impl Tables {
+    /// Of these samples; `known` are all derivatives, where a fit says them.
+    pub(super) fn of(
+        grid: &SpaceGrid,
+        samples: &[Sample],
+        known: Option<&BTreeMap<GridIndex, Derivatives>>,
+    ) -> Self {
+        let hermite = match known {
+            Some(known) => hermite_nodes_known(grid, samples, known),
+            None => hermite_nodes(grid, samples, &[]),
+        };
+        let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
+        let few = known.is_none() && centres.len() <= MOST_CENTRES;
+        let fit = few.then(|| fit_rbf(Kernel::Cubic, &centres, 1).ok()).flatten();
+        let padded = |planes: [Vec<f64>; 3]| -> Vec<Vec<f64>> {
+            planes
+                .into_iter()
+                .map(|mut plane| {
+                    plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+                    plane
+                })
+                .collect()
+        };
+        let rbf = fit.map(|RbfFit { centres, weights, .. }| [centres, weights].map(padded));
+        Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf }
+    }
+
+    fn space(&self) -> Space<'_> {
+        let rbf_cubic = self.rbf.as_ref().map(|[centres, weights]| (three(centres), three(weights)));
+        Space {
+            name: heapless::String::new(),
+            node: 0,
+            rest_position_m: [0.0; 3],
+            outward_normal: [0.0, 0.0, 1.0],
+            lattice: self.lattice,
+            flags: &self.values.flags,
+            lattice_table: LatticeTable::new(&self.lattice, &self.values.force_n).ok(),
+            rbf_linear: None,
+            rbf_cubic: rbf_cubic.and_then(|(centres, weights)| RbfTable::new(centres, weights).ok()),
+            hermite: HermiteTable::new(self.lattice.slots(), &self.hermite.row, &self.hermite.nodes).ok(),
+            displacement: None,
+        }
+    }
+
+    /// Error on the body, from that against the surrogate at `places`; `None` if the method has no table.
+    pub(super) fn error(
+        &self,
+        method: Method,
+        truth: &Surrogate,
+        places: &[Place],
+        tolerance: &Tolerance,
+    ) -> Option<Error> {
+        let space = self.space();
+        if !space.has(method) {
+            return None;
+        }
+        let mut errors = Vec::new();
+        let mut within = 0;
+        for &Place { at, exact } in places {
+            let found = space.force(method, at.map(|x| x as f32))?.force_n;
+            let error_n = truth.doubt() * norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
+            within += usize::from(error_n <= tolerance.at(exact));
+            errors.push(error_n);
+        }
+        Some(Error { p99_n: percentile_99(&mut errors), within: within as f64 / errors.len().max(1) as f64 })
+    }
+
+    /// Median nanoseconds of a query on this machine, a little within `places`: rounding puts some of those at the rim beyond it, where
+    /// another, longer answer is given.
+    pub(super) fn nanoseconds(&self, method: Method, places: &[Place]) -> f64 {
+        let places: Vec<[f32; 3]> = places.iter().map(|place| place.at.map(|x| 0.99 * x as f32)).collect();
+        nanoseconds(&self.space(), method, &places)
+    }
+}
+
+/// x, y and z.
+fn three(planes: &[Vec<f64>]) -> [&[f64]; 3] {
+    std::array::from_fn(|n| &planes[n][..])
+}
+
+/// The smallest value that 99 % of them do not exceed; sorts them.
+pub(super) fn percentile_99(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let place = (0.99 * values.len() as f64).ceil() as usize;
+    values.get(place.max(1) - 1).copied().unwrap_or(0.0)
+}
+
+/// What the eye's planes hold.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub(super) struct Eye {
+    /// Surface vertices.
+    pub vertices: usize,
+    /// Modes.
+    pub modes: usize,
+    /// Modes with slopes.
+    pub slopes: usize,
+    /// Configurations with a surface of their own, as a share of all.
+    pub outliers: f64,
+}
+
+/// Bytes of a space's planes (docs/blob.md): flags, the tables of `methods`, and what the eye sees.
+pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], eye: Option<&Eye>) -> usize {
+    let slots = grid.lattice.slots();
+    let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
+    let has = |any: &[Method]| any.iter().any(|method| methods.contains(method));
+    let centres = solved.next_multiple_of(LANES);
+    let mut planes = vec![slots];
+    if has(&[Method::Trilinear, Method::Tricubic, Method::Hybrid]) {
+        planes.push(size_of::<[f32; 3]>() * slots);
+    }
+    if has(&[Method::RbfLinear]) {
+        planes.extend([size_of::<f32>() * centres; 6]);
+    }
+    if has(&[Method::RbfCubic]) {
+        planes.extend([size_of::<f64>() * centres; 6]);
+    }
+    let energy = has(&[Method::Hermite, Method::Energy]);
+    if energy {
+        planes.extend([size_of::<u32>() * slots, size_of::<Node>() * rows]);
+    }
+    if let Some(&Eye { vertices, modes, slopes, outliers }) = eye {
+        let beyond = (outliers * solved as f64).round() as usize;
+        if !energy {
+            planes.push(size_of::<u32>() * slots);
+        }
+        let surface = 3 * size_of::<i16>() * vertices;
+        let coefficients = size_of::<i16>() * rows * (modes + 3 * slopes);
+        planes.extend([surface * modes, 4 * modes, coefficients, 8 * beyond, surface * beyond]);
+    }
+    planes.iter().map(|bytes| bytes.next_multiple_of(ALIGNMENT)).sum()
+}
+
+/// Bytes that a blob has beside its spaces: the skin (vertices, triangles), the header, and the certificate of so many methods, if
+/// there is one, in so many spaces.
+pub(super) fn other_bytes([vertices, triangles]: [usize; 2], spaces: usize, methods: Option<usize>) -> usize {
+    const HEADER: usize = 512;
+    const SPACE_HEADER: usize = 192;
+    /// Measured on certificates of the bundled organ: origin, a space, a method in it.
+    const CERTIFICATE: [usize; 3] = [400, 900, 2100];
+    let skin = (4 + 12 + 1) * vertices + 12 * triangles + 6 * ALIGNMENT;
+    let certificate =
+        methods.map_or(0, |methods| CERTIFICATE[0] + spaces * (CERTIFICATE[1] + methods * CERTIFICATE[2]));
+    skin + HEADER + SPACE_HEADER * spaces + certificate
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::surrogate::tests::probed;
+    use super::*;
+    use palpate_precompute::configuration_space::Lattice;
+
+    const ALL: [Method; 4] = [Method::Trilinear, Method::Hybrid, Method::RbfCubic, Method::Energy];
+
+    #[test]
+    fn finer_is_closer_and_the_energy_is_closest() {
+        let truth = Surrogate::of(&probed(2, 8.0)).unwrap();
+        let places: Vec<Place> = truth.places(&truth.scattered().search, 600);
+        let p99 = |cells: f64| {
+            let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
+            let expanded = truth.lattice(&Lattice { grid, complete_cells: true, increments: None });
+            let tables = Tables::of(&grid, &expanded.samples, None);
+            ALL.map(|m| tables.error(m, &truth, &places, &Tolerance::CANNOT_BE_FELT).map(|e| e.p99_n))
+        };
+        let (coarse, fine) = (p99(3.0), p99(5.0));
+        for (coarse, fine) in coarse.iter().zip(&fine) {
+            assert!(fine.unwrap() < coarse.unwrap(), "{coarse:?} {fine:?}");
+        }
+        assert!(fine[3].unwrap() < 0.2 * fine[0].unwrap(), "{fine:?}");
+    }
+
+    #[test]
+    fn bytes_grow_with_what_is_packed() {
+        let grid = SpaceGrid::new(0.01, 0.05).unwrap();
+        let slots = grid.lattice.slots();
+        let bare = space_bytes(&grid, 1015, &[], None);
+        assert_eq!(bare, slots.next_multiple_of(ALIGNMENT));
+        let lattice = space_bytes(&grid, 1015, &[Method::Trilinear, Method::Hybrid], None);
+        assert_eq!(
+            lattice - bare,
+            (12 * slots).next_multiple_of(ALIGNMENT),
+            "methods of one table come together"
+        );
+        let eye = Eye { vertices: 300, modes: 30, slopes: 10, outliers: 0.0 };
+        let [energy, seen] = [None, Some(&eye)].map(|eye| space_bytes(&grid, 1015, &[Method::Energy], eye));
+        assert!(energy > bare + 144 * 1015 && seen > energy + 6 * 300 * 30);
+    }
+
+    #[test]
+    fn the_99th_percentile() {
+        let mut values: Vec<f64> = (1..=200).rev().map(f64::from).collect();
+        assert_eq!(percentile_99(&mut values), 198.0);
+        assert_eq!(percentile_99(&mut []), 0.0);
+    }
+}
