@@ -122,14 +122,17 @@ fn no_button_arms_before_it_is_homed() {
     assert!(armed.is_some_and(|tick| (300..304).contains(&tick)), "{armed:?}");
 }
 
+/// One after the other onto the heap: an array of them, and what moves it, is more than a test's stack.
+fn read(blobs: &[Vec<u64>]) -> Vec<Organ<'_>> {
+    blobs.iter().map(|blob| Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob")).collect()
+}
+
 /// Two models of one organ, one of them twice as stiff, changed every 50 ms under the pressing hand.
 #[test]
 fn models_change_under_the_hand_without_a_step() {
     let blobs =
         [250.0, 500.0].map(|stiffness_n_m| synthetic::organ(&Shape { stiffness_n_m, ..Shape::default() }));
-    let organs = blobs
-        .each_ref()
-        .map(|blob| -> Organ<'_> { Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob") });
+    let organs = read(&blobs);
     let steady = play(&[&organs[1]], (|_| DeviceState::Homed, 0), 6_000, |_, controls| controls.arm());
     let both: Vec<&Organ<'_>> = organs.iter().collect();
     let changed = play(&both, (|_| DeviceState::Homed, 0), 6_000, |tick, controls| {
@@ -167,9 +170,7 @@ fn models_change_under_the_hand_without_a_step() {
 fn models_of_another_body_are_refused() {
     let shapes = [Shape::default(), Shape { subdivisions: 2, ..Shape::default() }];
     let blobs = shapes.map(|shape| synthetic::organ(&shape));
-    let organs = blobs
-        .each_ref()
-        .map(|blob| -> Organ<'_> { Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob") });
+    let organs = read(&blobs);
     let options = SessionOptions { seconds: Some(0.1), ..SessionOptions::default() };
     let hand = SimulatedHand::new(&organs[0], SimulatedConfig::default());
     let both: Vec<&Organ<'_>> = organs.iter().collect();
