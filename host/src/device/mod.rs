@@ -14,8 +14,6 @@ pub mod palpation;
 mod pending;
 pub mod polhem;
 pub mod profile;
-#[cfg(unix)]
-pub mod prompt;
 pub mod replay;
 pub mod script;
 pub mod serial;
