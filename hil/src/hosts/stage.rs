@@ -12,6 +12,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use palpate_core::{Vec3, vec3};
 use palpate_host::device::profile::Profile;
+use palpate_host::sys::{self, RtRequest};
 use serialport::{SerialPort, TTYPort};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -178,6 +179,9 @@ impl Stage {
         let (watched, ends) = (Arc::new(Mutex::new((watched, seen))), Arc::new(AtomicBool::new(false)));
         let (served, stop) = (Arc::clone(&watched), Arc::clone(&ends));
         let serve = move || {
+            // A real device owes this machine's scheduler nothing: above hosts and supervisors where that is allowed.
+            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::nothing() };
+            let (_, _held) = sys::enter_real_time(&above);
             let begun = Instant::now();
             while !stop.load(Ordering::Relaxed) {
                 look(&mut served.lock().unwrap_or_else(PoisonError::into_inner), begun);
