@@ -5,7 +5,7 @@ mod struck;
 use crate::Outcome;
 use crate::line::Line;
 use crate::patient::Patient;
-use crate::waiting::{Tally, Waiting};
+use crate::waiting::{IMPATIENT, Tally, Waiting};
 use core::fmt;
 use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
 use palpate_hil::bench::{Order, Report, Strike};
@@ -30,9 +30,8 @@ const TOUCH_N: f32 = 0.3;
 const TOUCH_TICKS: u64 = 20_000;
 /// For a device that was plugged in to be there, and to be homed.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// For a reply where none is to be lost, and where some are.
-const PATIENT: Duration = Duration::from_secs(2);
-const IMPATIENT: Duration = Duration::from_millis(20);
+/// For a write where nothing is to be lost; where something is it is as long as for a reply.
+const PATIENT_WRITE: Duration = Duration::from_secs(2);
 /// Ticks in which the hand is above the organ again.
 const LIFT_TICKS: u64 = 250;
 /// Surface of the organ, and axis into it, in the device's frame.
@@ -341,8 +340,7 @@ impl<'o> Bench<'o> {
         self.order(Order::Plug { seed })?;
         let plugged = Instant::now();
         self.unhomed_passes = false;
-        let patience = if fault.is_some() { IMPATIENT } else { PATIENT };
-        let falcon = self.open(patience)?;
+        let falcon = self.open(if fault.is_some() { IMPATIENT } else { PATIENT_WRITE })?;
         let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
         let loads = self.line.report()?.loads;
         // A machine so busy that an echo comes late makes the driver send it once more; a wrong echo always.
@@ -352,7 +350,7 @@ impl<'o> Bench<'o> {
         self.say(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
 
         let tally = Arc::new(Tally::default());
-        let mut device = Waiting { device: falcon, patience, tally: Arc::clone(&tally) };
+        let mut device = Waiting { device: falcon, tally: Arc::clone(&tally) };
         self.not_before_homing(&mut device)?;
         self.home(&mut device.device)?;
         self.say("homed");

@@ -27,13 +27,18 @@ pub(crate) struct Tally {
     pub longest_us: AtomicU64,
     /// The device was last said to be disconnected.
     pub gone: AtomicBool,
+    /// A fault is on: replies may be missing, and are not waited for as long as where none is.
+    pub struck: AtomicBool,
 }
+
+/// For a reply where none is to be missing, and where some are: a machine that stands still is waited for, a fault is not.
+const PATIENT: Duration = Duration::from_secs(2);
+pub(crate) const IMPATIENT: Duration = Duration::from_millis(20);
 
 /// The device, and how long its reply is waited for.
 #[derive(Debug)]
 pub(crate) struct Waiting<D> {
     pub device: D,
-    pub patience: Duration,
     pub tally: Arc<Tally>,
 }
 
@@ -53,7 +58,11 @@ impl<D: Device> Around for Waiting<D> {
         loop {
             let result = self.device.exchange(now_us, hand_force_n);
             let is_homed = self.device.state() == DeviceState::Homed;
-            let patience = if is_homed { self.patience } else { UNHOMED };
+            let patience = match (is_homed, self.tally.struck.load(Ordering::Relaxed)) {
+                (true, false) => PATIENT,
+                (true, true) => IMPATIENT,
+                (false, _) => UNHOMED,
+            };
             let elapsed = begun.elapsed();
             let tally = &self.tally;
             tally.gone.store(self.device.state() == DeviceState::Disconnected, Ordering::Relaxed);

@@ -1,8 +1,8 @@
 //! A fault in the middle of a touch: what came of it, that nothing goes on by itself, and how it goes on when it is asked for.
 
-use super::{Bench, End, IMPATIENT, LIFT_TICKS, Opened, PATIENCE, Run, Session, check};
+use super::{Bench, End, LIFT_TICKS, Opened, PATIENCE, Run, Session, check};
 use crate::Outcome;
-use crate::waiting::{Tally, Waiting};
+use crate::waiting::{IMPATIENT, Tally, Waiting};
 use palpate_core::{Fault, Phase, vec3};
 use palpate_hil::bench::{Order, Strike};
 use palpate_host::DeviceErrorKind;
@@ -59,6 +59,7 @@ impl Bench<'_> {
         tally: &Arc<Tally>,
     ) -> Outcome<()> {
         let loads = self.line.report()?.loads;
+        tally.struck.store(true, Ordering::Relaxed);
         self.order(Order::Strike)?;
         // The request that is on its way when homing is lost has a force, and cannot know.
         self.unhomed_passes = fault == Strike::Homing;
@@ -101,8 +102,7 @@ impl Bench<'_> {
         let (mut session, controls) = match session {
             Some(session) => (session, controls),
             None => {
-                let device =
-                    Waiting { device: self.open(IMPATIENT)?, patience: IMPATIENT, tally: Arc::clone(tally) };
+                let device = Waiting { device: self.open(IMPATIENT)?, tally: Arc::clone(tally) };
                 let now = self.line.report()?.loads;
                 check(now > loads, || "opened again without new firmware: its homing is of before".into())?;
                 let mut session = self.session(device, &clock, &fresh);
@@ -117,6 +117,7 @@ impl Bench<'_> {
         };
         // What was ridden out led to no zero, whatever has taken the force away since.
         run.zero_ms = report.zero_ms.filter(|_| run.end != End::Active);
+        tally.struck.store(false, Ordering::Relaxed);
         self.order(Order::Lift)?;
         session.ticks(LIFT_TICKS)?;
         run.again_n = self.touch(&mut session, controls)?;
