@@ -11,6 +11,7 @@ use palpate_core::Vec3;
 use palpate_host::Device;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
+use palpate_host::device::prompt::PromptPort;
 use palpate_host::device::workspace::Workspace;
 use serialport::{SerialPort, TTYPort};
 use std::io;
@@ -237,6 +238,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
             Wire::Pty => {
                 let (line, driver) = PtyTransport::pair()?;
                 self.driver_end = Some(driver.try_clone_native()?);
+                let port = Box::new(PromptPort::around(driver)?);
                 self.connect(Box::new(line));
                 let woken = AtomicBool::new(false);
                 std::thread::scope(|scope| {
@@ -246,7 +248,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
                             std::thread::sleep(Duration::from_micros(200));
                         }
                     });
-                    let opened = E::open(Box::new(driver), &self.profile, workspace);
+                    let opened = E::open(port, &self.profile, workspace);
                     woken.store(true, Ordering::Relaxed);
                     opened
                 })

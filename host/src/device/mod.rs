@@ -14,6 +14,8 @@ pub mod palpation;
 mod pending;
 pub mod polhem;
 pub mod profile;
+#[cfg(unix)]
+pub mod prompt;
 pub mod replay;
 pub mod script;
 pub mod serial;

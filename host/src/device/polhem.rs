@@ -9,7 +9,7 @@
 
 use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
-use super::serial::{MOST_READS, from_serial, read_waiting};
+use super::serial::{MOST_READS, from_serial, open, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
 use palpate_core::{Sample, Vec3, limit};
@@ -98,7 +98,7 @@ impl core::fmt::Debug for Polhem {
 impl Polhem {
     /// Opens a port by its name and wakes the device.
     pub fn open(path: &str, config: PolhemConfig) -> Result<Self, DeviceError> {
-        let port = serialport::new(path, 115_200).open().map_err(from_serial)?;
+        let port = open(serialport::new(path, 115_200))?;
         Self::with_port(port, config)
     }
 

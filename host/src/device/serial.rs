@@ -16,6 +16,15 @@ pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
     }
 }
 
+/// Opens a port whose writes do not wait, where the system has such.
+pub(super) fn open(builder: serialport::SerialPortBuilder) -> Result<Box<dyn SerialPort>, DeviceError> {
+    #[cfg(unix)]
+    let port = super::prompt::PromptPort::open(builder).map(|port| Box::new(port) as Box<dyn SerialPort>);
+    #[cfg(not(unix))]
+    let port = builder.open();
+    port.map_err(from_serial)
+}
+
 /// Reads in one look at a port: a babbling device must not hold the tick.
 pub(super) const MOST_READS: usize = 4;
 

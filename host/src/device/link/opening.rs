@@ -3,7 +3,7 @@
 use super::requests::Requests;
 use super::stopping::write;
 use super::{Counter, Homing, Link, LinkConfig, Rise};
-use crate::device::serial::from_serial;
+use crate::device::serial::{from_serial, open};
 use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
 use core::fmt;
 use core::sync::atomic::AtomicBool;
@@ -70,7 +70,7 @@ impl From<DeviceError> for LinkError {
 impl Link {
     /// Opens a port by its name and a session with the device behind it.
     pub fn open(path: &str, baud: u32, config: LinkConfig) -> Result<Self, LinkError> {
-        let port = serialport::new(path, baud).open().map_err(from_serial)?;
+        let port = open(serialport::new(path, baud))?;
         Self::with_port(port, config)
     }
 
