@@ -40,6 +40,15 @@ impl Pending {
         Some(oldest)
     }
 
+    /// The request after which `newer` others were sent has never left: no reply will be its own.
+    pub(super) fn never_left(&mut self, newer: u64) {
+        let place = usize::try_from(newer).ok().and_then(|newer| self.len.checked_sub(newer)?.checked_sub(1));
+        if let Some(open) = place.and_then(|place| self.sent_us.get_mut(place..self.len)) {
+            open.rotate_left(1);
+            self.len -= 1;
+        }
+    }
+
     /// A reply, or what is left of one, has come: when its request was sent. Nothing if that is not known any more.
     pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
         if let Some(others) = self.forgotten.checked_sub(1) {
@@ -104,6 +113,32 @@ mod tests {
         assert!(!pending.may_send(4_500), "another is open: silence first");
         assert_eq!(pending.answered(5_000, false), Some(2_000));
         assert!(pending.may_send(5_000) && pending.answered(6_000, false).is_none());
+    }
+
+    /// Without being told, the reply to the last would leave one open for ever, and sending would pause.
+    #[test]
+    fn what_has_never_left_is_not_waited_for() {
+        let sent = |times: &[u64]| {
+            let mut pending = Pending::default();
+            times.iter().for_each(|us| pending.sent(*us));
+            pending
+        };
+        let mut pending = sent(&[0, 2_000, 3_000]);
+        pending.never_left(1);
+        assert_eq!([pending.answered(3_500, false), pending.answered(3_600, false)], [Some(0), Some(3_000)]);
+        assert!(pending.may_send(3_600));
+        let mut pending = sent(&[0, 2_000]);
+        pending.never_left(0);
+        assert_eq!(pending.answered(2_500, false), Some(0));
+        assert!(pending.may_send(2_500));
+        for long_forgotten in [2, 15, u64::MAX] {
+            let mut pending = sent(&[0, 2_000]);
+            pending.never_left(long_forgotten);
+            assert_eq!(
+                [pending.answered(2_500, false), pending.answered(2_600, false)],
+                [Some(0), Some(2_000)]
+            );
+        }
     }
 
     #[test]

@@ -204,6 +204,9 @@ impl<F: Ftdi + 'static> Falcon<F> {
         if let Some(error) = tally.lost {
             return Err(error);
         }
+        for newer in self.outlet.skipped() {
+            self.pending.never_left(newer);
+        }
         let mut sent_us = None;
         // The good ones first: if they came last they look older than they are, and never younger.
         for _ in seen.whole..tally.whole {

@@ -38,12 +38,28 @@ struct Slot {
 /// What became of the requests.
 #[derive(Debug, Clone, Copy, Default)]
 struct Outcome {
+    /// The newest that was taken to be written.
+    begun: u64,
+    /// Bit i: request `begun` - i was not, because a newer one was there before.
+    skipped: u64,
     /// The newest that was written, or given up.
     done: u64,
     /// Writes that failed in passing.
     failures: u64,
     /// Why nothing is written any more.
     lost: Option<DeviceError>,
+}
+
+impl Outcome {
+    /// A request is taken to be written; what came between it and the one before is not.
+    fn take(&mut self, number: u64) {
+        let newer = number - self.begun;
+        if newer > 0 {
+            let between = 1_u64.checked_shl((newer - 1).min(64) as u32).map_or(u64::MAX, |bit| bit - 1) << 1;
+            self.skipped = self.skipped.checked_shl(newer.min(64) as u32).unwrap_or(0) | between;
+            self.begun = number;
+        }
+    }
 }
 
 /// Either way of writing.
@@ -62,6 +78,8 @@ pub(super) struct Threaded {
     outcome: triple_buffer::Output<Outcome>,
     /// Failures that were looked at.
     failures: u64,
+    /// The newest of those taken that was looked at.
+    begun: u64,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -100,7 +118,15 @@ impl Outlet {
             writer.run();
         };
         let thread = std::thread::Builder::new().name("palpate-falcon-out".into()).spawn(write)?;
-        Ok(Self::Threaded(Threaded { slot, number: 0, outcome, failures: 0, stop, thread: Some(thread) }))
+        Ok(Self::Threaded(Threaded {
+            slot,
+            number: 0,
+            outcome,
+            failures: 0,
+            begun: 0,
+            stop,
+            thread: Some(thread),
+        }))
     }
 
     /// Sends a request, or hands it to the thread, which waits for nothing, locks nothing and allocates nothing.
@@ -114,6 +140,21 @@ impl Outlet {
                 Ok(())
             }
         }
+    }
+
+    /// Requests that were replaced by newer ones before they were written, found out since the last look: how many were sent after each, oldest
+    /// first. Whoever has seen a reply is told of all that was replaced before its request.
+    pub(super) fn skipped(&mut self) -> impl Iterator<Item = u64> + use<> {
+        let (mut skipped, mut begun, mut seen, mut number) = (0, 0, 0, 0);
+        if let Self::Threaded(threaded) = self {
+            let outcome = *threaded.outcome.read();
+            (skipped, begun, number) = (outcome.skipped, outcome.begun, threaded.number);
+            seen = core::mem::replace(&mut threaded.begun, begun);
+        }
+        (0..u64::from(u64::BITS).min(begun - seen))
+            .rev()
+            .filter(move |bit| skipped >> bit & 1 == 1)
+            .map(move |bit| number - begun + bit)
     }
 
     /// What went wrong in the thread since the last look.
@@ -169,6 +210,9 @@ impl<F: Ftdi> Writer<F> {
         while self.outcome.lost.is_none() {
             let slot = *self.newest.read();
             if slot.number > self.outcome.done {
+                self.outcome.take(slot.number);
+                // Before the write: no reply is seen before this is.
+                self.told.write(self.outcome);
                 self.write(slot);
                 self.told.write(self.outcome);
             } else if self.stop.load(Ordering::Relaxed) {
@@ -197,5 +241,25 @@ impl<F: Ftdi> Writer<F> {
             }
             Err(error) => self.outcome.lost = Some(error),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_replaced_before_it_is_taken_is_skipped() {
+        let mut outcome = Outcome::default();
+        for (number, skipped) in
+            [(1, 0), (2, 0), (2, 0), (4, 0b10), (5, 0b100), (8, 0b10_0110), (71, (1 << 63) - 2)]
+        {
+            outcome.take(number);
+            assert_eq!((outcome.begun, outcome.skipped), (number, skipped), "{number}");
+        }
+        outcome.take(72);
+        assert_eq!(outcome.skipped, u64::MAX << 2);
+        outcome.take(1_000);
+        assert_eq!(outcome.skipped, u64::MAX << 1);
     }
 }

@@ -439,6 +439,41 @@ fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
     assert!(written.len() <= 2, "a burst: {written:?}");
 }
 
+/// A request that was replaced before it was written gets no reply: nobody waits for one, and the others are as old as they are.
+#[test]
+fn what_was_replaced_before_it_was_written_holds_nothing_up() {
+    let chip = Fake::running();
+    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
+    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
+    chip.home();
+    assert_eq!(falcon.home(&AtomicBool::new(false)), Ok(true));
+    let begun = Instant::now();
+    let wait = |done: &dyn Fn() -> bool| {
+        while !done() {
+            assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+            std::thread::sleep(Duration::from_micros(200));
+        }
+    };
+    chip.with(|script| script.stalls = true);
+    // The first is being written when the second, overdue, waits in the slot; the third takes its place.
+    for now_us in [1_000, 3_000, 5_000] {
+        let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
+        wait(&|| chip.with(|script| script.stalled) == 1);
+    }
+    let before = chip.with(|script| script.requests.len());
+    chip.make_room();
+    wait(&|| chip.with(|script| script.requests.len()) == before + 2);
+    let seen = falcon.seen.whole;
+    while falcon.intake.look(&*chip).whole < seen + 2 {
+        assert!(begun.elapsed() < fake::STALL, "no replies");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let sample = falcon.exchange(6_000, [0.0, 0.0, 2.0]).expect("a link");
+    assert_eq!(sample.map(|sample| sample.t_us), Some(5_000), "the reply to the third");
+    // Nothing is open: the exchange has sent the next one, without a pause.
+    wait(&|| chip.with(|script| script.requests.len()) == before + 3);
+}
+
 #[test]
 fn homing_is_given_up_when_the_session_is_stopped() {
     let chip = Fake::running();
