@@ -81,6 +81,12 @@ impl Rig {
         }
     }
 
+    /// A device whose cable stays out until it is ordered in: pulled while a guest still starts it is lost to that guest for half a minute.
+    #[must_use]
+    pub fn put_away() -> Self {
+        Self { replug_us: None, ..Self::new(0) }
+    }
+
     /// Whether the cable is in.
     #[must_use]
     pub fn is_plugged(&self) -> bool {

@@ -164,7 +164,9 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let begun = Instant::now();
     let mut bus = Line::listen(&options.usbredir)?;
     let mut control = options.control.as_deref().map(Line::listen).transpose()?;
-    let (mut session, mut rig) = (Session::new(), Stand::Free(Box::new(Rig::new(0))));
+    // Without orders somebody else's machine is to see it at once.
+    let rig = if control.is_some() { Rig::put_away() } else { Rig::new(0) };
+    let (mut session, mut rig) = (Session::new(), Stand::Free(Box::new(rig)));
     let mut orders = Vec::new();
     // An answer that waits until the driver has dealt with what the device sent, and since when.
     let mut owed: Option<(String, Instant)> = None;

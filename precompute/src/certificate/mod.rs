@@ -6,6 +6,7 @@
 mod displacement;
 mod errors;
 mod health;
+mod ledger;
 mod probes;
 pub mod reference;
 
@@ -14,6 +15,7 @@ use std::collections::BTreeMap;
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
 pub use health::{Health, Reason, Verdict};
+pub use ledger::{Effort, Ledger, Line, ledger};
 pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 
@@ -86,6 +88,9 @@ pub struct SpaceCertificate {
     /// What speaks against its numbers; none in blobs that were packed before it was asked.
     #[serde(default)]
     pub health: Option<Health>,
+    /// What is left out, and what that changes and saves; where it was asked for.
+    #[serde(default)]
+    pub ledger: Option<Ledger>,
 }
 
 /// Grid points where tries from different neighbours ended at different stable solutions: the body is on two branches there, and which
@@ -250,6 +255,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             folded_volume,
             methods,
             displacement: displacement.transpose()?,
+            ledger: None,
             active: name,
             node,
         });

@@ -8,6 +8,7 @@
 //! [`TetMesh`] has vertices only, and node indices (in scenes too) count the vertices in file order.
 
 pub mod quality;
+pub mod refine;
 pub mod surface;
 pub mod tetrahedral;
 
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
 pub use quality::{MeshReport, PressureDoubts, doubtful_for_pressure};
+pub use refine::Refined;
 pub use surface::Surface;
 pub use tetrahedral::{MeshFault, TetMesh};
 

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{PackOptions, Packed, pack, write_atomically};
-use palpate_precompute::certificate::{Certificate, certify, clear_positions};
+use palpate_precompute::certificate::{Certificate, Effort, certify, clear_positions, ledger};
 use palpate_precompute::configuration_space::{Store, still_to_solve, with_threads};
 use palpate_precompute::held_out::{Draw, Kind, Summary};
 
@@ -43,6 +44,10 @@ pub(crate) struct Args {
     /// with 95 % confidence; of more than eight nodes 600 in all, which can certify 99.5 % of a random position of a random node
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
+    /// Measure what the blob leaves out and what that changes and saves (linear body, element order, mesh, f_max, modes, digits): so many of
+    /// the certificate's positions are solved by each other body, the finer of which take seconds each. Of more than eight nodes, the first
+    #[arg(long, value_name = "POSITIONS", num_args = 0..=1, default_missing_value = "8")]
+    ledger: Option<usize>,
     /// Leave states between grid points, which a scene with `increments` keeps, out of the radial basis functions
     #[arg(long)]
     grid_only: bool,
@@ -74,7 +79,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let nodes = store.active()?.len();
         drop(store);
         solve_truth(args, nodes)?;
-        let (packed, made) = certified(&Store::open(&args.space)?, &options)?;
+        let store = Store::open(&args.space)?;
+        let (mut packed, mut made) = certified(&store, &options)?;
+        if let Some(positions) = args.ledger {
+            measure_ledger(&store, (&mut packed, &mut made), positions, options.threads)?;
+        }
         (packed, Some(made))
     };
     for name in &packed.left_out {
@@ -102,6 +111,32 @@ pub(crate) fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Pac
     let certificate = certify(store, &organ)?;
     packed.certify(&serde_json::to_string(&certificate).map_err(Failure::work)?)?;
     Ok((packed, certificate))
+}
+
+/// Adds the ledgers to a certificate.
+fn measure_ledger(
+    store: &Store,
+    (packed, made): (&mut Packed, &mut Certificate),
+    positions: usize,
+    threads: usize,
+) -> Result<(), Failure> {
+    let file = BlobFile::of(&packed.bytes()?);
+    let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
+    let (bench, stop) = (Workbench::of_store(store)?, stop_flag()?);
+    let effort = Effort { positions: positions.max(1), threads, stop: &stop };
+    let wanted = if made.spaces.len() > FEW { 1 } else { made.spaces.len() };
+    let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
+    for space in &mut made.spaces[..wanted] {
+        let Some(active) = names.iter().position(|name| *name == space.active) else { continue };
+        eprintln!("palpate: ledger of {}: {positions} positions by each other body", space.active);
+        space.ledger = ledger(store, active, (&organ, space), &bench.scene, effort)?;
+        if stop.load(Ordering::Relaxed) {
+            return Err(Failure::work(
+                "interrupted; what was solved for the certificate is kept, run the same command to go on",
+            ));
+        }
+    }
+    packed.certify(&serde_json::to_string(&*made).map_err(Failure::work)?).map_err(Failure::work)
 }
 
 /// Uniform positions of a blob of many nodes, all together: without a failure they certify 99.5 % with 95 % confidence.

@@ -17,7 +17,7 @@ use palpate_hil::bench::{Order, Strike};
 use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
-use runs::{Bench, LOST, Run};
+use runs::{Bench, Run};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -94,10 +94,6 @@ fn contract(line: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// How often the run without a fault is begun. A machine that stood still for seconds has now and then lost what was under way between guest,
-/// QEMU and emulator, once in some 10,000 exchanges, and we do not know where; a driver that loses exchanges by itself loses some each time.
-const CLEAN_ATTEMPTS: u32 = 3;
-
 fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {
     let begun = Instant::now();
     let organ: Organ<'_> = Organ::read(&ORGAN.0).map_err(|error| error.to_string())?;
@@ -106,16 +102,7 @@ fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {
     let mut runs = Vec::new();
     let mut failed = 0;
     for seed in 0..=seeds {
-        let mut outcome = bench.run(seed, exchanges);
-        for _ in 1..CLEAN_ATTEMPTS {
-            let Some(reason) = outcome.as_ref().err().filter(|reason| seed == 0 && reason.ends_with(LOST))
-            else {
-                break;
-            };
-            println!("again seed=0 {reason}");
-            outcome = bench.run(seed, exchanges);
-        }
-        match outcome {
+        match bench.run(seed, exchanges) {
             Ok(run) => {
                 println!("run seed={seed} {run} PASS");
                 runs.push(run);

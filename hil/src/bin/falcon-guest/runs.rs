@@ -37,9 +37,6 @@ const LIFT_TICKS: u64 = 250;
 /// Surface of the organ, and axis into it, in the device's frame.
 const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
 
-/// The end of the reason why a run without a fault has failed, if it is that.
-pub(crate) const LOST: &str = "exchanges lost";
-
 /// How a fault ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum End {
@@ -367,7 +364,7 @@ impl<'o> Bench<'o> {
             None => {
                 self.long(&mut session, &tally, exchanges)?;
                 run.count(&tally);
-                check(run.lost == 0, || format!("{} {LOST}", run.lost))?;
+                check(run.lost == 0, || format!("{} exchanges lost", run.lost))?;
                 self.done(session, &controls, &mut run)?;
                 run.lost_closing = tally.lost.load(Ordering::Relaxed) - run.lost;
             }

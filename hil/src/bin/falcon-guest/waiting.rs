@@ -11,6 +11,8 @@ use std::time::{Duration, Instant};
 const UNHOMED: Duration = Duration::from_millis(2);
 /// Lost exchanges that are told of.
 const TOLD: u64 = 3;
+/// Looks that a reply is waited for at least, however long they take: on a machine that stands still time goes on and nobody else does.
+const LOOKS: u32 = 150;
 /// Between two looks.
 const PAUSE: Duration = Duration::from_micros(50);
 
@@ -55,7 +57,9 @@ impl<D: Device> Around for Waiting<D> {
 
     fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let begun = Instant::now();
+        let mut looks = 0;
         loop {
+            looks += 1;
             let result = self.device.exchange(now_us, hand_force_n);
             let is_homed = self.device.state() == DeviceState::Homed;
             let patience = match (is_homed, self.tally.struck.load(Ordering::Relaxed)) {
@@ -67,7 +71,7 @@ impl<D: Device> Around for Waiting<D> {
             let tally = &self.tally;
             tally.gone.store(self.device.state() == DeviceState::Disconnected, Ordering::Relaxed);
             match result {
-                Ok(None) if elapsed < patience => std::thread::sleep(PAUSE),
+                Ok(None) if elapsed < patience || is_homed && looks < LOOKS => std::thread::sleep(PAUSE),
                 Ok(Some(_)) => {
                     tally.answered.fetch_add(1, Ordering::Relaxed);
                     tally.spent_us.fetch_add(elapsed.as_micros() as u64, Ordering::Relaxed);

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{
-    Apart, Certificate, Cost, DisplacementCertificate, Errors, Health, MethodCertificate, Reason,
-    SpaceCertificate, TwoSolutions, Verdict, certified_share,
+    Apart, Certificate, Cost, DisplacementCertificate, Errors, Health, Ledger, Line, MethodCertificate,
+    Reason, SpaceCertificate, TwoSolutions, Verdict, certified_share,
 };
 
 use crate::failure::Failure;
@@ -152,6 +152,9 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         if let Some(displacement) = &space.displacement {
             text.push_str(&of_surface(displacement));
         }
+        if let Some(ledger) = &space.ledger {
+            text.push_str(&of_ledger(ledger));
+        }
     }
     text
 }
@@ -230,6 +233,48 @@ fn second_line(method: &MethodCertificate) -> String {
         mn(probe.rounding_n),
         probe.nanoseconds
     )
+}
+
+/// One line an omission: what it changes, and what it saves.
+fn of_ledger(ledger: &Ledger) -> String {
+    let mut text = format!(
+        "  ledger: what is left out (-) or could be (o), and what that changes and costs; {} positions by each other body in {:.1} s\n    \
+         {:<62} force, mN: mean      max   relative  not felt   surface, mm: rms      max   cost with   without\n",
+        ledger.positions, ledger.seconds, ""
+    );
+    for line in &ledger.lines {
+        let Line { what, made, force, surface, unit, cost } = line;
+        let force = match force {
+            Some(e) if e.count > 0 => format!(
+                "{:>15} {:>8} {:>8.1} % {:>7.1} %",
+                mn(e.mean_n),
+                mn(e.max_n),
+                100.0 * e.relative_mean,
+                100.0 * e.not_felt as f64 / e.count as f64
+            ),
+            Some(e) => format!("{:>15} {:>8} {:>10} {:>9}", "", mn(e.max_n), "", ""),
+            None => format!("{:>15} {:>8} {:>10} {:>9}", "-", "-", "", ""),
+        };
+        let surface = match surface {
+            Some(apart) => format!("{:>18.4} {:>8.4}", apart.rms_mean_mm, apart.max_mm),
+            None => format!("{:>18} {:>8}", "-", "-"),
+        };
+        let sign = if *made { '-' } else { 'o' };
+        let [with, without] = cost.map(significant);
+        let _ = writeln!(text, "  {sign} {what:<62} {force}  {surface}  {with:>10} {without:>9} {unit}");
+    }
+    text
+}
+
+/// A cost with three digits.
+fn significant(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        size if size >= 1e4 || size < 1e-3 => format!("{value:.1e}"),
+        size if size >= 100.0 || value.fract() == 0.0 => format!("{value:.0}"),
+        size if size >= 1.0 => format!("{value:.1}"),
+        _ => format!("{value:.3}"),
+    }
 }
 
 fn of_surface(surface: &DisplacementCertificate) -> String {

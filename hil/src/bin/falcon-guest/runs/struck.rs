@@ -59,7 +59,8 @@ impl Bench<'_> {
         tally: &Arc<Tally>,
     ) -> Outcome<()> {
         let loads = self.line.report()?.loads;
-        tally.struck.store(true, Ordering::Relaxed);
+        // A wrong echo was long ago, and takes no reply away.
+        tally.struck.store(fault != Strike::WrongEcho, Ordering::Relaxed);
         self.order(Order::Strike)?;
         // The request that is on its way when homing is lost has a force, and cannot know.
         self.unhomed_passes = fault == Strike::Homing;

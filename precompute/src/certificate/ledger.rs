@@ -1,0 +1,242 @@
+//! The ledger: what a blob leaves out of the body, and what each omission changes and saves, measured.
+//!
+//! A line is an omission that was made, or one that was not and could have been: the linear body, the coarser element. Omissions of the
+//! blob are measured at its held-out positions; those of the discretisation by solving some of the same positions by the other body,
+//! each straight from rest, so that seconds compare.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+
+use nalgebra::Vector3;
+use palpate_core::{Method, Organ, Space};
+use serde::{Deserialize, Serialize};
+
+use super::{Apart, Compared, Errors, SpaceCertificate, Truth, probes, truths};
+use crate::configuration_space::{Store, StoreError};
+use crate::held_out::Kind;
+use crate::scene::ResolvedScene;
+use crate::solve::{Problem, Solver};
+
+/// All lines of a space.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Ledger {
+    /// Positions solved by each other body.
+    pub positions: usize,
+    /// Wall seconds of it.
+    pub seconds: f64,
+    /// The lines.
+    pub lines: Vec<Line>,
+}
+
+/// One omission.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Line {
+    /// What is left out, or would be.
+    pub what: String,
+    /// Whether it is.
+    pub made: bool,
+    /// By how much the force differs with it from that without it; none where it cannot.
+    pub force: Option<Errors>,
+    /// By how much the surface does.
+    pub surface: Option<Apart>,
+    /// Of what the two costs are.
+    pub unit: String,
+    /// The cost with the omission, and without it.
+    pub cost: [f64; 2],
+}
+
+impl Line {
+    fn new(what: impl Into<String>, made: bool, unit: &str, cost: [f64; 2]) -> Self {
+        Self { what: what.into(), made, force: None, surface: None, unit: unit.into(), cost }
+    }
+}
+
+/// How much is solved for it, and when to stop.
+#[derive(Debug, Clone, Copy)]
+pub struct Effort<'s> {
+    /// Positions solved by each other body.
+    pub positions: usize,
+    /// Threads.
+    pub threads: usize,
+    /// Set to give up.
+    pub stop: &'s AtomicBool,
+}
+
+/// The ledger of the space of active node number `active`, by its first method. `None` if it was stopped, or has no held-out positions.
+pub fn ledger(
+    store: &Store,
+    active: usize,
+    (organ, certificate): (&Organ<'_>, &SpaceCertificate),
+    scene: &ResolvedScene,
+    effort: Effort<'_>,
+) -> Result<Option<Ledger>, StoreError> {
+    let begun = Instant::now();
+    let Some(space) = organ.spaces.iter().find(|space| *space.name == *certificate.active) else {
+        return Ok(None);
+    };
+    let Some(method) = Method::ALL.into_iter().find(|&method| space.has(method)) else { return Ok(None) };
+    let mut positions = truths(store, active, space, &store.identity()?.sampling)?;
+    positions.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);
+    if positions.is_empty() {
+        return Ok(None);
+    }
+    let mut lines = vec![linear(store, active, &positions, certificate)?];
+    let some = &positions[..effort.positions.min(positions.len())];
+    let own = forces(scene, active, some, effort);
+    for (what, made, other) in others(scene) {
+        let there = forces(&other, active, some, effort);
+        if effort.stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        lines.push(discretised(what, made, &own, &there));
+    }
+    lines.extend(of_the_blob(organ, space, (method, certificate), scene));
+    Ok(Some(Ledger { positions: some.len(), seconds: begun.elapsed().as_secs_f64(), lines }))
+}
+
+/// h = S d with the stiffness at rest.
+fn linear(
+    store: &Store,
+    active: usize,
+    positions: &[Truth],
+    certificate: &SpaceCertificate,
+) -> Result<Line, StoreError> {
+    let rest = store.records(active)?.into_iter().find(|record| record.index == [0; 3]);
+    let stiffness = rest.map(|rest| rest.stiffness_n_m).unwrap_or_default();
+    let compared = positions.iter().map(|truth| Compared {
+        truth_n: truth.force_n,
+        found_n: (stiffness * Vector3::from(truth.displacement_m.map(f64::from))).into(),
+        covered: true,
+    });
+    let errors = Errors::of(&compared.collect::<Vec<_>>());
+    let cost = [1.0, certificate.cost.configurations as f64];
+    Ok(Line {
+        force: Some(errors),
+        ..Line::new("nonlinearity (the linear body instead)", false, "configurations", cost)
+    })
+}
+
+/// The bodies to compare with: what the omission is, whether the scene makes it, and the other body.
+fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
+    let by_order = |order| ResolvedScene { order, ..scene.clone() };
+    let order = if scene.order == 1 {
+        ("displacements of second order (tet10)", true, by_order(2))
+    } else {
+        ("displacements of second order (tet4 instead)", false, by_order(1))
+    };
+    vec![order, ("seven of eight tets (a mesh refined once)", true, scene.refined())]
+}
+
+/// Force at each position, and seconds; none where it could not be solved.
+type Solved = Vec<Option<([f64; 3], f64)>>;
+
+fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Effort<'_>) -> Solved {
+    let nothing = || vec![None; positions.len()];
+    let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return nothing() };
+    let mut problem = Problem::with(Arc::new(body), Some(node.handle()), scene.constraints);
+    problem.newton.reject_inverted = scene.reject_inverted;
+    let (problem, next) = (Arc::new(problem), AtomicUsize::new(0));
+    let work = || {
+        let mut solver = Solver::new(problem.clone());
+        let mut found = Vec::new();
+        let Ok(rest) = solver.rest() else { return found };
+        while !effort.stop.load(Ordering::Relaxed) {
+            let place = next.fetch_add(1, Ordering::Relaxed);
+            let Some(truth) = positions.get(place) else { break };
+            let begun = Instant::now();
+            if let Ok(at) = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)) {
+                found.push((place, (at.force_n, begun.elapsed().as_secs_f64())));
+            }
+        }
+        found
+    };
+    let mut solved = nothing();
+    std::thread::scope(|scope| {
+        let workers: Vec<_> =
+            (0..effort.threads.clamp(1, positions.len())).map(|_| scope.spawn(work)).collect();
+        for worker in workers {
+            for (place, one) in worker.join().unwrap_or_default() {
+                solved[place] = Some(one);
+            }
+        }
+    });
+    solved
+}
+
+fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
+    let both: Vec<_> =
+        own.iter().zip(other).filter_map(|(own, other)| Some((own.as_ref()?, other.as_ref()?))).collect();
+    let mean = |of: fn(&(&([f64; 3], f64), &([f64; 3], f64))) -> f64| {
+        both.iter().map(of).sum::<f64>() / both.len().max(1) as f64
+    };
+    // The better body is the truth of either.
+    let compared: Vec<Compared> = both
+        .iter()
+        .map(|(own, other)| {
+            let (truth_n, found_n) = if made { (other.0, own.0) } else { (own.0, other.0) };
+            Compared { truth_n, found_n, covered: true }
+        })
+        .collect();
+    let cost = [mean(|pair| pair.0.1), mean(|pair| pair.1.1)];
+    let cost = if made { cost } else { [cost[1], cost[0]] };
+    let what = match own.len() - both.len() {
+        0 => what.to_owned(),
+        unsolved => format!("{what}; {unsolved} of {} positions not solved by both", own.len()),
+    };
+    Line { force: Some(Errors::of(&compared)), ..Line::new(what, made, "s a configuration", cost) }
+}
+
+/// What packing and the tick leave out.
+fn of_the_blob(
+    organ: &Organ<'_>,
+    space: &Space<'_>,
+    (method, certificate): (Method, &SpaceCertificate),
+    scene: &ResolvedScene,
+) -> Vec<Line> {
+    let mut lines = Vec::new();
+    if scene.max_force_n.is_finite() {
+        let limit_n = scene.max_force_n as f32;
+        let reached = probes::share_of_ball(space, |at| {
+            let force = space.force(method, at).map_or([0.0; 3], |answer| answer.force_n);
+            force.iter().map(|h| h * h).sum::<f32>() <= limit_n * limit_n
+        });
+        let what = format!("positions beyond {} N, which the device cannot hold", scene.max_force_n);
+        lines.push(Line::new(what, true, "of r_G's ball", [reached, 1.0]));
+    }
+    let surface = certificate.displacement.as_ref();
+    if let Some(of) = certificate.methods.iter().find(|of| of.method == method.name()) {
+        let seconds = certificate.cost.seconds / certificate.cost.configurations.max(1) as f64;
+        lines.push(Line {
+            force: Some(of.uniform),
+            surface: surface.map(|surface| surface.uniform),
+            ..Line::new(
+                "configurations between those solved",
+                true,
+                "s a force",
+                [1e-9 * of.probe.nanoseconds, seconds],
+            )
+        });
+        // A bound is all there is: the largest difference anywhere.
+        let rounding = Errors { max_n: of.probe.rounding_n, ..Errors::default() };
+        lines.push(Line {
+            force: Some(rounding),
+            ..Line::new("half of the digits (f32 in the tick)", true, "bytes a number", [4.0, 8.0])
+        });
+    }
+    let nodes = [organ.surface.node.len(), scene.mesh.nodes_m.len()].map(|count| count as f64);
+    lines.push(Line::new("nodes inside the body", true, "nodes moved", nodes));
+    match surface {
+        Some(surface) => lines.push(Line {
+            surface: Some(surface.configurations),
+            ..Line::new(
+                format!("modes beyond {}, and digits of their coefficients", surface.modes),
+                true,
+                "bytes",
+                [surface.bytes, surface.raw_bytes].map(|bytes| bytes as f64),
+            )
+        }),
+        None => lines.push(Line::new("displacements for the eye", true, "nodes moved", [0.0, nodes[0]])),
+    }
+    lines
+}

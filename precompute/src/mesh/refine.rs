@@ -1,0 +1,146 @@
+//! Regular refinement: each tet becomes eight of the same shape or nearly so, and the body stays what it was (Bey 1995).
+//!
+//! Four children stand in the corners; the octahedron between them is cut along its shortest diagonal, as every choice fits its
+//! neighbours: the diagonal is inside.
+
+use std::collections::BTreeMap;
+
+use super::TetMesh;
+use super::tetrahedral::{distance, six_volume};
+
+/// A mesh of eight times as many tets; its nodes are those of the coarser one, then a node in the middle of every edge.
+#[derive(Debug, Clone)]
+pub struct Refined {
+    /// The finer mesh; children of tet `t` are `8 t .. 8 t + 8`. A group of nodes has the middle of an edge whose both ends are in it.
+    pub mesh: TetMesh,
+    /// Ends of each edge, by its node in the middle less the number of nodes that were there before.
+    edges: Vec<[u32; 2]>,
+    coarse_nodes: u32,
+}
+
+/// Pairs of a tet's vertices, in the order of its mid-edge nodes here.
+const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+/// Opposite edges: the octahedron's diagonals.
+const DIAGONALS: [[usize; 2]; 3] = [[0, 5], [1, 4], [2, 3]];
+
+impl Refined {
+    /// Refines a mesh once.
+    pub fn of(coarse: &TetMesh) -> Self {
+        let coarse_nodes = coarse.nodes_m.len() as u32;
+        let mut numbers: BTreeMap<[u32; 2], u32> = BTreeMap::new();
+        let mut edges = Vec::new();
+        let mut nodes_m = coarse.nodes_m.clone();
+        let mut tets = Vec::with_capacity(8 * coarse.tets.len());
+        for tet in &coarse.tets {
+            let middle = EDGES.map(|[a, b]| {
+                let ends = [tet[a].min(tet[b]), tet[a].max(tet[b])];
+                *numbers.entry(ends).or_insert_with(|| {
+                    let [a, b] = ends.map(|end| coarse.nodes_m[end as usize]);
+                    nodes_m.push(std::array::from_fn(|axis| 0.5 * (a[axis] + b[axis])));
+                    edges.push(ends);
+                    coarse_nodes + edges.len() as u32 - 1
+                })
+            });
+            tets.extend(children(tet, middle, &nodes_m));
+        }
+        let mut refined = Self { mesh: TetMesh { nodes_m, tets, ..TetMesh::default() }, edges, coarse_nodes };
+        refined.mesh.node_groups = named(&coarse.node_groups, |nodes| refined.nodes(nodes));
+        refined.mesh.tet_groups = named(&coarse.tet_groups, Self::tets);
+        refined
+    }
+
+    /// These nodes, and the middles of edges between two of them. Ascending.
+    pub fn nodes(&self, coarse: &[u32]) -> Vec<u32> {
+        let mut nodes = coarse.to_vec();
+        nodes.sort_unstable();
+        let is_in = |end: &u32| nodes.binary_search(end).is_ok();
+        let middles: Vec<u32> = (self.coarse_nodes..)
+            .zip(&self.edges)
+            .filter(|(_, ends)| ends.iter().all(is_in))
+            .map(|(middle, _)| middle)
+            .collect();
+        nodes.extend(middles);
+        nodes
+    }
+
+    /// The children of these tets.
+    pub fn tets(coarse: &[u32]) -> Vec<u32> {
+        coarse.iter().flat_map(|tet| 8 * tet..8 * tet + 8).collect()
+    }
+}
+
+fn named(
+    groups: &BTreeMap<String, Vec<u32>>,
+    finer: impl Fn(&[u32]) -> Vec<u32>,
+) -> BTreeMap<String, Vec<u32>> {
+    groups.iter().map(|(name, members)| (name.clone(), finer(members))).collect()
+}
+
+fn children(tet: &[u32; 4], middle: [u32; 6], nodes_m: &[[f64; 3]]) -> [[u32; 4]; 8] {
+    let corner = |vertex: usize| {
+        // The vertex, and the middles of its edges.
+        let mut child = [tet[vertex]; 4];
+        let own = EDGES.iter().zip(middle).filter(|(ends, _)| ends.contains(&vertex));
+        for (place, (_, middle)) in child[1..].iter_mut().zip(own) {
+            *place = middle;
+        }
+        child
+    };
+    let length = |[a, b]: [usize; 2]| distance(&nodes_m[middle[a] as usize], &nodes_m[middle[b] as usize]);
+    let diagonal =
+        DIAGONALS.into_iter().min_by(|a, b| length(*a).total_cmp(&length(*b))).unwrap_or(DIAGONALS[0]);
+    let others: Vec<[usize; 2]> = DIAGONALS.into_iter().filter(|d| *d != diagonal).collect();
+    // Round the diagonal: each of the four has it and one of either other diagonal.
+    let round = |one: usize, other: usize| {
+        [diagonal[0], diagonal[1], others[0][one], others[1][other]].map(|edge| middle[edge])
+    };
+    [corner(0), corner(1), corner(2), corner(3), round(0, 0), round(0, 1), round(1, 0), round(1, 1)].map(
+        |child| {
+            if six_volume(&child.map(|node| nodes_m[node as usize])) > 0.0 {
+                child
+            } else {
+                [child[0], child[1], child[3], child[2]]
+            }
+        },
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Surface;
+
+    #[test]
+    fn a_finer_mesh_is_the_same_body_with_the_same_shapes() {
+        let mut coarse = TetMesh::cuboid([2, 1, 1], 0.1);
+        // Nothing regular about it.
+        for (n, node) in coarse.nodes_m.iter_mut().enumerate() {
+            node[n % 3] += 0.003 * ((n * 7 % 5) as f64 - 2.0);
+        }
+        let low: Vec<u32> = (0..12).filter(|n| n % 2 == 0).collect();
+        coarse.node_groups.insert("low".into(), low);
+        coarse.tet_groups.insert("first".into(), vec![0, 3]);
+        let finer = Refined::of(&coarse).mesh;
+        assert_eq!(finer.tets.len(), 8 * coarse.tets.len());
+        finer.check().expect("sound");
+        assert!((finer.volume_m3() - coarse.volume_m3()).abs() < 1e-15);
+        for (tet, children) in finer.tets.chunks(8).enumerate() {
+            let volume = coarse.signed_volume_m3(tet);
+            for n in 0..children.len() {
+                assert!((finer.signed_volume_m3(8 * tet + n) - volume / 8.0).abs() < 1e-15 * volume.max(1.0));
+            }
+        }
+        assert_eq!(finer.tet_groups["first"], (0..8).chain(24..32).collect::<Vec<u32>>());
+        // Four triangles for each: no hanging node, no hole.
+        assert_eq!(Surface::of(&finer).triangles.len(), 4 * Surface::of(&coarse).triangles.len());
+        let on_low = |node: &u32| {
+            let ends = |end: u32| coarse.node_groups["low"].contains(&end);
+            let n = coarse.nodes_m.len() as u32;
+            *node < n && ends(*node)
+                || *node >= n && Refined::of(&coarse).edges[(*node - n) as usize].into_iter().all(ends)
+        };
+        let expected: Vec<u32> = (0..finer.nodes_m.len() as u32).filter(on_low).collect();
+        assert_eq!(finer.node_groups["low"], expected);
+        assert!(expected.len() > 12);
+    }
+}
