@@ -7,7 +7,9 @@
 
 mod device;
 mod file;
+mod grid;
 mod material;
+mod nodes;
 mod resolve;
 
 use std::path::{Path, PathBuf};

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use palpate_core::{Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
-use super::{Apart, Compared, Errors, SpaceCertificate, Truth, probes, truths};
+use super::{Apart, Compared, Errors, SpaceCertificate, Truth, answered, probes, truths};
 use crate::configuration_space::{Store, StoreError};
 use crate::held_out::Kind;
 use crate::scene::ResolvedScene;
@@ -38,6 +38,8 @@ pub struct Line {
     pub made: bool,
     /// By how much the force differs with it from that without it; none where it cannot.
     pub force: Option<Errors>,
+    /// The mean of that by the mean |h|.
+    pub relative: Option<f64>,
     /// By how much the surface does.
     pub surface: Option<Apart>,
     /// Of what the two costs are.
@@ -47,8 +49,15 @@ pub struct Line {
 }
 
 impl Line {
+    fn by_force(self, compared: &[Compared]) -> Self {
+        let size = |c: &Compared| c.truth_n.iter().map(|h| h * h).sum::<f64>().sqrt();
+        let (errors, sizes) = (Errors::of(compared), compared.iter().map(size).sum::<f64>());
+        let relative = (sizes > 0.0).then(|| errors.mean_n * compared.len() as f64 / sizes);
+        Self { force: Some(errors), relative, ..self }
+    }
+
     fn new(what: impl Into<String>, made: bool, unit: &str, cost: [f64; 2]) -> Self {
-        Self { what: what.into(), made, force: None, surface: None, unit: unit.into(), cost }
+        Self { what: what.into(), made, force: None, relative: None, surface: None, unit: unit.into(), cost }
     }
 }
 
@@ -91,7 +100,9 @@ pub fn ledger(
         }
         lines.push(discretised(what, made, &own, &there));
     }
-    lines.extend(of_the_blob(organ, space, (method, certificate), scene));
+    let answers: Vec<Compared> =
+        answered(space, method, &positions).iter().map(|answer| answer.compared).collect();
+    lines.extend(of_the_blob(organ, space, (method, certificate), scene, &answers));
     Ok(Some(Ledger { positions: some.len(), seconds: begun.elapsed().as_secs_f64(), lines }))
 }
 
@@ -109,12 +120,9 @@ fn linear(
         found_n: (stiffness * Vector3::from(truth.displacement_m.map(f64::from))).into(),
         covered: true,
     });
-    let errors = Errors::of(&compared.collect::<Vec<_>>());
     let cost = [1.0, certificate.cost.configurations as f64];
-    Ok(Line {
-        force: Some(errors),
-        ..Line::new("nonlinearity (the linear body instead)", false, "configurations", cost)
-    })
+    let line = Line::new("nonlinearity (the linear body instead)", false, "configurations", cost);
+    Ok(line.by_force(&compared.collect::<Vec<_>>()))
 }
 
 /// The bodies to compare with: what the omission is, whether the scene makes it, and the other body.
@@ -184,7 +192,7 @@ fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
         0 => what.to_owned(),
         unsolved => format!("{what}; {unsolved} of {} positions not solved by both", own.len()),
     };
-    Line { force: Some(Errors::of(&compared)), ..Line::new(what, made, "s a configuration", cost) }
+    Line::new(what, made, "s a configuration", cost).by_force(&compared)
 }
 
 /// What packing and the tick leave out.
@@ -193,6 +201,7 @@ fn of_the_blob(
     space: &Space<'_>,
     (method, certificate): (Method, &SpaceCertificate),
     scene: &ResolvedScene,
+    answers: &[Compared],
 ) -> Vec<Line> {
     let mut lines = Vec::new();
     if scene.max_force_n.is_finite() {
@@ -207,16 +216,9 @@ fn of_the_blob(
     let surface = certificate.displacement.as_ref();
     if let Some(of) = certificate.methods.iter().find(|of| of.method == method.name()) {
         let seconds = certificate.cost.seconds / certificate.cost.configurations.max(1) as f64;
-        lines.push(Line {
-            force: Some(of.uniform),
-            surface: surface.map(|surface| surface.uniform),
-            ..Line::new(
-                "configurations between those solved",
-                true,
-                "s a force",
-                [1e-9 * of.probe.nanoseconds, seconds],
-            )
-        });
+        let cost = [1e-9 * of.probe.nanoseconds, seconds];
+        let line = Line::new("configurations between those solved", true, "s a force", cost);
+        lines.push(Line { surface: surface.map(|surface| surface.uniform), ..line.by_force(answers) });
         // A bound is all there is: the largest difference anywhere.
         let rounding = Errors { max_n: of.probe.rounding_n, ..Errors::default() };
         lines.push(Line {
@@ -228,7 +230,10 @@ fn of_the_blob(
     lines.push(Line::new("nodes inside the body", true, "nodes moved", nodes));
     match surface {
         Some(surface) => lines.push(Line {
-            surface: Some(surface.configurations),
+            // Of scattered positions only the held-out ones are compared.
+            surface: Some(
+                [surface.configurations, surface.uniform][usize::from(surface.configurations.count == 0)],
+            ),
             ..Line::new(
                 format!("modes beyond {}, and digits of their coefficients", surface.modes),
                 true,

@@ -4,25 +4,14 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use palpate_core::blob::format::SCENE_NAME_LEN;
-use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
-use super::file::{
-    ActiveTable, BodyForceTable, FixedTable, GridTable, Located, NeedsTable, Place, SolverTable, Tables,
-};
-use super::{
-    ActiveNode, Constraints, GRID_POINTS, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene,
-    device, material,
-};
-use crate::configuration_space::Scattered;
+use super::file::{BodyForceTable, NeedsTable, Place, SolverTable, Tables};
+use super::{ActiveNode, Constraints, MaterialRegion, PressurePair, ResolvedScene, Scene, device, material};
 use crate::error::{InputError, count, nearest_word};
 use crate::fit::DisplacementBound;
-use crate::mesh::tetrahedral::{cross, distance, norm, sub};
+use crate::mesh::tetrahedral::{cross, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
-use crate::scattered::Tolerance;
-
-/// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
-const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
 
 /// `kept`: mesh and fixed nodes, if they are known already.
 pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
@@ -190,11 +179,11 @@ fn order(scene: &Scene) -> Result<u8, InputError> {
     })
 }
 
-struct Lookup<'a> {
-    place: &'a Place,
-    mesh: &'a TetMesh,
-    skin: &'a Surface,
-    warnings: Vec<String>,
+pub(super) struct Lookup<'a> {
+    pub(super) place: &'a Place,
+    pub(super) mesh: &'a TetMesh,
+    pub(super) skin: &'a Surface,
+    pub(super) warnings: Vec<String>,
 }
 
 impl Lookup<'_> {
@@ -241,7 +230,7 @@ impl Lookup<'_> {
     }
 
     /// Members of a named group, with what there is in the error.
-    fn group<'g>(
+    pub(super) fn group<'g>(
         &self,
         groups: &'g BTreeMap<String, Vec<u32>>,
         of: &str,
@@ -258,366 +247,6 @@ impl Lookup<'_> {
         };
         let what = format!("the mesh has no group of {of} named \"{}\"", name.get_ref());
         Err(self.place.error(name.span(), what, mend))
-    }
-
-    fn node(&self, node: &Spanned<i64>) -> Result<u32, InputError> {
-        let n = self.mesh.nodes_m.len();
-        u32::try_from(*node.get_ref()).ok().filter(|&node| (node as usize) < n).ok_or_else(|| {
-            let what = format!("node {} is out of range: the mesh has {}", node.get_ref(), count(n, "node"));
-            let mend = format!("use 0 to {} (0-based, in file order)", n - 1);
-            self.place.error(node.span(), what, mend)
-        })
-    }
-
-    fn fixed(&self, table: &Spanned<FixedTable>) -> Result<Vec<u32>, InputError> {
-        let FixedTable { nodes, group, in_box, file, key } = table.get_ref();
-        let ways = "`nodes`, `group`, `box`, or `file` with `key`";
-        let given = [nodes.is_some(), group.is_some(), in_box.is_some(), file.is_some() || key.is_some()];
-        match given.iter().filter(|&&given| given).count() {
-            0 => {
-                let what = "[fixed] does not say which nodes";
-                return Err(self.place.error(table.span(), what, format!("give one of {ways}")));
-            }
-            1 => {}
-            _ => {
-                let what = "[fixed] says which nodes in several ways";
-                return Err(self.place.error(table.span(), what, format!("keep one of {ways}")));
-            }
-        }
-        let (span, mut fixed) = if let Some(nodes) = nodes {
-            (nodes.span(), nodes.get_ref().iter().map(|node| self.node(node)).collect::<Result<Vec<_>, _>>()?)
-        } else if let Some(group) = group {
-            (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
-        } else if let Some(in_box) = in_box {
-            let (min, max) = (in_box.get_ref().min, in_box.get_ref().max);
-            // Written so that a NaN corner is refused too.
-            if !(0..3).all(|axis| min[axis] <= max[axis]) {
-                let what = format!("the box is empty: min {min:?} is not below max {max:?}");
-                return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
-            }
-            let inside = |x: &[f64; 3]| (0..3).all(|axis| (min[axis]..=max[axis]).contains(&x[axis]));
-            let nodes = (0u32..).zip(&self.mesh.nodes_m).filter(|(_, x)| inside(x)).map(|(node, _)| node);
-            (in_box.span(), nodes.collect())
-        } else {
-            let (Some(file), Some(key)) = (file, key) else {
-                let what = "[fixed] needs both `file` and `key`";
-                return Err(self.place.error(table.span(), what, "add the other of the two"));
-            };
-            (key.span(), self.fixed_from_json(file, key)?)
-        };
-        fixed.sort_unstable();
-        fixed.dedup();
-        if fixed.is_empty() {
-            let mut mend = "select at least three nodes".to_owned();
-            if in_box.is_some() {
-                let (low, high) = self.mesh.bounding_box_m();
-                mend = format!("the body spans {low:?} to {high:?} in metres: enlarge or move the box");
-            }
-            return Err(self.place.error(span, "the fixed set is empty", mend));
-        }
-        Ok(fixed)
-    }
-
-    /// A JSON object of named index lists.
-    fn fixed_from_json(&self, file: &Spanned<String>, key: &Spanned<String>) -> Result<Vec<u32>, InputError> {
-        let path = self.place.relative(file.get_ref());
-        let bytes = std::fs::read(&path).map_err(|error| {
-            let what = format!("cannot read the sets {} ({error})", path.display());
-            self.place.error(file.span(), what, "correct `file` (it is relative to the scene file)")
-        })?;
-        let json: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| {
-            InputError::at(&path, e.line().max(1), format!("not valid JSON ({e})"), "correct the syntax")
-        })?;
-        let Some(object) = json.as_object() else {
-            let what = "the file is not a JSON object of named node lists";
-            return Err(InputError::at(&path, 1, what, "write {\"F1\": [0, 1, 2]}"));
-        };
-        let Some(list) = object.get(key.get_ref()).and_then(serde_json::Value::as_array) else {
-            let lists: Vec<&str> =
-                object.iter().filter(|(_, v)| v.is_array()).map(|(k, _)| k.as_str()).collect();
-            let what = format!("{} has no list named \"{}\"", path.display(), key.get_ref());
-            return Err(self.place.error(key.span(), what, format!("use one of: {}", lists.join(", "))));
-        };
-        let n = self.mesh.nodes_m.len();
-        list.iter()
-            .enumerate()
-            .map(|(at, value)| {
-                let node = value
-                    .as_u64()
-                    .and_then(|node| u32::try_from(node).ok())
-                    .filter(|&node| (node as usize) < n);
-                node.ok_or_else(|| {
-                    let what =
-                        format!("entry {at} of \"{}\" ({value}) is not a node of the mesh", key.get_ref());
-                    InputError::new(&path, what, format!("use 0 to {} (0-based, in file order)", n - 1))
-                })
-            })
-            .collect()
-    }
-
-    fn all_active(&mut self, scene: &Scene, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
-        let tables = scene.file.active.tables();
-        if tables.is_empty() {
-            let what = "the scene has no active node";
-            return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
-        }
-        let mut all: Vec<ActiveNode> = Vec::new();
-        for table in &tables {
-            let name_span = table.table.name.span();
-            for active in self.active(table, fixed)? {
-                check_name(self.place, name_span.clone(), &active.name, SPACE_NAME_LEN)?;
-                if all.iter().any(|other| other.name == active.name) {
-                    let what = format!("two active nodes are named \"{}\"", active.name);
-                    return Err(self.place.error(name_span, what, "give each its own name"));
-                }
-                if let Some(other) = all.iter().find(|other| other.node == active.node) {
-                    let (a, b, node) = (&other.name, &active.name, active.node);
-                    self.warnings
-                        .push(format!("active nodes \"{a}\" and \"{b}\" are both node {node}: solved twice"));
-                }
-                all.push(active);
-            }
-        }
-        Ok(all)
-    }
-
-    fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
-        let name = at.table.name.get_ref();
-        if let (Some(group), true) =
-            (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
-        {
-            let what = "a patch needs one node to turn about, not a `group`";
-            return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
-        }
-        match (&at.table.node, &at.table.nearest, &at.table.group) {
-            (Some(index), None, None) => {
-                let node = self.node(index)?;
-                self.touchable(index.span(), node, name, fixed)?;
-                Ok(vec![self.handle(at.table, name, node, fixed)?])
-            }
-            (None, Some(point), None) => {
-                let node = self.nearest(point)?;
-                self.touchable(point.span(), node, name, fixed)?;
-                Ok(vec![self.handle(at.table, name, node, fixed)?])
-            }
-            (None, None, Some(group)) => {
-                let members = self.group(&self.mesh.node_groups, "nodes", group)?;
-                let free = |node: &&u32| self.skin.contains(**node) && fixed.binary_search(node).is_err();
-                let nodes: Vec<u32> = members.iter().filter(free).copied().collect();
-                if nodes.is_empty() {
-                    let what = format!("group \"{}\" has no free surface node", group.get_ref());
-                    return Err(self.place.error(
-                        group.span(),
-                        what,
-                        "choose a group on the surface that is not fixed",
-                    ));
-                }
-                Ok(nodes
-                    .into_iter()
-                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() })
-                    .collect())
-            }
-            (None, None, None) => {
-                let what = format!("active node \"{name}\" does not say where it is");
-                Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"))
-            }
-            _ => {
-                let what = format!("active node \"{name}\" says in several ways where it is");
-                Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
-            }
-        }
-    }
-
-    /// The active node with the patch of nodes that moves with it.
-    fn handle(
-        &self,
-        table: &ActiveTable,
-        name: &str,
-        node: u32,
-        fixed: &[u32],
-    ) -> Result<ActiveNode, InputError> {
-        let (span, mut patch) = match (&table.patch, &table.patch_radius_m) {
-            (None, None) => return Ok(ActiveNode { name: name.into(), node, patch: Vec::new() }),
-            (Some(patch), Some(_)) => {
-                let what = "both `patch` and `patch_radius_m` are given";
-                return Err(self.place.error(patch.span(), what, "keep one of the two"));
-            }
-            (Some(patch), None) => {
-                let nodes = patch.get_ref().iter().map(|n| self.node(n)).collect::<Result<Vec<_>, _>>()?;
-                (patch.span(), nodes)
-            }
-            (None, Some(radius)) => {
-                let radius_m = positive(self.place, "patch_radius_m", radius)?;
-                let centre = self.mesh.nodes_m[node as usize];
-                let near = |n: &&u32| distance(&self.mesh.nodes_m[**n as usize], &centre) <= radius_m;
-                (radius.span(), self.skin.nodes.iter().filter(near).copied().collect())
-            }
-        };
-        patch.push(node);
-        patch.sort_unstable();
-        patch.dedup();
-        for &member in &patch {
-            self.touchable(span.clone(), member, name, fixed)?;
-        }
-        Ok(ActiveNode { name: name.into(), node, patch })
-    }
-
-    /// The surface node nearest to a point in metres; the lowest index of equally near ones.
-    fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
-        let target = finite(self.place, "nearest", point)?;
-        let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
-        let nearest = self.skin.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
-        let node = nearest.expect("a mesh with a tet has a surface");
-        let size = self.mesh.diagonal_m();
-        if away(node) > size {
-            let what =
-                format!("`nearest` lies {:.3} m from the body, which is {size:.3} m across", away(node));
-            return Err(self.place.error(
-                point.span(),
-                what,
-                "give the point in metres, in the mesh's frame",
-            ));
-        }
-        Ok(node)
-    }
-
-    fn touchable(&self, span: Range<usize>, node: u32, name: &str, fixed: &[u32]) -> Result<(), InputError> {
-        if fixed.binary_search(&node).is_ok() {
-            let what = format!("active node \"{name}\" (node {node}) is in the fixed set");
-            return Err(self.place.error(span, what, "choose a free node, or take it out of [fixed]"));
-        }
-        if !self.skin.contains(node) {
-            let what =
-                format!("active node \"{name}\" (node {node}) is inside the body, where no tool touches it");
-            let x = self.mesh.nodes_m[node as usize];
-            return Err(self.place.error(
-                span,
-                what,
-                format!("choose a surface node, for example with `nearest` = {x:?}"),
-            ));
-        }
-        Ok(())
-    }
-
-    fn grid(
-        &mut self,
-        grid: &Spanned<GridTable>,
-        only_push: bool,
-        max_force_n: f64,
-    ) -> Result<GridSpec, InputError> {
-        let table = grid.get_ref();
-        let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
-        let size = self.mesh.diagonal_m();
-        if radius_m > size {
-            self.warnings
-                .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
-        }
-        if let Some(tolerance) = self.tolerance(table)? {
-            if !max_force_n.is_finite() {
-                let what = "sampling driven by the error needs the largest force of the device";
-                return Err(self.place.error(
-                    grid.span(),
-                    what,
-                    "add [device] with `max_force_n` or `profile`",
-                ));
-            }
-            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push }));
-        }
-        let spacing_m = match (&table.spacing_m, &table.points) {
-            (Some(spacing), None) => {
-                let spacing_m = positive(self.place, "spacing_m", spacing)?;
-                if spacing_m > radius_m {
-                    let what = format!(
-                        "`spacing_m` = {spacing_m} is larger than `radius_m` = {radius_m}: no grid point"
-                    );
-                    return Err(self.place.error(
-                        spacing.span(),
-                        what,
-                        "give a spacing of a fifth of the radius or so",
-                    ));
-                }
-                if radius_m / spacing_m > MOST_CELLS {
-                    let what =
-                        format!("`spacing_m` = {spacing_m} puts over {MOST_CELLS} cells along the radius");
-                    return Err(self.place.error(
-                        spacing.span(),
-                        what,
-                        "give the spacing in metres, and a coarser one",
-                    ));
-                }
-                spacing_m
-            }
-            (None, Some(points)) => {
-                let known = GRID_POINTS.iter().find(|(n, _)| i64::from(*n) == *points.get_ref());
-                let Some((_, cells)) = known else {
-                    let what = format!("`points` = {} is no grid of the paper", points.get_ref());
-                    return Err(self.place.error(
-                        points.span(),
-                        what,
-                        "use 514, 1418, 4168 or 14146, or `spacing_m`",
-                    ));
-                };
-                radius_m / f64::from(*cells)
-            }
-            (Some(_), Some(points)) => {
-                let what = "[grid] has both `spacing_m` and `points`";
-                return Err(self.place.error(points.span(), what, "keep one of the two"));
-            }
-            (None, None) => {
-                let what = "[grid] does not say how fine it is";
-                return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
-            }
-        };
-        let increments = match &table.increments {
-            None => None,
-            Some(n) if (2..=100).contains(n.get_ref()) => Some(*n.get_ref() as u32),
-            Some(n) => {
-                let what = format!("`increments` = {} is not from 2 to 100", n.get_ref());
-                return Err(self.place.error(
-                    n.span(),
-                    what,
-                    "5 is the paper's; leave it out to keep no states",
-                ));
-            }
-        };
-        let complete_cells = table.complete_cells.unwrap_or(true);
-        Ok(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments })
-    }
-
-    /// What an error may be, if sampling is driven by it.
-    fn tolerance(&self, table: &GridTable) -> Result<Option<Tolerance>, InputError> {
-        let GridTable { tolerance_n, tolerance_relative, cannot_be_felt, .. } = table;
-        let felt = cannot_be_felt.as_ref().filter(|felt| *felt.get_ref());
-        let Some((span, key)) = table.error_driven() else { return Ok(None) };
-        let lattice = [
-            table.spacing_m.as_ref().map(|v| (v.span(), "spacing_m")),
-            table.points.as_ref().map(|v| (v.span(), "points")),
-            table.increments.as_ref().map(|v| (v.span(), "increments")),
-        ];
-        if let Some((span, other)) = lattice.into_iter().flatten().next() {
-            let what = format!("[grid] has both `{other}` and `{key}`");
-            let mend = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
-            return Err(self.place.error(span, what, mend));
-        }
-        let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
-        match (felt, other) {
-            (Some(_), None) => Ok(Some(Tolerance::CANNOT_BE_FELT)),
-            (Some(felt), Some(_)) => {
-                let what = "`cannot_be_felt` is a tolerance of its own";
-                Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))
-            }
-            (None, None) => {
-                let what = format!("`{key}` = false says nothing");
-                Err(self.place.error(span, what, "say true, or give `spacing_m`, `points` or a tolerance"))
-            }
-            (None, Some(_)) => {
-                let given = |key, value: &Option<Spanned<f64>>| {
-                    value.as_ref().map_or(Ok(0.0), |value| positive(self.place, key, value))
-                };
-                let relative = given("tolerance_relative", tolerance_relative)?;
-                Ok(Some(Tolerance { relative, absolute_n: given("tolerance_n", tolerance_n)? }))
-            }
-        }
     }
 
     /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.
@@ -717,7 +346,12 @@ fn on_a_line(points: &[[f64; 3]]) -> bool {
     rest.iter().all(|x| norm(&cross(&axis, &sub(x, first))) <= 1e-9 * norm(&axis).powi(2))
 }
 
-fn check_name(place: &Place, span: Range<usize>, name: &str, limit: usize) -> Result<(), InputError> {
+pub(super) fn check_name(
+    place: &Place,
+    span: Range<usize>,
+    name: &str,
+    limit: usize,
+) -> Result<(), InputError> {
     let fault = if name.is_empty() {
         "is empty".to_owned()
     } else if name.len() > limit {
@@ -743,7 +377,7 @@ pub(super) fn positive(place: &Place, key: &str, value: &Spanned<f64>) -> Result
     ))
 }
 
-fn finite(place: &Place, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f64; 3], InputError> {
+pub(super) fn finite(place: &Place, key: &str, value: &Spanned<[f64; 3]>) -> Result<[f64; 3], InputError> {
     let point = *value.get_ref();
     if point.iter().all(|c| c.is_finite()) {
         return Ok(point);

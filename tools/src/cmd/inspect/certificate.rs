@@ -243,13 +243,13 @@ fn of_ledger(ledger: &Ledger) -> String {
         ledger.positions, ledger.seconds, ""
     );
     for line in &ledger.lines {
-        let Line { what, made, force, surface, unit, cost } = line;
+        let Line { what, made, force, relative, surface, unit, cost } = line;
+        let relative = relative.map_or_else(String::new, |share| format!("{:.1} %", 100.0 * share));
         let force = match force {
             Some(e) if e.count > 0 => format!(
-                "{:>15} {:>8} {:>8.1} % {:>7.1} %",
+                "{:>15} {:>8} {relative:>10} {:>7.1} %",
                 mn(e.mean_n),
                 mn(e.max_n),
-                100.0 * e.relative_mean,
                 100.0 * e.not_felt as f64 / e.count as f64
             ),
             Some(e) => format!("{:>15} {:>8} {:>10} {:>9}", "", mn(e.max_n), "", ""),
