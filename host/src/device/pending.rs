@@ -30,8 +30,10 @@ pub(super) struct Pending {
     forgotten_us: u64,
     /// While sending pauses: when something last came.
     pausing_since_us: Option<u64>,
-    /// How old it was, if that was more than a single fault explains.
+    /// How long silence has to last after it, if it was older than a single fault explains.
     late_us: u64,
+    /// A zero was sent once more in this pause.
+    repeated: bool,
 }
 
 impl Pending {
@@ -68,6 +70,7 @@ impl Pending {
         }
         let oldest = self.take_oldest();
         self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
+        self.repeated &= self.pausing_since_us.is_some();
         oldest
     }
 
@@ -90,7 +93,16 @@ impl Pending {
 
     /// Stops sending until there was silence.
     pub(super) const fn pause(&mut self, now_us: u64) {
-        self.pausing_since_us = Some(now_us);
+        (self.pausing_since_us, self.late_us) = (Some(now_us), 0);
+    }
+
+    /// Whether a zero may go once more in a long pause: the one that was sent may have been lost.
+    pub(super) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
+        let may = !self.repeated
+            && self.late_us > 0
+            && self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
+        self.repeated |= may;
+        may
     }
 
     /// Whether the next request may go: nothing is open, or what is open has been given up.
@@ -150,6 +162,7 @@ mod tests {
         assert_eq!(pending.answered(23_000, false), Some(0));
         for ms in 24..46 {
             assert!(!pending.ends_pause(1_000 * ms) && !pending.may_send(1_000 * ms), "{ms}");
+            assert_eq!(pending.may_repeat_zero(1_000 * ms), ms == 26, "once, whatever was lost before");
         }
         assert_eq!(pending.answered(46_000, false), Some(2_000));
         assert!(!pending.ends_pause(91_999) && pending.ends_pause(92_000), "44 ms late, and no more came");

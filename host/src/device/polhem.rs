@@ -193,11 +193,11 @@ impl Polhem {
     }
 
     /// The sample of a reply; `None` from a device that does not know where it is.
-    fn sample(&mut self, t_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
+    fn sample(&mut self, t_us: u64, now_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
         if self.has_lost_place {
             return Ok(None);
         }
-        match self.motion.judge(t_us, Some(reply.position_m)) {
+        match self.motion.judge(t_us, now_us, Some(reply.position_m)) {
             Verdict::Moved => {}
             Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
             Verdict::Lost => {
@@ -213,7 +213,7 @@ impl Polhem {
         let received = self.receive(now_us)?;
         // A reply to no request is part of the damage: its age is not known.
         let sample = match (received.newest, received.sent_us) {
-            (Some(reply), Some(t_us)) => self.sample(t_us, &reply),
+            (Some(reply), Some(t_us)) => self.sample(t_us, now_us, &reply),
             _ => Ok(None),
         };
         let hand_force_n = if self.has_lost_place { [0.0; 3] } else { hand_force_n };
@@ -229,7 +229,8 @@ impl Polhem {
         let free = self.pending.may_send(now_us);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && hand_force_n == [0.0; 3];
-        if free || release {
+        let again = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
+        if free || release || again {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
             self.pending.sent(now_us);
         }

@@ -122,7 +122,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             pending: Pending::default(),
             kinematics: Kinematics::default(),
             homing: Homing::Unknown,
-            // Its board cannot start anew and go on counting: it forgets its firmware.
+            // Its board cannot start anew and go on counting, as it forgets its firmware: no bound is needed.
             motion: Motion::within(f32::INFINITY),
             rendering: false,
             lost: false,
@@ -222,14 +222,14 @@ impl<F: Ftdi + 'static> Falcon<F> {
     }
 
     /// The sample of a reply; `None` before the device is homed.
-    fn sample(&mut self, t_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
+    fn sample(&mut self, t_us: u64, now_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
         if self.homing != Homing::Homed {
             return Ok(None);
         }
         let before = self.kinematics;
         let solution = self.kinematics.solve(reply.encoders);
         let device_m = self.kinematics.pose().position_m.map(|metres| metres as f32);
-        let verdict = self.motion.judge(t_us, Some(device_m).filter(|_| solution != Solution::Kept));
+        let verdict = self.motion.judge(t_us, now_us, Some(device_m).filter(|_| solution != Solution::Kept));
         if verdict != Verdict::Moved {
             // The force goes on for a few ticks with the Jacobian of where the hand was.
             self.kinematics = before;
@@ -252,7 +252,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         if let Some(error) = unsent.filter(|error| !error.kind().is_passing()) {
             return Err(error);
         }
-        let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, &reply));
+        let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, now_us, &reply));
         if self.disturbed.swap(false, Ordering::Acquire) {
             // Its replies are no answers to ours: silence first.
             self.pending.pause(now_us);
@@ -262,7 +262,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
         let motors = self.commands(now_us, hand_force_n);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && motors == [0; 3];
-        if self.pending.may_send(now_us) || release {
+        let again = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
+        if self.pending.may_send(now_us) || release || again {
             // Also one that failed: it may have arrived, and its reply must not pass for that to a later one.
             self.pending.sent(now_us);
             self.send(motors)?;
