@@ -16,10 +16,10 @@ use crate::handed::Holder;
 use crate::mechanism::Waypoint;
 use crate::rig::{self, Kind, OpenError, Rig};
 use crate::session::{self, TICK_US, on_organ, settings, with_loop_held};
+use crate::shadow::Shadow;
 use core::fmt;
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, Vec3, vec3};
+use palpate_core::{Method, Organ, Phase, vec3};
 use palpate_host::device::profile::Profile;
-use palpate_host::device::workspace::Workspace;
 
 /// One press: from above to a depth, drawn sideways, held, and back.
 const STROKE_US: u64 = 3_000_000;
@@ -54,6 +54,8 @@ impl Spread {
 pub struct Found {
     /// Name of the rig.
     pub rig: String,
+    /// Presses that were to be made.
+    pub strokes: u64,
     /// Touches.
     pub touches: u32,
     /// Time in touch, us.
@@ -82,6 +84,38 @@ pub struct Found {
     pub phase: Phase,
 }
 
+/// Largest part of the peak force that delay, motors and encoder steps may be off by, root of the mean square: about what a hand can tell.
+const TOLD_BY_A_HAND: f32 = 0.1;
+
+impl Found {
+    /// What of a device that may be used it is not: the one judgement of command and test.
+    ///
+    /// How far the cap takes the force from the organ's own is on purpose, and not held against it.
+    #[must_use]
+    pub fn broken(&self) -> Option<&'static str> {
+        // Of the three seconds of a press it is in touch for about two.
+        let least_us = self.strokes * STROKE_US / 3;
+        // What a step of the encoders is worth at the largest force, each time it touches.
+        let quantum_j = f64::from(self.touches) * f64::from(self.count_m * self.peak_n);
+        if self.phase != Phase::Active {
+            Some("it does not render at the end")
+        } else if self.delay.rms() + self.steps.rms() >= TOLD_BY_A_HAND * self.peak_n {
+            Some("the force is not the organ's")
+        } else if self.touching_us <= least_us || 4 * u64::from(self.touches) < 3 * self.strokes {
+            Some("the organ was not touched each time")
+        } else if self.rest_m >= self.count_m {
+            Some("it shakes in a hand at rest")
+        } else if self.given_j > quantum_j {
+            Some("it gives energy to the hand")
+        } else {
+            None
+        }
+    }
+}
+
+/// Shortest palpation that can be judged: a press with its rest, s.
+pub const LEAST_SECONDS: u64 = STROKE_US / 1_000_000;
+
 /// Strokes over the first active node: depth, place and the way sideways are another one each time.
 fn strokes(rig: &dyn Rig, seconds: u64) -> Vec<Waypoint> {
     let (middle_m, scale) = (rig.traits().middle_m, rig.profile().workspace.scale);
@@ -109,27 +143,6 @@ fn strokes(rig: &dyn Rig, seconds: u64) -> Vec<Waypoint> {
     path
 }
 
-/// A controller beside the loop, given a place each tick.
-struct Shadow<'o> {
-    controller: Controller<'o, 'o>,
-    state: State,
-}
-
-impl<'o> Shadow<'o> {
-    fn new(organ: &'o Organ<'o>, config: Config) -> Result<Self, OpenError> {
-        let mut state = State::new();
-        state.arm();
-        Ok(Self { controller: Controller::new(organ, config)?, state })
-    }
-
-    /// Force for the hand in the device's frame, and whether it touches.
-    fn at(&mut self, t_us: u64, workspace: &Workspace, device_m: Vec3) -> (Vec3, bool) {
-        let sample = Sample { t_us, position_m: workspace.to_model_m(device_m), buttons: 0 };
-        let command = self.controller.tick(&mut self.state, t_us, Some(&sample));
-        (workspace.to_device_n(command.hand_force_n), command.engaged.is_some())
-    }
-}
-
 /// Palpates for some seconds of virtual time.
 pub fn palpate(
     name: &str,
@@ -151,10 +164,11 @@ pub fn palpate(
     with_loop_held(rig, organ, method, holder, |bench| {
         let mut found = Found {
             rig: if holder == Holder::Supervisor { format!("{name}, supervised") } else { name.into() },
+            strokes: seconds * 1_000_000 / STROKE_US,
             touches: 0,
             touching_us: 0,
             peak_n: 0.0,
-            share: shadows[1].controller.force_share(),
+            share: shadows[1].share(),
             error: Spread::default(),
             delay: Spread::default(),
             steps: Spread::default(),

@@ -77,6 +77,16 @@ pub struct FaultCounts {
     pub babbled: u64,
 }
 
+impl FaultCounts {
+    /// Everything that was done, of whatever kind.
+    #[must_use]
+    pub const fn total(&self) -> u64 {
+        let Self { dropped, truncated, corrupted, delayed, duplicated, reordered, .. } = *self;
+        let Self { stalled, unplugged, babbled, .. } = *self;
+        dropped + truncated + corrupted + delayed + duplicated + reordered + stalled + unplugged + babbled
+    }
+}
+
 impl core::ops::Add for FaultCounts {
     type Output = Self;
 

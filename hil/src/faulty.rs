@@ -4,7 +4,7 @@ use crate::fault::{FaultCounts, Faults, Lane};
 use crate::transport::Transport;
 use std::io;
 
-/// The transport with its faults, the same in both directions, but for one: late requests are the driver's own affair.
+/// The transport with its faults.
 #[derive(Debug)]
 pub struct Faulty<T> {
     inner: T,
@@ -33,7 +33,7 @@ impl<T: Transport> Faulty<T> {
 
     /// Changes the faults of each direction from here on.
     pub const fn set_faults_each(&mut self, to_device: Faults, to_driver: Faults) {
-        self.to_device.set_faults(Faults { delay: 0.0, ..to_device });
+        self.to_device.set_faults(to_device);
         self.to_driver.set_faults(to_driver);
     }
 
@@ -47,6 +47,12 @@ impl<T: Transport> Faulty<T> {
     #[must_use]
     pub const fn delivered(&self) -> u64 {
         self.delivered
+    }
+
+    /// When the device had sent the newest of what has gone on to the driver.
+    #[must_use]
+    pub const fn heard_us(&self) -> Option<u64> {
+        self.to_driver.newest_us()
     }
 
     /// The transport inside.
@@ -126,8 +132,12 @@ mod tests {
         assert_eq!(driver.receive(0, &mut buffer).expect("memory"), 0);
         faulty.receive(7_000, &mut buffer).expect("memory");
         assert_eq!(driver.receive(0, &mut buffer).expect("memory"), 4);
-        driver.send(0, b"in time").expect("memory");
-        assert_eq!(faulty.receive(7_000, &mut buffer).expect("memory"), 7);
+        assert_eq!(faulty.heard_us(), Some(0));
+        driver.send(0, b"late too").expect("memory");
+        assert_eq!(faulty.receive(7_000, &mut buffer).expect("memory"), 0);
+        assert_eq!(faulty.receive(13_999, &mut buffer).expect("memory"), 0);
+        assert_eq!(faulty.receive(14_000, &mut buffer).expect("memory"), 8);
+        assert_eq!(faulty.counts().delayed, 2);
     }
 
     #[test]

@@ -10,11 +10,13 @@
 //! A host process says where it is, a line each: `supervisor PID`, `holds`, `zeroed`, `end KIND`. It takes the words `hold`, from when on it resets
 //! nothing by itself until `again` (to which it says so), and `reset`.
 
+mod host;
 mod process;
 mod stage;
 
+pub use host::{CERTAIN, Host, comes, is_running, wait};
 pub use process::{Device, Role, host, process, supervise};
-pub use stage::{CERTAIN, Host, Seen, Stage, comes, is_running, wait};
+pub use stage::{Seen, Stage};
 
 use crate::fault::split_mix;
 use crate::matrix::{Ended, Run, Wrong};

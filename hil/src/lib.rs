@@ -37,6 +37,7 @@ pub mod polhem;
 pub mod port;
 pub mod rig;
 pub mod session;
+mod shadow;
 pub mod transport;
 pub mod usbredir;
 

@@ -53,6 +53,8 @@ enum Command {
         arguments: Vec<String>,
     },
     /// Palpate the golden organ through every driver on virtual time, and print the error of the force at the hand.
+    ///
+    /// Ends with code 1 if a force is not the organ's, a hand at rest shakes, or a device gives energy to it.
     ClosedLoop(ClosedLoop),
 }
 
@@ -125,7 +127,7 @@ struct Matrix {
 #[derive(Debug, Args)]
 struct ClosedLoop {
     /// Length of the palpation, seconds of virtual time.
-    #[arg(long, default_value_t = 60)]
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(closed_loop::LEAST_SECONDS..))]
     seconds: u64,
 }
 
@@ -133,11 +135,7 @@ fn main() -> anyhow::Result<()> {
     match Arguments::parse().command {
         Command::Matrix(arguments) => run_matrix(&arguments),
         Command::Process { arguments } => hosts::process(&arguments).map_err(|error| anyhow::anyhow!(error)),
-        Command::ClosedLoop(ClosedLoop { seconds }) => {
-            let found = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
-            print!("{}", closed_loop::Table(&found.map_err(|error| anyhow::anyhow!(error))?));
-            Ok(())
-        }
+        Command::ClosedLoop(ClosedLoop { seconds }) => run_closed_loop(seconds),
         Command::Falcon(Falcon { usbredir, control, seconds }) => {
             ensure!(seconds >= 0.0 && seconds.is_finite(), "--seconds is not {seconds}");
             let options = Options { usbredir, control, longest: Duration::from_secs_f64(seconds) };
@@ -146,6 +144,16 @@ fn main() -> anyhow::Result<()> {
         }
         Command::Emulate(arguments) => emulate(&arguments),
     }
+}
+
+fn run_closed_loop(seconds: u64) -> anyhow::Result<()> {
+    let all = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
+    let all = all.map_err(|error| anyhow::anyhow!(error))?;
+    print!("{}", closed_loop::Table(&all));
+    let broken: Vec<String> =
+        all.iter().filter_map(|found| Some(format!("{}: {}", found.rig, found.broken()?))).collect();
+    ensure!(broken.is_empty(), "{} of {} broke a limit:\n{}", broken.len(), all.len(), broken.join("\n"));
+    Ok(())
 }
 
 fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {

@@ -1,12 +1,14 @@
 //! The fault matrix: everything that may go wrong, on every device and transport, through the real loop with a controller on an organ that
 //! the emulated hand leans on. From one seed, so that a run repeats.
 //!
-//! A run: open, home, arm, press until the hand is pushed back; then the fault, for some time; then a sound link again, with nobody touching
+//! A run: open, home, arm, press until the hand is pushed back, as hard as the organ does it; then the fault, for some time; then a sound link again, with nobody touching
 //! reset or arm; a loop that has latched then feels the hand leave the organ and press anew: what is armed inside renders nothing until it enters.
 //! Written down is what the motors did to the hand, not what was sent.
 
+mod lead;
 mod outcome;
 mod table;
+mod watch;
 mod wrong;
 
 pub use outcome::{Ended, Run};
@@ -17,64 +19,11 @@ use crate::falcon::{LoaderFault, LoaderOptions};
 use crate::fault::Faults;
 use crate::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig};
 use crate::session::{self, Bench, TICK_US, with_loop};
-use outcome::STALE_US;
+use lead::Lead;
 use palpate_core::{Method, Organ, Phase, vec3};
-use palpate_host::TickRecord;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use watch::Watch;
 use wrong::{Dice, Plan, plan};
-
-/// What is watched from the fault on.
-struct Watch {
-    run: Run,
-    struck_us: u64,
-    /// When the fault was over.
-    mended: Option<u64>,
-    beyond_us: u64,
-}
-
-impl Watch {
-    fn look(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
-        let (felt, run) = (bench.rig.felt(), &mut self.run);
-        let off = felt.force_n == vec3::ZERO && felt.off_since_us.is_some();
-        if let Some(record) = record {
-            let since_us = record.t_us.saturating_sub(self.struck_us);
-            if record.sample.is_none() {
-                run.degraded_us.get_or_insert(since_us);
-            }
-            if let Phase::SafeZero(fault) = record.phase {
-                run.ended = Ended::Latched(fault);
-                run.detected_us.get_or_insert(since_us);
-            } else if matches!(run.ended, Ended::Latched(_)) {
-                run.resumed = true;
-            }
-        }
-        self.beyond_us = if vec3::norm(felt.force_n) > run.limit_n { self.beyond_us + TICK_US } else { 0 };
-        run.beyond_us = run.beyond_us.max(self.beyond_us);
-        let off_us = felt.off_since_us.filter(|_| off);
-        if let (Some(detected_us), Some(off_us)) = (run.detected_us, off_us) {
-            run.zero_us.get_or_insert(off_us.saturating_sub(self.struck_us + detected_us));
-            if let Some(mended_us) = self.mended {
-                run.mended_us.get_or_insert(off_us.saturating_sub(mended_us));
-            }
-        }
-        let was_zero = if run.way_is_sound { run.zero_us.is_some() } else { run.mended_us.is_some() };
-        run.resumed |= was_zero && !off;
-    }
-
-    fn step(&mut self, bench: &mut Bench<'_, '_>) -> bool {
-        match bench.step() {
-            Ok(record) => self.look(bench, Some(&record)),
-            Err(_) => {
-                self.run.ended = Ended::Lost;
-                let since_us = bench.now_us().saturating_sub(TICK_US + self.struck_us);
-                self.run.detected_us.get_or_insert(since_us);
-                self.look(bench, None);
-                return false;
-            }
-        }
-        true
-    }
-}
 
 /// One run of one fault on one rig.
 pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run, OpenError> {
@@ -86,37 +35,31 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
     let traits = rig.traits();
     let limit_n = rig.profile().max_force_n + traits.motor_step_n;
     let plan = plan(wrong, dice);
-    let silences = |faults: &Faults| faults.drop == 1.0 || faults.truncate == 1.0;
     let stalled_ticks = |faults: &Faults| if faults.stall > 0.0 { faults.stall_us / 1_000 } else { 0 };
-    let silent_ticks = match (silences(&plan.to_device) || silences(&plan.to_host), wrong) {
-        (true, _) => plan.ticks,
-        (_, Wrong::Stall) => stalled_ticks(&plan.to_device).max(stalled_ticks(&plan.to_host)),
-        // Until a tick finds out, or for good.
-        (_, Wrong::UnplugMidFrame | Wrong::Replug | Wrong::PowerCycle) => u64::MAX,
-        _ => 0,
-    };
     let pulled = matches!(wrong, Wrong::UnplugMidFrame | Wrong::Replug);
     let run = Run {
         way_is_sound: plan.to_device == Faults::NONE && !pulled,
-        // A tick more: the last sample may have come with the tick of the fault.
-        silent: silent_ticks > STALE_US / TICK_US + 1,
         checked_requests: traits.checked_requests,
         ..Run::with_nothing(kind.name, wrong, seed, limit_n)
     };
     let depth_m = 1e-3 * dice.draw(4, 8, 18) as f32;
-    let lead = dice.draw(5, 600, 720);
+    let lead_ticks = dice.draw(5, 600, 720);
+    let lead = Lead::of(&*rig, organ)?;
     let mut run = with_loop(&mut *rig, organ, Method::Energy, |bench| {
         let path = session::press(bench.rig, 0.006, depth_m);
         bench.rig.follow(path);
         bench.controls.arm();
-        for _ in 0..lead {
-            bench.step()?;
-        }
+        let led = lead.run(bench, lead_ticks)?;
         bench.rig.forget();
-        let struck_us = bench.now_us();
-        let mut watch = Watch { run, struck_us, mended: None, beyond_us: 0 };
+        let mut watch =
+            Watch::new(bench, Run { flaw: led.broken(), off_n: Some(led.off_n), ..run }, led.newest_us);
+        let before = bench.rig.counts().total();
         strike(bench, wrong, &plan, dice);
         let ended_early = (0..plan.ticks.max(1)).any(|_| !watch.step(bench));
+        let struck = bench.rig.counts().total() - before;
+        if plan.is_of_frames() {
+            watch.note_struck(struck);
+        }
         if !pulled {
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
         }
@@ -124,18 +67,16 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
             // What is stalled or late comes out with the fault long over.
             let after = stalled_ticks(&plan.to_device) + plan.to_device.delay_us / 1_000;
             let _ = (0..after).any(|_| !watch.step(bench));
-            watch.mended = Some(bench.now_us());
+            watch.mend(bench.now_us());
             let goes_on = (0..200).all(|_| watch.step(bench));
-            if goes_on && matches!(watch.run.ended, Ended::Latched(_)) {
+            if goes_on && matches!(watch.run().ended, Ended::Latched(_)) {
                 let path = session::press_anew(bench.rig, 0.006, depth_m);
                 bench.rig.follow(path);
                 let _ = (0..session::ANEW_TICKS).any(|_| !watch.step(bench));
             }
         }
         bench.end();
-        let felt = bench.rig.felt();
-        (watch.run.largest_n, watch.run.step_n) = (felt.largest_force_n, felt.largest_step_n);
-        Ok::<Run, OpenError>(watch.run)
+        Ok::<Run, OpenError>(watch.end(&bench.rig.felt()))
     })??;
     if run.ended == Ended::Lost {
         let unplugged_ticks = dice.draw(6, 30, 100);
@@ -164,6 +105,8 @@ fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, plan: &Plan, dice: Dice) {
         }
         Wrong::PowerCycle => {
             bench.rig.strike(Mishap::PowerCycle);
+            // While it starts anew nobody answers.
+            bench.rig.set_faults(plan.to_device, plan.to_host);
         }
         _ => bench.rig.set_faults(plan.to_device, plan.to_host),
     }

@@ -21,6 +21,8 @@ pub struct EmulatedPolhem {
     info: i16,
     /// Step of the encoders at the handle, m; 0 for none beyond the protocol's own micrometre.
     step_m: f32,
+    /// Where the counters say that the handle is when they begin, m.
+    begin_m: Vec3,
     /// By how much the encoders have miscounted, m.
     jumped_m: Vec3,
     requests: u64,
@@ -31,13 +33,29 @@ impl EmulatedPolhem {
     /// A device that has just been plugged in.
     #[must_use]
     pub const fn new(handle: Handle) -> Self {
-        Self { handle, line: Vec::new(), info: 0, step_m: 0.0, jumped_m: vec3::ZERO, requests: 0, refused: 0 }
+        Self {
+            handle,
+            line: Vec::new(),
+            info: 0,
+            step_m: 0.0,
+            begin_m: vec3::ZERO,
+            jumped_m: vec3::ZERO,
+            requests: 0,
+            refused: 0,
+        }
     }
 
     /// With encoders whose step is this at the handle, m.
     #[must_use]
     pub const fn with_step_m(mut self, step_m: f32) -> Self {
         self.step_m = step_m;
+        self
+    }
+
+    /// With counters that begin as if the handle were there, m: where the arm rests when it is given power, and where it was this time.
+    #[must_use]
+    pub const fn counting_from(mut self, begin_m: Vec3) -> Self {
+        self.begin_m = begin_m;
         self
     }
 
@@ -55,6 +73,13 @@ impl EmulatedPolhem {
     /// The encoders miscount by so much from now on, m.
     pub fn jump(&mut self, by_m: Vec3) {
         self.jumped_m = vec3::add(self.jumped_m, by_m);
+    }
+
+    /// Its power goes and comes back: no force, half a line forgotten, and counters that begin anew wherever the handle is. Nothing it says tells.
+    pub fn power_cycle(&mut self) {
+        self.line.clear();
+        self.handle.let_go();
+        self.jumped_m = vec3::sub(self.begin_m, self.handle.position_m());
     }
 
     /// Force on the motors now, N.

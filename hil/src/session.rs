@@ -211,9 +211,16 @@ pub struct Bench<'l, 'o> {
     records: rtrb::Consumer<TickRecord>,
     fuse: Arc<AtomicBool>,
     index: u64,
+    heard_us: Option<u64>,
 }
 
 impl Bench<'_, '_> {
+    /// [`Rig::heard_us`] as of the last exchange: what it brought is no younger.
+    #[must_use]
+    pub const fn heard_us(&self) -> Option<u64> {
+        self.heard_us
+    }
+
     /// The time of the next tick, us.
     #[must_use]
     pub const fn now_us(&self) -> u64 {
@@ -231,6 +238,8 @@ impl Bench<'_, '_> {
         self.clock.wait_until(deadline_ns, 0);
         let ticked = haptic.tick(self.index, 0, deadline_ns);
         self.index += 1;
+        // Before the device's turn: what it sends now is for the next exchange.
+        self.heard_us = self.rig.heard_us();
         self.rig.advance(self.index * TICK_US);
         ticked?;
         Ok(self.records.pop().expect("a record each tick"))
@@ -288,8 +297,16 @@ pub fn with_loop_held<T>(
     let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
         .carrying(carried_n);
     let index = now_us.div_ceil(TICK_US);
-    let mut bench =
-        Bench { rig, controls: &controls, haptic: Some(haptic), clock: &clock, records, fuse, index };
+    let mut bench = Bench {
+        rig,
+        controls: &controls,
+        haptic: Some(haptic),
+        clock: &clock,
+        records,
+        fuse,
+        index,
+        heard_us: None,
+    };
     Ok(test(&mut bench))
 }
 

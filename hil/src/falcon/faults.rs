@@ -63,6 +63,12 @@ impl<F: Link> FaultyFtdi<F> {
         (state.to_device.counts(), state.to_host.counts())
     }
 
+    /// When the newest of what has come through to the host came out of the chip.
+    #[must_use]
+    pub fn heard_us(&self) -> Option<u64> {
+        self.lock().to_host.newest_us()
+    }
+
     /// The link inside.
     pub const fn inner(&self) -> &F {
         &self.inner

@@ -27,6 +27,15 @@ const MOST_BABBLE: u64 = 24;
 /// How long a frame waits to be overtaken, us.
 const OVERTAKE_US: u64 = 5_000;
 
+/// A frame on its way.
+#[derive(Debug, Clone)]
+struct Late {
+    /// When it went in.
+    put_us: u64,
+    due_us: u64,
+    bytes: Vec<u8>,
+}
+
 /// One direction of a link with its faults.
 #[derive(Debug, Clone)]
 pub struct Lane {
@@ -34,10 +43,11 @@ pub struct Lane {
     faults: Faults,
     counts: FaultCounts,
     frames: u64,
-    /// Frames on their way: (due time, bytes).
-    late: VecDeque<(u64, Vec<u8>)>,
-    /// A frame that waits to be overtaken, and until when.
-    overtaken: Option<(u64, Vec<u8>)>,
+    late: VecDeque<Late>,
+    /// A frame that waits to be overtaken; due when it has waited in vain.
+    overtaken: Option<Late>,
+    /// When the newest frame that has come out went in.
+    newest_us: Option<u64>,
     stalled_until_us: u64,
     cut_until_us: u64,
 }
@@ -53,6 +63,7 @@ impl Lane {
             frames: 0,
             late: VecDeque::new(),
             overtaken: None,
+            newest_us: None,
             stalled_until_us: 0,
             cut_until_us: 0,
         }
@@ -73,6 +84,12 @@ impl Lane {
     #[must_use]
     pub fn cut_until_us(&self, now_us: u64) -> Option<u64> {
         (now_us < self.cut_until_us).then_some(self.cut_until_us)
+    }
+
+    /// When the newest frame that has come out by now went in: what is known at this end is no younger.
+    #[must_use]
+    pub const fn newest_us(&self) -> Option<u64> {
+        self.newest_us
     }
 
     fn draw(&self, what: Draw) -> u64 {
@@ -104,28 +121,29 @@ impl Lane {
         }
         if self.strikes(Draw::Babble, faults.babble) {
             self.counts.babbled += 1;
-            self.queue(now_us, self.babble());
+            self.queue(Late { put_us: now_us, due_us: now_us, bytes: self.babble() });
         }
         if self.strikes(Draw::Drop, faults.drop) {
             self.counts.dropped += 1;
             return;
         }
-        let frame = self.spoiled(frame);
+        let bytes = self.spoiled(frame);
         let late = self.strikes(Draw::Delay, faults.delay);
         self.counts.delayed += u64::from(late);
         let due_us = if late { now_us.saturating_add(faults.delay_us) } else { now_us };
+        let frame = Late { put_us: now_us, due_us, bytes };
         if self.overtaken.is_none() && self.strikes(Draw::Reorder, faults.reorder) {
             self.counts.reordered += 1;
-            self.overtaken = Some((due_us.saturating_add(OVERTAKE_US), frame));
+            self.overtaken = Some(Late { due_us: due_us.saturating_add(OVERTAKE_US), ..frame });
             return;
         }
         if self.strikes(Draw::Duplicate, faults.duplicate) {
             self.counts.duplicated += 1;
-            self.queue(due_us, frame.clone());
+            self.queue(frame.clone());
         }
-        self.queue(due_us, frame);
-        if let Some((_, overtaken)) = self.overtaken.take() {
-            self.queue(due_us, overtaken);
+        self.queue(frame);
+        if let Some(overtaken) = self.overtaken.take() {
+            self.queue(Late { due_us, ..overtaken });
         }
     }
 
@@ -154,9 +172,9 @@ impl Lane {
     }
 
     /// Not before the frame ahead of it.
-    fn queue(&mut self, due_us: u64, frame: Vec<u8>) {
-        let due_us = self.late.back().map_or(due_us, |(ahead_us, _)| due_us.max(*ahead_us));
-        self.late.push_back((due_us, frame));
+    fn queue(&mut self, frame: Late) {
+        let due_us = self.late.back().map_or(frame.due_us, |ahead| frame.due_us.max(ahead.due_us));
+        self.late.push_back(Late { due_us, ..frame });
     }
 
     /// The next frame that comes out by now.
@@ -164,15 +182,17 @@ impl Lane {
         if now_us < self.stalled_until_us || now_us < self.cut_until_us {
             return None;
         }
-        if self.overtaken.as_ref().is_some_and(|(until_us, _)| *until_us <= now_us)
-            && let Some((_, frame)) = self.overtaken.take()
+        if self.overtaken.as_ref().is_some_and(|frame| frame.due_us <= now_us)
+            && let Some(frame) = self.overtaken.take()
         {
-            self.queue(now_us, frame);
+            self.queue(Late { due_us: now_us, ..frame });
         }
-        if self.late.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
-            return self.late.pop_front().map(|(_, frame)| frame);
+        if self.late.front().is_none_or(|frame| frame.due_us > now_us) {
+            return None;
         }
-        None
+        let frame = self.late.pop_front()?;
+        self.newest_us = self.newest_us.max(Some(frame.put_us));
+        Some(frame.bytes)
     }
 
     /// Throws away what is on its way.
@@ -263,6 +283,15 @@ mod tests {
     fn delayed_frames_arrive_late_and_in_order() {
         let (got, counts) = through(Faults { delay: 0.1, delay_us: 7_000, ..Faults::default() }, 3);
         assert!(counts.delayed > 150);
+        let mut lane = Lane::new(3);
+        lane.set_faults(Faults { delay: 1.0, delay_us: 7_000, ..Faults::default() });
+        lane.put(1_000, b"late");
+        assert_eq!((lane.take(7_999), lane.newest_us()), (None, None));
+        assert_eq!(
+            (lane.take(8_000).is_some(), lane.newest_us()),
+            (true, Some(1_000)),
+            "and as old as it is"
+        );
         assert_eq!(numbers(&got), (0..2_000).map(|i| (i % 251) as u8).collect::<Vec<u8>>());
         assert!(
             got.iter()

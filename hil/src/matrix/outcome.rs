@@ -55,10 +55,14 @@ pub struct Run {
     pub limit_n: f32,
     /// The motors had a force again, or the loop left the fault it had latched, although nobody had reset and armed.
     pub resumed: bool,
+    /// Furthest that the force at the motors was from the organ's before the fault, N.
+    pub off_n: Option<f32>,
+    /// Frames that were struck, where the fault is one of frames.
+    pub struck: Option<u64>,
+    /// What was not as it must be, as it was seen on the way.
+    pub(super) flaw: Option<&'static str>,
     /// Requests got through to the motors all the time.
     pub(super) way_is_sound: bool,
-    /// Nothing came back for longer than the stale limit.
-    pub(super) silent: bool,
     pub(super) checked_requests: bool,
 }
 
@@ -87,8 +91,10 @@ impl Run {
             beyond_us: 0,
             limit_n,
             resumed: false,
+            off_n: None,
+            struck: None,
+            flaw: None,
             way_is_sound: true,
-            silent: false,
             checked_requests: true,
         }
     }
@@ -100,8 +106,8 @@ impl Run {
         if let Ended::Missed(what) = self.ended {
             return Some(what);
         }
-        if self.silent && self.detected_us.is_none_or(|us| us > STALE_US) {
-            return Some("silence was not detected within 10 ms");
+        if self.flaw.is_some() {
+            return self.flaw;
         }
         // A cable that is out carries no zero, and a device without a watchdog keeps its force.
         if latched && self.way_is_sound && self.zero_us.is_none_or(|us| us > REACTION_US) {

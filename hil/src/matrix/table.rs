@@ -95,7 +95,7 @@ impl fmt::Display for Table<'_> {
 #[must_use]
 pub fn csv(runs: &[Run]) -> String {
     let mut text = String::from(
-        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,broken\n",
+        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,struck,broken\n",
     );
     // Names have commas.
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -104,7 +104,7 @@ pub fn csv(runs: &[Run]) -> String {
         // Writing to a String does not fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             run.rig,
             quoted(run.wrong.name()),
             run.seed,
@@ -117,6 +117,8 @@ pub fn csv(runs: &[Run]) -> String {
             run.step_n,
             run.beyond_us,
             run.resumed,
+            run.off_n.map_or_else(String::new, |newtons| newtons.to_string()),
+            number(run.struck),
             quoted(run.broken().unwrap_or(""))
         );
     }

@@ -10,7 +10,7 @@ pub enum Wrong {
     Drop,
     /// Nothing comes or goes for 60 ms.
     Silence,
-    /// Replies (on the Falcon requests too) are 2 to 40 ms late, for up to 60 ms.
+    /// Frames are 2 to 40 ms late, for up to 60 ms.
     Delay,
     /// Frames come twice, 1 to 40 ms.
     Duplicate,
@@ -34,7 +34,7 @@ pub enum Wrong {
     EncoderJump,
     /// The device forgets its homing.
     HomingLost,
-    /// The device loses its power for a moment.
+    /// The device loses its power for a moment, and in half of the runs it answers nothing for up to 150 ms.
     PowerCycle,
     /// The boot loader echoes a wrong byte, stops, or never starts what it was given.
     WrongEcho,
@@ -116,6 +116,14 @@ pub(super) struct Plan {
     pub(super) to_device: Faults,
     pub(super) to_host: Faults,
     pub(super) ticks: u64,
+    /// It is meant for frames, and must strike one.
+    of_frames: bool,
+}
+
+impl Plan {
+    pub(super) const fn is_of_frames(&self) -> bool {
+        self.of_frames
+    }
 }
 
 /// A few numbers from a seed, none of which depends on how many were drawn before.
@@ -142,10 +150,11 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
         Wrong::Reorder => Faults { reorder: 1.0, ..none },
         Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.draw(2, 3, 60), ..none },
         Wrong::Babble => Faults { babble: 1.0, ..none },
+        Wrong::PowerCycle if dice.draw(2, 0, 1) == 1 => Faults { drop: 1.0, ..none },
         _ => none,
     };
     let (to_device, to_host) = match (wrong, dice.draw(3, 0, 2)) {
-        (Wrong::Silence, _) => (faults, faults),
+        (Wrong::Silence | Wrong::PowerCycle, _) => (faults, faults),
         (Wrong::CorruptReply, _) | (_, 0) if wrong != Wrong::CorruptRequest => (none, faults),
         (Wrong::CorruptRequest, _) | (_, 1) => (faults, none),
         _ => (faults, faults),
@@ -156,7 +165,9 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
         Wrong::CorruptReply | Wrong::CorruptRequest => dice.draw(1, 1, 10),
         // One of them is enough.
         Wrong::Stall => 1,
+        Wrong::PowerCycle if faults == none => 1,
+        Wrong::PowerCycle => dice.draw(1, 1, 150),
         _ => ticks,
     };
-    Plan { to_device, to_host, ticks }
+    Plan { to_device, to_host, ticks, of_frames: faults != none }
 }

@@ -196,6 +196,11 @@ impl Rig for FalconRig {
         })
     }
 
+    fn heard_us(&self) -> Option<u64> {
+        let heard_us = self.link.as_ref().and_then(|link| link.heard_us());
+        heard_us.map(|us| us.saturating_sub(self.opened_us))
+    }
+
     fn unplug(&mut self, cut: Cut) {
         if cut == Cut::MidFrame {
             let mut falcon = self.device.falcon();

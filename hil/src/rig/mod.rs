@@ -156,6 +156,12 @@ pub trait Rig {
     /// What went wrong since the driver was opened, both ways.
     fn counts(&self) -> FaultCounts;
 
+    /// When the device had sent the newest of what has come through to the driver, on the driver's clock, us: no sample is younger. Nothing
+    /// if nothing has come, or where the rig cannot tell.
+    fn heard_us(&self) -> Option<u64> {
+        None
+    }
+
     /// Pulls the cable.
     fn unplug(&mut self, cut: Cut);
 

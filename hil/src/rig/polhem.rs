@@ -13,11 +13,16 @@ use palpate_host::device::workspace::Workspace;
 use serialport::SerialPort;
 use std::io;
 
+/// From the middle of its workspace to where the arm rests without power, m: an assumption.
+const RESTS_M: Vec3 = [0.05, -0.04, -0.06];
+
 impl SerialDevice for EmulatedPolhem {
     const NAME: &'static str = "Polhem";
 
     fn new(profile: &Profile) -> Self {
-        Self::new(held_in_the_middle(profile)).with_step_m(profile.mechanism.encoder_quantum_m.unwrap_or(0.0))
+        let step_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
+        let begin_m = vec3::add(profile.workspace.device_origin_m, RESTS_M);
+        Self::new(held_in_the_middle(profile)).with_step_m(step_m).counting_from(begin_m)
     }
 
     fn profile() -> &'static str {
@@ -73,12 +78,18 @@ impl SerialDevice for EmulatedPolhem {
     }
 
     fn strike(&mut self, mishap: Mishap) -> bool {
-        let Mishap::EncoderJump { axis, by_m } = mishap else { return false };
-        let mut jump_m = vec3::ZERO;
-        if let Some(along) = jump_m.get_mut(axis) {
-            *along = by_m;
+        match mishap {
+            Mishap::EncoderJump { axis, by_m } => {
+                let mut jump_m = vec3::ZERO;
+                if let Some(along) = jump_m.get_mut(axis) {
+                    *along = by_m;
+                }
+                self.jump(jump_m);
+            }
+            Mishap::PowerCycle => self.power_cycle(),
+            // It has none.
+            Mishap::LoseHoming => return false,
         }
-        self.jump(jump_m);
         true
     }
 }

@@ -308,6 +308,11 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         self.far().line.as_ref().map_or_else(FaultCounts::default, Line::counts)
     }
 
+    fn heard_us(&self) -> Option<u64> {
+        let heard_us = self.far().line.as_ref().and_then(Line::heard_us);
+        heard_us.map(|us| us.saturating_sub(self.opened_us))
+    }
+
     fn unplug(&mut self, cut: Cut) {
         self.plugged.store(false, Ordering::Relaxed);
         self.cable_in = false;

@@ -8,6 +8,7 @@ pub mod falcon;
 pub mod hand;
 pub mod impedance;
 pub mod link;
+mod motion;
 pub mod motors_off;
 pub mod mouse;
 pub mod palpation;

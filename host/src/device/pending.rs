@@ -5,6 +5,13 @@ const REPLY_TIMEOUT_US: u64 = 2_000;
 /// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
 /// late all the time is not mistaken for one that loses.
 const SILENCE_US: u64 = 3_000;
+/// Age of a reply from which on it is the link that is late, us: what one lost or late reply makes of those behind it is younger.
+const LATE_US: u64 = 5_000;
+/// On a late link silence lasts longer than the reply was late, us: a link that became late both ways lets the reply through that was on its way, and
+/// needs twice as long for the next.
+const MORE_SILENCE_US: u64 = 2_000;
+/// Longest that silence has to last, us: a link that is later than this cannot be told from one that has lost everything for as long.
+const MOST_SILENCE_US: u64 = 50_000;
 /// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
 pub(super) const MAX_PENDING: usize = 16;
 
@@ -19,14 +26,23 @@ pub(super) struct Pending {
     len: usize,
     /// Older ones that found no room: the next replies are theirs, and too old to be of any use.
     forgotten: u32,
+    /// When the first of them was sent.
+    forgotten_us: u64,
     /// While sending pauses: when something last came.
     pausing_since_us: Option<u64>,
+    /// How long silence has to last after it, if it was older than a single fault explains.
+    late_us: u64,
+    /// A zero was sent once more in this pause.
+    repeated: bool,
 }
 
 impl Pending {
     pub(super) fn sent(&mut self, now_us: u64) {
         if self.len == MAX_PENDING {
-            self.take_oldest();
+            let oldest_us = self.take_oldest();
+            if self.forgotten == 0 {
+                self.forgotten_us = oldest_us.unwrap_or(now_us);
+            }
             self.forgotten = self.forgotten.saturating_add(1);
         }
         self.sent_us[self.len] = now_us;
@@ -51,6 +67,11 @@ impl Pending {
 
     /// A reply, or what is left of one, has come: when its request was sent. Nothing if that is not known any more.
     pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
+        // The age of one that was forgotten is not known: at most this.
+        let first_us = if self.forgotten > 0 { self.forgotten_us } else { self.sent_us[0] };
+        let age_us = now_us.saturating_sub(first_us);
+        let is_late = self.len > 0 && age_us > LATE_US;
+        self.late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
         if let Some(others) = self.forgotten.checked_sub(1) {
             self.forgotten = others;
             self.pausing_since_us = Some(now_us);
@@ -58,13 +79,15 @@ impl Pending {
         }
         let oldest = self.take_oldest();
         self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
+        self.repeated &= self.pausing_since_us.is_some();
         oldest
     }
 
     /// Ends the pause after silence; true if it just ended.
     pub(super) fn ends_pause(&mut self, now_us: u64) -> bool {
+        let silence_us = SILENCE_US.max(self.late_us);
         let ends =
-            self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
+            self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= silence_us);
         if ends {
             *self = Self::default();
         }
@@ -79,7 +102,16 @@ impl Pending {
 
     /// Stops sending until there was silence.
     pub(super) const fn pause(&mut self, now_us: u64) {
-        self.pausing_since_us = Some(now_us);
+        (self.pausing_since_us, self.late_us) = (Some(now_us), 0);
+    }
+
+    /// Whether a zero may go once more in a long pause: the one that was sent may have been lost.
+    pub(super) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
+        let may = !self.repeated
+            && self.late_us > 0
+            && self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
+        self.repeated |= may;
+        may
     }
 
     /// Whether the next request may go: nothing is open, or what is open has been given up.
@@ -152,6 +184,31 @@ mod tests {
         assert_eq!(pending.answered(7_000, false), Some(6_000));
         pending.pause(7_000);
         assert!(!pending.may_send(9_000) && pending.ends_pause(10_000));
+    }
+
+    /// The link becomes late by 22 ms both ways while a reply is on its way: that one comes after 22 ms, and the next after 44.
+    #[test]
+    fn a_link_that_became_late_both_ways_is_not_silent_in_between() {
+        let mut pending = Pending::default();
+        pending.sent(0);
+        for tick in 1..12 {
+            pending.sent(2_000 * tick);
+        }
+        assert_eq!(pending.answered(23_000, false), Some(0));
+        for ms in 24..46 {
+            assert!(!pending.ends_pause(1_000 * ms) && !pending.may_send(1_000 * ms), "{ms}");
+            assert_eq!(pending.may_repeat_zero(1_000 * ms), ms == 26, "once, whatever was lost before");
+        }
+        assert_eq!(pending.answered(46_000, false), Some(2_000));
+        assert!(!pending.ends_pause(91_999) && pending.ends_pause(92_000), "44 ms late, and no more came");
+
+        // By 36 ms: the first ones are forgotten by then.
+        let mut pending = Pending::default();
+        for tick in 0..18 {
+            pending.sent(2_000 * tick);
+        }
+        assert_eq!(pending.answered(37_000, false), None);
+        assert!(!pending.ends_pause(75_000) && pending.ends_pause(76_000));
     }
 
     /// A link that is late by more than what is remembered: no reply may count for a request that was sent long after its own.

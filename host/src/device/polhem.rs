@@ -5,13 +5,17 @@
 //!
 //! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up. A sample
 //! is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
+//! A position that no hand can have brought about is no sample. One that stays is a device whose counters have miscounted, or begun anew with its power:
+//! its positions mean nothing then, and as there is no homing it has to be opened anew.
 //! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
+use super::motion::{Motion, Verdict};
 use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
 use super::serial::{MOST_READS, from_serial, open, read_waiting};
 use super::workspace::Workspace;
-use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, EmergencyStop};
+use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
+use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3, limit};
 use serialport::{ClearBuffer, SerialPort};
 use std::io::{Read, Write};
@@ -23,6 +27,9 @@ use std::time::{Duration, Instant};
 pub const LINE_LEN: usize = 64;
 /// The command word of normal operation.
 const NORMAL_OPERATION: i16 = 2;
+/// Furthest from where it was that the handle is believed after a silence, m: a hand from which a force was taken away gives way by less. A device
+/// that has had no power comes back with counters that began anew, and nothing in its replies says so.
+const REACH_M: f32 = 0.03;
 /// Pause between two wake-up newlines.
 const WAKE_PAUSE: Duration = Duration::from_millis(100);
 
@@ -58,6 +65,9 @@ pub struct Polhem {
     /// Bytes of a line not yet complete.
     line: LineBuffer,
     pending: Pending,
+    motion: Motion,
+    /// It does not know where it is, for good.
+    has_lost_place: bool,
     /// The last request carried a force.
     rendering: bool,
     /// Somebody else has sent a request on this line.
@@ -110,6 +120,8 @@ impl Polhem {
             config,
             line: LineBuffer::default(),
             pending: Pending::default(),
+            motion: Motion::within(REACH_M),
+            has_lost_place: false,
             rendering: false,
             disturbed: Arc::default(),
         };
@@ -180,8 +192,31 @@ impl Polhem {
         Ok(received)
     }
 
+    /// The sample of a reply; `None` from a device that does not know where it is.
+    fn sample(&mut self, t_us: u64, now_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
+        if self.has_lost_place {
+            return Ok(None);
+        }
+        match self.motion.judge(t_us, now_us, Some(reply.position_m)) {
+            Verdict::Moved => {}
+            Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            Verdict::Lost => {
+                self.has_lost_place = true;
+                return Err(DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost)));
+            }
+        }
+        let position_m = self.config.workspace.to_model_m(reply.position_m);
+        Ok(Some(Sample { t_us, position_m, buttons: reply.info }))
+    }
+
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let received = self.receive(now_us)?;
+        // A reply to no request is part of the damage: its age is not known.
+        let sample = match (received.newest, received.sent_us) {
+            (Some(reply), Some(t_us)) => self.sample(t_us, now_us, &reply),
+            _ => Ok(None),
+        };
+        let hand_force_n = if self.has_lost_place { [0.0; 3] } else { hand_force_n };
         if self.disturbed.swap(false, Ordering::Acquire) {
             // Its replies are no answers to ours: silence first.
             self.pending.pause(now_us);
@@ -194,20 +229,15 @@ impl Polhem {
         let free = self.pending.may_send(now_us);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && hand_force_n == [0.0; 3];
-        if free || release {
+        let again = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
+        if free || release || again {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
             self.pending.sent(now_us);
         }
-        match (received.newest, received.sent_us) {
-            (Some(reply), Some(t_us)) => Ok(Some(Sample {
-                t_us,
-                position_m: self.config.workspace.to_model_m(reply.position_m),
-                buttons: reply.info,
-            })),
-            // A reply to no request is part of the damage: its age is not known.
-            _ if received.damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
-            _ if overdue => Err(DeviceError::new(DeviceErrorKind::Timeout)),
-            _ => Ok(None),
+        match sample? {
+            None if received.damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            None if overdue => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            sample => Ok(sample),
         }
     }
 }
@@ -238,6 +268,10 @@ impl Device for Polhem {
             // The protocol rounds to micrometres; the mechanism is coarser and not known.
             resolution_m: 1e-6,
         }
+    }
+
+    fn state(&self) -> DeviceState {
+        if self.has_lost_place { DeviceState::Unhomed } else { DeviceState::Homed }
     }
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {

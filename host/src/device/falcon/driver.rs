@@ -21,6 +21,7 @@ use super::motor::MotorConfig;
 use super::outlet::{Outlet, WRITE_TIMEOUT, write_whole};
 use super::packet::{ALL_HOMED, Lights, Reply, Request};
 use super::usb::UsbFtdi;
+use crate::device::motion::{Motion, Verdict};
 use crate::device::pending::Pending;
 use crate::device::{
     Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop, wait_homed,
@@ -29,20 +30,11 @@ use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::link::DeviceFault;
-use palpate_core::{Sample, Vec3, vec3};
+use palpate_core::{Sample, Vec3};
 use std::sync::Arc;
 
 /// Coarsest step of the position, m: 42 to 54 um in x and y, 27 um in z.
 const RESOLUTION_M: f32 = 54e-6;
-/// Fastest that a hand moves the grip, m/s: a jump beyond it is a miscounted encoder or a damaged packet that looks whole.
-const FASTEST_M_S: f32 = 3.0;
-/// Most that a hand, or what it hits, changes its speed by, m/s^2: half a metre a second within a tick.
-const HARDEST_M_S2: f32 = 500.0;
-/// What it may jump in no time, m: requests are stamped within a tick.
-const JUMP_M: f32 = 2e-3;
-/// Positions refused in a row after which it is no packet that was damaged, but an encoder that has miscounted: fewer than make a sample stale,
-/// also where there is a reply every other tick.
-const REFUSALS: u32 = 3;
 /// How long torques may be held: until the next exchange, and two more on a link that is late, s.
 const HELD_S: f64 = 3e-3;
 /// Longest wait for a zero to leave when the device is stopped.
@@ -61,14 +53,6 @@ enum Homing {
     Doubted,
 }
 
-/// Positions that were refused, without a good one since.
-#[derive(Debug, Clone, Copy)]
-struct Refused {
-    count: u32,
-    /// What was allowed when the first one came. Not more since, or what was refused would be taken a little later.
-    allowed_m: f32,
-}
-
 /// The device behind a chip.
 pub struct Falcon<F: Ftdi + 'static> {
     ftdi: Arc<F>,
@@ -81,11 +65,7 @@ pub struct Falcon<F: Ftdi + 'static> {
     pending: Pending,
     kinematics: Kinematics,
     homing: Homing,
-    /// When and where the last sample was, device frame.
-    last: Option<(u64, Vec3)>,
-    /// Between the last two samples, device frame, m/s.
-    velocity_m_s: Vec3,
-    refused: Option<Refused>,
+    motion: Motion,
     /// The motors may still have a force of ours.
     rendering: bool,
     lost: bool,
@@ -142,9 +122,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
             pending: Pending::default(),
             kinematics: Kinematics::default(),
             homing: Homing::Unknown,
-            last: None,
-            velocity_m_s: [0.0; 3],
-            refused: None,
+            // Its board cannot start anew and go on counting, as it forgets its firmware: no bound is needed.
+            motion: Motion::within(f32::INFINITY),
             rendering: false,
             lost: false,
             disturbed,
@@ -157,7 +136,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         // What is still open belongs to another time: let it come, and forget it.
         std::thread::sleep(SETTLING);
         self.receive(0)?;
-        (self.last, self.refused) = (None, None);
+        self.motion.forget();
         self.pending = Pending::default();
         Ok(self.homing == Homing::Homed)
     }
@@ -174,7 +153,9 @@ impl<F: Ftdi + 'static> Falcon<F> {
 
     /// Motor commands for a force in the model's frame; none before the device is homed, and none without a pose.
     fn commands(&self, now_us: u64, hand_force_n: Vec3) -> [i16; 3] {
-        let Some((last_us, _)) = self.last.filter(|_| self.homing == Homing::Homed) else { return [0; 3] };
+        let Some((last_us, _)) = self.motion.last().filter(|_| self.homing == Homing::Homed) else {
+            return [0; 3];
+        };
         let pose = self.kinematics.pose();
         let ahead = self.ahead(pose, now_us.saturating_sub(last_us));
         self.motor.commands(pose, &ahead, self.config.workspace.to_device_n(hand_force_n))
@@ -183,7 +164,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
     /// Where the handle may have come to by the time the next torques replace these; the same pose where its legs would not reach.
     fn ahead(&self, pose: &Pose, age_us: u64) -> Pose {
         let seconds = HELD_S + age_us as f64 * 1e-6;
-        let there_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(self.velocity_m_s[axis]);
+        let velocity_m_s = self.motion.velocity_m_s();
+        let there_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(velocity_m_s[axis]);
         self.kinematics.pose_with(core::array::from_fn(there_m)).unwrap_or(*pose)
     }
 
@@ -238,53 +220,31 @@ impl<F: Ftdi + 'static> Falcon<F> {
 
     fn set_homing(&mut self, homing: Homing) {
         self.homing = homing;
-        (self.last, self.refused) = (None, None);
-        self.velocity_m_s = [0.0; 3];
+        self.motion.forget();
         self.kinematics.reset();
     }
 
-    /// How far a position of this time is from where the hand may be, and how far it may be, m.
-    ///
-    /// It is near the last one or near where its speed has taken it: with stamps that are a tick wrong its speed is, too.
-    fn leap(&self, (last_us, last_m): (u64, Vec3), t_us: u64, device_m: Vec3) -> (f32, f32) {
-        let seconds = t_us.saturating_sub(last_us) as f32 * 1e-6;
-        let carried_m = vec3::add(last_m, vec3::scale(self.velocity_m_s, seconds));
-        let off_m = vec3::distance(device_m, last_m).min(vec3::distance(device_m, carried_m));
-        let moved_m = (0.5 * HARDEST_M_S2 * seconds * seconds).min(FASTEST_M_S * seconds);
-        (off_m, self.refused.map_or(JUMP_M + moved_m, |refused| refused.allowed_m))
-    }
-
-    /// A position that cannot be: of a damaged packet, which is ridden out, or of an encoder that has miscounted, which ends the homing.
-    fn refuse(&mut self, allowed_m: f32) -> DeviceError {
-        let count = self.refused.map_or(0, |refused| refused.count) + 1;
-        if count >= REFUSALS {
-            self.set_homing(Homing::Doubted);
-            return DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost));
-        }
-        self.refused = Some(Refused { count, allowed_m });
-        DeviceError::new(DeviceErrorKind::BadFrame)
-    }
-
     /// The sample of a reply; `None` before the device is homed.
-    fn sample(&mut self, t_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
+    fn sample(&mut self, t_us: u64, now_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
         if self.homing != Homing::Homed {
             return Ok(None);
         }
         let before = self.kinematics;
         let solution = self.kinematics.solve(reply.encoders);
         let device_m = self.kinematics.pose().position_m.map(|metres| metres as f32);
-        let leap = self.last.map(|last| self.leap(last, t_us, device_m));
-        if solution == Solution::Kept || leap.is_some_and(|(off_m, allowed_m)| off_m > allowed_m) {
+        let verdict = self.motion.judge(t_us, now_us, Some(device_m).filter(|_| solution != Solution::Kept));
+        if verdict != Verdict::Moved {
             // The force goes on for a few ticks with the Jacobian of where the hand was.
             self.kinematics = before;
-            return Err(self.refuse(leap.map_or(JUMP_M, |(_, allowed_m)| allowed_m)));
         }
-        self.refused = None;
-        self.velocity_m_s = self.last.map_or([0.0; 3], |(last_us, last_m)| {
-            let per_second = 1e6 / t_us.saturating_sub(last_us).max(1) as f32;
-            vec3::scale(vec3::sub(device_m, last_m), per_second)
-        });
-        self.last = Some((t_us, device_m));
+        match verdict {
+            Verdict::Moved => {}
+            Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            Verdict::Lost => {
+                self.set_homing(Homing::Doubted);
+                return Err(DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost)));
+            }
+        }
         let position_m = self.config.workspace.to_model_m(device_m);
         Ok(Some(Sample { t_us, position_m, buttons: u32::from(reply.buttons) }))
     }
@@ -295,7 +255,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         if let Some(error) = unsent.filter(|error| !error.kind().is_passing()) {
             return Err(error);
         }
-        let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, &reply));
+        let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, now_us, &reply));
         if self.disturbed.swap(false, Ordering::Acquire) {
             // Its replies are no answers to ours: silence first.
             self.pending.pause(now_us);
@@ -305,7 +265,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
         let motors = self.commands(now_us, hand_force_n);
         // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
         let release = self.rendering && motors == [0; 3];
-        if self.pending.may_send(now_us) || release {
+        let again = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
+        if self.pending.may_send(now_us) || release || again {
             // Also one that failed: it may have arrived, and its reply must not pass for that to a later one.
             self.pending.sent(now_us);
             self.send(motors)?;

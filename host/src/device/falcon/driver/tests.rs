@@ -3,8 +3,10 @@ use crate::device::falcon::Mode;
 use crate::device::falcon::fake::{self, Fake};
 use crate::device::falcon::kinematics::CENTRE_M;
 use crate::device::falcon::usb::UsbError;
+use crate::device::motion::REFUSALS;
 use crate::device::profile::Profile;
 use crate::device::workspace::Workspace;
+use palpate_core::vec3;
 use std::time::Instant;
 
 const POLLED: FalconConfig = FalconConfig {

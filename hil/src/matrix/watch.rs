@@ -1,0 +1,130 @@
+//! What is watched from the fault on, tick by tick.
+
+use super::Wrong;
+use super::outcome::{Ended, Run, STALE_US};
+use crate::felt::Felt;
+use crate::session::{Bench, TICK_US};
+use palpate_core::{Phase, vec3};
+use palpate_host::TickRecord;
+
+/// In which a reply from before a device lost its place may still come, us.
+const ON_ITS_WAY_US: u64 = 4 * TICK_US;
+
+/// The run so far.
+pub(super) struct Watch {
+    run: Run,
+    struck_us: u64,
+    /// When the fault was over.
+    mended_us: Option<u64>,
+    beyond_us: u64,
+    /// When the newest sample that the loop has was taken: as the driver says, but no later than the rig knows.
+    newest_us: u64,
+}
+
+impl Watch {
+    /// From now on; `newest_us` is when the newest sample so far was taken.
+    pub(super) fn new(bench: &Bench<'_, '_>, run: Run, newest_us: Option<u64>) -> Self {
+        let struck_us = bench.now_us();
+        Self { run, struck_us, mended_us: None, beyond_us: 0, newest_us: newest_us.unwrap_or(0) }
+    }
+
+    pub(super) const fn run(&self) -> &Run {
+        &self.run
+    }
+
+    /// The fault is over.
+    pub(super) const fn mend(&mut self, now_us: u64) {
+        self.mended_us = Some(now_us);
+    }
+
+    /// A fault of frames that has struck none has shown nothing.
+    pub(super) fn note_struck(&mut self, frames: u64) {
+        self.run.struck = Some(frames);
+        if frames == 0 {
+            self.flaw("the fault struck no frame");
+        }
+    }
+
+    /// The run with what the hand felt in it.
+    pub(super) fn end(self, felt: &Felt) -> Run {
+        Run { largest_n: felt.largest_force_n, step_n: felt.largest_step_n, ..self.run }
+    }
+
+    fn flaw(&mut self, what: &'static str) {
+        self.run.flaw.get_or_insert(what);
+    }
+
+    /// Whether the loop knows how old its samples are, and acts upon it.
+    fn look_at_age(&mut self, record: &TickRecord, heard_us: Option<u64>) {
+        if let Some(sample) = &record.sample {
+            let is_fresh = |taken_us: u64| record.t_us.saturating_sub(taken_us) < STALE_US;
+            let taken_us = heard_us.map_or(sample.t_us, |us| sample.t_us.min(us));
+            if is_fresh(sample.t_us) && !is_fresh(taken_us) {
+                self.flaw("a late reply passed for a fresh one");
+            }
+            // One that came too late is no sample to the loop.
+            if is_fresh(taken_us) {
+                self.newest_us = self.newest_us.max(taken_us);
+            }
+        }
+        let is_stale = record.t_us.saturating_sub(self.newest_us) >= STALE_US;
+        if is_stale && !matches!(record.phase, Phase::SafeZero(_)) {
+            self.flaw("the newest sample was 10 ms old and nothing was latched");
+        }
+    }
+
+    /// A device that has lost its place has none to tell before it was homed or opened anew.
+    fn look_at_place(&mut self, record: &TickRecord) {
+        let lost = matches!(self.run.wrong, Wrong::HomingLost | Wrong::PowerCycle);
+        if lost && record.sample.is_some() && record.t_us >= self.struck_us + ON_ITS_WAY_US {
+            self.flaw("samples of a device that knows no place");
+        }
+    }
+
+    fn look(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
+        if let Some(record) = record {
+            self.look_at_age(record, bench.heard_us());
+            self.look_at_place(record);
+        }
+        let (felt, run) = (bench.rig.felt(), &mut self.run);
+        let off = felt.force_n == vec3::ZERO && felt.off_since_us.is_some();
+        if let Some(record) = record {
+            let since_us = record.t_us.saturating_sub(self.struck_us);
+            if record.sample.is_none() {
+                run.degraded_us.get_or_insert(since_us);
+            }
+            if let Phase::SafeZero(fault) = record.phase {
+                run.ended = Ended::Latched(fault);
+                run.detected_us.get_or_insert(since_us);
+            } else if matches!(run.ended, Ended::Latched(_)) {
+                run.resumed = true;
+            }
+        }
+        self.beyond_us = if vec3::norm(felt.force_n) > run.limit_n { self.beyond_us + TICK_US } else { 0 };
+        run.beyond_us = run.beyond_us.max(self.beyond_us);
+        let off_us = felt.off_since_us.filter(|_| off);
+        if let (Some(detected_us), Some(off_us)) = (run.detected_us, off_us) {
+            run.zero_us.get_or_insert(off_us.saturating_sub(self.struck_us + detected_us));
+            if let Some(mended_us) = self.mended_us {
+                run.mended_us.get_or_insert(off_us.saturating_sub(mended_us));
+            }
+        }
+        let was_zero = if run.way_is_sound { run.zero_us.is_some() } else { run.mended_us.is_some() };
+        run.resumed |= was_zero && !off;
+    }
+
+    /// One tick; false if the device is gone.
+    pub(super) fn step(&mut self, bench: &mut Bench<'_, '_>) -> bool {
+        match bench.step() {
+            Ok(record) => self.look(bench, Some(&record)),
+            Err(_) => {
+                self.run.ended = Ended::Lost;
+                let since_us = bench.now_us().saturating_sub(TICK_US + self.struck_us);
+                self.run.detected_us.get_or_insert(since_us);
+                self.look(bench, None);
+                return false;
+            }
+        }
+        true
+    }
+}

@@ -1,0 +1,136 @@
+//! From the words of a scene to the positions that are solved.
+
+use toml::Spanned;
+
+use super::file::GridTable;
+use super::resolve::{Lookup, positive};
+use super::{GRID_POINTS, GridSpec};
+use crate::configuration_space::Scattered;
+use crate::error::InputError;
+use crate::scattered::Tolerance;
+
+/// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
+const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
+
+impl Lookup<'_> {
+    pub(super) fn grid(
+        &mut self,
+        grid: &Spanned<GridTable>,
+        only_push: bool,
+        max_force_n: f64,
+    ) -> Result<GridSpec, InputError> {
+        let table = grid.get_ref();
+        let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
+        let size = self.mesh.diagonal_m();
+        if radius_m > size {
+            self.warnings
+                .push(format!("the grid's radius {radius_m} m is larger than the body, {size:.3} m across"));
+        }
+        if let Some(tolerance) = self.tolerance(table)? {
+            if !max_force_n.is_finite() {
+                let what = "sampling driven by the error needs the largest force of the device";
+                return Err(self.place.error(
+                    grid.span(),
+                    what,
+                    "add [device] with `max_force_n` or `profile`",
+                ));
+            }
+            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push }));
+        }
+        let spacing_m = match (&table.spacing_m, &table.points) {
+            (Some(spacing), None) => {
+                let spacing_m = positive(self.place, "spacing_m", spacing)?;
+                if spacing_m > radius_m {
+                    let what = format!(
+                        "`spacing_m` = {spacing_m} is larger than `radius_m` = {radius_m}: no grid point"
+                    );
+                    return Err(self.place.error(
+                        spacing.span(),
+                        what,
+                        "give a spacing of a fifth of the radius or so",
+                    ));
+                }
+                if radius_m / spacing_m > MOST_CELLS {
+                    let what =
+                        format!("`spacing_m` = {spacing_m} puts over {MOST_CELLS} cells along the radius");
+                    return Err(self.place.error(
+                        spacing.span(),
+                        what,
+                        "give the spacing in metres, and a coarser one",
+                    ));
+                }
+                spacing_m
+            }
+            (None, Some(points)) => {
+                let known = GRID_POINTS.iter().find(|(n, _)| i64::from(*n) == *points.get_ref());
+                let Some((_, cells)) = known else {
+                    let what = format!("`points` = {} is no grid of the paper", points.get_ref());
+                    return Err(self.place.error(
+                        points.span(),
+                        what,
+                        "use 514, 1418, 4168 or 14146, or `spacing_m`",
+                    ));
+                };
+                radius_m / f64::from(*cells)
+            }
+            (Some(_), Some(points)) => {
+                let what = "[grid] has both `spacing_m` and `points`";
+                return Err(self.place.error(points.span(), what, "keep one of the two"));
+            }
+            (None, None) => {
+                let what = "[grid] does not say how fine it is";
+                return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
+            }
+        };
+        let increments = match &table.increments {
+            None => None,
+            Some(n) if (2..=100).contains(n.get_ref()) => Some(*n.get_ref() as u32),
+            Some(n) => {
+                let what = format!("`increments` = {} is not from 2 to 100", n.get_ref());
+                return Err(self.place.error(
+                    n.span(),
+                    what,
+                    "5 is the paper's; leave it out to keep no states",
+                ));
+            }
+        };
+        let complete_cells = table.complete_cells.unwrap_or(true);
+        Ok(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments })
+    }
+
+    /// What an error may be, if sampling is driven by it.
+    fn tolerance(&self, table: &GridTable) -> Result<Option<Tolerance>, InputError> {
+        let GridTable { tolerance_n, tolerance_relative, cannot_be_felt, .. } = table;
+        let felt = cannot_be_felt.as_ref().filter(|felt| *felt.get_ref());
+        let Some((span, key)) = table.error_driven() else { return Ok(None) };
+        let lattice = [
+            table.spacing_m.as_ref().map(|v| (v.span(), "spacing_m")),
+            table.points.as_ref().map(|v| (v.span(), "points")),
+            table.increments.as_ref().map(|v| (v.span(), "increments")),
+        ];
+        if let Some((span, other)) = lattice.into_iter().flatten().next() {
+            let what = format!("[grid] has both `{other}` and `{key}`");
+            let mend = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
+            return Err(self.place.error(span, what, mend));
+        }
+        let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
+        match (felt, other) {
+            (Some(_), None) => Ok(Some(Tolerance::CANNOT_BE_FELT)),
+            (Some(felt), Some(_)) => {
+                let what = "`cannot_be_felt` is a tolerance of its own";
+                Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))
+            }
+            (None, None) => {
+                let what = format!("`{key}` = false says nothing");
+                Err(self.place.error(span, what, "say true, or give `spacing_m`, `points` or a tolerance"))
+            }
+            (None, Some(_)) => {
+                let given = |key, value: &Option<Spanned<f64>>| {
+                    value.as_ref().map_or(Ok(0.0), |value| positive(self.place, key, value))
+                };
+                let relative = given("tolerance_relative", tolerance_relative)?;
+                Ok(Some(Tolerance { relative, absolute_n: given("tolerance_n", tolerance_n)? }))
+            }
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! From the words of a scene to nodes of its mesh: the fixed ones, and those a tool may touch.
+
+use std::ops::Range;
+
+use palpate_core::table::SPACE_NAME_LEN;
+use toml::Spanned;
+
+use super::file::{ActiveTable, FixedTable, Located, Tables};
+use super::resolve::{Lookup, check_name, finite, positive};
+use super::{ActiveNode, Scene};
+use crate::error::{InputError, count};
+use crate::mesh::tetrahedral::distance;
+
+impl Lookup<'_> {
+    fn node(&self, node: &Spanned<i64>) -> Result<u32, InputError> {
+        let n = self.mesh.nodes_m.len();
+        u32::try_from(*node.get_ref()).ok().filter(|&node| (node as usize) < n).ok_or_else(|| {
+            let what = format!("node {} is out of range: the mesh has {}", node.get_ref(), count(n, "node"));
+            let mend = format!("use 0 to {} (0-based, in file order)", n - 1);
+            self.place.error(node.span(), what, mend)
+        })
+    }
+
+    pub(super) fn fixed(&self, table: &Spanned<FixedTable>) -> Result<Vec<u32>, InputError> {
+        let FixedTable { nodes, group, in_box, file, key } = table.get_ref();
+        let ways = "`nodes`, `group`, `box`, or `file` with `key`";
+        let given = [nodes.is_some(), group.is_some(), in_box.is_some(), file.is_some() || key.is_some()];
+        match given.iter().filter(|&&given| given).count() {
+            0 => {
+                let what = "[fixed] does not say which nodes";
+                return Err(self.place.error(table.span(), what, format!("give one of {ways}")));
+            }
+            1 => {}
+            _ => {
+                let what = "[fixed] says which nodes in several ways";
+                return Err(self.place.error(table.span(), what, format!("keep one of {ways}")));
+            }
+        }
+        let (span, mut fixed) = if let Some(nodes) = nodes {
+            (nodes.span(), nodes.get_ref().iter().map(|node| self.node(node)).collect::<Result<Vec<_>, _>>()?)
+        } else if let Some(group) = group {
+            (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
+        } else if let Some(in_box) = in_box {
+            let (min, max) = (in_box.get_ref().min, in_box.get_ref().max);
+            // Written so that a NaN corner is refused too.
+            if !(0..3).all(|axis| min[axis] <= max[axis]) {
+                let what = format!("the box is empty: min {min:?} is not below max {max:?}");
+                return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
+            }
+            let inside = |x: &[f64; 3]| (0..3).all(|axis| (min[axis]..=max[axis]).contains(&x[axis]));
+            let nodes = (0u32..).zip(&self.mesh.nodes_m).filter(|(_, x)| inside(x)).map(|(node, _)| node);
+            (in_box.span(), nodes.collect())
+        } else {
+            let (Some(file), Some(key)) = (file, key) else {
+                let what = "[fixed] needs both `file` and `key`";
+                return Err(self.place.error(table.span(), what, "add the other of the two"));
+            };
+            (key.span(), self.fixed_from_json(file, key)?)
+        };
+        fixed.sort_unstable();
+        fixed.dedup();
+        if fixed.is_empty() {
+            let mut mend = "select at least three nodes".to_owned();
+            if in_box.is_some() {
+                let (low, high) = self.mesh.bounding_box_m();
+                mend = format!("the body spans {low:?} to {high:?} in metres: enlarge or move the box");
+            }
+            return Err(self.place.error(span, "the fixed set is empty", mend));
+        }
+        Ok(fixed)
+    }
+
+    /// A JSON object of named index lists.
+    fn fixed_from_json(&self, file: &Spanned<String>, key: &Spanned<String>) -> Result<Vec<u32>, InputError> {
+        let path = self.place.relative(file.get_ref());
+        let bytes = std::fs::read(&path).map_err(|error| {
+            let what = format!("cannot read the sets {} ({error})", path.display());
+            self.place.error(file.span(), what, "correct `file` (it is relative to the scene file)")
+        })?;
+        let json: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| {
+            InputError::at(&path, e.line().max(1), format!("not valid JSON ({e})"), "correct the syntax")
+        })?;
+        let Some(object) = json.as_object() else {
+            let what = "the file is not a JSON object of named node lists";
+            return Err(InputError::at(&path, 1, what, "write {\"F1\": [0, 1, 2]}"));
+        };
+        let Some(list) = object.get(key.get_ref()).and_then(serde_json::Value::as_array) else {
+            let lists: Vec<&str> =
+                object.iter().filter(|(_, v)| v.is_array()).map(|(k, _)| k.as_str()).collect();
+            let what = format!("{} has no list named \"{}\"", path.display(), key.get_ref());
+            return Err(self.place.error(key.span(), what, format!("use one of: {}", lists.join(", "))));
+        };
+        let n = self.mesh.nodes_m.len();
+        list.iter()
+            .enumerate()
+            .map(|(at, value)| {
+                let node = value
+                    .as_u64()
+                    .and_then(|node| u32::try_from(node).ok())
+                    .filter(|&node| (node as usize) < n);
+                node.ok_or_else(|| {
+                    let what =
+                        format!("entry {at} of \"{}\" ({value}) is not a node of the mesh", key.get_ref());
+                    InputError::new(&path, what, format!("use 0 to {} (0-based, in file order)", n - 1))
+                })
+            })
+            .collect()
+    }
+
+    pub(super) fn all_active(&mut self, scene: &Scene, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
+        let tables = scene.file.active.tables();
+        if tables.is_empty() {
+            let what = "the scene has no active node";
+            return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
+        }
+        let mut all: Vec<ActiveNode> = Vec::new();
+        for table in &tables {
+            let name_span = table.table.name.span();
+            for active in self.active(table, fixed)? {
+                check_name(self.place, name_span.clone(), &active.name, SPACE_NAME_LEN)?;
+                if all.iter().any(|other| other.name == active.name) {
+                    let what = format!("two active nodes are named \"{}\"", active.name);
+                    return Err(self.place.error(name_span, what, "give each its own name"));
+                }
+                if let Some(other) = all.iter().find(|other| other.node == active.node) {
+                    let (a, b, node) = (&other.name, &active.name, active.node);
+                    self.warnings
+                        .push(format!("active nodes \"{a}\" and \"{b}\" are both node {node}: solved twice"));
+                }
+                all.push(active);
+            }
+        }
+        Ok(all)
+    }
+
+    fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
+        let name = at.table.name.get_ref();
+        if let (Some(group), true) =
+            (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
+        {
+            let what = "a patch needs one node to turn about, not a `group`";
+            return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
+        }
+        match (&at.table.node, &at.table.nearest, &at.table.group) {
+            (Some(index), None, None) => {
+                let node = self.node(index)?;
+                self.touchable(index.span(), node, name, fixed)?;
+                Ok(vec![self.handle(at.table, name, node, fixed)?])
+            }
+            (None, Some(point), None) => {
+                let node = self.nearest(point)?;
+                self.touchable(point.span(), node, name, fixed)?;
+                Ok(vec![self.handle(at.table, name, node, fixed)?])
+            }
+            (None, None, Some(group)) => {
+                let members = self.group(&self.mesh.node_groups, "nodes", group)?;
+                let free = |node: &&u32| self.skin.contains(**node) && fixed.binary_search(node).is_err();
+                let nodes: Vec<u32> = members.iter().filter(free).copied().collect();
+                if nodes.is_empty() {
+                    let what = format!("group \"{}\" has no free surface node", group.get_ref());
+                    return Err(self.place.error(
+                        group.span(),
+                        what,
+                        "choose a group on the surface that is not fixed",
+                    ));
+                }
+                Ok(nodes
+                    .into_iter()
+                    .map(|node| ActiveNode { name: format!("{name}-{node}"), node, patch: Vec::new() })
+                    .collect())
+            }
+            (None, None, None) => {
+                let what = format!("active node \"{name}\" does not say where it is");
+                Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"))
+            }
+            _ => {
+                let what = format!("active node \"{name}\" says in several ways where it is");
+                Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
+            }
+        }
+    }
+
+    /// The active node with the patch of nodes that moves with it.
+    fn handle(
+        &self,
+        table: &ActiveTable,
+        name: &str,
+        node: u32,
+        fixed: &[u32],
+    ) -> Result<ActiveNode, InputError> {
+        let (span, mut patch) = match (&table.patch, &table.patch_radius_m) {
+            (None, None) => return Ok(ActiveNode { name: name.into(), node, patch: Vec::new() }),
+            (Some(patch), Some(_)) => {
+                let what = "both `patch` and `patch_radius_m` are given";
+                return Err(self.place.error(patch.span(), what, "keep one of the two"));
+            }
+            (Some(patch), None) => {
+                let nodes = patch.get_ref().iter().map(|n| self.node(n)).collect::<Result<Vec<_>, _>>()?;
+                (patch.span(), nodes)
+            }
+            (None, Some(radius)) => {
+                let radius_m = positive(self.place, "patch_radius_m", radius)?;
+                let centre = self.mesh.nodes_m[node as usize];
+                let near = |n: &&u32| distance(&self.mesh.nodes_m[**n as usize], &centre) <= radius_m;
+                (radius.span(), self.skin.nodes.iter().filter(near).copied().collect())
+            }
+        };
+        patch.push(node);
+        patch.sort_unstable();
+        patch.dedup();
+        for &member in &patch {
+            self.touchable(span.clone(), member, name, fixed)?;
+        }
+        Ok(ActiveNode { name: name.into(), node, patch })
+    }
+
+    /// The surface node nearest to a point in metres; the lowest index of equally near ones.
+    fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
+        let target = finite(self.place, "nearest", point)?;
+        let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
+        let nearest = self.skin.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
+        let node = nearest.expect("a mesh with a tet has a surface");
+        let size = self.mesh.diagonal_m();
+        if away(node) > size {
+            let what =
+                format!("`nearest` lies {:.3} m from the body, which is {size:.3} m across", away(node));
+            return Err(self.place.error(
+                point.span(),
+                what,
+                "give the point in metres, in the mesh's frame",
+            ));
+        }
+        Ok(node)
+    }
+
+    fn touchable(&self, span: Range<usize>, node: u32, name: &str, fixed: &[u32]) -> Result<(), InputError> {
+        if fixed.binary_search(&node).is_ok() {
+            let what = format!("active node \"{name}\" (node {node}) is in the fixed set");
+            return Err(self.place.error(span, what, "choose a free node, or take it out of [fixed]"));
+        }
+        if !self.skin.contains(node) {
+            let what =
+                format!("active node \"{name}\" (node {node}) is inside the body, where no tool touches it");
+            let x = self.mesh.nodes_m[node as usize];
+            return Err(self.place.error(
+                span,
+                what,
+                format!("choose a surface node, for example with `nearest` = {x:?}"),
+            ));
+        }
+        Ok(())
+    }
+}
