@@ -56,6 +56,10 @@ fn a_peer_sees_the_falcon_come_answer_and_go() {
     bus.read_exact(&mut hello).expect("a hello");
     assert_eq!(hello, *packet::hello());
     bus.write_all(&packet::hello()).expect("open");
+    // Nobody has put the cable in.
+    let report: Report = order(&mut control, "report").parse().expect("a report");
+    assert!(!report.plugged);
+    assert_eq!(order(&mut control, "plug 3"), "ok");
     let kinds = [0; 3].map(|_: u32| next(&mut bus).0);
     assert_eq!(kinds, [kind::INTERFACE_INFO, kind::EP_INFO, kind::DEVICE_CONNECT]);
 
