@@ -1,12 +1,13 @@
 //! Strokes over a patch of active nodes of the bundled liver: the force changes little from tick to tick, whatever the tool does.
 
 use std::path::Path;
+use std::time::Instant;
 
 use palpate_core::{
     Config, ContactConfig, Controller, Method, Organ, Phase, Sample, State, TouchSurface, Vec3, vec3,
 };
 use palpate_host::session::TouchFigures;
-use palpate_host::{TickRecord, sliding};
+use palpate_host::{BlobFile, TickRecord, sliding};
 use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::scene::{ActiveNode, Scene};
@@ -25,13 +26,16 @@ struct Stroke {
     /// Largest force of the first tick in touch, N.
     first_n: f32,
     work_j: f64,
+    /// Of every tick, ns.
+    tick_ns: Vec<u64>,
 }
 
 /// Along straight lines through these points, at one speed, a sample a millisecond.
 fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(usize) -> u32) -> Stroke {
     let mut state = State::new();
     state.arm();
-    let mut stroke = Stroke { figures: TouchFigures::default(), first_n: 0.0, work_j: 0.0 };
+    let (figures, tick_ns) = (TouchFigures::default(), Vec::new());
+    let mut stroke = Stroke { figures, first_n: 0.0, work_j: 0.0, tick_ns };
     let (mut tick, mut before) = (0_u64, (vec3::ZERO, through[0]));
     let mut was_engaged = false;
     for (leg, ends) in through.windows(2).enumerate() {
@@ -41,7 +45,9 @@ fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(us
             let position_m = vec3::add(ends[0], way);
             tick += 1;
             let sample = Sample { t_us: tick * 1_000, position_m, buttons: buttons(leg) };
+            let began = Instant::now();
             let command = controller.tick(&mut state, tick * 1_000, Some(&sample));
+            stroke.tick_ns.push(began.elapsed().as_nanos() as u64);
             assert_eq!(command.phase, Phase::Active, "{command:?}");
             stroke.figures.take(&TickRecord { tick, ..TickRecord::of(&command) });
             if command.engaged.is_some() && !was_engaged {
@@ -117,4 +123,57 @@ fn strokes_over_the_liver_do_not_jump() {
         assert!(contacts as usize >= organ.spaces.len() / 2, "{name}: {contacts}");
         assert!(work_j < 0.0 && most_given_j < 5e-3, "{name}: {work_j} J, {most_given_j} J");
     }
+}
+
+/// A stroke from every node of a whole organ to one that is 2 to 4 cm away: `PALPATE_BLOB=organ.blob cargo test --release --workspace --test sliding
+/// -- --ignored --nocapture`.
+#[test]
+#[ignore = "wants a blob of many nodes in PALPATE_BLOB"]
+fn strokes_over_a_whole_organ_do_not_jump() {
+    let path = std::env::var_os("PALPATE_BLOB").expect("PALPATE_BLOB names a blob");
+    let file = BlobFile::of(&std::fs::read(path).expect("the blob is there"));
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let mut memory = vec![0; TouchSurface::words(&organ)];
+    let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
+    let report = sliding::report(&organ, &touch_surface, Method::Energy, ContactConfig::default().friction);
+    println!("{} active nodes; {report}", organ.spaces.len());
+    let mut config = Config::new(Method::Energy);
+    config.limits.ramp_s = 0.0;
+    let controller = Controller::new(&organ, config).expect("packed").on_surface(Some(touch_surface));
+    let at = |space: &palpate_core::Space<'_>, height_m: f32| {
+        vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, height_m))
+    };
+    let mut found = Vec::new();
+    for from in &organ.spaces {
+        let apart = |to: &palpate_core::Space<'_>| vec3::distance(from.rest_position_m, to.rest_position_m);
+        let same_side =
+            |to: &palpate_core::Space<'_>| vec3::dot(from.outward_normal, to.outward_normal) > 0.5;
+        let near = organ.spaces.iter().find(|to| (0.02..0.04).contains(&apart(to)) && same_side(to));
+        let Some(to) = near else { continue };
+        let way = [at(from, 0.004), at(from, -DEPTH_M), at(to, -DEPTH_M), at(to, 0.004)];
+        found.push((from.name.as_str(), to.name.as_str(), stroke(&controller, &way, |_| 0)));
+    }
+    found.sort_by(|a, b| b.2.figures.largest_step_n.total_cmp(&a.2.figures.largest_step_n));
+    for (from, to, stroke) in found.iter().take(5) {
+        let TouchFigures { largest_step_n, peak_hand_force_n, .. } = stroke.figures;
+        println!("{from} to {to}: step {:.1} mN, peak {peak_hand_force_n:.2} N", 1e3 * largest_step_n);
+    }
+    let given_j = found.iter().map(|(.., stroke)| stroke.work_j).fold(f64::MIN, f64::max);
+    let mut ns: Vec<u64> = found.iter().flat_map(|(.., stroke)| stroke.tick_ns.iter().copied()).collect();
+    ns.sort_unstable();
+    let late = ns.iter().filter(|&&ns| ns > 1_000_000).count();
+    println!(
+        "{} strokes, {} ticks: {} ns in the middle, {} ns 99.9 %, {late} above 1 ms; work given at most {:.3} mJ",
+        found.len(),
+        ns.len(),
+        ns[ns.len() / 2],
+        ns[ns.len() * 999 / 1000],
+        1e3 * given_j
+    );
+    assert!(found.len() > organ.spaces.len() / 2, "{} strokes", found.len());
+    assert!(report.seam_n < 1e-3, "{report:?}");
+    // 0.1 mm a tick, at up to 10 N/mm, which is what a loop of 1 kHz can hold.
+    let (from, to, worst) = &found[0];
+    assert!(worst.figures.largest_step_n < 1.0, "{from} to {to}: {:?}", worst.figures);
+    assert!(ns[ns.len() * 999 / 1000] < 100_000, "{} ns", ns[ns.len() * 999 / 1000]);
 }

@@ -16,7 +16,7 @@ use crate::fit::{
     Derivatives, DisplacementBound, DisplacementFault, DisplacementFit, HermiteNodes, Moved, Sample,
     ScatteredMotion, SurfaceMotion, fit_displacement, hermite_nodes, hermite_nodes_known, samples,
 };
-use crate::scattered::{self, Resampled, resample, searched};
+use crate::scattered::{self, Resampled, planned, resample};
 
 /// A space that is packed.
 pub(super) struct Chosen {
@@ -42,6 +42,15 @@ pub(super) struct Known {
     pub(super) folds: Vec<Fold>,
     /// The fit, where there is one.
     said: Option<Said>,
+    /// What a step of the lattice is in the indices of the store.
+    step: i32,
+}
+
+impl Known {
+    /// The solved points of a lattice; its records are counted in its steps.
+    fn solved(grid: &SpaceGrid, records: &[Record], step: i32) -> Self {
+        Self { grid: *grid, samples: samples(grid, records), folds: folds(grid, records), said: None, step }
+    }
 }
 
 /// What a fit says beside the samples.
@@ -113,17 +122,17 @@ impl Fitter<'_> {
 
     fn known(&self, store: &Store, chosen: &Chosen) -> Result<Known, PackError> {
         match &self.sampling {
-            Sampling::Lattice(Lattice { grid, .. }) => Ok(Known {
-                grid: *grid,
-                samples: samples(grid, &chosen.records),
-                folds: folds(grid, &chosen.records),
-                said: None,
-            }),
+            Sampling::Lattice(Lattice { grid, .. }) => Ok(Known::solved(grid, &chosen.records, 1)),
             Sampling::Scattered(_) => {
-                let search = searched(store, chosen.active)?.ok_or(PackError::Empty)?;
-                let Resampled { grid, samples, derivatives, .. } = resample(&search);
+                let plan = planned(store, chosen.active)?.ok_or(PackError::Empty)?;
+                if let Some(lattice) = plan.switched() {
+                    let records = lattice.records(&chosen.records);
+                    return Ok(Known::solved(lattice.grid(), &records, lattice.spacing()));
+                }
+                let search = plan.search().ok_or(PackError::Empty)?;
+                let Resampled { grid, samples, derivatives, .. } = resample(search);
                 let said = Said { derivatives, length_m: search.fit().length_m() };
-                Ok(Known { grid, samples, folds: Vec::new(), said: Some(said) })
+                Ok(Known { grid, samples, folds: Vec::new(), said: Some(said), step: 1 })
             }
         }
     }
@@ -135,11 +144,12 @@ impl Fitter<'_> {
         known: &Known,
         bound: DisplacementBound,
     ) -> Result<DisplacementFit, PackError> {
-        let Known { grid, samples, folds, said } = known;
+        let Known { grid, samples, folds, said, step } = known;
         let motion = SurfaceMotion::new(store, chosen.active, self.nodes)?;
         let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
         let fitted = match said {
             Some(said) => {
+                let bound = bound.at_points_of_a_fit();
                 // Read twice, and dear to say: few enough to be kept.
                 let scattered = scattered_motion(chosen, said.length_m, &motion)?;
                 let all: Vec<Moved> =
@@ -147,7 +157,7 @@ impl Fitter<'_> {
                 fit_displacement(grid, &solved, folds, bound, |at| Ok(all[at].clone()))
             }
             None => fit_displacement(grid, &solved, folds, bound, |at| {
-                motion.at(samples[at].index, samples[at].attempt)
+                motion.at(samples[at].index.map(|n| n * step), samples[at].attempt)
             }),
         };
         let active = || chosen.name.clone();

@@ -66,6 +66,9 @@ pub struct Health {
     pub condition: Option<f64>,
     /// Whether the blind loop came within tolerance, where there was one.
     pub loop_passed: Option<bool>,
+    /// Whether its predictions did not fall, so that a lattice took over.
+    #[serde(default)]
+    pub loop_stalled: bool,
 }
 
 /// From which figure on something is yellow, and from which on red.
@@ -129,6 +132,7 @@ impl Health {
             residual_n: reachable.iter().map(|r| r.residual_n).fold(0.0, |a, b| if b <= a { a } else { b }),
             condition: found.search.map(|(search, _)| search.fit().condition()),
             loop_passed: found.search.map(|(_, verdict)| verdict == Some(LoopVerdict::Passed)),
+            loop_stalled: found.search.is_some_and(|(_, verdict)| verdict == Some(LoopVerdict::Stalled)),
             ..Self::default()
         };
         health.reasons = health.judged(found);
@@ -186,7 +190,13 @@ impl Health {
             RESIDUAL_N.of(self.residual_n),
             format!("residuals of up to {:.1e} N: not converged", self.residual_n),
         );
-        if self.loop_passed == Some(false) {
+        if self.loop_stalled {
+            say(
+                Verdict::Yellow,
+                "the predictions of the blind loop did not fall: the space folds, and its table is that of a lattice; take a smaller radius_m"
+                    .into(),
+            );
+        } else if self.loop_passed == Some(false) {
             say(
                 Verdict::Yellow,
                 "the blind loop did not come within its tolerance; take a smaller radius_m, or a lattice"
@@ -265,6 +275,7 @@ mod tests {
             (Health { residual_n: f64::NAN, ..sound.clone() }, Verdict::Red),
             (Health { condition: Some(1e14), ..sound.clone() }, Verdict::Yellow),
             (Health { loop_passed: Some(false), ..sound.clone() }, Verdict::Yellow),
+            (Health { loop_passed: Some(false), loop_stalled: true, ..sound.clone() }, Verdict::Yellow),
         ] {
             assert_eq!(judged(&health, &nothing), (verdict, 1), "{health:?}");
         }

@@ -85,6 +85,9 @@ pub struct SpaceCertificate {
     /// The surface for the eye, if it was packed.
     #[serde(default)]
     pub displacement: Option<DisplacementCertificate>,
+    /// Spacing of the lattice that took over where the predictions of the blind loop did not fall, m; none where it did not.
+    #[serde(default)]
+    pub switched_to_spacing_m: Option<f64>,
     /// What speaks against its numbers; none in blobs that were packed before it was asked.
     #[serde(default)]
     pub health: Option<Health>,
@@ -229,9 +232,14 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let records = store.records(active)?;
         let truths = truths(store, active, space, sampling)?;
         // Of scattered positions there are neither points of the table nor neighbours.
-        let (samples, folds) = sampling.lattice().map_or_else(Default::default, |lattice| {
+        let (samples, mut folded) = sampling.lattice().map_or_else(Default::default, |lattice| {
             (samples(&lattice.grid, &records), folds(&lattice.grid, &records))
         });
+        let scattered = sampling.scattered().map(|_| planned(store, active)).transpose()?.flatten();
+        let lattice = scattered.as_ref().and_then(|plan| plan.switched());
+        if let Some(lattice) = lattice {
+            folded = folds(lattice.grid(), &lattice.records(&records));
+        }
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement.as_ref().map(|table| {
             let nodes = organ.surface.node;
@@ -242,9 +250,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let methods: Vec<MethodCertificate> = methods.map(|method| measure(space, method, &truths)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
         let folded_volume = probes::share_of_ball(space, |at| is_folded(space, at));
-        let scattered = sampling.scattered().map(|_| planned(store, active)).transpose()?.flatten();
         let search = scattered.as_ref().and_then(|plan| Some((plan.search()?, plan.verdict())));
-        let fold_pairs = folds.len();
+        let fold_pairs = folded.len();
         let findings =
             Findings { cost: &cost, fold_pairs, folded_volume, two_solutions, methods: &methods, search };
         spaces.push(SpaceCertificate {
@@ -256,6 +263,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             methods,
             displacement: displacement.transpose()?,
             ledger: None,
+            switched_to_spacing_m: lattice.map(|lattice| lattice.grid().spacing_m),
             active: name,
             node,
         });

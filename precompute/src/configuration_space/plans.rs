@@ -126,7 +126,10 @@ impl SpacePlan {
 
     /// Whether failed points or those at folds are being solved once more.
     pub fn is_solving_again(&self) -> bool {
-        matches!(self, Self::Lattice(plan) if plan.is_solving_again())
+        match self {
+            Self::Lattice(plan) => plan.is_solving_again(),
+            Self::Scattered(plan) => plan.is_solving_again(),
+        }
     }
 
     /// Whether nothing is left to do.

@@ -56,7 +56,7 @@ pub struct Record {
 
 impl Record {
     /// Record of a task before anything is known of its outcome.
-    pub(super) fn blank(task: &Task) -> Self {
+    pub(crate) fn blank(task: &Task) -> Self {
         Self {
             index: task.target,
             attempt: task.attempt,

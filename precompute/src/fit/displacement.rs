@@ -39,6 +39,15 @@ impl DisplacementBound {
     /// The smallest bound there is, m: the step of an outlier's int16 is 3 um where it moves by 0.1 m.
     pub const LEAST_M: f64 = 1e-5;
 
+    /// What is left of it for the points of a fit's table, for its modes and slopes alike: its cells are as wide as the energy allows, and what
+    /// lies between the points errs too.
+    #[must_use]
+    pub fn at_points_of_a_fit(self) -> Self {
+        const SHARE: f64 = 0.7;
+        let of = |bound_m: f64| (SHARE * bound_m).max(Self::LEAST_M);
+        Self { rms_m: of(self.rms_m), max_m: of(self.max_m) }
+    }
+
     fn holds(&self, misfit: Misfit) -> bool {
         misfit.rms_m <= self.rms_m && misfit.max_m <= self.max_m
     }

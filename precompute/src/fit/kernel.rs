@@ -183,10 +183,22 @@ impl KernelFit {
         (high / low).powi(2)
     }
 
+    /// The same fit without what it grows by, which is most of its memory: it answers alike and takes nothing in.
+    #[must_use]
+    pub fn as_it_is(&self) -> Self {
+        let Self { length_m, base, ref centres, ref weights, .. } = *self;
+        let (factor, forward) = (Mat::zeros(0, 0), Mat::zeros(0, 1));
+        Self { length_m, base, centres: centres.clone(), factor, forward, weights: weights.clone() }
+    }
+
     /// Takes configurations in. The fit stays as it was if one of them is too close to another.
     ///
     /// The factor is extended by 20 rows each: of N configurations in all (20 N)^3 / 3 operations, however they come.
+    ///
+    /// # Panics
+    /// If it is a fit [as it is](Self::as_it_is).
     pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
+        assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit cannot grow");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
         let added: Vec<[f64; 3]> =
             jets.iter().map(|jet| jet.displacement_m.map(|x| x / self.length_m)).collect();

@@ -16,7 +16,7 @@ use crate::configuration_space::crew::Shift;
 use crate::configuration_space::{
     Crew, CrewError, Done, GridIndex, Sampling, Store, StoreError, Work, still_to_solve,
 };
-use crate::scattered::{Search, searched};
+use crate::scattered::{WithinReach, planned};
 
 /// The truth to solve.
 #[derive(Debug, Clone)]
@@ -288,7 +288,7 @@ struct Uniform {
     /// Reachable points: where a position may start from, with the try that counts.
     reachable: BTreeMap<GridIndex, u32>,
     /// What knows where the tool can be, if the space is scattered.
-    search: Option<Search>,
+    within: Option<WithinReach>,
     /// The next number to be drawn.
     next: u32,
 }
@@ -296,7 +296,8 @@ struct Uniform {
 impl Uniform {
     /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
     fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
-        let (search, open) = (searched(store, active)?, still_to_solve(store, active)?);
+        let within = planned(store, active)?.and_then(|plan| Some(plan.search()?.within_reach()));
+        let open = still_to_solve(store, active)?;
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
@@ -306,7 +307,7 @@ impl Uniform {
         if reachable.len() < 2 {
             return Err(HeldOutError::NoReach(name.into()));
         }
-        Ok(Self { active, name: name.into(), reachable, search, next: 0 })
+        Ok(Self { active, name: name.into(), reachable, within, next: 0 })
     }
 
     fn walk(&self, number: u32) -> Walk {
@@ -320,9 +321,9 @@ impl Uniform {
         let distance = |corner: &GridIndex| -> f64 {
             corner.iter().zip(cells).map(|(n, x)| (f64::from(*n) - x).powi(2)).sum()
         };
-        if let Some(search) = &self.search {
+        if let Some(within) = &self.within {
             let nearest = || self.reachable.iter().min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
-            return search.may_reach(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
+            return within.has(at).then(nearest)?.map(|(index, attempt)| (*index, *attempt));
         }
         let corners = (0..8).map(|code| -> GridIndex {
             std::array::from_fn(|axis| cells[axis].floor() as i32 + (code >> (2 - axis) & 1))

@@ -1,17 +1,20 @@
 //! A space from as few solves as its error needs: scattered configurations, each a test of the fit before it is part of it.
 //!
 //! [`Search`] decides where to solve next and when it is enough, a pure function of what was solved; [`Tolerance`] says what counts as
-//! enough; the fit is [`crate::fit::KernelFit`]. [`ScatteredPlan`] makes of it tasks like those of a lattice: scattered positions are points of
+//! enough; the fit is [`crate::fit::KernelFit`]. Where the space folds the search stalls, and a lattice takes over ([`Switched`]). [`ScatteredPlan`] makes of it tasks like those of a lattice: scattered positions are points of
 //! a lattice of a micrometre, so that whoever solves, stores and resumes need not know the difference.
 
 mod plan;
 mod reach;
 mod resample;
 mod search;
+mod stall;
+mod switched;
 
-pub use plan::{ScatteredPlan, planned, searched};
+pub use plan::{ScatteredPlan, planned};
 pub use resample::{Resampled, resample};
-pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted};
+pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted, WithinReach};
+pub use switched::Switched;
 
 use serde::{Deserialize, Serialize};
 

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::{Found, Search, Step, Target, Verdict, Wanted, displacement_m};
+use super::{Found, Search, Step, Switched, Target, Verdict, Wanted, displacement_m};
 use crate::configuration_space::plan::{TagCounts, Task};
 use crate::configuration_space::{GridIndex, Plans, Record, SpacePlan, Store, StoreError};
 use crate::fit::EnergyJet;
@@ -25,6 +25,10 @@ pub struct ScatteredPlan {
     counts: TagCounts,
     round: u32,
     verdict: Option<Verdict>,
+    /// What a lattice begins with.
+    rest: Option<Record>,
+    /// What has taken over.
+    switched: Option<Switched>,
 }
 
 impl ScatteredPlan {
@@ -40,6 +44,8 @@ impl ScatteredPlan {
             counts: TagCounts::default(),
             round: 0,
             verdict: None,
+            rest: None,
+            switched: None,
         }
     }
 
@@ -53,19 +59,31 @@ impl ScatteredPlan {
         self.verdict
     }
 
-    /// Points by tag, the rest point not counted.
-    pub fn counts(&self) -> TagCounts {
-        self.counts
+    /// The lattice, once one has taken over.
+    pub fn switched(&self) -> Option<&Switched> {
+        self.switched.as_ref()
     }
 
-    /// Batches so far.
+    /// Points by tag, the rest point not counted: those of the search, and of the lattice.
+    pub fn counts(&self) -> TagCounts {
+        let mut counts = self.counts;
+        counts += self.switched.as_ref().map(Switched::counts).unwrap_or_default();
+        counts
+    }
+
+    /// Batches so far, or levels of the lattice.
     pub fn round(&self) -> u32 {
-        self.round
+        self.round.max(self.switched.as_ref().map_or(0, Switched::round))
+    }
+
+    /// Whether failed points or those at folds are being solved once more.
+    pub fn is_solving_again(&self) -> bool {
+        self.switched.as_ref().is_some_and(Switched::is_solving_again)
     }
 
     /// Whether nothing is left to do.
     pub fn is_done(&self) -> bool {
-        self.verdict.is_some()
+        self.verdict.is_some() && self.switched.as_ref().is_none_or(Switched::is_done)
     }
 
     /// The next task; `None` while the batch must come back first, or when all is done.
@@ -73,13 +91,22 @@ impl ScatteredPlan {
         if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
             self.begin_batch();
         }
-        self.ready.pop_front()
+        match &mut self.switched {
+            Some(lattice) => lattice.next_task(),
+            None => self.ready.pop_front(),
+        }
     }
 
     fn begin_batch(&mut self) {
         let Some(search) = &mut self.search else { return };
         match search.step() {
-            Step::Done(verdict) => self.verdict = Some(verdict),
+            Step::Done(verdict) => {
+                self.verdict = Some(verdict);
+                if verdict == Verdict::Stalled {
+                    let rest = self.rest.as_ref();
+                    self.switched = rest.and_then(|rest| Switched::new(self.wanted.radius_m, rest));
+                }
+            }
             Step::Solve(targets) => {
                 self.round += 1;
                 let round = self.round;
@@ -95,10 +122,14 @@ impl ScatteredPlan {
 
     /// Takes the outcome of a task that was handed out.
     pub fn decide(&mut self, record: &Record) {
+        if let Some(lattice) = &mut self.switched {
+            return lattice.decide(record);
+        }
         let Some(search) = &mut self.search else {
             if record.tag.is_solved() {
                 self.search = Some(Search::new(self.wanted, &jet(record)));
                 self.learned.push(REST);
+                self.rest = Some(record.clone());
             } else {
                 self.verdict = Some(Verdict::NotReached);
             }
@@ -132,11 +163,6 @@ pub fn planned(store: &Store, active: usize) -> Result<Option<ScatteredPlan>, St
     })
 }
 
-/// Its search; `None` without a rest.
-pub fn searched(store: &Store, active: usize) -> Result<Option<Search>, StoreError> {
-    Ok(planned(store, active)?.and_then(|plan| plan.search))
-}
-
 /// What a fit takes from a record; rest has no force by its definition.
 fn jet(record: &Record) -> EnergyJet {
     let is_rest = record.index == REST;
@@ -146,5 +172,88 @@ fn jet(record: &Record) -> EnergyJet {
         force_n: if is_rest { [0.0; 3] } else { record.force_n },
         stiffness_n_m: record.stiffness_n_m,
         third_n_m2: record.third_n_m2,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::ConfigTag;
+
+    use super::*;
+    use crate::configuration_space::fold::folds;
+    use crate::fit::made_up;
+    use crate::scattered::{Tolerance, UNIT_M};
+
+    const RADIUS_M: f64 = 0.03;
+
+    /// A body that jumps to another branch, with `jump_n` more force, at a plane askew to every axis.
+    fn record(task: &Task, jump_n: f64) -> Record {
+        let jet = made_up::jet(displacement_m(task.target));
+        let [x, y, z] = jet.displacement_m;
+        let beyond = x + 0.4 * y - 0.3 * z - 0.011;
+        let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
+        let normal = [1.0, 0.4, -0.3];
+        Record {
+            tag: ConfigTag::Expandable,
+            energy_j: jet.energy_j + jump_n * beyond,
+            force_n: std::array::from_fn(|i| jet.force_n[i] + jump_n * normal[i]),
+            stiffness_n_m: jet.stiffness_n_m,
+            third_n_m2: jet.third_n_m2,
+            residual_n: 0.0,
+            min_jacobian: 1.0,
+            volume_m3: 1.0,
+            ..Record::blank(task)
+        }
+    }
+
+    /// Solves to the end, `width` tasks at a time; what was solved, in the order of the points.
+    fn solved(jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
+        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let wanted = Wanted { tolerance, radius_m: RADIUS_M, max_force_n: 8.0, push: None, most: 160 };
+        let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
+        while !plan.is_done() {
+            let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();
+            for task in tasks.iter().rev() {
+                let record = record(task, jump_n);
+                plan.decide(&record);
+                records.push(record);
+            }
+        }
+        records.sort_by_key(|r| (r.index, r.attempt));
+        (plan, records)
+    }
+
+    #[test]
+    fn a_lattice_takes_over_where_predictions_do_not_fall_and_it_finds_the_fold() {
+        let (smooth, few) = solved(0.0, 1);
+        assert_eq!((smooth.verdict(), smooth.switched().is_none()), (Some(Verdict::Passed), true));
+        assert!(few.len() < 60, "{}", few.len());
+
+        let (plan, records) = solved(2.0, 1);
+        assert_eq!(plan.verdict(), Some(Verdict::Stalled));
+        let lattice = plan.switched().expect("a lattice");
+        let jets = plan.search().expect("a search").jets().len();
+        assert!((40..160).contains(&jets), "{jets}");
+        assert_eq!(f64::from(lattice.spacing()) * UNIT_M, lattice.grid().spacing_m);
+        // All of the ball and the corners that complete its cells, and no point of the search among them but rest.
+        let own = lattice.records(&records);
+        let points: std::collections::BTreeSet<GridIndex> = own.iter().map(|r| r.index).collect();
+        assert_eq!(points.len(), 613);
+        let all: std::collections::BTreeSet<GridIndex> = records.iter().map(|r| r.index).collect();
+        assert_eq!(plan.counts().solved(), all.len() - 1);
+        // Its folds lie at the plane, and nowhere else.
+        let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
+        let folds = folds(lattice.grid(), &kept);
+        assert!(folds.len() > 50, "{}", folds.len());
+        for fold in folds {
+            let beyond = [fold.from, fold.to].map(|index| {
+                let [x, y, z] = lattice.grid().displacement_m(index);
+                x + 0.4 * y - 0.3 * z > 0.011
+            });
+            assert_ne!(beyond[0], beyond[1], "{fold:?}");
+        }
+        // Whoever solves how many at once.
+        let (_, again) = solved(2.0, 7);
+        assert_eq!(again, records);
     }
 }

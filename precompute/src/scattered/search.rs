@@ -9,6 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::reach::{Known, RAYS};
+use super::stall::is_stalled;
 use super::{Tolerance, difference, displacement_m, nearest_index, norm};
 use crate::configuration_space::GridIndex;
 use crate::fit::{EnergyJet, KernelFit};
@@ -87,6 +88,8 @@ pub struct Test {
 pub enum Verdict {
     /// The last ten predictions were within tolerance.
     Passed,
+    /// They ceased to fall before they were: the space folds, and a lattice has taken over.
+    Stalled,
     /// As many configurations as may be, and still not.
     NotReached,
 }
@@ -194,13 +197,10 @@ impl Search {
             .collect()
     }
 
-    /// Whether the tool may get there: not where the force is far beyond the limit, nor on the wrong side. For truth that is to be fresh the
-    /// fit's word has a wide margin.
-    pub fn may_reach(&self, at: [f64; 3]) -> bool {
-        let force = self.fit().force_n(at);
-        let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
-        norm(force) <= REACH_MARGIN * self.wanted.max_force_n
-            && self.wanted.push.is_none_or(|n| along(n) <= 0.0)
+    /// Where the tool may get, for truth that is to be fresh.
+    pub fn within_reach(&self) -> WithinReach {
+        let Wanted { max_force_n, push, .. } = self.wanted;
+        WithinReach { fit: self.fit().as_it_is(), limit_n: REACH_MARGIN * max_force_n, push }
     }
 
     /// Predictions within tolerance since the last that was not, of those that count.
@@ -229,6 +229,9 @@ impl Search {
             counted.by_ref().take(PASSES).take_while(|test| test.error_n <= test.tolerance_n).count();
         if passes == PASSES {
             return Step::Done(Verdict::Passed);
+        }
+        if is_stalled(&self.tests) {
+            return Step::Done(Verdict::Stalled);
         }
         if self.jets.len() + self.others.len() >= self.wanted.most {
             return Step::Done(Verdict::NotReached);
@@ -334,6 +337,24 @@ impl Search {
             parent.displacement_m[i] + share * (target.displacement_m()[i] - parent.displacement_m[i])
         });
         self.pulled_back.push((at, target.parent));
+    }
+}
+
+/// Where the tool may get: not where the force is far beyond the limit, nor on the wrong side. The fit's word has a wide margin. It is all
+/// that is kept of a search, which would be tens of megabytes for every node of an organ.
+#[derive(Debug, Clone)]
+pub struct WithinReach {
+    fit: KernelFit,
+    limit_n: f64,
+    push: Option<[f64; 3]>,
+}
+
+impl WithinReach {
+    /// Whether the tool may get there.
+    pub fn has(&self, at: [f64; 3]) -> bool {
+        let force = self.fit.force_n(at);
+        let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
+        norm(force) <= self.limit_n && self.push.is_none_or(|n| along(n) <= 0.0)
     }
 }
 

@@ -167,9 +167,8 @@ fn solve_truth(args: &Args, nodes: usize) -> Result<(), Failure> {
             return Ok(());
         }
         let store = Store::open(&args.space)?;
-        let file = BlobFile::of(
-            &pack(&store, &PackOptions { methods: &[], intermediate: false, threads: 1 })?.bytes()?,
-        );
+        let flags_only = PackOptions { methods: &[], intermediate: false, threads: threads(args.threads) };
+        let file = BlobFile::of(&pack(&store, &flags_only)?.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
         let least = clear_positions(&store, &organ)?.into_iter().min().unwrap_or(0) as u32;
         if least >= asked || least == 0 {

@@ -128,14 +128,22 @@ pub(crate) fn run_with(
     }
     for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
-        if let SpacePlan::Scattered(plan) = Plans::of(&store)?.replayed(*active, &store.attempts(*active)?).0
-            && plan.verdict() == Some(Verdict::NotReached)
-        {
-            eprintln!(
-                "palpate: warning: {name}: predictions do not come within the tolerance; `palpate pack` measures by how much. Take a \
-                 smaller radius_m, or a lattice (`spacing_m`), which tells where the space folds"
-            );
-        }
+        let SpacePlan::Scattered(plan) = Plans::of(&store)?.replayed(*active, &store.attempts(*active)?).0
+        else {
+            continue;
+        };
+        let what = match plan.verdict() {
+            Some(Verdict::Stalled) => {
+                "the space folds: predictions do not fall, and a lattice took over; `palpate pack` measures what it is worth. Take a smaller \
+                 radius_m"
+            }
+            Some(Verdict::NotReached) => {
+                "predictions do not come within the tolerance; `palpate pack` measures by how much. Take a smaller radius_m, or a lattice \
+                 (`spacing_m`), which tells where the space folds"
+            }
+            _ => continue,
+        };
+        eprintln!("palpate: warning: {name}: {what}");
     }
     output::line(format!("{}: {solved_now} solved now in {seconds:.1} s {}", args.out.display(), team.words))
 }

@@ -87,6 +87,27 @@ fn together(certificate: &Certificate) -> String {
             mn(of().map(|e| e.max_n).fold(0.0, f64::max))
         );
     }
+    let eyes: Vec<_> = spaces.iter().filter_map(|space| space.displacement.as_ref()).collect();
+    if !eyes.is_empty() {
+        let count = eyes.iter().map(|eye| eye.uniform.count).sum::<usize>();
+        let sum = eyes.iter().map(|eye| eye.uniform.rms_mean_mm * eye.uniform.count as f64).sum::<f64>();
+        let largest =
+            |of: fn(&DisplacementCertificate) -> f64| eyes.iter().map(|eye| of(eye)).fold(0.0, f64::max);
+        let _ = writeln!(
+            text,
+            "  displacement {:.3} mm rms in the mean over {count} independent positions, {:.3} mm at most, {:.3} mm at a node; {} kB, {} modes",
+            sum / count.max(1) as f64,
+            largest(|eye| eye.uniform.rms_max_mm),
+            largest(|eye| eye.uniform.max_mm),
+            eyes.iter().map(|eye| eye.bytes).sum::<usize>() / 1000,
+            eyes.iter().map(|eye| eye.modes).sum::<usize>()
+        );
+    }
+    let switched = spaces.iter().filter(|space| space.switched_to_spacing_m.is_some());
+    let switched: Vec<&str> = switched.map(|space| space.active.as_str()).collect();
+    if !switched.is_empty() {
+        let _ = writeln!(text, "  folds: a lattice took over at {}", switched.join(", "));
+    }
     text
 }
 

@@ -8,6 +8,13 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let Some(search) = plan.search() else { return (String::new(), json!(null)) };
     let verdict = match plan.verdict() {
         Some(Verdict::Passed) => format!("passed: the last {PASSES} predictions were within tolerance"),
+        Some(Verdict::Stalled) => {
+            let on = plan.switched().map_or_else(String::new, |lattice| {
+                let (counts, spacing_mm) = (lattice.counts(), 1e3 * lattice.grid().spacing_m);
+                format!(": {} points of a lattice of {spacing_mm:.1} mm took over", counts.solved())
+            });
+            format!("FOLDS: the predictions did not fall{on}")
+        }
         Some(Verdict::NotReached) => "NOT REACHED: the predictions do not come within tolerance".into(),
         None => format!("not finished: {} of {PASSES} predictions in a row", search.passes()),
     };
@@ -31,10 +38,12 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
         .collect();
     let verdict = plan.verdict().map(|verdict| match verdict {
         Verdict::Passed => "passed",
+        Verdict::Stalled => "stalled",
         Verdict::NotReached => "not reached",
     });
     let figures = json!({
         "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
+        "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
     });
     (words, figures)
 }

@@ -10,6 +10,7 @@ use palpate_precompute::configuration_space::{
 };
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
+use palpate_precompute::scattered::Switched;
 use serde_json::json;
 
 use super::{Args, Shown, held_out, map, scattered};
@@ -66,7 +67,13 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         let records = store.records(active)?;
         store.check_states(active)?;
         let (plan, open) = plans.replayed(active, &attempts);
-        let folds = sampling.lattice().map_or_else(Vec::new, |lattice| folds(&lattice.grid, &records));
+        let folds = match (&sampling, &plan) {
+            (Sampling::Lattice(lattice), _) => folds(&lattice.grid, &records),
+            (_, SpacePlan::Scattered(plan)) => {
+                plan.switched().map_or_else(Vec::new, |lattice| in_units(lattice, &records))
+            }
+            _ => Vec::new(),
+        };
         let space = Space { name, node, folds, attempts, records, open };
         let (words, mut numbers) = space.describe(plans.points());
         text.push_str(&words);
@@ -102,6 +109,13 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         "solver": store.meta("solver")?, "spaces": figures,
     });
     Ok((text.trim_end().into(), figures))
+}
+
+/// The folds of a lattice that took over, with their ends counted as the store does.
+fn in_units(lattice: &Switched, records: &[Record]) -> Vec<Fold> {
+    let own = |index: GridIndex| index.map(|n| n * lattice.spacing());
+    let found = folds(lattice.grid(), &lattice.records(records));
+    found.into_iter().map(|fold| Fold { from: own(fold.from), to: own(fold.to), ..fold }).collect()
 }
 
 /// `dir/file-NAME.vtu` for `dir/file.vtu`.

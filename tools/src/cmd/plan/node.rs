@@ -203,7 +203,7 @@ fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound)
     let motion = ScatteredMotion::new(length_m, &probed.moved)?;
     let solved: Vec<_> = on.samples.iter().map(|sample| sample.index).collect();
     let read = |at: usize| Ok::<_, std::convert::Infallible>(motion.at(on.grid.displacement_m(solved[at])));
-    let fit = fit_displacement(&on.grid, &solved, &[], bound, read).ok()?;
+    let fit = fit_displacement(&on.grid, &solved, &[], bound.at_points_of_a_fit(), read).ok()?;
     let outliers = fit.outlier_row.len() as f64 / solved.len().max(1) as f64;
     Some(Eye { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
 }
