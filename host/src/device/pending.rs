@@ -12,6 +12,8 @@ const LATE_US: u64 = 5_000;
 const MORE_SILENCE_US: u64 = 2_000;
 /// Longest that silence has to last, us: a link that is later than this cannot be told from one that has lost everything for as long.
 const MOST_SILENCE_US: u64 = 50_000;
+/// How often a zero goes out in a pause that lasts, us: the one before may have been lost, and whoever disturbs the line may do so without end.
+const REPEAT_US: u64 = 6_000;
 /// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
 pub(super) const MAX_PENDING: usize = 16;
 
@@ -30,10 +32,25 @@ pub(super) struct Pending {
     forgotten_us: u64,
     /// While sending pauses: when something last came.
     pausing_since_us: Option<u64>,
-    /// How long silence has to last after it, if it was older than a single fault explains.
+    /// When the pause began.
+    paused_us: u64,
+    /// How long silence has to last after what came last, if something in this pause was older than a single fault explains.
     late_us: u64,
-    /// A zero was sent once more in this pause.
-    repeated: bool,
+    /// When the newest request was sent.
+    last_us: u64,
+    zero: Zero,
+}
+
+/// What is known of a zero that is sent again and again in a pause.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Zero {
+    /// It was not, yet.
+    #[default]
+    Once,
+    /// Since this time, us; it may not have arrived.
+    Repeated(u64),
+    /// A reply came that must be to one of them, at this time, us. Now there can be silence.
+    Arrived(u64),
 }
 
 impl Pending {
@@ -47,6 +64,7 @@ impl Pending {
         }
         self.sent_us[self.len] = now_us;
         self.len += 1;
+        self.last_us = now_us;
     }
 
     fn take_oldest(&mut self) -> Option<u64> {
@@ -71,23 +89,47 @@ impl Pending {
         let first_us = if self.forgotten > 0 { self.forgotten_us } else { self.sent_us[0] };
         let age_us = now_us.saturating_sub(first_us);
         let is_late = self.len > 0 && age_us > LATE_US;
-        self.late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
+        let late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
+        self.late_us = if self.pausing_since_us.is_some() { self.late_us.max(late_us) } else { late_us };
         if let Some(others) = self.forgotten.checked_sub(1) {
             self.forgotten = others;
-            self.pausing_since_us = Some(now_us);
+            self.note_zero(now_us, None, damaged);
+            self.pause_from(now_us);
             return None;
         }
         let oldest = self.take_oldest();
-        self.pausing_since_us = (self.len > 0 || damaged).then_some(now_us);
-        self.repeated &= self.pausing_since_us.is_some();
+        self.note_zero(now_us, oldest, damaged);
+        if self.len > 0 || damaged {
+            self.pause_from(now_us);
+        } else {
+            (self.pausing_since_us, self.zero) = (None, Zero::Once);
+        }
         oldest
     }
 
-    /// Ends the pause after silence; true if it just ended.
+    const fn pause_from(&mut self, now_us: u64) {
+        if self.pausing_since_us.is_none() {
+            (self.paused_us, self.zero) = (now_us, Zero::Once);
+        }
+        self.pausing_since_us = Some(now_us);
+    }
+
+    /// A reply may say that a repeated zero has arrived: all before it are answered, or only zeros have gone out for longer than anything is on its way.
+    fn note_zero(&mut self, now_us: u64, answered_us: Option<u64>, damaged: bool) {
+        if let Zero::Repeated(since_us) = self.zero {
+            let is_its = answered_us.is_some_and(|sent_us| sent_us >= since_us);
+            if !damaged && (is_its || now_us.saturating_sub(since_us) >= MOST_SILENCE_US) {
+                self.zero = Zero::Arrived(now_us);
+            }
+        }
+    }
+
+    /// Ends the pause after silence; true if it just ended. Not while a zero is repeated: what is on its way then would answer for newer requests.
     pub(super) fn ends_pause(&mut self, now_us: u64) -> bool {
         let silence_us = SILENCE_US.max(self.late_us);
-        let ends =
+        let is_silent =
             self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= silence_us);
+        let ends = is_silent && !matches!(self.zero, Zero::Repeated(_));
         if ends {
             *self = Self::default();
         }
@@ -102,16 +144,24 @@ impl Pending {
 
     /// Stops sending until there was silence.
     pub(super) const fn pause(&mut self, now_us: u64) {
-        (self.pausing_since_us, self.late_us) = (Some(now_us), 0);
+        self.pause_from(now_us);
+        self.late_us = 0;
     }
 
-    /// Whether a zero may go once more in a long pause: the one that was sent may have been lost.
+    /// Whether a zero may go once more: in a pause that lasts, until a reply says that one has arrived; and again where there is no silence after that.
     pub(super) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
-        let may = !self.repeated
-            && self.late_us > 0
-            && self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= SILENCE_US);
-        self.repeated |= may;
-        may
+        let since = |us: u64| now_us.saturating_sub(us);
+        if self.pausing_since_us.is_none()
+            || since(self.paused_us) < REPEAT_US
+            || since(self.last_us) < REPEAT_US
+            || matches!(self.zero, Zero::Arrived(us) if since(us) <= MOST_SILENCE_US + REPEAT_US)
+        {
+            return false;
+        }
+        if !matches!(self.zero, Zero::Repeated(_)) {
+            self.zero = Zero::Repeated(now_us);
+        }
+        true
     }
 
     /// Whether the next request may go: nothing is open, or what is open has been given up.
@@ -197,7 +247,6 @@ mod tests {
         assert_eq!(pending.answered(23_000, false), Some(0));
         for ms in 24..46 {
             assert!(!pending.ends_pause(1_000 * ms) && !pending.may_send(1_000 * ms), "{ms}");
-            assert_eq!(pending.may_repeat_zero(1_000 * ms), ms == 26, "once, whatever was lost before");
         }
         assert_eq!(pending.answered(46_000, false), Some(2_000));
         assert!(!pending.ends_pause(91_999) && pending.ends_pause(92_000), "44 ms late, and no more came");
@@ -209,6 +258,59 @@ mod tests {
         }
         assert_eq!(pending.answered(37_000, false), None);
         assert!(!pending.ends_pause(75_000) && pending.ends_pause(76_000));
+    }
+
+    /// Somebody talks without a pause while a zero is wanted: it goes out again and again, and once it is answered there is silence.
+    #[test]
+    fn a_zero_is_repeated_until_it_has_arrived() {
+        let mut pending = Pending::default();
+        (pending.sent(0), pending.sent(2_000));
+        pending.answered(2_500, true);
+        let mut zeros = Vec::new();
+        for ms in 3..200 {
+            let now_us = 1_000 * ms;
+            pending.answered(now_us, true);
+            assert!(!pending.ends_pause(now_us) && !pending.may_send(now_us));
+            if pending.may_repeat_zero(now_us) {
+                pending.sent(now_us);
+                zeros.push(ms);
+            }
+        }
+        assert_eq!(zeros[..3], [9, 15, 21]);
+        assert!(zeros.windows(2).all(|pair| pair[1] - pair[0] == 6) && zeros.last() > Some(&190));
+        // The chatter ends; the zero on its way is answered.
+        assert!(!pending.ends_pause(260_000), "until then nobody knows what is on its way");
+        pending.sent(260_000);
+        pending.answered(261_000, false);
+        assert!(!pending.may_repeat_zero(270_000));
+        assert!(pending.may_send(270_000) || pending.ends_pause(270_000));
+    }
+
+    /// Requests are lost, and replies 30 ms late: whatever is repeated meanwhile, no reply counts for a request that was sent after its own.
+    #[test]
+    fn repeated_zeros_make_no_reply_look_younger() {
+        for lost_ms in 1..80 {
+            let mut pending = Pending::default();
+            // Sent, and when its reply comes.
+            let mut under_way = std::collections::VecDeque::new();
+            for ms in 0..600_u64 {
+                let now_us = 1_000 * ms;
+                let is_lost = (100..100 + lost_ms).contains(&ms);
+                while under_way.front().is_some_and(|(_, due_us)| *due_us <= now_us) {
+                    let (sent_us, _) = under_way.pop_front().expect("looked at");
+                    let stamp = pending.answered(now_us, false);
+                    assert!(stamp.is_none_or(|us| us <= sent_us), "{lost_ms}: {stamp:?} for {sent_us}");
+                }
+                pending.ends_pause(now_us);
+                if pending.may_send(now_us) || pending.may_repeat_zero(now_us) {
+                    pending.sent(now_us);
+                    if !is_lost {
+                        let late_us = if ms < 100 { 500 } else { 30_000 };
+                        under_way.push_back((now_us, now_us + late_us));
+                    }
+                }
+            }
+        }
     }
 
     /// A link that is late by more than what is remembered: no reply may count for a request that was sent long after its own.
