@@ -14,6 +14,9 @@ const MORE_SILENCE_US: u64 = 2_000;
 const MOST_SILENCE_US: u64 = 50_000;
 /// How often a zero goes out in a pause that lasts, us: the one before may have been lost, and whoever disturbs the line may do so without end.
 const REPEAT_US: u64 = 6_000;
+/// After this long without silence the zero that was taken for arrived is sent again all the same, us: longer than it takes to empty a link that is
+/// later than any silence that is waited for.
+const DOUBTED_US: u64 = 200_000;
 /// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
 pub(super) const MAX_PENDING: usize = 16;
 
@@ -38,23 +41,16 @@ pub(super) struct Pending {
     late_us: u64,
     /// When the newest request was sent.
     last_us: u64,
-    zero: Zero,
-}
-
-/// What is known of a zero that is sent again and again in a pause.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-enum Zero {
-    /// It was not, yet.
-    #[default]
-    Once,
-    /// Since this time, us; it may not have arrived.
-    Repeated(u64),
-    /// A reply came that must be to one of them, at this time, us. Now there can be silence.
-    Arrived(u64),
+    /// Since when nothing but zeros was sent, if the newest was one.
+    zeros_us: Option<u64>,
+    /// A zero was sent again in this pause.
+    repeated: bool,
+    /// When a reply came in this pause that must be to one of them: now there can be silence.
+    arrived_us: Option<u64>,
 }
 
 impl Pending {
-    pub(super) fn sent(&mut self, now_us: u64) {
+    pub(super) fn sent(&mut self, now_us: u64, is_zero: bool) {
         if self.len == MAX_PENDING {
             let oldest_us = self.take_oldest();
             if self.forgotten == 0 {
@@ -65,6 +61,7 @@ impl Pending {
         self.sent_us[self.len] = now_us;
         self.len += 1;
         self.last_us = now_us;
+        self.zeros_us = if is_zero { self.zeros_us.or(Some(now_us)) } else { None };
     }
 
     fn take_oldest(&mut self) -> Option<u64> {
@@ -91,37 +88,38 @@ impl Pending {
         let is_late = self.len > 0 && age_us > LATE_US;
         let late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
         self.late_us = if self.pausing_since_us.is_some() { self.late_us.max(late_us) } else { late_us };
-        if let Some(others) = self.forgotten.checked_sub(1) {
+        let oldest = if let Some(others) = self.forgotten.checked_sub(1) {
             self.forgotten = others;
-            self.note_zero(now_us, None, damaged);
             self.pause_from(now_us);
-            return None;
-        }
-        let oldest = self.take_oldest();
-        self.note_zero(now_us, oldest, damaged);
-        if self.len > 0 || damaged {
-            self.pause_from(now_us);
+            None
         } else {
-            (self.pausing_since_us, self.zero) = (None, Zero::Once);
+            let oldest = self.take_oldest();
+            if self.len > 0 || damaged {
+                self.pause_from(now_us);
+            } else {
+                self.pausing_since_us = None;
+            }
+            oldest
+        };
+        // All before a zero are answered, or nothing but zeros went out for longer than anything is on its way.
+        let is_to_a_zero = self.zeros_us.is_some_and(|since_us| {
+            oldest.is_some_and(|sent_us| sent_us >= since_us)
+                || now_us.saturating_sub(since_us) >= MOST_SILENCE_US
+        });
+        if !damaged && is_to_a_zero {
+            self.arrived_us = self.arrived_us.or(Some(now_us));
         }
-        oldest
+        // What comes between repeated zeros says that they arrive, and not how old it is: a loop that took it for a sample would flicker.
+        let is_trusted = !self.repeated;
+        self.repeated &= self.pausing_since_us.is_some();
+        oldest.filter(|_| is_trusted)
     }
 
     const fn pause_from(&mut self, now_us: u64) {
         if self.pausing_since_us.is_none() {
-            (self.paused_us, self.zero) = (now_us, Zero::Once);
+            (self.paused_us, self.repeated, self.arrived_us) = (now_us, false, None);
         }
         self.pausing_since_us = Some(now_us);
-    }
-
-    /// A reply may say that a repeated zero has arrived: all before it are answered, or only zeros have gone out for longer than anything is on its way.
-    fn note_zero(&mut self, now_us: u64, answered_us: Option<u64>, damaged: bool) {
-        if let Zero::Repeated(since_us) = self.zero {
-            let is_its = answered_us.is_some_and(|sent_us| sent_us >= since_us);
-            if !damaged && (is_its || now_us.saturating_sub(since_us) >= MOST_SILENCE_US) {
-                self.zero = Zero::Arrived(now_us);
-            }
-        }
     }
 
     /// Ends the pause after silence; true if it just ended. Not while a zero is repeated: what is on its way then would answer for newer requests.
@@ -129,9 +127,9 @@ impl Pending {
         let silence_us = SILENCE_US.max(self.late_us);
         let is_silent =
             self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= silence_us);
-        let ends = is_silent && !matches!(self.zero, Zero::Repeated(_));
+        let ends = is_silent && (!self.repeated || self.arrived_us.is_some());
         if ends {
-            *self = Self::default();
+            *self = Self { zeros_us: self.zeros_us, ..Self::default() };
         }
         ends
     }
@@ -154,13 +152,11 @@ impl Pending {
         if self.pausing_since_us.is_none()
             || since(self.paused_us) < REPEAT_US
             || since(self.last_us) < REPEAT_US
-            || matches!(self.zero, Zero::Arrived(us) if since(us) <= MOST_SILENCE_US + REPEAT_US)
+            || self.arrived_us.is_some_and(|us| since(us) <= DOUBTED_US)
         {
             return false;
         }
-        if !matches!(self.zero, Zero::Repeated(_)) {
-            self.zero = Zero::Repeated(now_us);
-        }
+        (self.repeated, self.arrived_us) = (true, None);
         true
     }
 
@@ -178,7 +174,7 @@ mod tests {
     fn a_reply_is_as_old_as_its_request() {
         let mut pending = Pending::default();
         assert!(pending.may_send(0));
-        pending.sent(0);
+        pending.sent(0, true);
         assert!(!pending.may_send(1_000), "one at a time");
         assert_eq!(pending.answered(1_500, false), Some(0));
         assert!(pending.may_send(2_000));
@@ -188,9 +184,9 @@ mod tests {
     #[test]
     fn a_late_reply_is_not_one_to_a_newer_request() {
         let mut pending = Pending::default();
-        pending.sent(0);
+        pending.sent(0, true);
         assert!(pending.is_overdue(2_000) && pending.may_send(2_000));
-        pending.sent(2_000);
+        pending.sent(2_000, true);
         assert_eq!(pending.answered(3_000, false), Some(0));
         assert!(!pending.may_send(4_500), "another is open: silence first");
         assert_eq!(pending.answered(5_000, false), Some(2_000));
@@ -202,7 +198,7 @@ mod tests {
     fn what_has_never_left_is_not_waited_for() {
         let sent = |times: &[u64]| {
             let mut pending = Pending::default();
-            times.iter().for_each(|us| pending.sent(*us));
+            times.iter().for_each(|us| pending.sent(*us, true));
             pending
         };
         let mut pending = sent(&[0, 2_000, 3_000]);
@@ -226,11 +222,11 @@ mod tests {
     #[test]
     fn silence_means_that_they_were_lost() {
         let mut pending = Pending::default();
-        pending.sent(0);
-        pending.sent(2_000);
+        pending.sent(0, true);
+        pending.sent(2_000, true);
         assert_eq!(pending.answered(3_000, false), Some(0));
         assert!(!pending.ends_pause(5_999) && pending.ends_pause(6_000));
-        pending.sent(6_000);
+        pending.sent(6_000, true);
         assert_eq!(pending.answered(7_000, false), Some(6_000));
         pending.pause(7_000);
         assert!(!pending.may_send(9_000) && pending.ends_pause(10_000));
@@ -240,9 +236,9 @@ mod tests {
     #[test]
     fn a_link_that_became_late_both_ways_is_not_silent_in_between() {
         let mut pending = Pending::default();
-        pending.sent(0);
+        pending.sent(0, true);
         for tick in 1..12 {
-            pending.sent(2_000 * tick);
+            pending.sent(2_000 * tick, true);
         }
         assert_eq!(pending.answered(23_000, false), Some(0));
         for ms in 24..46 {
@@ -254,7 +250,7 @@ mod tests {
         // By 36 ms: the first ones are forgotten by then.
         let mut pending = Pending::default();
         for tick in 0..18 {
-            pending.sent(2_000 * tick);
+            pending.sent(2_000 * tick, true);
         }
         assert_eq!(pending.answered(37_000, false), None);
         assert!(!pending.ends_pause(75_000) && pending.ends_pause(76_000));
@@ -264,7 +260,7 @@ mod tests {
     #[test]
     fn a_zero_is_repeated_until_it_has_arrived() {
         let mut pending = Pending::default();
-        (pending.sent(0), pending.sent(2_000));
+        (pending.sent(0, false), pending.sent(2_000, true));
         pending.answered(2_500, true);
         let mut zeros = Vec::new();
         for ms in 3..200 {
@@ -272,7 +268,7 @@ mod tests {
             pending.answered(now_us, true);
             assert!(!pending.ends_pause(now_us) && !pending.may_send(now_us));
             if pending.may_repeat_zero(now_us) {
-                pending.sent(now_us);
+                pending.sent(now_us, true);
                 zeros.push(ms);
             }
         }
@@ -280,7 +276,7 @@ mod tests {
         assert!(zeros.windows(2).all(|pair| pair[1] - pair[0] == 6) && zeros.last() > Some(&190));
         // The chatter ends; the zero on its way is answered.
         assert!(!pending.ends_pause(260_000), "until then nobody knows what is on its way");
-        pending.sent(260_000);
+        pending.sent(260_000, true);
         pending.answered(261_000, false);
         assert!(!pending.may_repeat_zero(270_000));
         assert!(pending.may_send(270_000) || pending.ends_pause(270_000));
@@ -303,7 +299,7 @@ mod tests {
                 }
                 pending.ends_pause(now_us);
                 if pending.may_send(now_us) || pending.may_repeat_zero(now_us) {
-                    pending.sent(now_us);
+                    pending.sent(now_us, ms >= 100);
                     if !is_lost {
                         let late_us = if ms < 100 { 500 } else { 30_000 };
                         under_way.push_back((now_us, now_us + late_us));
@@ -318,7 +314,7 @@ mod tests {
     fn the_oldest_are_forgotten_and_their_replies_count_for_no_other() {
         let mut pending = Pending::default();
         for i in 0..100 {
-            pending.sent(i);
+            pending.sent(i, true);
         }
         for reply in 0..100 {
             let kept = (reply >= 100 - MAX_PENDING as u64).then_some(reply);
@@ -326,7 +322,7 @@ mod tests {
             assert_eq!(pending.may_send(200 + reply), reply == 99, "{reply}");
         }
         for i in 0..100 {
-            pending.sent(300 + i);
+            pending.sent(300 + i, true);
         }
         assert_eq!(pending.answered(500, false), None);
         assert!(pending.ends_pause(3_500) && pending.may_send(3_500), "lost, all of them");

@@ -232,7 +232,7 @@ impl Polhem {
         let again = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
         if free || release || again {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
-            self.pending.sent(now_us);
+            self.pending.sent(now_us, hand_force_n == [0.0; 3]);
         }
         match sample? {
             None if received.damaged => Err(DeviceError::new(DeviceErrorKind::BadFrame)),

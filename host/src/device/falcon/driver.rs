@@ -268,7 +268,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
         let again = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
         if self.pending.may_send(now_us) || release || again {
             // Also one that failed: it may have arrived, and its reply must not pass for that to a later one.
-            self.pending.sent(now_us);
+            self.pending.sent(now_us, motors == [0; 3]);
             self.send(motors)?;
         }
         match sample? {
