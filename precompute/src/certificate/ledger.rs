@@ -136,8 +136,15 @@ fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
     vec![order, ("seven of eight tets (a mesh refined once)", true, scene.refined())]
 }
 
-/// Force at each position, and seconds; none where it could not be solved.
-type Solved = Vec<Option<([f64; 3], f64)>>;
+/// One position by one body.
+#[derive(Debug, Clone, Copy)]
+struct At {
+    force_n: [f64; 3],
+    seconds: f64,
+}
+
+/// Each position; none where it could not be solved.
+type Solved = Vec<Option<At>>;
 
 fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Effort<'_>) -> Solved {
     let nothing = || vec![None; positions.len()];
@@ -154,7 +161,7 @@ fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Eff
             let Some(truth) = positions.get(place) else { break };
             let begun = Instant::now();
             if let Ok(at) = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)) {
-                found.push((place, (at.force_n, begun.elapsed().as_secs_f64())));
+                found.push((place, At { force_n: at.force_n, seconds: begun.elapsed().as_secs_f64() }));
             }
         }
         found
@@ -173,21 +180,19 @@ fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Eff
 }
 
 fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
-    let both: Vec<_> =
-        own.iter().zip(other).filter_map(|(own, other)| Some((own.as_ref()?, other.as_ref()?))).collect();
-    let mean = |of: fn(&(&([f64; 3], f64), &([f64; 3], f64))) -> f64| {
-        both.iter().map(of).sum::<f64>() / both.len().max(1) as f64
-    };
+    let both: Vec<[At; 2]> =
+        own.iter().zip(other).filter_map(|(own, other)| Some([(*own)?, (*other)?])).collect();
     // The better body is the truth of either.
-    let compared: Vec<Compared> = both
-        .iter()
-        .map(|(own, other)| {
-            let (truth_n, found_n) = if made { (other.0, own.0) } else { (own.0, other.0) };
-            Compared { truth_n, found_n, covered: true }
-        })
-        .collect();
-    let cost = [mean(|pair| pair.0.1), mean(|pair| pair.1.1)];
-    let cost = if made { cost } else { [cost[1], cost[0]] };
+    let (worse, better) = if made { (0, 1) } else { (1, 0) };
+    let seconds =
+        |of: usize| both.iter().map(|pair| pair[of].seconds).sum::<f64>() / both.len().max(1) as f64;
+    let compare = |pair: &[At; 2]| Compared {
+        truth_n: pair[better].force_n,
+        found_n: pair[worse].force_n,
+        covered: true,
+    };
+    let compared: Vec<Compared> = both.iter().map(compare).collect();
+    let cost = [seconds(worse), seconds(better)];
     let what = match own.len() - both.len() {
         0 => what.to_owned(),
         unsolved => format!("{what}; {unsolved} of {} positions not solved by both", own.len()),

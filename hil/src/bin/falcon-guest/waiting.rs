@@ -12,7 +12,7 @@ const UNHOMED: Duration = Duration::from_millis(2);
 /// Lost exchanges that are told of.
 const TOLD: u64 = 3;
 /// Looks that a reply is waited for at least, however long they take: on a machine that stands still time goes on and nobody else does.
-const LOOKS: u32 = 150;
+const LOOKS: u32 = 80;
 /// Between two looks.
 const PAUSE: Duration = Duration::from_micros(50);
 

@@ -291,7 +291,7 @@ fn of_ledger(ledger: &Ledger) -> String {
 fn significant(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
-        size if size >= 1e4 || size < 1e-3 => format!("{value:.1e}"),
+        size if !(1e-3..1e4).contains(&size) => format!("{value:.1e}"),
         size if size >= 100.0 || value.fract() == 0.0 => format!("{value:.0}"),
         size if size >= 1.0 => format!("{value:.1}"),
         _ => format!("{value:.3}"),
