@@ -260,7 +260,8 @@ mod tests {
     #[test]
     fn a_zero_is_repeated_until_it_has_arrived() {
         let mut pending = Pending::default();
-        (pending.sent(0, false), pending.sent(2_000, true));
+        pending.sent(0, false);
+        pending.sent(2_000, true);
         pending.answered(2_500, true);
         let mut zeros = Vec::new();
         for ms in 3..200 {
