@@ -37,7 +37,7 @@ const STAYS: Duration = Duration::from_millis(150);
 const STAYS_ASKED: Duration = Duration::from_millis(300);
 
 /// How often a run is begun before it is a failed one.
-const TRIES: usize = 4;
+const TRIES: usize = 2;
 
 /// How a host is taken away.
 #[must_use]

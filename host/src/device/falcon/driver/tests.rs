@@ -26,6 +26,15 @@ fn start(chip: &Arc<Fake>) -> Falcon<Fake> {
     Falcon::start(Arc::clone(chip), POLLED, None).expect("running")
 }
 
+/// A device with threads that was homed.
+fn threaded(chip: &Arc<Fake>) -> Falcon<Fake> {
+    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
+    let mut falcon = Falcon::start(Arc::clone(chip), config, None).expect("running");
+    chip.home();
+    assert_eq!(falcon.home(&AtomicBool::new(false)), Ok(true));
+    falcon
+}
+
 /// A device that has been exchanged with until it gave a sample, and the time then.
 fn homed(chip: &Arc<Fake>) -> (Falcon<Fake>, u64) {
     let mut falcon = start(chip);
@@ -398,10 +407,7 @@ fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
 #[test]
 fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
     let chip = Fake::running();
-    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
-    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
-    chip.home();
-    assert_eq!(falcon.home(&AtomicBool::new(false)), Ok(true));
+    let mut falcon = threaded(&chip);
     let begun = Instant::now();
     let mut now_us = 0;
     let mut tick = |falcon: &mut Falcon<Fake>, force_n| {
@@ -445,10 +451,7 @@ fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
 #[test]
 fn what_was_replaced_before_it_was_written_holds_nothing_up() {
     let chip = Fake::running();
-    let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
-    let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
-    chip.home();
-    assert_eq!(falcon.home(&AtomicBool::new(false)), Ok(true));
+    let mut falcon = threaded(&chip);
     let begun = Instant::now();
     let wait = |done: &dyn Fn() -> bool| {
         while !done() {
