@@ -34,6 +34,8 @@ pub struct Faults {
     pub unplug_us: u64,
     /// Up to 24 bytes that nobody asked for come before the frame.
     pub babble: f32,
+    /// As many come each so many us, whether there are frames or not; 0 for never.
+    pub chatter_us: u64,
 }
 
 impl Faults {
@@ -51,6 +53,7 @@ impl Faults {
         unplug: 0.0,
         unplug_us: 0,
         babble: 0.0,
+        chatter_us: 0,
     };
 }
 

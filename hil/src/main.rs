@@ -45,6 +45,8 @@ enum Command {
     ///
     /// Ends with code 1 if a limit was broken. The same seed gives the same runs.
     Matrix(Matrix),
+    /// One run of the matrix once more, by what its line in --csv says: what it was struck with, and what came of it.
+    Once(Once),
     /// A host or a supervisor of the matrix, which starts this program again.
     #[command(hide = true)]
     Process {
@@ -125,6 +127,16 @@ struct Matrix {
 }
 
 #[derive(Debug, Args)]
+struct Once {
+    /// The device and its link.
+    rig: String,
+    /// The fault.
+    fault: String,
+    /// Seed of the run.
+    seed: u64,
+}
+
+#[derive(Debug, Args)]
 struct ClosedLoop {
     /// Length of the palpation, seconds of virtual time.
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(closed_loop::LEAST_SECONDS..))]
@@ -134,6 +146,7 @@ struct ClosedLoop {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().command {
         Command::Matrix(arguments) => run_matrix(&arguments),
+        Command::Once(arguments) => run_once(&arguments),
         Command::Process { arguments } => hosts::process(&arguments).map_err(|error| anyhow::anyhow!(error)),
         Command::ClosedLoop(ClosedLoop { seconds }) => run_closed_loop(seconds),
         Command::Falcon(Falcon { usbredir, control, seconds }) => {
@@ -153,6 +166,22 @@ fn run_closed_loop(seconds: u64) -> anyhow::Result<()> {
     let broken: Vec<String> =
         all.iter().filter_map(|found| Some(format!("{}: {}", found.rig, found.broken()?))).collect();
     ensure!(broken.is_empty(), "{} of {} broke a limit:\n{}", broken.len(), all.len(), broken.join("\n"));
+    Ok(())
+}
+
+fn run_once(arguments: &Once) -> anyhow::Result<()> {
+    let (kinds, names) = (rig::all(), matrix::Wrong::ALL.map(matrix::Wrong::name));
+    let kind = kinds.iter().find(|kind| kind.name == arguments.rig);
+    let wrong = matrix::Wrong::ALL.into_iter().find(|wrong| wrong.name() == arguments.fault);
+    let known: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
+    let kind = kind.with_context(|| format!("no device `{}`: {}", arguments.rig, known.join(", ")))?;
+    let wrong = wrong.with_context(|| format!("no fault `{}`: {}", arguments.fault, names.join(", ")))?;
+    println!("{:#?}", wrong.planned(arguments.seed));
+    let blob = palpate_hil::session::golden_organ();
+    let organ = palpate_core::Organ::read(blob.bytes()).map_err(|error| anyhow::anyhow!("{error:?}"))?;
+    let run = matrix::run(*kind, wrong, arguments.seed, &organ).map_err(|error| anyhow::anyhow!(error))?;
+    println!("{run:#?}");
+    ensure!(run.broken().is_none(), "{}", run.broken().unwrap_or_default());
     Ok(())
 }
 

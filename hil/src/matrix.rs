@@ -5,6 +5,7 @@
 //! reset or arm; a loop that has latched then feels the hand leave the organ and press anew: what is armed inside renders nothing until it enters.
 //! Written down is what the motors did to the hand, not what was sent.
 
+mod beside;
 mod lead;
 mod outcome;
 mod table;
@@ -19,11 +20,12 @@ use crate::falcon::{LoaderFault, LoaderOptions};
 use crate::fault::Faults;
 use crate::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig};
 use crate::session::{self, Bench, TICK_US, with_loop};
-use lead::Lead;
+use beside::Beside;
+use lead::lead;
 use palpate_core::{Method, Organ, Phase, vec3};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use watch::Watch;
-use wrong::{Dice, Plan, plan};
+use wrong::{Dice, Stage, plan};
 
 /// One run of one fault on one rig.
 pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run, OpenError> {
@@ -35,27 +37,34 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
     let traits = rig.traits();
     let limit_n = rig.profile().max_force_n + traits.motor_step_n;
     let plan = plan(wrong, dice);
-    let stalled_ticks = |faults: &Faults| if faults.stall > 0.0 { faults.stall_us / 1_000 } else { 0 };
     let pulled = matches!(wrong, Wrong::UnplugMidFrame | Wrong::Replug);
     let run = Run {
-        way_is_sound: plan.to_device == Faults::NONE && !pulled,
+        way_is_sound: plan.way_is_sound() && !pulled,
         checked_requests: traits.checked_requests,
         ..Run::with_nothing(kind.name, wrong, seed, limit_n)
     };
     let depth_m = 1e-3 * dice.draw(4, 8, 18) as f32;
     let lead_ticks = dice.draw(5, 600, 720);
-    let lead = Lead::of(&*rig, organ)?;
+    let mut beside = Beside::of(&*rig, organ)?;
     let mut run = with_loop(&mut *rig, organ, Method::Energy, |bench| {
         let path = session::press(bench.rig, 0.006, depth_m);
         bench.rig.follow(path);
         bench.controls.arm();
-        let led = lead.run(bench, lead_ticks)?;
+        let led = lead(bench, &mut beside, lead_ticks)?;
         bench.rig.forget();
-        let mut watch =
-            Watch::new(bench, Run { flaw: led.broken(), off_n: Some(led.off_n), ..run }, led.newest_us);
+        if wrong == Wrong::EncoderJump {
+            beside.go_by_encoders();
+        }
+        let run = Run { flaw: led.flaw, off_n: Some(led.off_n), ..run };
+        let mut watch = Watch::new(bench, beside, run, led.newest_us);
         let before = bench.rig.counts().total();
-        strike(bench, wrong, &plan, dice);
-        let ended_early = (0..plan.ticks.max(1)).any(|_| !watch.step(bench));
+        let [first, second] = &plan.stages;
+        strike(bench, wrong, first, dice);
+        let mut ended_early = (0..first.ticks.max(1)).any(|_| !watch.step(bench));
+        if !ended_early && second.ticks > 0 {
+            bench.rig.set_faults(second.to_device, second.to_host);
+            ended_early = (0..second.ticks).any(|_| !watch.step(bench));
+        }
         let struck = bench.rig.counts().total() - before;
         if plan.is_of_frames() {
             watch.note_struck(struck);
@@ -65,8 +74,7 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
         }
         if !ended_early {
             // What is stalled or late comes out with the fault long over.
-            let after = stalled_ticks(&plan.to_device) + plan.to_device.delay_us / 1_000;
-            let _ = (0..after).any(|_| !watch.step(bench));
+            let _ = (0..plan.after_ticks()).any(|_| !watch.step(bench));
             watch.mend(bench.now_us());
             let goes_on = (0..200).all(|_| watch.step(bench));
             if goes_on && matches!(watch.run().ended, Ended::Latched(_)) {
@@ -90,7 +98,7 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
     Ok(run)
 }
 
-fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, plan: &Plan, dice: Dice) {
+fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, stage: &Stage, dice: Dice) {
     let sign = if dice.draw(7, 0, 1) == 0 { 1.0 } else { -1.0 };
     match wrong {
         Wrong::UnplugMidFrame => bench.rig.unplug(Cut::MidFrame),
@@ -106,9 +114,9 @@ fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, plan: &Plan, dice: Dice) {
         Wrong::PowerCycle => {
             bench.rig.strike(Mishap::PowerCycle);
             // While it starts anew nobody answers.
-            bench.rig.set_faults(plan.to_device, plan.to_host);
+            bench.rig.set_faults(stage.to_device, stage.to_host);
         }
-        _ => bench.rig.set_faults(plan.to_device, plan.to_host),
+        _ => bench.rig.set_faults(stage.to_device, stage.to_host),
     }
 }
 

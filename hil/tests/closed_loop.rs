@@ -9,7 +9,8 @@ use palpate_host::device::profile::Profile;
 fn a_minute_of_palpation_is_what_the_organ_says_and_does_not_shake() {
     let all = palpate_all(&rig::all(), Method::Energy, 60).expect("nothing is wrong with the links");
     println!("{}", Table(&all));
-    assert_eq!(all.len(), Profile::names().count());
+    // The Falcon twice: its driver has threads of its own, or not.
+    assert_eq!(all.len(), Profile::names().count() + 1);
     for found in all {
         assert_eq!(found.strokes, 20);
         assert_eq!(found.broken(), None, "{found:?}");

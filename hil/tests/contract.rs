@@ -19,6 +19,11 @@ fn falcon_in_memory() {
 }
 
 #[test]
+fn falcon_in_memory_by_threads() {
+    keeps_the_contract("falcon-threads");
+}
+
+#[test]
 fn link_in_memory() {
     keeps_the_contract("link-memory");
 }
@@ -43,7 +48,7 @@ fn every_rig_is_held_to_it() {
     let names: Vec<&str> = rig::all().iter().map(|kind| kind.name).collect();
     assert_eq!(
         names,
-        ["falcon-memory", "link-memory", "link-pty", "polhem-memory", "polhem-pty"],
+        ["falcon-memory", "falcon-threads", "link-memory", "link-pty", "polhem-memory", "polhem-pty"],
         "a test above for each of them"
     );
 }

@@ -81,7 +81,7 @@ fn of_vector(vector: Vec3) -> [f64; 3] {
     vector.map(f64::from)
 }
 
-fn of_faults(faults: Faults) -> [f64; 12] {
+fn of_faults(faults: Faults) -> [f64; 13] {
     let Faults {
         drop,
         truncate,
@@ -95,11 +95,16 @@ fn of_faults(faults: Faults) -> [f64; 12] {
         unplug,
         unplug_us,
         babble,
+        chatter_us,
     } = faults;
     let shares = [drop, truncate, corrupt, delay, duplicate, reorder, stall, unplug, babble].map(f64::from);
     let [drop, truncate, corrupt, delay, duplicate, reorder, stall, unplug, babble] = shares;
-    let [delay_us, stall_us, unplug_us] = [delay_us, stall_us, unplug_us].map(|us| us as f64);
-    [drop, truncate, corrupt, delay, delay_us, duplicate, reorder, stall, stall_us, unplug, unplug_us, babble]
+    let times = [delay_us, stall_us, unplug_us, chatter_us].map(|us| us as f64);
+    let [delay_us, stall_us, unplug_us, chatter_us] = times;
+    [
+        drop, truncate, corrupt, delay, delay_us, duplicate, reorder, stall, stall_us, unplug, unplug_us,
+        babble, chatter_us,
+    ]
 }
 
 fn faults(from: &[f64]) -> Option<Faults> {
@@ -116,7 +121,8 @@ fn faults(from: &[f64]) -> Option<Faults> {
         unplug,
         unplug_us,
         babble,
-    ] = *<&[f64; 12]>::try_from(from).ok()?;
+        chatter_us,
+    ] = *<&[f64; 13]>::try_from(from).ok()?;
     Some(Faults {
         drop: drop as f32,
         truncate: truncate as f32,
@@ -130,6 +136,7 @@ fn faults(from: &[f64]) -> Option<Faults> {
         unplug: unplug as f32,
         unplug_us: unplug_us as u64,
         babble: babble as f32,
+        chatter_us: chatter_us as u64,
     })
 }
 
@@ -386,6 +393,7 @@ mod tests {
             unplug: 0.11,
             unplug_us: 12,
             babble: 0.13,
+            chatter_us: 14,
         };
         let path = vec![
             Waypoint { t_us: 1, position_m: [0.1, -0.2, 1e-9] },

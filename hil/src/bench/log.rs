@@ -59,6 +59,7 @@ fn wrong(name: &str) -> Option<Wrong> {
         Strike::StallIn | Strike::StallOut => Wrong::TransferStall,
         Strike::Silence => Wrong::Silence,
         Strike::Babble => Wrong::Babble,
+        Strike::Stall => Wrong::Stall,
         Strike::Delay => Wrong::Delay,
         Strike::Duplicate => Wrong::Duplicate,
         Strike::Truncate => Wrong::Truncate,

@@ -27,6 +27,8 @@ pub enum Strike {
     Silence,
     /// Bytes that nobody asked for come before each reply.
     Babble,
+    /// Nothing comes through the wire for a while, then all of it at once, both ways.
+    Stall,
     /// Frames come late on the wire, both ways.
     Delay,
     /// Frames come twice there.
@@ -50,7 +52,7 @@ const MOST_PASSED: u64 = 60;
 
 impl Strike {
     /// All of them, in the order of the seeds from 1.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::WrongEcho,
         Self::DropRequest,
         Self::DropReply,
@@ -70,6 +72,7 @@ impl Strike {
         Self::EncoderJump,
         Self::PowerCycle,
         Self::Replug,
+        Self::Stall,
     ];
 
     /// What the run of a seed meets; nothing with seed 0.
@@ -100,6 +103,7 @@ impl Strike {
             Self::StallOut => "stall-out",
             Self::Silence => "silence",
             Self::Babble => "babble",
+            Self::Stall => "stall",
             Self::Delay => "delay",
             Self::Duplicate => "duplicate",
             Self::Truncate => "truncate",
@@ -130,6 +134,8 @@ impl Strike {
             (faults, faults)
         }
         match self {
+            // One holds up the way by a tick or by 25 ms, as the frames come: the next is drawn when it is over.
+            Self::Stall => both(Faults { stall: 0.05, stall_us: 25_000, ..Faults::NONE }),
             Self::Delay => both(Faults { delay: 0.05, delay_us: 3_000, ..Faults::NONE }),
             Self::Duplicate => both(Faults { duplicate: 0.05, ..Faults::NONE }),
             Self::Truncate => both(Faults { truncate: 0.05, ..Faults::NONE }),

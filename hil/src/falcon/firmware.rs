@@ -114,6 +114,12 @@ impl Firmware {
         self.offset[axis] += counts;
     }
 
+    /// How far off each encoder is; 0 before its axis is homed.
+    #[must_use]
+    pub fn miscounted(&self) -> [i32; 3] {
+        core::array::from_fn(|axis| if self.homed[axis] { self.offset[axis] } else { 0 })
+    }
+
     /// The index is forgotten, as after a reset of the board.
     pub fn lose_homing(&mut self, raw_offset: [i16; 3]) {
         (self.homed, self.offset) = ([false; 3], raw_offset.map(i32::from));

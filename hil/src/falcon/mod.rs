@@ -284,10 +284,12 @@ impl EmulatedFalcon {
         self.grip.position_m()
     }
 
-    /// What the wheels of the encoders stand at, from their indices.
+    /// What the wheels of the encoders stand at, from their indices, and what was miscounted since.
     #[must_use]
     pub fn counts(&self) -> [i32; 3] {
-        self.grip.counts()
+        let miscounted = self.firmware.as_ref().map_or([0; 3], Firmware::miscounted);
+        let counts = self.grip.counts();
+        core::array::from_fn(|axis| counts[axis] + miscounted[axis])
     }
 
     /// The boot loader.

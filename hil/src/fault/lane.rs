@@ -24,16 +24,23 @@ enum Draw {
 const DRAWS: u64 = 16;
 /// Longest babble.
 const MOST_BABBLE: u64 = 24;
+/// What tells the seed of the chatter from that of the frames.
+const CHATTER: u64 = 0x6261_6262_6c65;
 /// How long a frame waits to be overtaken, us.
 const OVERTAKE_US: u64 = 5_000;
 
 /// A frame on its way.
 #[derive(Debug, Clone)]
 struct Late {
-    /// When it went in.
-    put_us: u64,
+    /// When it went in; nothing for what nobody has sent.
+    put_us: Option<u64>,
     due_us: u64,
     bytes: Vec<u8>,
+}
+
+/// Up to [`MOST_BABBLE`] bytes of any value.
+fn bytes_of(seed: u64, len: u64) -> Vec<u8> {
+    (0..1 + len % MOST_BABBLE).map(|i| split_mix(seed, i) as u8).collect()
 }
 
 /// One direction of a link with its faults.
@@ -50,6 +57,9 @@ pub struct Lane {
     newest_us: Option<u64>,
     stalled_until_us: u64,
     cut_until_us: u64,
+    /// When the next chatter comes, while there is any.
+    chatter_us: Option<u64>,
+    chatters: u64,
 }
 
 impl Lane {
@@ -66,12 +76,17 @@ impl Lane {
             newest_us: None,
             stalled_until_us: 0,
             cut_until_us: 0,
+            chatter_us: None,
+            chatters: 0,
         }
     }
 
     /// Changes the faults from here on.
     pub const fn set_faults(&mut self, faults: Faults) {
         self.faults = faults;
+        if faults.chatter_us == 0 {
+            self.chatter_us = None;
+        }
     }
 
     /// What was done so far.
@@ -121,7 +136,7 @@ impl Lane {
         }
         if self.strikes(Draw::Babble, faults.babble) {
             self.counts.babbled += 1;
-            self.queue(Late { put_us: now_us, due_us: now_us, bytes: self.babble() });
+            self.queue(Late { put_us: None, due_us: now_us, bytes: self.babble() });
         }
         if self.strikes(Draw::Drop, faults.drop) {
             self.counts.dropped += 1;
@@ -131,7 +146,7 @@ impl Lane {
         let late = self.strikes(Draw::Delay, faults.delay);
         self.counts.delayed += u64::from(late);
         let due_us = if late { now_us.saturating_add(faults.delay_us) } else { now_us };
-        let frame = Late { put_us: now_us, due_us, bytes };
+        let frame = Late { put_us: Some(now_us), due_us, bytes };
         if self.overtaken.is_none() && self.strikes(Draw::Reorder, faults.reorder) {
             self.counts.reordered += 1;
             self.overtaken = Some(Late { due_us: due_us.saturating_add(OVERTAKE_US), ..frame });
@@ -149,9 +164,21 @@ impl Lane {
 
     /// Bytes of any value: other draws of the same sequence, from a seed of their own.
     fn babble(&self) -> Vec<u8> {
-        let len = 1 + self.draw(Draw::BabbleLen) % MOST_BABBLE;
-        let seed = self.draw(Draw::Babble);
-        (0..len).map(|i| split_mix(seed, i) as u8).collect()
+        bytes_of(self.draw(Draw::Babble), self.draw(Draw::BabbleLen))
+    }
+
+    /// What has come by itself since the last look.
+    fn chatter(&mut self, now_us: u64) {
+        let period_us = self.faults.chatter_us;
+        while period_us > 0 && self.chatter_us.is_none_or(|due_us| due_us <= now_us) {
+            let due_us = self.chatter_us.unwrap_or(now_us);
+            // Of another seed than the frames: they stay as they are.
+            let seed = split_mix(self.seed ^ CHATTER, self.chatters);
+            let bytes = bytes_of(seed, seed >> 32);
+            self.queue(Late { put_us: None, due_us, bytes });
+            self.chatter_us = Some(due_us + period_us);
+            (self.chatters, self.counts.babbled) = (self.chatters + 1, self.counts.babbled + 1);
+        }
     }
 
     fn spoiled(&mut self, frame: &[u8]) -> Vec<u8> {
@@ -182,6 +209,7 @@ impl Lane {
         if now_us < self.stalled_until_us || now_us < self.cut_until_us {
             return None;
         }
+        self.chatter(now_us);
         if self.overtaken.as_ref().is_some_and(|frame| frame.due_us <= now_us)
             && let Some(frame) = self.overtaken.take()
         {
@@ -191,7 +219,7 @@ impl Lane {
             return None;
         }
         let frame = self.late.pop_front()?;
-        self.newest_us = self.newest_us.max(Some(frame.put_us));
+        self.newest_us = self.newest_us.max(frame.put_us);
         Some(frame.bytes)
     }
 
@@ -277,6 +305,25 @@ mod tests {
         assert!(
             one.iter().zip(&other).all(|(a, b)| a.1.iter().zip(&b.1).filter(|(x, y)| x != y).count() <= 1)
         );
+    }
+
+    /// A talking line needs nobody to ask, and stops when it is told to; what was sent stays as it is.
+    #[test]
+    fn chatter_comes_by_itself() {
+        let mut lane = Lane::new(5);
+        lane.set_faults(Faults { chatter_us: 500, ..Faults::default() });
+        let mut bytes = 0;
+        for ms in 0..100 {
+            while let Some(got) = lane.take(1_000 * ms) {
+                bytes += got.len();
+            }
+        }
+        assert_eq!(lane.counts(), FaultCounts { babbled: 199, ..FaultCounts::default() });
+        assert!((199..=199 * 24).contains(&bytes), "{bytes}");
+        lane.put(99_000, b"asked for");
+        assert_eq!(lane.take(99_000).as_deref(), Some(&b"asked for"[..]));
+        lane.set_faults(Faults::default());
+        assert_eq!(lane.take(500_000), None);
     }
 
     #[test]

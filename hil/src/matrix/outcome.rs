@@ -57,6 +57,8 @@ pub struct Run {
     pub resumed: bool,
     /// Furthest that the force at the motors was from the organ's before the fault, N.
     pub off_n: Option<f32>,
+    /// Furthest that it was from the organ's after a fault that was ridden out, N.
+    pub after_n: Option<f32>,
     /// Frames that were struck, where the fault is one of frames.
     pub struck: Option<u64>,
     /// What was not as it must be, as it was seen on the way.
@@ -92,6 +94,7 @@ impl Run {
             limit_n,
             resumed: false,
             off_n: None,
+            after_n: None,
             struck: None,
             flaw: None,
             way_is_sound: true,

@@ -25,6 +25,12 @@ impl Row<'_> {
         self.runs.iter().fold(0.0, |most, run| most.max(of(run)))
     }
 
+    /// Furthest from the organ's force after it was ridden out, N; a dash if none was.
+    fn most_after(&self) -> String {
+        let most = self.runs.iter().filter_map(|run| run.after_n).reduce(f32::max);
+        most.map_or_else(|| "-".into(), |newtons| format!("{newtons:.3}"))
+    }
+
     /// How they ended, and how often.
     fn ends(&self) -> String {
         let mut ends: Vec<(String, usize)> = Vec::new();
@@ -66,13 +72,13 @@ impl fmt::Display for Table<'_> {
         rows.sort_by_key(|row| (row.rig, row.wrong));
         f.write_str(
             "| device, link | fault | runs | no sample after, ms | detected after, ms | then zero after, ms | zero after the link is back, ms | \
-             largest force, N | beyond the limit for, ms | largest step, N | ended | again without arming |\n\
-             |---|---|---|---|---|---|---|---|---|---|---|---|\n",
+             largest force, N | beyond the limit for, ms | largest step, N | ended | off the organ's force after it, N | again without arming |\n\
+             |---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
         )?;
         for row in &rows {
             writeln!(
                 f,
-                "| {} | {} | {} | {} | {} | {} | {} | {:.2} | {} | {:.2} | {} | {} |",
+                "| {} | {} | {} | {} | {} | {} | {} | {:.2} | {} | {:.2} | {} | {} | {} |",
                 row.rig,
                 row.wrong.name(),
                 row.runs.len(),
@@ -84,6 +90,7 @@ impl fmt::Display for Table<'_> {
                 row.most_ms(|run| Some(run.beyond_us).filter(|us| *us > 0)),
                 row.most(|run| run.step_n),
                 row.ends(),
+                row.most_after(),
                 row.count(|run| run.resumed),
             )?;
         }
@@ -95,16 +102,17 @@ impl fmt::Display for Table<'_> {
 #[must_use]
 pub fn csv(runs: &[Run]) -> String {
     let mut text = String::from(
-        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,struck,broken\n",
+        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,after_n,struck,broken\n",
     );
     // Names have commas.
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let number = |us: Option<u64>| us.map_or_else(String::new, |us| us.to_string());
+    let newtons = |force: Option<f32>| force.map_or_else(String::new, |force| force.to_string());
     for run in runs {
         // Writing to a String does not fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             run.rig,
             quoted(run.wrong.name()),
             run.seed,
@@ -117,7 +125,8 @@ pub fn csv(runs: &[Run]) -> String {
             run.step_n,
             run.beyond_us,
             run.resumed,
-            run.off_n.map_or_else(String::new, |newtons| newtons.to_string()),
+            newtons(run.off_n),
+            newtons(run.after_n),
             number(run.struck),
             quoted(run.broken().unwrap_or(""))
         );

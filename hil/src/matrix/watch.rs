@@ -1,6 +1,7 @@
 //! What is watched from the fault on, tick by tick.
 
 use super::Wrong;
+use super::beside::Beside;
 use super::outcome::{Ended, Run, STALE_US};
 use crate::felt::Felt;
 use crate::session::{Bench, TICK_US};
@@ -10,9 +11,14 @@ use palpate_host::TickRecord;
 /// In which a reply from before a device lost its place may still come, us.
 const ON_ITS_WAY_US: u64 = 4 * TICK_US;
 
+/// From the end of a fault that was ridden out until the force is the organ's again, us: the links that are late by 40 ms are empty, and the slew has
+/// let the force rise.
+const SETTLED_US: u64 = 60_000;
+
 /// The run so far.
-pub(super) struct Watch {
+pub(super) struct Watch<'o> {
     run: Run,
+    organ: Beside<'o>,
     struck_us: u64,
     /// When the fault was over.
     mended_us: Option<u64>,
@@ -21,11 +27,11 @@ pub(super) struct Watch {
     newest_us: u64,
 }
 
-impl Watch {
+impl<'o> Watch<'o> {
     /// From now on; `newest_us` is when the newest sample so far was taken.
-    pub(super) fn new(bench: &Bench<'_, '_>, run: Run, newest_us: Option<u64>) -> Self {
+    pub(super) fn new(bench: &Bench<'_, '_>, organ: Beside<'o>, run: Run, newest_us: Option<u64>) -> Self {
         let struck_us = bench.now_us();
-        Self { run, struck_us, mended_us: None, beyond_us: 0, newest_us: newest_us.unwrap_or(0) }
+        Self { run, organ, struck_us, mended_us: None, beyond_us: 0, newest_us: newest_us.unwrap_or(0) }
     }
 
     pub(super) const fn run(&self) -> &Run {
@@ -81,6 +87,18 @@ impl Watch {
         }
     }
 
+    /// What was ridden out has left nothing behind: the hand feels the organ, where it is and as hard as it is.
+    fn look_at_force(&mut self, bench: &Bench<'_, '_>) {
+        let both = self.organ.look(bench);
+        let is_over = self.mended_us.is_some_and(|us| bench.now_us() >= us + SETTLED_US);
+        if is_over && self.run.ended == Ended::RodeOn {
+            self.run.after_n = Some(self.run.after_n.unwrap_or(0.0).max(both.off_n()));
+            if both.flaw().is_some() {
+                self.flaw("ridden out, and the force is not the organ's");
+            }
+        }
+    }
+
     fn look(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
         if let Some(record) = record {
             self.look_at_age(record, bench.heard_us());
@@ -115,6 +133,7 @@ impl Watch {
 
     /// One tick; false if the device is gone.
     pub(super) fn step(&mut self, bench: &mut Bench<'_, '_>) -> bool {
+        self.look_at_force(bench);
         match bench.step() {
             Ok(record) => self.look(bench, Some(&record)),
             Err(_) => {

@@ -24,8 +24,10 @@ pub enum Wrong {
     Reorder,
     /// Nothing comes through for 3 to 60 ms, then all of it at once.
     Stall,
-    /// Bytes that nobody asked for before each frame, 1 to 40 ms.
+    /// Bytes that nobody asked for, before each frame or all the time, 1 to 40 ms.
     Babble,
+    /// One fault on the way there and another on the way back, 1 to 60 ms; in half of the runs two others after them.
+    Mixed,
     /// The cable is pulled in the middle of a request, and put in again.
     UnplugMidFrame,
     /// The cable is pulled between two requests, and put in again.
@@ -52,7 +54,7 @@ pub enum Wrong {
 
 impl Wrong {
     /// All that happen in step. The others need USB ([`crate::bench`]) or processes ([`crate::hosts`]).
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Drop,
         Self::Silence,
         Self::Delay,
@@ -63,6 +65,7 @@ impl Wrong {
         Self::Reorder,
         Self::Stall,
         Self::Babble,
+        Self::Mixed,
         Self::UnplugMidFrame,
         Self::Replug,
         Self::EncoderJump,
@@ -85,6 +88,7 @@ impl Wrong {
             Self::Reorder => "reorder",
             Self::Stall => "stall",
             Self::Babble => "babble",
+            Self::Mixed => "mixed",
             Self::UnplugMidFrame => "unplug mid-frame",
             Self::Replug => "unplug, replug",
             Self::EncoderJump => "encoder jump",
@@ -99,6 +103,12 @@ impl Wrong {
         }
     }
 
+    /// What it is in the run of a seed, for people: faults each way for so many ticks.
+    #[must_use]
+    pub fn planned(self, seed: u64) -> impl core::fmt::Debug {
+        plan(self, Dice(seed)).stages
+    }
+
     /// Whether it can happen to a device: homing and power to one that homes, a boot loader to the Falcon.
     pub(super) fn can_happen(self, kind: Kind) -> bool {
         match self {
@@ -110,19 +120,43 @@ impl Wrong {
     }
 }
 
-/// What a fault of the link is in one run.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Plan {
+/// What goes wrong with the link for a while.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Stage {
     pub(super) to_device: Faults,
     pub(super) to_host: Faults,
     pub(super) ticks: u64,
+}
+
+/// What a fault of the link is in one run.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Plan {
+    /// One after the other; the second for no time, where there is none.
+    pub(super) stages: [Stage; 2],
     /// It is meant for frames, and must strike one.
     of_frames: bool,
 }
 
 impl Plan {
+    fn of(stage: Stage) -> Self {
+        let of_frames = stage.to_device != Faults::NONE || stage.to_host != Faults::NONE;
+        Self { stages: [stage, Stage::default()], of_frames }
+    }
+
     pub(super) const fn is_of_frames(&self) -> bool {
         self.of_frames
+    }
+
+    /// Requests get through to the motors all the time.
+    pub(super) fn way_is_sound(&self) -> bool {
+        self.stages.iter().all(|stage| stage.to_device == Faults::NONE)
+    }
+
+    /// For how long something may still be on its way to the device once the fault is over.
+    pub(super) fn after_ticks(&self) -> u64 {
+        let held_us = |faults: &Faults| if faults.stall > 0.0 { faults.stall_us } else { 0 };
+        let ticks = |stage: &Stage| (held_us(&stage.to_device) + stage.to_device.delay_us) / 1_000;
+        self.stages.iter().map(ticks).max().unwrap_or(0)
     }
 }
 
@@ -137,6 +171,39 @@ impl Dice {
     }
 }
 
+/// Bytes of nobody: before each frame, or all the time, however few frames there are.
+fn babble(dice: Dice, what: u64) -> Faults {
+    match dice.draw(what, 0, 1) {
+        0 => Faults { babble: 1.0, ..Faults::NONE },
+        _ => Faults { chatter_us: 250 * dice.draw(what + 1, 1, 8), ..Faults::NONE },
+    }
+}
+
+/// One of the faults that a way may have. None that changes a byte of a request: [`Wrong::CorruptRequest`] is that, with limits of its own.
+fn any(dice: Dice, what: u64, to_device: bool) -> Faults {
+    let none = Faults::NONE;
+    match dice.draw(what, 0, if to_device { 5 } else { 7 }) {
+        0 => Faults { drop: 1.0, ..none },
+        1 => Faults { delay: 1.0, delay_us: 1_000 * dice.draw(what + 1, 2, 40), ..none },
+        2 => Faults { duplicate: 1.0, ..none },
+        3 => Faults { truncate: 1.0, ..none },
+        4 => Faults { reorder: 1.0, ..none },
+        5 => Faults { drop: 0.5, delay: 0.5, delay_us: 1_000 * dice.draw(what + 1, 2, 30), ..none },
+        6 => Faults { corrupt: 1.0, ..none },
+        _ => babble(dice, what + 1),
+    }
+}
+
+fn mixed(dice: Dice) -> Plan {
+    let stage = |what: u64| Stage {
+        to_device: any(dice, what, true),
+        to_host: any(dice, what + 10, false),
+        ticks: dice.draw(what + 20, 1, 60),
+    };
+    let second = if dice.draw(40, 0, 1) == 0 { Stage::default() } else { stage(70) };
+    Plan { stages: [stage(41), second], of_frames: true }
+}
+
 pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
     let none = Faults::NONE;
     let ticks = dice.draw(1, 1, 40);
@@ -149,7 +216,8 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
         Wrong::CorruptReply | Wrong::CorruptRequest => Faults { corrupt: 1.0, ..none },
         Wrong::Reorder => Faults { reorder: 1.0, ..none },
         Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.draw(2, 3, 60), ..none },
-        Wrong::Babble => Faults { babble: 1.0, ..none },
+        Wrong::Babble => babble(dice, 30),
+        Wrong::Mixed => return mixed(dice),
         Wrong::PowerCycle if dice.draw(2, 0, 1) == 1 => Faults { drop: 1.0, ..none },
         _ => none,
     };
@@ -169,5 +237,5 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
         Wrong::PowerCycle => dice.draw(1, 1, 150),
         _ => ticks,
     };
-    Plan { to_device, to_host, ticks, of_frames: faults != none }
+    Plan::of(Stage { to_device, to_host, ticks })
 }

@@ -1,4 +1,5 @@
-//! The Falcon in memory: the real driver on the emulated chip, all of it on virtual time.
+//! The Falcon in memory: the real driver on the emulated chip, all of it on virtual time. Reading and writing in the exchange, or by the driver's own
+//! threads as on USB: then a tick is over when they have done what there was to do.
 
 use super::{Cut, Mishap, OpenError, Rig, Traits};
 use crate::falcon::memory::Link;
@@ -6,7 +7,8 @@ use crate::falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderOptions, Mem
 use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
 use crate::mechanism::Waypoint;
-use palpate_core::Vec3;
+use palpate_core::{Sample, Vec3};
+use palpate_host::device::Around;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
 use palpate_host::device::profile::Profile;
@@ -14,6 +16,7 @@ use palpate_host::device::workspace::Workspace;
 use palpate_host::{Device, DeviceError};
 use std::cell::Cell;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// How long after a request has left the cable is pulled in the middle of it, us: of 107 on the wire.
 const MID_FRAME_US: u64 = 50;
@@ -23,12 +26,19 @@ const COUNTS_PER_M: f32 = 1.0 / 54e-6;
 /// Outside the indices of all three axes, m.
 const OUT_M: Vec3 = [0.0, 0.0, 0.145];
 
+/// How long the writing thread of a busy machine may take for a request.
+const CERTAIN: Duration = Duration::from_secs(20);
+
+/// The way of one driver to the device.
+type FalconLink = Arc<FaultyFtdi<MemoryFtdi>>;
+
 /// The Falcon in memory.
 pub struct FalconRig {
     /// The device; every driver has a handle of its own.
     device: MemoryFtdi,
     /// The link of the driver that was opened last.
-    link: Option<Arc<FaultyFtdi<MemoryFtdi>>>,
+    link: Option<FalconLink>,
+    mode: Mode,
     profile: Profile,
     firmware: Option<Image>,
     seed: u64,
@@ -44,44 +54,48 @@ impl FalconRig {
     /// A device whose firmware runs and whose hand homes it as soon as it is asked to.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        Self::with(seed, true, LoaderOptions::default())
+        Self::with(seed, Mode::Polled, true, LoaderOptions::default())
+    }
+
+    /// The same with a driver that reads and writes by threads of its own, as it does on USB.
+    #[must_use]
+    pub fn with_threads(seed: u64) -> Self {
+        Self::with(seed, Mode::Threaded { fifo_priority: None }, true, LoaderOptions::default())
     }
 
     /// A device that has forgotten its firmware and a user who has the file.
     #[must_use]
     pub fn silent(seed: u64, loader: LoaderOptions) -> Self {
-        Self::with(seed, false, loader)
+        Self::with(seed, Mode::Polled, false, loader)
     }
 
     /// A device whose motors turn with these torques a count, N m, and a user who has the profile for it.
     #[must_use]
     pub fn calibrated(nm_per_motor_count: [f64; 3], profile: Profile) -> Self {
-        Self::made(7, true, LoaderOptions::default(), nm_per_motor_count, profile)
+        let config = FalconConfig { firmware_runs: true, nm_per_motor_count, ..FalconConfig::default() };
+        Self::made(7, Mode::Polled, config, profile)
     }
 
-    fn with(seed: u64, firmware_runs: bool, loader: LoaderOptions) -> Self {
+    fn with(seed: u64, mode: Mode, firmware_runs: bool, loader: LoaderOptions) -> Self {
         let profile = Profile::bundled("falcon").expect("bundled");
-        Self::made(seed, firmware_runs, loader, FalconConfig::default().nm_per_motor_count, profile)
+        Self::made(seed, mode, FalconConfig { firmware_runs, loader, ..FalconConfig::default() }, profile)
     }
 
-    fn made(
-        seed: u64,
-        firmware_runs: bool,
-        loader: LoaderOptions,
-        nm_per_motor_count: [f64; 3],
-        profile: Profile,
-    ) -> Self {
+    /// A hand and what it feels of the mechanism are added to the configuration.
+    fn made(seed: u64, mode: Mode, config: FalconConfig, profile: Profile) -> Self {
         let middle_m = profile.workspace.device_origin_m;
         // Held outside its indices, then pushed in: homed in a tenth of a second.
         let path =
             vec![Waypoint { t_us: 0, position_m: OUT_M }, Waypoint { t_us: 100_000, position_m: middle_m }];
-        let drag = super::drag(&profile);
-        let config =
-            FalconConfig { path, drag, firmware_runs, loader, nm_per_motor_count, ..FalconConfig::default() };
+        let falcon = EmulatedFalcon::new(FalconConfig { path, drag: super::drag(&profile), ..config });
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
-            device: MemoryFtdi::new(EmulatedFalcon::new(config)),
+            device: match mode {
+                Mode::Polled => MemoryFtdi::new(falcon),
+                Mode::Threaded { .. } => MemoryFtdi::stepped(falcon),
+            },
             link: None,
+            mode,
             profile,
             firmware: Some(Image::new(image).expect("a sound stream")),
             seed,
@@ -92,7 +106,7 @@ impl FalconRig {
     }
 
     /// A link for one driver, as opening a device gives it: without faults, until it is told.
-    pub fn connect(&mut self) -> Result<Arc<FaultyFtdi<MemoryFtdi>>, DeviceError> {
+    pub fn connect(&mut self) -> Result<FalconLink, DeviceError> {
         let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
         self.link = Some(Arc::clone(&link));
         Ok(link)
@@ -107,6 +121,36 @@ impl FalconRig {
     }
 }
 
+/// A driver with threads: an exchange is over when its request has gone.
+struct Stepwise {
+    inner: Falcon<FaultyFtdi<MemoryFtdi>>,
+    link: FalconLink,
+}
+
+impl Around for Stepwise {
+    type Inner = Falcon<FaultyFtdi<MemoryFtdi>>;
+
+    fn inner(&self) -> &Self::Inner {
+        &self.inner
+    }
+
+    fn inner_mut(&mut self) -> &mut Self::Inner {
+        &mut self.inner
+    }
+
+    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+        let exchanged = self.inner.exchange(now_us, hand_force_n);
+        self.inner.wait_sent(CERTAIN);
+        exchanged
+    }
+}
+
+impl Drop for Stepwise {
+    fn drop(&mut self) {
+        self.link.inner().release();
+    }
+}
+
 /// Out past the indices and in again.
 fn home_again(middle_m: Vec3) -> Vec<Waypoint> {
     [(0, middle_m), (200_000, OUT_M), (300_000, OUT_M), (400_000, middle_m)]
@@ -116,7 +160,10 @@ fn home_again(middle_m: Vec3) -> Vec<Waypoint> {
 
 impl Rig for FalconRig {
     fn name(&self) -> String {
-        "Falcon in memory".into()
+        match self.mode {
+            Mode::Polled => "Falcon in memory".into(),
+            Mode::Threaded { .. } => "Falcon in memory, by threads".into(),
+        }
     }
 
     fn profile(&self) -> &Profile {
@@ -140,15 +187,21 @@ impl Rig for FalconRig {
 
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError> {
         let link = self.connect()?;
-        let config =
-            driver::FalconConfig { workspace, ..driver::FalconConfig::of(&self.profile, Mode::Polled) };
-        let falcon = Falcon::start(link, config, self.firmware.as_ref())?;
+        let config = driver::FalconConfig { workspace, ..driver::FalconConfig::of(&self.profile, self.mode) };
+        let inner = Falcon::start(Arc::clone(&link), config, self.firmware.as_ref())?;
+        if self.mode == Mode::Polled {
+            self.begin();
+            return Ok(Box::new(inner));
+        }
+        link.inner().wait_reading();
         self.begin();
-        Ok(Box::new(falcon))
+        Ok(Box::new(Stepwise { inner, link }))
     }
 
     fn advance(&mut self, now_us: u64) {
-        self.device.falcon().advance(self.opened_us + now_us);
+        // Through the handle of whoever reads: it is waited for.
+        let handle = self.link.as_ref().map_or(&self.device, |link| link.inner());
+        handle.advance(self.opened_us + now_us);
     }
 
     fn now_us(&self) -> u64 {

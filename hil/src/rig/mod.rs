@@ -189,6 +189,11 @@ pub fn all() -> Vec<Kind> {
     vec![
         Kind { name: "falcon-memory", in_memory: true, make: |seed| Box::new(FalconRig::new(seed)) },
         Kind {
+            name: "falcon-threads",
+            in_memory: true,
+            make: |seed| Box::new(FalconRig::with_threads(seed)),
+        },
+        Kind {
             name: "link-memory",
             in_memory: true,
             make: |seed| Box::new(SerialRig::<EmulatedLink>::new(Wire::Memory, seed)),

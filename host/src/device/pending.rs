@@ -7,6 +7,9 @@ const REPLY_TIMEOUT_US: u64 = 2_000;
 const SILENCE_US: u64 = 3_000;
 /// Age of a reply from which on it is the link that is late, us: what one lost or late reply makes of those behind it is younger.
 const LATE_US: u64 = 5_000;
+/// Age of a reply from which on it is of no use, us: such a sample is a fault to the loop. Whoever is so late may also send twice what was asked for once,
+/// and what is then taken for the answers to all that is open are those to half of it.
+const USELESS_US: u64 = 10_000;
 /// On a late link silence lasts longer than the reply was late, us: a link that became late both ways lets the reply through that was on its way, and
 /// needs twice as long for the next.
 const MORE_SILENCE_US: u64 = 2_000;
@@ -88,13 +91,14 @@ impl Pending {
         let is_late = self.len > 0 && age_us > LATE_US;
         let late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
         self.late_us = if self.pausing_since_us.is_some() { self.late_us.max(late_us) } else { late_us };
+        let is_useless = self.late_us >= USELESS_US + MORE_SILENCE_US;
         let oldest = if let Some(others) = self.forgotten.checked_sub(1) {
             self.forgotten = others;
             self.pause_from(now_us);
             None
         } else {
             let oldest = self.take_oldest();
-            if self.len > 0 || damaged {
+            if self.len > 0 || damaged || is_useless {
                 self.pause_from(now_us);
             } else {
                 self.pausing_since_us = None;
@@ -110,7 +114,7 @@ impl Pending {
             self.arrived_us = self.arrived_us.or(Some(now_us));
         }
         // What comes between repeated zeros says that they arrive, and not how old it is: a loop that took it for a sample would flicker.
-        let is_trusted = !self.repeated;
+        let is_trusted = !self.repeated && !is_useless;
         self.repeated &= self.pausing_since_us.is_some();
         oldest.filter(|_| is_trusted)
     }
@@ -240,11 +244,11 @@ mod tests {
         for tick in 1..12 {
             pending.sent(2_000 * tick, true);
         }
-        assert_eq!(pending.answered(23_000, false), Some(0));
+        assert_eq!(pending.answered(23_000, false), None, "too old for any use");
         for ms in 24..46 {
             assert!(!pending.ends_pause(1_000 * ms) && !pending.may_send(1_000 * ms), "{ms}");
         }
-        assert_eq!(pending.answered(46_000, false), Some(2_000));
+        assert_eq!(pending.answered(46_000, false), None);
         assert!(!pending.ends_pause(91_999) && pending.ends_pause(92_000), "44 ms late, and no more came");
 
         // By 36 ms: the first ones are forgotten by then.
@@ -254,6 +258,38 @@ mod tests {
         }
         assert_eq!(pending.answered(37_000, false), None);
         assert!(!pending.ends_pause(75_000) && pending.ends_pause(76_000));
+    }
+
+    /// Requests arrive twice, and replies are 21 ms late: twice as many come as were asked for, and those that are not ours must not pass for the answers to
+    /// what is asked next.
+    #[test]
+    fn twice_the_replies_of_a_late_link_make_none_look_younger() {
+        for late_ms in 1..45_u64 {
+            let (mut pending, mut last) = (Pending::default(), None);
+            // Sent, and when both replies come.
+            let mut under_way = std::collections::VecDeque::new();
+            for ms in 0..600_u64 {
+                let now_us = 1_000 * ms;
+                while under_way.front().is_some_and(|(_, due_us)| *due_us <= now_us) {
+                    let (sent_us, _) = under_way.pop_front().expect("looked at");
+                    let stamp = pending.answered(now_us, false);
+                    let passes = |us: u64| now_us - us < USELESS_US;
+                    let is_young = stamp.is_some_and(passes) && !passes(sent_us);
+                    assert!(!is_young, "{late_ms}: {stamp:?} for {sent_us}");
+                    last = stamp.or(last);
+                }
+                pending.ends_pause(now_us);
+                if pending.may_send(now_us) || pending.may_repeat_zero(now_us) {
+                    pending.sent(now_us, ms >= 110);
+                    let (late_us, copies) = match ms {
+                        100..300 => (1_000 * late_ms, 2),
+                        _ => (500, 1),
+                    };
+                    under_way.extend([(now_us, now_us + late_us)].repeat(copies));
+                }
+            }
+            assert!(last > Some(590_000), "{late_ms}: and once it is sound again it is used, not {last:?}");
+        }
     }
 
     /// Somebody talks without a pause while a zero is wanted: it goes out again and again, and once it is answered there is silence.

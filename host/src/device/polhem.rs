@@ -223,7 +223,13 @@ impl Polhem {
         }
         if self.pending.ends_pause(now_us) {
             self.line = LineBuffer::default();
-            self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
+            // What has come since the look above. Read and not flushed: to flush a terminal may wait for the kernel's worker that fills it.
+            let mut late = [0; 4 * LINE_LEN];
+            for _ in 0..MOST_READS {
+                if read_waiting(&mut *self.port, &mut late)? == 0 {
+                    break;
+                }
+            }
         }
         let overdue = self.pending.is_overdue(now_us);
         let free = self.pending.may_send(now_us);

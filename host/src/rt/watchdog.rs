@@ -20,6 +20,8 @@ use std::thread::{Builder, Scope, ScopedJoinHandle};
 pub const DEFAULT_LIMIT_MS: u32 = 20;
 /// Looks within the limit: it fires at the latest an eighth past it.
 const LOOKS: u64 = 8;
+/// Between two tries to send a zero that did not go, ns.
+const RETRY_NS: u64 = 1_000_000;
 /// The count of a loop that has ended.
 const ENDED: u64 = u64::MAX;
 
@@ -72,7 +74,9 @@ pub struct Watchdog<'h> {
     beats: u64,
     /// When that count was first seen.
     since_ns: u64,
-    /// When zero was last sent in this stall.
+    /// It has fired in this stall.
+    has_fired: bool,
+    /// When zero last went in this stall.
     zeroed_ns: Option<u64>,
 }
 
@@ -89,6 +93,8 @@ pub enum Look {
     Well,
     /// Zero was sent past the loop.
     Zeroed,
+    /// It was to be sent and did not go: it is tried again at once.
+    Refused,
     /// Stalled, and zeroed a moment ago.
     Stalled,
     /// The loop has ended.
@@ -99,7 +105,15 @@ impl<'h> Watchdog<'h> {
     /// Watches `heartbeat` and zeroes through `path` after `limit_ns` without a beat.
     #[must_use]
     pub fn new(heartbeat: &'h Heartbeat, path: Box<dyn EmergencyStop>, limit_ns: u64) -> Self {
-        Self { heartbeat, path, limit_ns: limit_ns.max(LOOKS), beats: 0, since_ns: 0, zeroed_ns: None }
+        Self {
+            heartbeat,
+            path,
+            limit_ns: limit_ns.max(LOOKS),
+            beats: 0,
+            since_ns: 0,
+            has_fired: false,
+            zeroed_ns: None,
+        }
     }
 
     /// One look at the heartbeat. In a stall zero is sent once a limit, for one of them may be lost on the line.
@@ -109,31 +123,36 @@ impl<'h> Watchdog<'h> {
             return Look::Ended;
         }
         if beats != self.beats || beats == 0 {
-            (self.beats, self.since_ns, self.zeroed_ns) = (beats, now_ns, None);
+            (self.beats, self.since_ns) = (beats, now_ns);
+            (self.has_fired, self.zeroed_ns) = (false, None);
             return Look::Well;
         }
         let quiet_since_ns = self.zeroed_ns.unwrap_or(self.since_ns);
         if now_ns.saturating_sub(quiet_since_ns) < self.limit_ns {
             return if self.zeroed_ns.is_some() { Look::Stalled } else { Look::Well };
         }
-        if self.zeroed_ns.is_none() {
+        if !core::mem::replace(&mut self.has_fired, true) {
             // Before the zero: a loop that wakes up now must not send its old force after it and go on.
             self.heartbeat.fired.fetch_add(1, Ordering::AcqRel);
         }
-        self.zeroed_ns = Some(now_ns);
-        // A device that cannot be reached this way cannot be helped; the next limit tries again.
-        let _ = self.path.zero();
+        match self.path.zero() {
+            // A buffer that was full, a transfer that was late: the next may go.
+            Err(error) if error.kind().is_passing() => return Look::Refused,
+            // A device that cannot be reached this way cannot be helped; the next limit tries again.
+            Ok(()) | Err(_) => self.zeroed_ns = Some(now_ns),
+        }
         Look::Zeroed
     }
 
     /// Watches until the loop has ended.
     fn run(mut self, clock: &impl Clock) {
-        let pause_ns = self.limit_ns / LOOKS;
         loop {
             let now_ns = clock.now_ns();
-            if self.look(now_ns) == Look::Ended {
-                return;
-            }
+            let pause_ns = match self.look(now_ns) {
+                Look::Ended => return,
+                Look::Refused => RETRY_NS.min(self.limit_ns / LOOKS),
+                Look::Well | Look::Zeroed | Look::Stalled => self.limit_ns / LOOKS,
+            };
             clock.wait_until(now_ns + pause_ns, 0);
         }
     }
@@ -163,7 +182,7 @@ pub fn spawn<'scope, C: Clock + Send + 'scope>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::DeviceError;
+    use crate::device::{DeviceError, DeviceErrorKind};
     use std::sync::Arc;
 
     const LIMIT_NS: u64 = 20_000_000;
@@ -214,6 +233,27 @@ mod tests {
         heartbeat.end();
         assert_eq!(watchdog.look(10_000_000_000), Look::Ended);
         assert_eq!(heartbeat.fired(), 2);
+    }
+
+    /// A port whose buffer is full: the zero goes as soon as there is room, and not a limit later.
+    #[test]
+    fn a_zero_that_did_not_go_is_tried_again_at_once() {
+        struct Full(Arc<AtomicU64>);
+
+        impl EmergencyStop for Full {
+            fn zero(&mut self) -> Result<(), DeviceError> {
+                let tries = self.0.fetch_add(1, Ordering::Relaxed) + 1;
+                if tries <= 3 { Err(DeviceError::new(DeviceErrorKind::Timeout)) } else { Ok(()) }
+            }
+        }
+
+        let (heartbeat, tries) = (Heartbeat::default(), Arc::default());
+        let mut watchdog = Watchdog::new(&heartbeat, Box::new(Full(Arc::clone(&tries))), LIMIT_NS);
+        heartbeat.beat(7);
+        let looks: Vec<Look> = (0..42).map(|ms| watchdog.look(ms * 1_000_000)).collect();
+        assert_eq!(looks[20..25], [Look::Refused, Look::Refused, Look::Refused, Look::Zeroed, Look::Stalled]);
+        assert!(looks[..20].iter().all(|look| *look == Look::Well));
+        assert_eq!((tries.load(Ordering::Relaxed), heartbeat.fired()), (4, 1), "one stall is one firing");
     }
 
     #[test]

@@ -42,6 +42,9 @@ const STOP_PATIENCE: Duration = Duration::from_millis(10);
 /// After this nothing is on its way any more.
 const SETTLING: Duration = Duration::from_millis(10);
 
+/// Replies in a row after which a doubted homing is lost.
+const FORGOTTEN: u32 = 3;
+
 /// What is known of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Homing {
@@ -50,7 +53,10 @@ enum Homing {
     Homed,
     /// The board says that it is homed, and an encoder has miscounted since: nothing it says is believed until it has lost its homing and was
     /// homed anew.
-    Doubted,
+    Doubted {
+        /// Replies in a row that said it has lost it.
+        forgotten: u32,
+    },
 }
 
 /// The device behind a chip.
@@ -207,8 +213,11 @@ impl<F: Ftdi + 'static> Falcon<F> {
 
     fn note_homing(&mut self, reply: &Reply) {
         let homing = match self.homing {
-            // Less than all of it may be a damaged packet.
-            Homing::Doubted if reply.homed & ALL_HOMED != 0 => Homing::Doubted,
+            // Less than all of it may be a damaged packet, and so may one that says nothing of it.
+            Homing::Doubted { .. } if reply.homed & ALL_HOMED != 0 => Homing::Doubted { forgotten: 0 },
+            Homing::Doubted { forgotten } if forgotten + 1 < FORGOTTEN => {
+                Homing::Doubted { forgotten: forgotten + 1 }
+            }
             _ if reply.is_homed() => Homing::Homed,
             _ => Homing::Unhomed,
         };
@@ -241,7 +250,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             Verdict::Moved => {}
             Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
             Verdict::Lost => {
-                self.set_homing(Homing::Doubted);
+                self.set_homing(Homing::Doubted { forgotten: 0 });
                 return Err(DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost)));
             }
         }
@@ -309,7 +318,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         match self.homing {
             _ if self.lost => DeviceState::Disconnected,
             Homing::Unknown => DeviceState::FirmwareLoaded,
-            Homing::Unhomed | Homing::Doubted => DeviceState::Unhomed,
+            Homing::Unhomed | Homing::Doubted { .. } => DeviceState::Unhomed,
             Homing::Homed => DeviceState::Homed,
         }
     }

@@ -2,6 +2,7 @@
 
 mod common;
 mod core;
+mod devices;
 mod fem;
 mod memory;
 mod replay;
@@ -25,6 +26,7 @@ pub(crate) struct Args {
 #[derive(Debug, Subcommand)]
 enum What {
     Core(core::Args),
+    Devices(devices::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Space(space::Args),
@@ -36,6 +38,7 @@ enum What {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     match &args.what {
         What::Core(args) => core::run(args),
+        What::Devices(args) => devices::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Space(args) => space::run(args),

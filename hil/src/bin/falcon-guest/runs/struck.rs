@@ -278,6 +278,7 @@ fn as_expected(fault: Strike, end: End) -> bool {
         // Whether too much is lost in a row depends on the time. A halted pipe is cleared by the driver.
         Strike::Babble
         | Strike::Delay
+        | Strike::Stall
         | Strike::Duplicate
         | Strike::Truncate
         | Strike::Reorder
