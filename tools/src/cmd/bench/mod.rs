@@ -5,6 +5,7 @@ mod core;
 mod fem;
 mod memory;
 mod replay;
+mod sampling;
 mod scheduler;
 mod simulated;
 mod sizes;
@@ -27,6 +28,7 @@ enum What {
     Core(core::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
+    Sampling(sampling::Args),
     Space(space::Args),
     Scheduler(scheduler::Args),
     Tick(tick::Args),
@@ -38,6 +40,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Core(args) => core::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
+        What::Sampling(args) => sampling::run(args),
         What::Space(args) => space::run(args),
         What::Scheduler(args) => scheduler::run(args),
         What::Tick(args) => tick::run(args),
