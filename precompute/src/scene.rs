@@ -10,6 +10,7 @@ mod file;
 mod grid;
 mod material;
 mod nodes;
+pub(crate) mod reach;
 mod resolve;
 
 use std::path::{Path, PathBuf};
@@ -28,6 +29,7 @@ use crate::mesh::{Refined, TetMesh};
 use crate::pressure::PressureFault;
 use crate::solve::{SolveFailure, settle};
 use file::{Place, SceneFile};
+pub use reach::{Unreachable, Workspace};
 
 /// The grids of the paper: number of points and cells along the radius.
 pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -54,6 +56,8 @@ pub struct ResolvedScene {
     pub fixed: Vec<u32>,
     /// Nodes a tool may touch, in the order of the scene; free nodes of the surface, names unique.
     pub active: Vec<ActiveNode>,
+    /// Nodes of the scene's groups that are not among them, because no tool gets there.
+    pub unreachable: Unreachable,
     /// The grid of displacements, where the scene has one.
     pub grid: Option<GridSpec>,
     /// Configurations with |h| beyond it are terminating; infinite without a device.
@@ -301,9 +305,13 @@ impl ResolvedScene {
             digest.indices(&active.patch);
         }
         match self.grid {
-            Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push })) => {
+            Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m })) => {
                 digest.numbers(&[2.0, radius_m, tolerance.relative, tolerance.absolute_n]);
                 digest.count(usize::from(only_push));
+                // Without one the hash is that of before there were any.
+                if let Some(corners) = workspace_m {
+                    digest.numbers(corners.as_flattened());
+                }
             }
             Some(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments }) => {
                 digest.numbers(&[1.0, radius_m, spacing_m]);

@@ -130,6 +130,17 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     };
     assert!(error("energy", "122") < error("trilinear", "122") / 10.0);
 
+    // What is left out, with what could be, and a plot of it: the configurations between those solved as the certificate has them.
+    let ledger = rows(&out.join("ledger.csv"));
+    let line = |what: &str| ledger.iter().find(|row| row["what"].starts_with(what)).expect(what);
+    assert_eq!((&*line("nonlinearity")["made"], &*line("nodes inside")["made"]), ("false", "true"));
+    let between = line("configurations between");
+    let ratio = number(between, "force_mean_n") / error("energy", "32");
+    assert!((ratio - 1.0).abs() < 1e-9, "{ratio}");
+    assert!(number(between, "cost_without") > 100.0 * number(between, "cost_with"));
+    let page = std::fs::read_to_string(out.join("report.html")).expect("the page is written");
+    assert!(page.contains("aria-label=\"What is left out: force\"") && page.contains("linear model"));
+
     // The same rows as JSON, path means from the paths, and every certificate.
     let in_json = json(&out.join("methods.json"));
     assert_eq!(in_json.as_array().map(Vec::len), Some(methods.len()));

@@ -52,6 +52,17 @@ fn the_six_scenes_cannot_be_felt_and_none_is_red() {
 }
 
 #[test]
+fn a_light_touch_is_linear_and_palpation_is_not() {
+    let spaces = certified("light-touch", "60");
+    let linear = &spaces[0]["linear"];
+    println!("{linear} {}", spaces[0]["methods"][0]["uniform"]);
+    assert!(linear["tests"] == 10 && linear["worst"].as_f64().is_some_and(|worst| worst < 1.0), "{linear}");
+    let uniform = &spaces[0]["methods"][0]["uniform"];
+    assert!(uniform["count"] == uniform["not_felt"] && spaces[0]["health"]["verdict"] == "green");
+    assert!(certified("palpation", "20")[0]["linear"].is_null());
+}
+
+#[test]
 fn a_strip_that_buckles_is_red() {
     let spaces = certified("buckling-strip", "20");
     let (colour, why) = verdict(&spaces[0]);

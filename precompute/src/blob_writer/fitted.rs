@@ -16,7 +16,7 @@ use crate::fit::{
     Derivatives, DisplacementBound, DisplacementFault, DisplacementFit, HermiteNodes, Moved, Sample,
     ScatteredMotion, SurfaceMotion, fit_displacement, hermite_nodes, hermite_nodes_known, samples,
 };
-use crate::scattered::{self, Resampled, planned, resample};
+use crate::scattered::{self, Resampled, Verdict, planned, resample};
 
 /// A space that is packed.
 pub(super) struct Chosen {
@@ -59,6 +59,8 @@ struct Said {
     derivatives: BTreeMap<GridIndex, Derivatives>,
     /// The length of the fit, m.
     length_m: f64,
+    /// It is the linear body.
+    is_linear: bool,
 }
 
 /// What all spaces have in common.
@@ -131,7 +133,8 @@ impl Fitter<'_> {
                 }
                 let search = plan.search().ok_or(PackError::Empty)?;
                 let Resampled { grid, samples, derivatives, .. } = resample(search);
-                let said = Said { derivatives, length_m: search.fit().length_m() };
+                let is_linear = plan.verdict() == Some(Verdict::Linear);
+                let said = Said { derivatives, length_m: search.fit().length_m(), is_linear };
                 Ok(Known { grid, samples, folds: Vec::new(), said: Some(said), step: 1 })
             }
         }
@@ -151,7 +154,7 @@ impl Fitter<'_> {
             Some(said) => {
                 let bound = bound.at_points_of_a_fit();
                 // Read twice, and dear to say: few enough to be kept.
-                let scattered = scattered_motion(chosen, said.length_m, &motion)?;
+                let scattered = scattered_motion(chosen, said, &motion, bound)?;
                 let all: Vec<Moved> =
                     solved.iter().map(|&index| scattered.at(grid.displacement_m(index))).collect();
                 fit_displacement(grid, &solved, folds, bound, |at| Ok(all[at].clone()))
@@ -171,11 +174,12 @@ impl Fitter<'_> {
     }
 }
 
-/// How the surface moves between scattered configurations.
+/// How the surface moves between scattered configurations: in proportion, if the force does and that meets all of them.
 fn scattered_motion(
     chosen: &Chosen,
-    length_m: f64,
+    said: &Said,
     motion: &SurfaceMotion<'_>,
+    bound: DisplacementBound,
 ) -> Result<ScatteredMotion, PackError> {
     let mut configurations = Vec::new();
     for record in chosen.records.iter().filter(|r| r.tag.is_solved() && !r.switched) {
@@ -185,5 +189,13 @@ fn scattered_motion(
     // Rest first.
     let size = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>();
     configurations.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
-    ScatteredMotion::new(length_m, &configurations).ok_or(PackError::Empty)
+    let of = |some| ScatteredMotion::new(said.length_m, some).ok_or(PackError::Empty);
+    if said.is_linear && !configurations.is_empty() {
+        let linear = of(&configurations[..1])?;
+        let holds = |(p, moved): &([f64; 3], Moved)| bound.allows(&linear.at(*p), moved);
+        if configurations.iter().all(holds) {
+            return Ok(linear);
+        }
+    }
+    of(&configurations)
 }

@@ -131,7 +131,9 @@ impl Health {
             switched: count(&|r| r.switched),
             residual_n: reachable.iter().map(|r| r.residual_n).fold(0.0, |a, b| if b <= a { a } else { b }),
             condition: found.search.map(|(search, _)| search.fit().condition()),
-            loop_passed: found.search.map(|(_, verdict)| verdict == Some(LoopVerdict::Passed)),
+            loop_passed: found
+                .search
+                .map(|(_, verdict)| matches!(verdict, Some(LoopVerdict::Passed | LoopVerdict::Linear))),
             loop_stalled: found.search.is_some_and(|(_, verdict)| verdict == Some(LoopVerdict::Stalled)),
             ..Self::default()
         };

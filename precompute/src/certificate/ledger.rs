@@ -84,7 +84,9 @@ pub fn ledger(
     let Some(space) = organ.spaces.iter().find(|space| *space.name == *certificate.active) else {
         return Ok(None);
     };
-    let Some(method) = Method::ALL.into_iter().find(|&method| space.has(method)) else { return Ok(None) };
+    let is_certified = |method: Method| certificate.methods.iter().any(|of| of.method == method.name());
+    let mut methods = Method::ALL.into_iter().filter(|&method| space.has(method));
+    let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
     let mut positions = truths(store, active, space, &store.identity()?.sampling)?;
     positions.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);
     if positions.is_empty() {
@@ -121,7 +123,8 @@ fn linear(
         covered: true,
     });
     let cost = [1.0, certificate.cost.configurations as f64];
-    let line = Line::new("nonlinearity (the linear body instead)", false, "configurations", cost);
+    let is_made = certificate.linear.is_some();
+    let line = Line::new("nonlinearity (the linear body instead)", is_made, "configurations", cost);
     Ok(line.by_force(&compared.collect::<Vec<_>>()))
 }
 

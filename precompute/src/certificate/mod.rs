@@ -29,7 +29,8 @@ use crate::configuration_space::fold::folds;
 use crate::configuration_space::{GridIndex, Record, Sampling, Scattered, Store, StoreError};
 use crate::fit::samples;
 use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
-use crate::scattered::planned;
+use crate::scattered::{LinearSuits, Verdict as LoopVerdict, planned};
+use crate::scene::reach::is_within;
 
 /// Everything that was measured of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -88,6 +89,9 @@ pub struct SpaceCertificate {
     /// Spacing of the lattice that took over where the predictions of the blind loop did not fall, m; none where it did not.
     #[serde(default)]
     pub switched_to_spacing_m: Option<f64>,
+    /// That the linear body is what is packed, and how well it predicted; none where it would not do.
+    #[serde(default)]
+    pub linear: Option<LinearSuits>,
     /// What speaks against its numbers; none in blobs that were packed before it was asked.
     #[serde(default)]
     pub health: Option<Health>,
@@ -263,6 +267,9 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             methods,
             displacement: displacement.transpose()?,
             ledger: None,
+            linear: search
+                .filter(|(_, verdict)| *verdict == Some(LoopVerdict::Linear))
+                .map(|(search, _)| search.linear()),
             switched_to_spacing_m: lattice.map(|lattice| lattice.grid().spacing_m),
             active: name,
             node,
@@ -326,12 +333,19 @@ fn truths(
         Sampling::Lattice(lattice) => is_on_training_lattice(&lattice.grid, lattice.increments, at),
         Sampling::Scattered(_) => false,
     };
+    // Paths lead out of it.
+    let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
+        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.node as usize]),
+        None => None,
+    };
     let mut truths = Vec::new();
     store.each_truth(active, |walk, step, truth| {
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
-        let usable =
-            truth.tag == ConfigTag::Expandable && space.lattice.locate(displacement_m).inside && !seen(at);
+        let usable = truth.tag == ConfigTag::Expandable
+            && space.lattice.locate(displacement_m).inside
+            && workspace.is_none_or(|workspace| is_within(&workspace, &at))
+            && !seen(at);
         if usable {
             let folded = truth.switched || is_folded(space, displacement_m);
             truths.push(Truth { walk: *walk, step, displacement_m, force_n: truth.force_n, folded });

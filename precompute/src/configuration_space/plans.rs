@@ -35,7 +35,7 @@ impl Plans {
                     let normal = surface.normal(node);
                     let normal =
                         normal.ok_or_else(|| store.corrupt(format!("{name} is not on the surface")))?;
-                    Ok(scattered.wanted(identity.max_force_n, normal))
+                    Ok(scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal))
                 };
                 Kind::Scattered(store.active()?.into_iter().map(wanted).collect::<Result<_, StoreError>>()?)
             }

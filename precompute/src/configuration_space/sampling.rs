@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{GridIndex, SpaceGrid};
 use crate::scattered::{self, Tolerance, Wanted};
+use crate::scene::Workspace;
 
 /// Which positions the space of every active node of a scene is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,16 +35,33 @@ pub struct Scattered {
     pub tolerance: Tolerance,
     /// Whether the tool only pushes: positions where it would have to pull are not reached.
     pub only_push: bool,
+    /// The box that the tool stays in, in the model's frame, m; none where it may be anywhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub workspace_m: Option<Workspace>,
 }
 
 /// Configurations of a scattered space at most: the fit takes the cube of them.
 const MOST: usize = 160;
 
 impl Scattered {
-    /// What is wanted of the active node with this outward normal.
-    pub fn wanted(&self, max_force_n: f64, normal: [f64; 3]) -> Wanted {
+    /// What is wanted of the active node that rests here, m, with this outward normal.
+    pub fn wanted(&self, max_force_n: f64, rest_m: [f64; 3], normal: [f64; 3]) -> Wanted {
         let push = self.only_push.then_some(normal);
-        Wanted { tolerance: self.tolerance, radius_m: self.radius_m, max_force_n, push, most: MOST }
+        let workspace_m = self.workspace_of(rest_m);
+        Wanted {
+            tolerance: self.tolerance,
+            radius_m: self.radius_m,
+            max_force_n,
+            push,
+            workspace_m,
+            most: MOST,
+        }
+    }
+
+    /// The workspace in displacements of the node that rests here, m.
+    pub fn workspace_of(&self, rest_m: [f64; 3]) -> Option<Workspace> {
+        let from_rest = |corner: [f64; 3]| std::array::from_fn(|axis| corner[axis] - rest_m[axis]);
+        self.workspace_m.map(|corners| corners.map(from_rest))
     }
 }
 

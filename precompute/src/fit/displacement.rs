@@ -48,6 +48,12 @@ impl DisplacementBound {
         Self { rms_m: of(self.rms_m), max_m: of(self.max_m) }
     }
 
+    /// Whether one surface may stand for the other.
+    pub fn allows(&self, found: &Moved, truth: &Moved) -> bool {
+        let pairs = found.displacement_m.iter().zip(&truth.displacement_m);
+        self.holds(Misfit::of(&pairs.map(|(a, b)| a - b).collect::<Vec<f32>>()))
+    }
+
     fn holds(&self, misfit: Misfit) -> bool {
         misfit.rms_m <= self.rms_m && misfit.max_m <= self.max_m
     }

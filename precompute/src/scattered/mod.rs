@@ -4,6 +4,7 @@
 //! enough; the fit is [`crate::fit::KernelFit`]. Where the space folds the search stalls, and a lattice takes over ([`Switched`]). [`ScatteredPlan`] makes of it tasks like those of a lattice: scattered positions are points of
 //! a lattice of a micrometre, so that whoever solves, stores and resumes need not know the difference.
 
+mod linear;
 mod plan;
 mod reach;
 mod resample;
@@ -11,6 +12,7 @@ mod search;
 mod stall;
 mod switched;
 
+pub use linear::LinearSuits;
 pub use plan::{ScatteredPlan, planned};
 pub use resample::{Resampled, resample};
 pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted, WithinReach};

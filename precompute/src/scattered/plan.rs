@@ -209,7 +209,14 @@ mod tests {
     /// Solves to the end, `width` tasks at a time; what was solved, in the order of the points.
     fn solved(jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
         let tolerance = Tolerance::CANNOT_BE_FELT;
-        let wanted = Wanted { tolerance, radius_m: RADIUS_M, max_force_n: 8.0, push: None, most: 160 };
+        let wanted = Wanted {
+            tolerance,
+            radius_m: RADIUS_M,
+            max_force_n: 8.0,
+            push: None,
+            workspace_m: None,
+            most: 160,
+        };
         let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
         while !plan.is_done() {
             let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();

@@ -1,4 +1,4 @@
-//! Where the tool can be: within the radius, with no more force than the device has, and if it only pushes, pressing.
+//! Where the tool can be: within the radius and the workspace, with no more force than the device has, and if it only pushes, pressing.
 
 use super::{Wanted, norm};
 use crate::fit::{EnergyJet, KernelFit};
@@ -39,19 +39,30 @@ impl Known<'_> {
         found
     }
 
+    /// How far the workspace goes in a direction, m; r_G without one.
+    fn way_out(&self, direction: [f64; 3]) -> f64 {
+        let Some([low, high]) = self.wanted.workspace_m else { return self.wanted.radius_m };
+        let ways = (0..3).map(|axis| {
+            let end = if direction[axis] < 0.0 { low[axis] } else { high[axis] };
+            if direction[axis] == 0.0 { f64::INFINITY } else { (end / direction[axis]).max(0.0) }
+        });
+        ways.fold(self.wanted.radius_m, f64::min)
+    }
+
     /// How far the tool gets in a direction, m.
     fn reach(&self, direction: [f64; 3]) -> f64 {
-        let at = |t: f64| direction.map(|x| x * t * self.wanted.radius_m);
+        let way_m = self.way_out(direction);
+        let at = |t: f64| direction.map(|x| x * t * way_m);
         let within = |t: f64| self.largest_n(at(t)) <= ALLOWANCE * self.wanted.max_force_n;
         if within(1.0) {
-            return self.wanted.radius_m;
+            return way_m;
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             if within(middle) { low = middle } else { high = middle }
         }
-        low * self.wanted.radius_m
+        low * way_m
     }
 
     /// The larger of the two predictions of |h|, N.

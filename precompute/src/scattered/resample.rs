@@ -40,6 +40,9 @@ pub struct Resampled {
 pub fn resample(search: &Search) -> Resampled {
     let farthest = search.jets().iter().map(|jet| norm(jet.displacement_m)).fold(0.0, f64::max);
     let radius_m = (MARGIN * farthest).min(search.wanted().radius_m).max(super::UNIT_M);
+    if let Some(linear) = search.linear_table(radius_m) {
+        return linear;
+    }
     let [asked, reached] = places(search);
     let (mut best, mut in_vain): (Option<Resampled>, u32) = (None, 0);
     for cells in CELLS {
@@ -158,6 +161,7 @@ mod tests {
             radius_m: 0.05,
             max_force_n: 5.0,
             push: None,
+            workspace_m: None,
             most: 100,
         };
         let mut search = Search::new(wanted, &steep([0.0; 3]));

@@ -5,14 +5,20 @@
 //! The score of a prediction is its error by the tolerance there. The loop stops when the last [`PASSES`] of them are all within it: a
 //! verdict that is honest because no prediction had seen its answer, and strict because they were made where the fit knows least, but
 //! no certificate: ten passes prove little by themselves.
+//!
+//! Beside the fit the linear body is tested, at no cost. Where every prediction of it, ten at least, is within the tolerance too, it is what is
+//! stored: the cheapest model within tolerance wins.
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::linear::{Linear, LinearSuits};
 use super::reach::{Known, RAYS};
 use super::stall::is_stalled;
-use super::{Tolerance, difference, displacement_m, nearest_index, norm};
+use super::{Resampled, Tolerance, difference, displacement_m, nearest_index, norm};
 use crate::configuration_space::GridIndex;
 use crate::fit::{EnergyJet, KernelFit};
+use crate::scene::Workspace;
+use crate::scene::reach::is_within;
 
 /// Positions of a batch.
 const BATCH: usize = 4;
@@ -22,6 +28,9 @@ pub const PASSES: usize = 10;
 const LENGTHS: [f64; 4] = [0.5, 0.75, 1.1, 1.6];
 /// What comes out beyond this share of the limit is not learned from: the fit is for the other side.
 const TOO_FAR: f64 = 1.15;
+
+/// Places where the linear body is held against the fit.
+const PLACES: u32 = 600;
 
 /// Where the fit says that the force is beyond this many times the limit it is.
 const REACH_MARGIN: f64 = 1.3;
@@ -37,6 +46,8 @@ pub struct Wanted {
     pub max_force_n: f64,
     /// Outward normal, if the tool only pushes: positions where h pulls are out of reach.
     pub push: Option<[f64; 3]>,
+    /// The displacements within the device's workspace, if that is less than the ball.
+    pub workspace_m: Option<Workspace>,
     /// Configurations at most.
     pub most: usize,
 }
@@ -86,6 +97,8 @@ pub struct Test {
 /// How a search ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
+    /// All predictions of the linear body, ten or more, were within tolerance: nothing else is needed.
+    Linear,
     /// The last ten predictions were within tolerance.
     Passed,
     /// They ceased to fall before they were: the space folds, and a lattice has taken over.
@@ -117,6 +130,8 @@ pub struct Search {
     /// Square root of the metric in which distances count.
     metric: Matrix3<f64>,
     tests: Vec<Test>,
+    /// The linear body, beside the fits.
+    linear: Linear,
     /// Positions nearer to rest than one that came out too far.
     pulled_back: Vec<([f64; 3], usize)>,
     out: Vec<Target>,
@@ -165,6 +180,7 @@ impl Search {
             chosen: 1,
             metric,
             tests: Vec::new(),
+            linear: Linear::new(stiffness),
             pulled_back: Vec::new(),
             out: Vec::new(),
             round: 0,
@@ -199,8 +215,8 @@ impl Search {
 
     /// Where the tool may get, for truth that is to be fresh.
     pub fn within_reach(&self) -> WithinReach {
-        let Wanted { max_force_n, push, .. } = self.wanted;
-        WithinReach { fit: self.fit().as_it_is(), limit_n: REACH_MARGIN * max_force_n, push }
+        let Wanted { max_force_n, push, workspace_m, .. } = self.wanted;
+        WithinReach { fit: self.fit().as_it_is(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
     }
 
     /// Predictions within tolerance since the last that was not, of those that count.
@@ -214,6 +230,16 @@ impl Search {
         &self.tests
     }
 
+    /// How well the linear body predicts.
+    pub fn linear(&self) -> LinearSuits {
+        self.linear.suits()
+    }
+
+    /// The table of the linear body, if it is enough; `radius_m` is how far the table is to reach.
+    pub(super) fn linear_table(&self, radius_m: f64) -> Option<Resampled> {
+        self.linear.table(self, radius_m)
+    }
+
     /// The fit that predicts.
     pub fn fit(&self) -> &KernelFit {
         &self.fits[self.chosen].fit
@@ -223,6 +249,9 @@ impl Search {
     pub fn step(&mut self) -> Step {
         if !self.out.is_empty() {
             return Step::Solve(self.out.clone());
+        }
+        if self.linear.wants() == Some(0) && self.linear_is_enough() {
+            return Step::Done(Verdict::Linear);
         }
         let mut counted = self.tests.iter().rev().filter(|test| test.within);
         let passes =
@@ -240,6 +269,16 @@ impl Search {
         if self.out.is_empty() { Step::Done(Verdict::NotReached) } else { Step::Solve(self.out.clone()) }
     }
 
+    fn linear_is_enough(&mut self) -> bool {
+        let places = self.places(PLACES);
+        let (fit, tolerance) = (&self.fits[self.chosen].fit, self.wanted.tolerance);
+        let said = places.into_iter().map(|at| {
+            let force_n = fit.force_n(at);
+            (at, force_n, tolerance.at(force_n))
+        });
+        self.linear.is_enough(said)
+    }
+
     /// A batch: what was pulled back first, then the farthest candidates.
     fn choose(&mut self) {
         for (at, parent) in std::mem::take(&mut self.pulled_back) {
@@ -254,7 +293,9 @@ impl Search {
         let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(Target::displacement_m)).collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
-        while self.out.len() < BATCH {
+        // No more than would show that the linear body is enough, as long as it may be.
+        let most = self.linear.wants().map_or(BATCH, |wants| wants.min(BATCH));
+        while self.out.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
             let Some(farthest) = farthest.filter(|&n| gaps[n] > 0.0) else { break };
             let at = candidates[farthest];
@@ -300,9 +341,11 @@ impl Search {
                 }
                 Found::Elsewhere(jet) => {
                     self.score(target, jet);
+                    self.linear.rule_out();
                     self.others.push(at);
                 }
                 Found::Failed => {
+                    self.linear.rule_out();
                     self.others.push(at);
                     self.pull_back(target, f64::INFINITY);
                 }
@@ -320,6 +363,9 @@ impl Search {
         let within = norm(jet.force_n) <= self.wanted.max_force_n;
         let error_n = norm(difference(target.predicted_n, jet.force_n));
         self.tests.push(Test { index: target.index, error_n, tolerance_n, within });
+        if within {
+            self.linear.score(jet.displacement_m, jet.force_n, tolerance_n);
+        }
         for candidate in &mut self.fits {
             let error_n = norm(difference(candidate.fit.force_n(jet.displacement_m), jet.force_n));
             if within {
@@ -347,11 +393,15 @@ pub struct WithinReach {
     fit: KernelFit,
     limit_n: f64,
     push: Option<[f64; 3]>,
+    workspace_m: Option<Workspace>,
 }
 
 impl WithinReach {
     /// Whether the tool may get there.
     pub fn has(&self, at: [f64; 3]) -> bool {
+        if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
+            return false;
+        }
         let force = self.fit.force_n(at);
         let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
         norm(force) <= self.limit_n && self.push.is_none_or(|n| along(n) <= 0.0)
@@ -368,6 +418,7 @@ mod tests {
         radius_m: 0.05,
         max_force_n: 8.0,
         push: None,
+        workspace_m: None,
         most: 100,
     };
 
@@ -437,6 +488,28 @@ mod tests {
             let along: f64 = (0..3).map(|i| jet.force_n[i] * normal[i]).sum();
             assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.displacement_m);
         }
+    }
+
+    #[test]
+    fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
+        let workspace = [[-0.02, -1.0, -0.01], [0.03, 1.0, 0.004]];
+        let (search, verdict) = searched(Wanted { workspace_m: Some(workspace), ..WANTED }, solved);
+        assert_eq!(verdict, Verdict::Passed);
+        let (all, _) = searched(WANTED, solved);
+        println!("{} of {}", search.jets().len(), all.jets().len());
+        assert!(search.jets().len() < all.jets().len());
+        let slack = workspace.map(|corner| corner.map(|x| x * (1.0 + 1e-9)));
+        let outside = |jet: &&EnergyJet| {
+            let [low, high] = slack.map(|corner| corner.map(|x| x + 1e-6 * x.signum()));
+            !is_within(&[low, high], &jet.displacement_m)
+        };
+        assert_eq!(search.jets().iter().filter(outside).count(), 0);
+        assert!(all.jets().iter().filter(outside).count() > 5, "nothing was outside anyhow");
+        // Nearly up to its sides, and what counts as reachable ends there.
+        let highest = search.jets().iter().map(|jet| jet.displacement_m[2]).fold(0.0, f64::max);
+        assert!(highest > 0.0034, "{highest}");
+        let within = search.within_reach();
+        assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
     }
 
     /// A force that jumps at a plane: no smooth fit is within tolerance there, and none is said to be.

@@ -102,6 +102,9 @@ pub(super) struct GridTable {
     pub(super) tolerance_n: Option<Spanned<f64>>,
     pub(super) tolerance_relative: Option<Spanned<f64>>,
     pub(super) cannot_be_felt: Option<Spanned<bool>>,
+    /// Corners of the box that the tool stays in, in the model's frame.
+    pub(super) workspace_min_m: Option<Spanned<[f64; 3]>>,
+    pub(super) workspace_max_m: Option<Spanned<[f64; 3]>>,
 }
 
 impl GridTable {

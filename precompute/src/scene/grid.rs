@@ -4,7 +4,7 @@ use toml::Spanned;
 
 use super::file::GridTable;
 use super::resolve::{Lookup, positive};
-use super::{GRID_POINTS, GridSpec};
+use super::{GRID_POINTS, GridSpec, Workspace};
 use crate::configuration_space::Scattered;
 use crate::error::InputError;
 use crate::scattered::Tolerance;
@@ -18,6 +18,7 @@ impl Lookup<'_> {
         grid: &Spanned<GridTable>,
         only_push: bool,
         max_force_n: f64,
+        workspace_m: Option<Workspace>,
     ) -> Result<GridSpec, InputError> {
         let table = grid.get_ref();
         let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
@@ -35,7 +36,12 @@ impl Lookup<'_> {
                     "add [device] with `max_force_n` or `profile`",
                 ));
             }
-            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push }));
+            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));
+        }
+        if let Some(corner) = &table.workspace_min_m {
+            let what = "a lattice is solved whole: it has no workspace";
+            let mend = "give `cannot_be_felt` or a tolerance instead of the spacing, or a smaller `radius_m`";
+            return Err(self.place.error(corner.span(), what, mend));
         }
         let spacing_m = match (&table.spacing_m, &table.points) {
             (Some(spacing), None) => {

@@ -6,8 +6,9 @@ use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{ActiveTable, FixedTable, Located, Tables};
+use super::reach::{is_hidden, is_within};
 use super::resolve::{Lookup, check_name, finite, positive};
-use super::{ActiveNode, Scene};
+use super::{ActiveNode, Scene, Unreachable, Workspace};
 use crate::error::{InputError, count};
 use crate::mesh::tetrahedral::distance;
 
@@ -107,16 +108,24 @@ impl Lookup<'_> {
             .collect()
     }
 
-    pub(super) fn all_active(&mut self, scene: &Scene, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
+    /// The active nodes, and how many of the groups' are left out.
+    pub(super) fn all_active(
+        &mut self,
+        scene: &Scene,
+        fixed: &[u32],
+        workspace: Option<&Workspace>,
+    ) -> Result<(Vec<ActiveNode>, Unreachable), InputError> {
         let tables = scene.file.active.tables();
         if tables.is_empty() {
             let what = "the scene has no active node";
             return Err(self.place.error(scene.file.active.span(), what, "add an [[active]] table"));
         }
-        let mut all: Vec<ActiveNode> = Vec::new();
+        let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
         for table in &tables {
             let name_span = table.table.name.span();
-            for active in self.active(table, fixed)? {
+            let mut found = self.active(table, fixed)?;
+            self.keep_reachable(table, &mut found, workspace, &mut unreachable)?;
+            for active in found {
                 check_name(self.place, name_span.clone(), &active.name, SPACE_NAME_LEN)?;
                 if all.iter().any(|other| other.name == active.name) {
                     let what = format!("two active nodes are named \"{}\"", active.name);
@@ -130,7 +139,52 @@ impl Lookup<'_> {
                 all.push(active);
             }
         }
-        Ok(all)
+        Ok((all, unreachable))
+    }
+
+    /// Leaves out the nodes of a group that no tool gets to; refuses a node that was named.
+    fn keep_reachable(
+        &self,
+        at: &Located<'_, ActiveTable>,
+        found: &mut Vec<ActiveNode>,
+        workspace: Option<&Workspace>,
+        unreachable: &mut Unreachable,
+    ) -> Result<(), InputError> {
+        let is_outside = |node: u32| {
+            workspace.is_some_and(|workspace| !is_within(workspace, &self.mesh.nodes_m[node as usize]))
+        };
+        let Some(group) = &at.table.group else {
+            return match found.iter().find(|active| is_outside(active.node)) {
+                None => Ok(()),
+                Some(active) => {
+                    let place = self.mesh.nodes_m[active.node as usize];
+                    let what = format!(
+                        "active node \"{}\" (node {}) at {place:?} is outside the workspace",
+                        active.name, active.node
+                    );
+                    Err(self.place.error(
+                        at.span.clone(),
+                        what,
+                        "choose a node in it, or enlarge it (metres)",
+                    ))
+                }
+            };
+        };
+        found.retain(|active| {
+            let (outside, hidden) = (is_outside(active.node), is_hidden(self.mesh, self.skin, active.node));
+            unreachable.outside += usize::from(outside);
+            unreachable.hidden += usize::from(hidden && !outside);
+            !outside && !hidden
+        });
+        if found.is_empty() {
+            let what = format!("no tool gets to any node of group \"{}\"", group.get_ref());
+            return Err(self.place.error(
+                group.span(),
+                what,
+                "enlarge the workspace, or choose another group",
+            ));
+        }
+        Ok(())
     }
 
     fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {

@@ -7,7 +7,9 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, NeedsTable, Place, SolverTable, Tables};
-use super::{ActiveNode, Constraints, MaterialRegion, PressurePair, ResolvedScene, Scene, device, material};
+use super::{
+    ActiveNode, Constraints, MaterialRegion, PressurePair, ResolvedScene, Scene, device, material, reach,
+};
 use crate::error::{InputError, count, nearest_word};
 use crate::fit::DisplacementBound;
 use crate::mesh::tetrahedral::{cross, norm, sub};
@@ -28,10 +30,18 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
-    let active = lookup.all_active(scene, &fixed)?;
+    let grid_table = file.grid.as_ref().map(Spanned::get_ref);
+    let workspace = grid_table.map_or(Ok(None), |table| reach::workspace(place, table))?;
+    let (active, unreachable) = lookup.all_active(scene, &fixed, workspace.as_ref())?;
     let max_force_n = device::max_force_n(place, file.device.as_ref())?;
     let only_push = only_push(place, &file.needs)?;
-    let grid = file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n)).transpose()?;
+    let grid =
+        file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
+    if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
+        let what = "a workspace is in the frame of the mesh, and a body under [body_force] rests elsewhere";
+        let span = table.workspace_min_m.as_ref().map_or(force.span(), Spanned::span);
+        return Err(place.error(span, what, "leave one of the two out"));
+    }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
     lookup.check_support(file.fixed.span(), &fixed, &active)?;
@@ -53,6 +63,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         materials,
         fixed,
         active,
+        unreachable,
         grid,
         max_force_n,
         body_force,

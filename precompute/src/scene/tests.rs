@@ -255,7 +255,7 @@ fn wrong_meshes_name_the_scene_or_the_mesh_file() {
 fn sampling_driven_by_the_error_is_read() {
     let bench = Bench::new();
     let sampled = |keys: &str| match bench.with("spacing_m = 0.01", keys).expect("sound").grid {
-        Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push })) => {
+        Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, .. })) => {
             assert_eq!((radius_m, only_push), (0.05, false));
             tolerance
         }
@@ -281,6 +281,47 @@ fn sampling_driven_by_the_error_is_read() {
     refuses("cannot_be_felt = false", 21, "says nothing", "say true");
     refuses("tolerance_n = 0.0", 21, "`tolerance_n` = 0", "");
     bench.refuses("[needs]", "[needs]\ncontact = \"stroke\"", "block.toml:25", "unknown contact", "\"push\"");
+}
+
+#[test]
+fn a_workspace_leaves_nodes_out_and_is_refused_where_it_means_nothing() {
+    let bench = Bench::new();
+    let felt = SCENE.replacen("spacing_m = 0.01", "cannot_be_felt = true", 1);
+    let of = |min: &str, max: &str| format!("workspace_min_m = {min}\nworkspace_max_m = {max}\n[device]");
+    let group = felt.replacen("name = \"A1\"\nnode = 63", "name = \"A1\"\ngroup = \"right\"", 1);
+    let whole = bench.resolve(&group).expect("sound");
+    assert!(!whole.unreachable.any());
+    // The right side is x = 0.3 with 16 nodes; below z = 0.15 there are eight. A2 is one of them: named, so it may be twice.
+    let half = group.replacen("[device]", &of("[0.0, -0.1, -0.1]", "[0.35, 0.4, 0.15]"), 1);
+    let half = bench.resolve(&half).expect("sound");
+    assert_eq!(half.unreachable, Unreachable { outside: 8, hidden: 0 });
+    assert_eq!(half.active.len() + 8, whole.active.len());
+    assert!(half.active.iter().all(|active| half.mesh.nodes_m[active.node as usize][2] < 0.15));
+    assert_ne!(half.content_hash(), whole.content_hash());
+    assert!(
+        matches!(half.grid, Some(GridSpec::Scattered(s)) if s.workspace_m == Some([[0.0, -0.1, -0.1], [0.35, 0.4, 0.15]]))
+    );
+
+    let refuses = |text: String, what: &str, mend: &str| {
+        let error = bench.resolve(&text).expect_err("planted fault").to_string();
+        assert!(error.contains(what) && error.contains(mend), "{error}");
+    };
+    let with = |min, max| felt.replacen("[device]", &of(min, max), 1);
+    refuses(with("[0.0, 0.0, 0.0]", "[0.1, 0.1, 0.1]"), "is outside the workspace", "enlarge it");
+    refuses(with("[0.0, 0.0, 0.2]", "[0.1, 0.1, 0.1]"), "workspace is empty", "swap the corners");
+    refuses(with("[0.0, 0.0, nan]", "[0.1, 0.1, 0.1]"), "not finite", "");
+    refuses(
+        felt.replacen("[device]", "workspace_min_m = [0.0, 0.0, 0.0]\n[device]", 1),
+        "belong together",
+        "",
+    );
+    let everywhere = of("[-1.0, -1.0, -1.0]", "[1.0, 1.0, 1.0]");
+    refuses(SCENE.replacen("[device]", &everywhere, 1), "a lattice is solved whole", "cannot_be_felt");
+    let heavy =
+        felt.replacen("[device]", &everywhere, 1) + "[body_force]\nforce_n_per_m3 = [0.0, 0.0, -9.81]\n";
+    refuses(heavy, "rests elsewhere", "leave one");
+    let nowhere = group.replacen("[device]", &of("[0.0, 0.0, 1.0]", "[1.0, 1.0, 2.0]"), 1);
+    refuses(nowhere, "no tool gets to any node", "enlarge the workspace");
 }
 
 #[test]

@@ -9,9 +9,10 @@ use clap::Args as ClapArgs;
 use palpate_precompute::configuration_space::{
     Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads,
 };
-use palpate_precompute::scattered::Verdict;
+use palpate_precompute::scattered::{Search, Verdict};
 use serde_json::json;
 
+use super::inspect::scattered;
 use crate::failure::Failure;
 use crate::output;
 use crate::progress::WorkProgress;
@@ -123,8 +124,11 @@ pub(crate) fn run_with(
             })
             .collect();
         let figures = json!({ "space": args.out, "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
-                              "threads": team.workers });
+                              "unreachable": bench.scene.unreachable, "threads": team.workers });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
+    }
+    if bench.scene.unreachable.any() {
+        output::line(bench.scene.unreachable)?;
     }
     for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
@@ -133,6 +137,11 @@ pub(crate) fn run_with(
             continue;
         };
         let what = match plan.verdict() {
+            Some(Verdict::Linear) => {
+                let linear = plan.search().map(Search::linear).unwrap_or_default();
+                output::line(format!("{name}: {}", scattered::in_words(&linear)))?;
+                continue;
+            }
             Some(Verdict::Stalled) => {
                 "the space folds: predictions do not fall, and a lattice took over; `palpate pack` measures what it is worth. Take a smaller \
                  radius_m"

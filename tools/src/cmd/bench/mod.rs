@@ -6,6 +6,7 @@ mod devices;
 mod fem;
 mod memory;
 mod replay;
+mod sampling;
 mod scheduler;
 mod simulated;
 mod sizes;
@@ -29,6 +30,7 @@ enum What {
     Devices(devices::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
+    Sampling(sampling::Args),
     Space(space::Args),
     Scheduler(scheduler::Args),
     Tick(tick::Args),
@@ -41,6 +43,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Devices(args) => devices::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
+        What::Sampling(args) => sampling::run(args),
         What::Space(args) => space::run(args),
         What::Scheduler(args) => scheduler::run(args),
         What::Tick(args) => tick::run(args),

@@ -9,6 +9,7 @@ use palpate_precompute::certificate::{
     Reason, SpaceCertificate, TwoSolutions, Verdict, certified_share,
 };
 
+use super::scattered::in_words as linear_in_words;
 use crate::failure::Failure;
 
 /// The certificate in a blob, if it has one.
@@ -103,6 +104,10 @@ fn together(certificate: &Certificate) -> String {
             eyes.iter().map(|eye| eye.modes).sum::<usize>()
         );
     }
+    let linear = spaces.iter().filter(|space| space.linear.is_some()).count();
+    if linear > 0 {
+        let _ = writeln!(text, "  linear model suffices: at {linear} of them");
+    }
     let switched = spaces.iter().filter(|space| space.switched_to_spacing_m.is_some());
     let switched: Vec<&str> = switched.map(|space| space.active.as_str()).collect();
     if !switched.is_empty() {
@@ -128,6 +133,9 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
             cost.held_out,
             cost.held_out_seconds
         );
+        if let Some(linear) = &space.linear {
+            let _ = writeln!(text, "  {}", linear_in_words(linear));
+        }
         if let Some(health) = &space.health {
             text.push_str(&of_health(health));
         }

@@ -4,7 +4,7 @@ pub(crate) mod certificate;
 mod held_out;
 mod map;
 mod recording;
-mod scattered;
+pub(crate) mod scattered;
 mod space;
 
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use clap::Args as ClapArgs;
 use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
 use palpate_host::sliding::{self, SlidingReport};
-use palpate_precompute::configuration_space::{Lattice, Sampling, Scattered};
+use palpate_precompute::configuration_space::{Lattice, Sampling, Scattered, Store};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
 use palpate_precompute::scattered::Tolerance;
-use palpate_precompute::scene::GridSpec;
+use palpate_precompute::scene::{GridSpec, Scene, Unreachable};
 use serde_json::json;
 
 use super::run;
@@ -133,23 +133,37 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
         scene.name,
         bench.body.law_names(),
         scene.fixed.len(),
-        active.join(", "),
+        active.join(", ") + &left_out(&scene.unreachable),
         scene.max_force_n
     );
     let figures = json!({
         "name": scene.name, "law": bench.body.law_names(), "fixed": scene.fixed.len(), "active": scene.active,
-        "grid": grid_figures, "points": points, "max_force_n": scene.max_force_n,
+        "unreachable": scene.unreachable, "grid": grid_figures, "points": points, "max_force_n": scene.max_force_n,
         "mesh": mesh_figures, "pressure_doubts": doubts,
     });
     Ok((text, figures))
 }
 
+/// Active nodes that no tool gets to, for people; nothing where there are none.
+fn left_out(unreachable: &Unreachable) -> String {
+    if unreachable.any() { format!("; {unreachable}") } else { String::new() }
+}
+
+/// The same of a store, which keeps the scene.
+fn left_out_of(store: &Store) -> Result<Unreachable, Failure> {
+    let (mesh, fixed) = store.body()?;
+    Ok(Scene::parse(store.path(), store.identity()?.scene)?.resolve_in(mesh, fixed)?.unreachable)
+}
+
 /// What is wanted of scattered positions, for people.
 fn in_words(scattered: &Scattered) -> String {
-    let Scattered { radius_m, tolerance: Tolerance { relative, absolute_n }, only_push } = scattered;
+    let Scattered { radius_m, tolerance: Tolerance { relative, absolute_n }, only_push, workspace_m } =
+        scattered;
     let contact = if *only_push { ", where the tool presses" } else { "" };
+    let within = workspace_m
+        .map_or_else(String::new, |[low, high]| format!(", in the workspace from {low:?} to {high:?} m"));
     format!(
-        "scattered within r_G {radius_m} m{contact}, error at most {:.3} % of |h| or {absolute_n} N",
+        "scattered within r_G {radius_m} m{contact}{within}, error at most {:.3} % of |h| or {absolute_n} N",
         1e2 * relative
     )
 }

@@ -1,12 +1,23 @@
 //! How the search of a scattered space went.
 
-use palpate_precompute::scattered::{PASSES, ScatteredPlan, Test, Verdict};
+use palpate_precompute::scattered::{LinearSuits, PASSES, ScatteredPlan, Test, Verdict};
 use serde_json::json;
+
+/// That the linear body is enough.
+pub(crate) fn in_words(linear: &LinearSuits) -> String {
+    let LinearSuits { tests, worst, from_fit } = linear;
+    format!(
+        "linear model suffices: worst of its {tests} tests {:.0} % of tolerance, {:.0} % from the fit anywhere",
+        100.0 * worst,
+        100.0 * from_fit
+    )
+}
 
 /// Words and figures.
 pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let Some(search) = plan.search() else { return (String::new(), json!(null)) };
     let verdict = match plan.verdict() {
+        Some(Verdict::Linear) => in_words(&search.linear()),
         Some(Verdict::Passed) => format!("passed: the last {PASSES} predictions were within tolerance"),
         Some(Verdict::Stalled) => {
             let on = plan.switched().map_or_else(String::new, |lattice| {
@@ -37,13 +48,14 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
         .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.within }))
         .collect();
     let verdict = plan.verdict().map(|verdict| match verdict {
+        Verdict::Linear => "linear",
         Verdict::Passed => "passed",
         Verdict::Stalled => "stalled",
         Verdict::NotReached => "not reached",
     });
     let figures = json!({
         "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
-        "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
+        "linear": search.linear(), "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
     });
     (words, figures)
 }

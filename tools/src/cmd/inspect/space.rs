@@ -52,11 +52,13 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
     if let Some(picture) = &args.picture {
         map::write(&store, picture)?;
     }
+    let unreachable = super::left_out_of(&store)?;
     let mut text = format!(
-        "scene   {} ({})\ngrid    {grid_words}, f_max {} N\nsolver  {}\n",
+        "scene   {} ({})\ngrid    {grid_words}, f_max {} N{}\nsolver  {}\n",
         identity.scene_name,
         identity.law,
         identity.max_force_n,
+        super::left_out(&unreachable),
         store.meta("solver")?
     );
     let (mut figures, mut table) = (Vec::new(), format!("{CSV_HEADER}\n"));
@@ -105,7 +107,7 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
     let figures = json!({
         "scene": identity.scene_name, "law": identity.law, "points": points, "completing": completed,
         "radius_m": sampling.radius_m(), "spacing_m": sampling.unit_m(), "scattered": sampling.scattered(),
-        "max_force_n": identity.max_force_n,
+        "max_force_n": identity.max_force_n, "unreachable": unreachable,
         "solver": store.meta("solver")?, "spaces": figures,
     });
     Ok((text.trim_end().into(), figures))

@@ -10,8 +10,8 @@ mod model;
 mod node;
 mod probe;
 mod row;
-mod surrogate;
-mod tables;
+pub(crate) mod surrogate;
+pub(crate) mod tables;
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -28,6 +28,7 @@ use self::check::Predicted;
 use self::model::{Beside, Model};
 use self::node::{METHODS, NodePlan, mean};
 use self::probe::Order;
+pub(crate) use self::probe::norm;
 use self::row::{LINEAR, Row};
 use crate::failure::Failure;
 use crate::output;
@@ -145,7 +146,7 @@ impl Plan {
                     &sampling,
                     scene.max_force_n,
                     tolerance,
-                    surface.normal(scene.active[active].node),
+                    (positions[active], surface.normal(scene.active[active].node)),
                 ),
                 surface: if scene.visual { surface.nodes.clone() } else { Vec::new() },
                 step_m: sampling
@@ -324,20 +325,25 @@ fn wanted(
     sampling: &Sampling,
     max_force_n: f64,
     tolerance: Tolerance,
-    normal: Option<[f64; 3]>,
+    (rest_m, normal): ([f64; 3], Option<[f64; 3]>),
 ) -> palpate_precompute::scattered::Wanted {
     let scattered =
         sampling.scattered().copied().unwrap_or(palpate_precompute::configuration_space::Scattered {
             radius_m: sampling.radius_m(),
             tolerance,
             only_push: false,
+            workspace_m: None,
         });
     // An active node is on the surface; without a normal nothing is known of a side.
-    scattered.wanted(max_force_n, normal.unwrap_or_default())
+    scattered.wanted(max_force_n, rest_m, normal.unwrap_or_default())
 }
 
 /// `work` on every item, on so many threads, in the order of the items.
-fn in_parallel<I: Sync, T: Send>(items: &[I], threads: usize, work: impl Fn(&I) -> T + Sync) -> Vec<T> {
+pub(crate) fn in_parallel<I: Sync, T: Send>(
+    items: &[I],
+    threads: usize,
+    work: impl Fn(&I) -> T + Sync,
+) -> Vec<T> {
     let next = AtomicUsize::new(0);
     let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::new());
     std::thread::scope(|scope| {

@@ -89,7 +89,7 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let why = match cheapest {
         Some(_) if row.model == LINEAR => {
             format!(
-                "small displacements: a linear model is within {tolerance} ({mn:.1} mN at p99), and every solve of it is one iteration"
+                "small displacements: a linear model suffices, within {tolerance} ({mn:.1} mN at p99), and every solve of it is one iteration"
             )
         }
         Some(_) => format!("the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99"),

@@ -27,7 +27,7 @@ const ENOUGH: f64 = 16.0;
 
 /// The energy of the probes.
 #[derive(Debug, Clone)]
-pub(super) struct Surrogate {
+pub(crate) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
     wanted: Wanted,
@@ -48,9 +48,9 @@ pub(super) struct Scattered {
 
 /// A lattice expanded to its end.
 #[derive(Debug)]
-pub(super) struct Expanded {
+pub(crate) struct Expanded {
     /// Solved points, sorted, rest among them.
-    pub samples: Vec<Sample>,
+    pub(crate) samples: Vec<Sample>,
 }
 
 impl Surrogate {
@@ -71,6 +71,11 @@ impl Surrogate {
         fit.add(&probed.jets).ok()?;
         let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
         Some(Self { fit, rest, wanted, doubt })
+    }
+
+    /// A body that is this fit, without doubt.
+    pub(crate) fn exact(fit: KernelFit, rest: EnergyJet, wanted: Wanted) -> Self {
+        Self { fit, rest, wanted, doubt: 1.0 }
     }
 
     /// A body of the same stiffness at rest that answers in proportion, however far.
@@ -111,7 +116,11 @@ impl Surrogate {
                 Step::Done(verdict) => {
                     let configurations =
                         f64::min(configurations as f64 * self.more(), self.wanted.most as f64 + 1.0);
-                    return Scattered { search, configurations, passed: verdict == Verdict::Passed };
+                    return Scattered {
+                        search,
+                        configurations,
+                        passed: matches!(verdict, Verdict::Passed | Verdict::Linear),
+                    };
                 }
                 Step::Solve(targets) => {
                     configurations += targets.len();
@@ -125,7 +134,7 @@ impl Surrogate {
     }
 
     /// The lattice's plan on it.
-    pub(super) fn lattice(&self, lattice: &Lattice) -> Expanded {
+    pub(crate) fn lattice(&self, lattice: &Lattice) -> Expanded {
         let grid = lattice.grid;
         let domain = Arc::new(Domain::new(&grid, lattice.complete_cells));
         let mut plan = Plan::new(domain, grid);
@@ -163,7 +172,8 @@ impl Surrogate {
     }
 }
 
-fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
+/// A configuration as the packer takes it.
+pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
     Sample {
         index,
         attempt: 0,
@@ -228,7 +238,8 @@ pub(super) mod tests {
 
     pub(in crate::cmd::plan) fn probed(batches: usize, max_force_n: f64) -> Probed {
         let tolerance = Tolerance::CANNOT_BE_FELT;
-        let wanted = Wanted { tolerance, radius_m: 0.05, max_force_n, push: None, most: 160 };
+        let wanted =
+            Wanted { tolerance, radius_m: 0.05, max_force_n, push: None, workspace_m: None, most: 160 };
         let rest = stiffening([0.0; 3]);
         let mut search = Search::new(wanted, &rest);
         let mut jets = vec![rest];

@@ -23,7 +23,7 @@ const MOST_CENTRES: usize = 1100;
 
 /// Every table of one space.
 #[derive(Debug)]
-pub(super) struct Tables {
+pub(crate) struct Tables {
     lattice: BallLattice,
     values: LatticeValues,
     hermite: HermiteNodes,
@@ -32,7 +32,7 @@ pub(super) struct Tables {
 
 /// A reachable position with the surrogate's force there.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
+pub(crate) struct Place {
     /// Displacement, m.
     pub at: [f64; 3],
     /// h, N.
@@ -50,7 +50,7 @@ pub(super) struct Error {
 
 impl Tables {
     /// Of these samples; `known` are all derivatives, where a fit says them.
-    pub(super) fn of(
+    pub(crate) fn of(
         grid: &SpaceGrid,
         samples: &[Sample],
         known: Option<&BTreeMap<GridIndex, Derivatives>>,
@@ -73,6 +73,29 @@ impl Tables {
         };
         let rbf = fit.map(|RbfFit { centres, weights, .. }| [centres, weights].map(padded));
         Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf }
+    }
+
+    /// Of these samples, without what only the energy and radial basis functions need.
+    pub(crate) fn of_forces(grid: &SpaceGrid, samples: &[Sample]) -> Self {
+        let hermite = HermiteNodes { row: Vec::new(), nodes: Vec::new() };
+        Self { lattice: grid.lattice, values: lattice_values(grid, samples), hermite, rbf: None }
+    }
+
+    /// Share of the places where a method's error is within the tolerance; `None` if it has no table.
+    pub(crate) fn share_within(
+        &self,
+        method: Method,
+        places: &[Place],
+        tolerance: &Tolerance,
+    ) -> Option<f64> {
+        let space = self.space();
+        let mut within = 0;
+        for &Place { at, exact } in places {
+            let found = space.force(method, at.map(|x| x as f32))?.force_n;
+            let error_n = norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
+            within += usize::from(error_n <= tolerance.at(exact));
+        }
+        Some(within as f64 / places.len().max(1) as f64)
     }
 
     fn space(&self) -> Space<'_> {

@@ -39,6 +39,7 @@ pub(super) fn write(report: &Report, out: &Path) -> Result<(), Failure> {
     both(out, "hard", &report.hard)?;
     both(out, "parts", &report.parts.0)?;
     both(out, "surfaces", &report.parts.1)?;
+    both(out, "ledger", &report.ledger)?;
     let certificates: Vec<_> = all().flat_map(|case| &case.certificates).collect();
     json(out, "certificates", &certificates)?;
     json(out, "machine", &report.machine)

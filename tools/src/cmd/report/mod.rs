@@ -1,13 +1,14 @@
 //! `palpate report`: what every method is worth and what it costs, as tables, plots and one page.
 //!
 //! [`plan`] says what is measured; [`solve`] makes the spaces and the truth, [`tables`] the blobs with their certificates, [`measure`]
-//! the rows of the main tables; [`bodies`], [`curves`], [`hard`] and [`parts`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with
+//! the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`] and [`ledger`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with
 //! the drawings of [`plot`]. No number of the page is in the code.
 
 mod bodies;
 mod curves;
 mod files;
 mod hard;
+mod ledger;
 mod machine;
 mod measure;
 mod page;
@@ -32,6 +33,7 @@ use crate::workbench::{stop_flag, threads};
 use bodies::BodyRow;
 use curves::CurveRow;
 use hard::HardRow;
+use ledger::LedgerRow;
 use machine::{Machine, Ticks};
 use measure::Measured;
 use parts::{PartsRow, SurfaceRow};
@@ -90,6 +92,7 @@ struct Report {
     curves: Vec<CurveRow>,
     hard: Vec<HardRow>,
     parts: (Vec<PartsRow>, Vec<SurfaceRow>),
+    ledger: Vec<LedgerRow>,
     machine: Machine,
 }
 
@@ -102,7 +105,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
     let plan = Plan::new(args, threads)?;
     let cases = 3 * plan.families.len() * plan.grids.len();
-    let total = cases + bodies::steps(&plan) + 1 + hard::steps(&plan) + parts::STEPS + 2;
+    let total = cases + bodies::steps(&plan) + 1 + hard::steps(&plan) + parts::STEPS + ledger::STEPS + 2;
     let mut steps = Steps::new(total, stop);
     let mut measured = Vec::new();
     for family in &plan.families {
@@ -127,13 +130,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let bodies = bodies::measured(&plan, &mut steps)?;
     let hard = hard::measured(&plan, plan.grids[0], args.fit_again, &mut steps)?;
     let parts = parts::measured(&plan, &plan.families[0], plan.grids[0], &mut steps)?;
+    let case = first.on_grid(plan.grids[0])?;
+    let ledger = ledger::measured(&plan, &case, &measured[0][0], &mut steps)?;
     steps.next("times of the queries")?;
     for case in measured.iter_mut().flatten() {
         case.time(ROUNDS)?;
     }
     steps.next("tables and page")?;
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());
-    let report = Report { plan, cases: measured, bodies, curves, hard, parts, machine };
+    let report = Report { plan, cases: measured, bodies, curves, hard, parts, ledger, machine };
     files::write(&report, &args.out)?;
     let page = args.out.join("report.html");
     page::write(&report, &page)?;

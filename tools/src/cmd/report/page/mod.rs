@@ -6,6 +6,7 @@ mod figures;
 mod footer;
 mod hard;
 mod html;
+mod ledger;
 mod overview;
 mod paper;
 mod parts;
@@ -36,6 +37,7 @@ pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
         hard::section(report),
         parts::section(report),
         figures::section(report),
+        ledger::section(report),
         footer::section(report),
     ]
     .concat();

@@ -9,7 +9,7 @@ use super::{least, method_words, row, title};
 use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
 use palpate_precompute::scene::GridSpec;
 
-const PARTS: [(&str, &str); 9] = [
+const PARTS: [(&str, &str); 10] = [
     ("glance", "At a glance"),
     ("a", "(a) Time of a query"),
     ("b", "(b) Configurations and seconds"),
@@ -19,6 +19,7 @@ const PARTS: [(&str, &str); 9] = [
     ("f", "(f) Hard cases"),
     ("g", "(g) States between, and the eye"),
     ("h", "(h) All figures"),
+    ("i", "(i) The ledger"),
 ];
 
 /// Title, setting and main table.

@@ -1,0 +1,153 @@
+//! Which active nodes a tool can reach at all.
+//!
+//! Of a group of nodes those are left out that no tool gets to: outside the workspace, or behind the body's own surface. A node named by itself
+//! is an error instead: whoever names it wants it.
+
+use serde::{Deserialize, Serialize};
+
+use super::file::{GridTable, Place};
+use super::resolve::finite;
+use crate::error::InputError;
+use crate::mesh::tetrahedral::{cross, dot, sub};
+use crate::mesh::{Surface, TetMesh};
+
+/// A box in the model's frame: its lowest and its highest corner, m.
+pub type Workspace = [[f64; 3]; 2];
+
+/// Active nodes of groups that were left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Unreachable {
+    /// Outside the workspace.
+    pub outside: usize,
+    /// Not to be seen from anywhere outside the body.
+    pub hidden: usize,
+}
+
+impl std::fmt::Display for Unreachable {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { outside, hidden } = self;
+        write!(f, "{} active nodes are left out: ", outside + hidden)?;
+        write!(f, "{outside} outside the workspace, {hidden} behind the body's own surface")
+    }
+}
+
+impl Unreachable {
+    /// Whether any was.
+    pub fn any(&self) -> bool {
+        self.outside + self.hidden > 0
+    }
+}
+
+/// The workspace of a scene, if it has one.
+pub(super) fn workspace(place: &Place, table: &GridTable) -> Result<Option<Workspace>, InputError> {
+    let (min, max) = match (&table.workspace_min_m, &table.workspace_max_m) {
+        (None, None) => return Ok(None),
+        (Some(min), Some(max)) => (min, max),
+        (Some(one), None) | (None, Some(one)) => {
+            let what = "`workspace_min_m` and `workspace_max_m` belong together";
+            return Err(place.error(one.span(), what, "add the other corner of the box, in metres"));
+        }
+    };
+    let [low, high] =
+        [("workspace_min_m", min), ("workspace_max_m", max)].map(|(key, at)| finite(place, key, at));
+    let (low, high) = (low?, high?);
+    if (0..3).all(|axis| low[axis] < high[axis]) {
+        return Ok(Some([low, high]));
+    }
+    let what = format!("the workspace is empty: {low:?} is not below {high:?}");
+    Err(place.error(max.span(), what, "swap the corners (metres, in the mesh's frame)"))
+}
+
+/// Whether a position lies in it.
+pub(crate) fn is_within(workspace: &Workspace, at: &[f64; 3]) -> bool {
+    let [low, high] = workspace;
+    (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]))
+}
+
+/// Directions from which a tool may come: ten degrees apart.
+const DIRECTIONS: u32 = 400;
+
+/// Whether no straight way leads from a node of the surface out of the body: a node of a cavity, or at the bottom of a crevice that is narrower
+/// than the directions are apart. The body is taken as it rests.
+pub(super) fn is_hidden(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
+    let along_normal = skin.normal(node).unwrap_or_default();
+    let is_free = |direction: &[f64; 3]| {
+        let away = skin.triangles.iter().filter(|triangle| !triangle.contains(&node));
+        let from = &mesh.nodes_m[node as usize];
+        away.map(|triangle| triangle.map(|n| sub(&mesh.nodes_m[n as usize], from)))
+            .all(|[a, b, c]| !is_hit(direction, &a, &b, &c))
+    };
+    // Most are seen along their normal, so that a mesh costs little more than one look a node.
+    !std::iter::once(along_normal).chain((0..DIRECTIONS).map(direction)).any(|d| is_free(&d))
+}
+
+/// Whether a ray from the origin meets a triangle, its rim included (Moller and Trumbore 1997).
+fn is_hit(direction: &[f64; 3], a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> bool {
+    const RIM: f64 = 1e-9;
+    let (ab, ac) = (sub(b, a), sub(c, a));
+    let across = cross(direction, &ac);
+    let determinant = dot(&ab, &across);
+    if determinant == 0.0 {
+        return false;
+    }
+    let from = a.map(|x| -x);
+    let u = dot(&from, &across) / determinant;
+    let turned = cross(&from, &ab);
+    let v = dot(direction, &turned) / determinant;
+    u >= -RIM && v >= -RIM && u + v <= 1.0 + RIM && dot(&ac, &turned) / determinant > 0.0
+}
+
+/// Number `n` of directions that fill the sphere evenly (Fibonacci's lattice).
+fn direction(n: u32) -> [f64; 3] {
+    const TURN: f64 = 0.618_033_988_749_894_8;
+    let z = 1.0 - (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS);
+    let (s, c) = (std::f64::consts::TAU * (f64::from(n) * TURN).fract()).sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    [across * c, across * s, z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::testing::cube;
+
+    /// A cube of 5^3 little cubes without the middle one, open to the side or not.
+    fn hollow(is_open: bool) -> (TetMesh, [Vec<u32>; 2]) {
+        let whole = cube(5, 5.0);
+        let centre = |tet: &[u32; 4]| -> [f64; 3] {
+            std::array::from_fn(|axis| {
+                tet.iter().map(|&n| whole.nodes_m[n as usize][axis]).sum::<f64>() / 4.0
+            })
+        };
+        let inside = |x: f64| (2.0..3.0).contains(&x);
+        let is_out = |tet: &&[u32; 4]| {
+            let [x, y, z] = centre(tet);
+            !(inside(y) && inside(z) && (inside(x) || is_open && x > 2.0))
+        };
+        let tets: Vec<[u32; 4]> = whole.tets.iter().filter(is_out).copied().collect();
+        let mesh = TetMesh::new(whole.nodes_m.clone(), tets).expect("sound");
+        let is_rim = |x: f64| x == 2.0 || x == 3.0;
+        let nodes = |wanted: bool| -> Vec<u32> {
+            (0..mesh.nodes_m.len() as u32)
+                .filter(|&n| mesh.nodes_m[n as usize].iter().all(|&x| is_rim(x)) == wanted)
+                .collect()
+        };
+        let both = [nodes(true), nodes(false)];
+        (mesh, both)
+    }
+
+    #[test]
+    fn a_cavity_hides_its_nodes_and_a_tunnel_does_not() {
+        for is_open in [false, true] {
+            let (mesh, [inner, outer]) = hollow(is_open);
+            let skin = Surface::of(&mesh);
+            assert_eq!(inner.len(), 8);
+            for node in inner {
+                assert_eq!(is_hidden(&mesh, &skin, node), !is_open, "node {node}");
+            }
+            for node in outer.into_iter().filter(|&n| skin.normal(n).is_some()) {
+                assert!(!is_hidden(&mesh, &skin, node), "node {node} at {:?}", mesh.nodes_m[node as usize]);
+            }
+        }
+    }
+}

@@ -1,0 +1,497 @@
+//! `palpate bench sampling`: how many configurations a scene needs until its error cannot be felt, uniform against driven by the error.
+//!
+//! Every method is asked at the same fresh positions, solved by finite elements and seen by no fit. The blind loop solves what it counts. A
+//! lattice may need thousands of solves: what the baselines are made of comes from a reference, a fit of a quarter of the tolerance over more
+//! than the tool's reach, whose own error at the same positions is shown; `--real` solves it instead, at the count that was found.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::Method;
+use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, SpaceGrid};
+use palpate_precompute::fit::{Centre, EnergyJet, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
+use palpate_precompute::mesh::Surface;
+use palpate_precompute::scattered::{Found, Search, Step, Tolerance, Verdict, Wanted, resample};
+use palpate_precompute::solve::{Seed, Solver};
+use serde::Serialize;
+
+use crate::cmd::plan::surrogate::{Surrogate, sample};
+use crate::cmd::plan::tables::{Place, Tables};
+use crate::cmd::plan::{in_parallel, norm};
+use crate::failure::Failure;
+use crate::output;
+use crate::workbench::{Workbench, threads};
+
+/// Configurations that scenes need until the error cannot be felt: lattices and radial basis functions against the blind loop.
+///
+/// All are asked at the same fresh random positions within reach. Lattices and centres of the baselines are given with and without knowing
+/// where the tool can be.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scenes whose sampling is driven by the error
+    #[arg(required = true)]
+    scenes: Vec<PathBuf>,
+    /// Fresh positions a node
+    #[arg(long, value_name = "N", default_value_t = 299)]
+    uniform: usize,
+    /// Solve the baselines' configurations too, at the counts found
+    #[arg(long)]
+    real: bool,
+    /// Worker threads; one a core if not given
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print the figures as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Share of the positions that must be within the tolerance.
+const ENOUGH: f64 = 0.99;
+/// From one lattice, or set of centres, to the next.
+const FINER: f64 = 1.08;
+const MORE: f64 = 1.15;
+/// Beyond so many points, or centres, nothing is looked at any more.
+const MOST_POINTS: usize = 20_000;
+const MOST_CENTRES: usize = 1_500;
+/// The reference goes so many times beyond the force limit; the first that is good enough is taken.
+const WIDER: [f64; 3] = [1.5, 1.2, 1.0];
+/// Good enough: the 99th percentile of its error by the tolerance.
+const GOOD: f64 = 0.2;
+/// Positions among which centres are chosen.
+const CANDIDATES: u32 = 6000;
+
+/// A node of a scene.
+struct Case<'b> {
+    bench: &'b Workbench,
+    active: usize,
+}
+
+/// What one of the ways needs.
+#[derive(Debug, Clone, Serialize)]
+struct Need {
+    way: &'static str,
+    /// Configurations; none if more than were looked at.
+    configurations: Option<usize>,
+    /// Share of the positions within the tolerance.
+    within: f64,
+    /// The same with solved configurations, where asked for; none where some could not be solved.
+    within_real: Option<f64>,
+}
+
+/// What was found of a node.
+#[derive(Debug, Clone, Serialize)]
+struct Row {
+    scene: String,
+    active: String,
+    positions: usize,
+    verdict: &'static str,
+    /// The blind loop: all that it solved, and what its packed table is worth.
+    solved: usize,
+    within: f64,
+    /// Of the reference: configurations, how far beyond f_max, and the 99th percentile of its error by the tolerance.
+    reference: (usize, f64, f64),
+    needs: Vec<Need>,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let benches = args.scenes.iter().map(|path| Workbench::load(path)).collect::<Result<Vec<_>, _>>()?;
+    let cases: Vec<Case<'_>> = benches
+        .iter()
+        .flat_map(|bench| (0..bench.scene.active.len()).map(move |active| Case { bench, active }))
+        .collect();
+    let rows = in_parallel(&cases, threads(args.threads), |case| case.measured(args));
+    let rows = rows.into_iter().collect::<Result<Vec<Row>, Failure>>()?;
+    if args.json {
+        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+    }
+    rows.iter().try_for_each(|row| output::line(row.in_words()))
+}
+
+/// A search to its end, with the states it went through.
+struct Searched {
+    search: Search,
+    verdict: Verdict,
+    solved: usize,
+    seeds: Vec<([f64; 3], Seed)>,
+}
+
+impl Case<'_> {
+    fn wanted(&self) -> Result<Wanted, Failure> {
+        let scene = &self.bench.scene;
+        let sampling = self.bench.sampling()?;
+        let Some(scattered) = sampling.scattered() else {
+            let path = self.bench.path.display();
+            return Err(Failure::input(format!("{path}: give [grid] `cannot_be_felt` instead of a lattice")));
+        };
+        let node = scene.active[self.active].node;
+        let normal = Surface::of(&scene.mesh).normal(node).unwrap_or_default();
+        Ok(scattered.wanted(scene.max_force_n, self.bench.body.rest_position_m(node), normal))
+    }
+
+    fn solver(&self) -> Solver {
+        Solver::new(self.bench.problem(&self.bench.scene.active[self.active]))
+    }
+
+    fn searched(&self, wanted: Wanted) -> Result<Searched, Failure> {
+        let mut solver = self.solver();
+        let rest = solver.rest().map_err(Failure::work)?;
+        // Rest has no force by its definition.
+        let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) };
+        let (mut search, mut seeds) = (Search::new(wanted, &jet), vec![([0.0; 3], rest.seed)]);
+        let mut solved = 1;
+        loop {
+            let targets = match search.step() {
+                Step::Done(verdict) => return Ok(Searched { search, verdict, solved, seeds }),
+                Step::Solve(targets) => targets,
+            };
+            let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.displacement_m).collect();
+            let mut found = Vec::new();
+            for target in &targets {
+                let at = target.displacement_m();
+                let (_, seed) = nearest(&seeds, parents[target.parent]);
+                let outcome = solver.advance(seed, at);
+                solved += usize::from(outcome.is_ok());
+                found.push(match outcome {
+                    Ok(c) if !c.switched => {
+                        let jet = EnergyJet::from(&c);
+                        seeds.push((at, c.seed));
+                        Found::Solved(jet)
+                    }
+                    Ok(c) => Found::Elsewhere(EnergyJet::from(&c)),
+                    Err(_) => Found::Failed,
+                });
+            }
+            search.take(&found);
+        }
+    }
+
+    fn measured(&self, args: &Args) -> Result<Row, Failure> {
+        let wanted = self.wanted()?;
+        let own = self.searched(wanted)?;
+        let mut best: Option<(Searched, f64, Vec<Place>, f64)> = None;
+        for wider in WIDER {
+            let Tolerance { relative, absolute_n } = wanted.tolerance;
+            let tolerance = Tolerance { relative: 0.25 * relative, absolute_n: 0.25 * absolute_n };
+            let (max_force_n, radius_m) = (wider * wanted.max_force_n, wider.cbrt() * wanted.radius_m);
+            let reference =
+                self.searched(Wanted { tolerance, max_force_n, radius_m, push: None, ..wanted })?;
+            let places = self.truths(&reference, &wanted, args.uniform);
+            let fit = reference.search.fit();
+            let error =
+                |place: &Place| apart(fit.force_n(place.at), place.exact) / wanted.tolerance.at(place.exact);
+            let mut errors: Vec<f64> = places.iter().map(error).collect();
+            errors.sort_by(f64::total_cmp);
+            let p99 = errors.get(errors.len() * 99 / 100).copied().unwrap_or(f64::INFINITY);
+            if best.as_ref().is_none_or(|(.., least)| p99 < *least) {
+                best = Some((reference, wider, places, p99));
+            }
+            if p99 <= GOOD {
+                break;
+            }
+        }
+        let (reference, wider, places, p99) = best.expect("at least one reference was made");
+        let on = resample(&own.search);
+        let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
+        let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
+        let baselines = Baselines { reference: reference.search.fit().as_it_is(), wanted, places: &places };
+        let real = args.real.then_some((self, &reference));
+        let scene = &self.bench.scene;
+        Ok(Row {
+            scene: scene.name.clone(),
+            active: scene.active[self.active].name.clone(),
+            positions: places.len(),
+            verdict: match own.verdict {
+                Verdict::Linear => "linear",
+                Verdict::Passed => "passed",
+                Verdict::Stalled => "stalled",
+                Verdict::NotReached => "not reached",
+            },
+            solved: own.solved,
+            within,
+            reference: (reference.solved, wider, p99),
+            needs: baselines.all(reference.search.jets()[0], real),
+        })
+    }
+
+    /// Fresh positions within reach, solved.
+    fn truths(&self, reference: &Searched, wanted: &Wanted, count: usize) -> Vec<Place> {
+        let mut solver = self.solver();
+        let mut places = Vec::new();
+        // Other numbers than those of the candidates.
+        for n in 1_000_000..1_000_000 + 400 * count as u32 {
+            let at = in_ball(n, wanted.radius_m);
+            let said = reference.search.fit().force_n(at);
+            if norm(said) > 1.1 * wanted.max_force_n || !is_inside(wanted, at) {
+                continue;
+            }
+            let (_, seed) = nearest(&reference.seeds, at);
+            let Ok(c) = solver.advance(seed, at) else { continue };
+            if !c.switched && is_reached(wanted, c.force_n) {
+                places.push(Place { at, exact: c.force_n });
+            }
+            if places.len() == count {
+                break;
+            }
+        }
+        places
+    }
+}
+
+/// The ways of the paper, with what they are made of.
+struct Baselines<'p> {
+    reference: KernelFit,
+    wanted: Wanted,
+    places: &'p [Place],
+}
+
+/// Who solves configurations in reality.
+type Real<'r> = Option<(&'r Case<'r>, &'r Searched)>;
+
+impl Baselines<'_> {
+    fn all(&self, rest: EnergyJet, real: Real<'_>) -> Vec<Need> {
+        let body = Surrogate::exact(self.reference.clone(), rest, self.wanted);
+        let whole = |complete_cells: bool| {
+            let body = &body;
+            move |grid: SpaceGrid| body.lattice(&Lattice { grid, complete_cells, increments: None }).samples
+        };
+        let region = |grid: SpaceGrid| self.in_region(&grid);
+        vec![
+            self.on_lattice("tri-linear, lattice", Method::Trilinear, &whole(true), real),
+            self.on_lattice("tri-linear, region", Method::Trilinear, &region, real),
+            self.on_lattice("tri-cubic, lattice", Method::Tricubic, &whole(true), real),
+            self.on_lattice("tri-cubic, region", Method::Tricubic, &region, real),
+            self.on_lattice("rbf-cubic, lattice", Method::RbfCubic, &whole(false), real),
+            self.by_centres("rbf-cubic, region", real),
+        ]
+    }
+
+    /// The coarsest lattice that is enough.
+    fn on_lattice(
+        &self,
+        way: &'static str,
+        method: Method,
+        samples: &dyn Fn(SpaceGrid) -> Vec<Sample>,
+        real: Real<'_>,
+    ) -> Need {
+        let (mut cells, mut last, mut before) = (1.0_f64, 0.0, 0);
+        let most = if method == Method::RbfCubic { MOST_CENTRES } else { MOST_POINTS };
+        loop {
+            let grid = SpaceGrid::new(self.wanted.radius_m / cells, self.wanted.radius_m);
+            cells *= FINER;
+            let Ok(grid) = grid else { continue };
+            let samples = samples(grid);
+            if samples.len() > most {
+                return Need { way, configurations: None, within: last, within_real: None };
+            }
+            if samples.len() <= before {
+                continue;
+            }
+            before = samples.len();
+            last = self.share(&grid, &samples, method);
+            if last >= ENOUGH {
+                let solved = real.map(|real| solved(real, &grid, &samples));
+                let within_real = solved.flatten().map(|solved| self.share(&grid, &solved, method));
+                return Need { way, configurations: Some(samples.len()), within: last, within_real };
+            }
+        }
+    }
+
+    fn share(&self, grid: &SpaceGrid, samples: &[Sample], method: Method) -> f64 {
+        if method == Method::RbfCubic {
+            let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
+            return self.share_of_centres(&centres, grid.spacing_m).unwrap_or(0.0);
+        }
+        let tables = Tables::of_forces(grid, samples);
+        tables.share_within(method, self.places, &self.wanted.tolerance).unwrap_or(0.0)
+    }
+
+    /// Corners of the cells that the tool gets into.
+    fn in_region(&self, grid: &SpaceGrid) -> Vec<Sample> {
+        let reach = grid.lattice.reach();
+        let mut known: HashMap<GridIndex, bool> = HashMap::new();
+        let mut corners: BTreeMap<GridIndex, ()> = BTreeMap::from([([0; 3], ())]);
+        let is_there = |at: [f64; 3]| {
+            norm(at) <= self.wanted.radius_m
+                && is_inside(&self.wanted, at)
+                && is_reached(&self.wanted, self.reference.force_n(at))
+        };
+        let range = || -reach..reach;
+        for i in range() {
+            for j in range() {
+                for k in range() {
+                    let all: [GridIndex; 8] = std::array::from_fn(|code| {
+                        let bit = |axis: usize| (code >> axis & 1) as i32;
+                        [i + bit(0), j + bit(1), k + bit(2)]
+                    });
+                    let middle = [i, j, k].map(|n| (f64::from(n) + 0.5) * grid.spacing_m);
+                    let mut at_corner =
+                        |n: GridIndex| *known.entry(n).or_insert_with(|| is_there(grid.displacement_m(n)));
+                    if all.iter().any(|&corner| at_corner(corner)) || is_there(middle) {
+                        corners.extend(all.map(|corner| (corner, ())));
+                    }
+                }
+            }
+        }
+        let domain = Domain::new(grid, true);
+        let inside: std::collections::HashSet<GridIndex> = domain.points().collect();
+        let of = |index: GridIndex| self.sample(grid, index);
+        corners.into_keys().filter(|index| inside.contains(index)).map(of).collect()
+    }
+
+    fn sample(&self, grid: &SpaceGrid, index: GridIndex) -> Sample {
+        let jet = self.reference.jet(grid.displacement_m(index));
+        let mut sample = sample(index, &jet, norm(jet.force_n) > self.wanted.max_force_n);
+        if index == [0; 3] {
+            sample.force_n = [0.0; 3];
+        }
+        sample
+    }
+
+    /// Centres within reach, each the farthest from those before it: as many as are enough.
+    fn by_centres(&self, way: &'static str, real: Real<'_>) -> Need {
+        let candidates: Vec<[f64; 3]> = (0..CANDIDATES)
+            .map(|n| in_ball(n, self.wanted.radius_m))
+            .filter(|&at| is_inside(&self.wanted, at) && is_reached(&self.wanted, self.reference.force_n(at)))
+            .collect();
+        let mut gaps = vec![f64::INFINITY; candidates.len()];
+        let mut chosen = vec![[0.0; 3]];
+        let (mut next, mut last) = (8.0_f64, 0.0);
+        let unit_m = self.wanted.radius_m / 5.0;
+        let centre = |at: [f64; 3], force_n| Centre { position: at.map(|x| x / unit_m), force_n };
+        while chosen.len() < MOST_CENTRES.min(candidates.len()) {
+            let taken = chosen[chosen.len() - 1];
+            for (gap, &at) in gaps.iter_mut().zip(&candidates) {
+                *gap = gap.min(apart(at, taken));
+            }
+            let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b])).unwrap_or(0);
+            chosen.push(candidates[farthest]);
+            if (chosen.len() as f64) < next {
+                continue;
+            }
+            next *= MORE;
+            let said =
+                |&at: &[f64; 3]| centre(at, if norm(at) == 0.0 { at } else { self.reference.force_n(at) });
+            let centres: Vec<Centre> = chosen.iter().map(said).collect();
+            last = self.share_of_centres(&centres, unit_m).unwrap_or(0.0);
+            if last >= ENOUGH {
+                let within_real = real.and_then(|real| {
+                    let forces = solve_all(real, &chosen)?;
+                    let pairs = chosen.iter().zip(forces);
+                    let centres: Vec<Centre> = pairs.map(|(&at, jet)| centre(at, jet.force_n)).collect();
+                    self.share_of_centres(&centres, unit_m)
+                });
+                return Need { way, configurations: Some(chosen.len()), within: last, within_real };
+            }
+        }
+        Need { way, configurations: None, within: last, within_real: None }
+    }
+
+    /// Share of the positions within the tolerance, by the paper's sum of cubes; none if the weights cannot be found.
+    fn share_of_centres(&self, centres: &[Centre], unit_m: f64) -> Option<f64> {
+        let RbfFit { centres, weights, .. } = fit_rbf(Kernel::Cubic, centres, 1).ok()?;
+        let is_within = |place: &&Place| {
+            let x = place.at.map(|p| p / unit_m);
+            let mut found = [0.0; 3];
+            for n in 0..centres[0].len() {
+                let r = apart(x, [centres[0][n], centres[1][n], centres[2][n]]);
+                (0..3).for_each(|i| found[i] += weights[i][n] * r * r * r);
+            }
+            apart(found, place.exact) <= self.wanted.tolerance.at(place.exact)
+        };
+        Some(self.places.iter().filter(is_within).count() as f64 / self.places.len().max(1) as f64)
+    }
+}
+
+/// The same samples by finite elements, each from the nearest state that is known.
+fn solved(real: (&Case<'_>, &Searched), grid: &SpaceGrid, samples: &[Sample]) -> Option<Vec<Sample>> {
+    let places: Vec<[f64; 3]> = samples.iter().map(|s| grid.displacement_m(s.index)).collect();
+    let jets = solve_all(real, &places)?;
+    let of = |(old, jet): (&Sample, EnergyJet)| sample(old.index, &jet, old.terminating);
+    Some(samples.iter().zip(jets).map(of).collect())
+}
+
+fn solve_all((case, searched): (&Case<'_>, &Searched), places: &[[f64; 3]]) -> Option<Vec<EnergyJet>> {
+    let mut solver = case.solver();
+    let mut jets = Vec::new();
+    for &at in places {
+        if norm(at) == 0.0 {
+            jets.push(searched.search.jets()[0]);
+            continue;
+        }
+        let (_, seed) = nearest(&searched.seeds, at);
+        jets.push(EnergyJet::from(&solver.advance(seed, at).ok()?));
+    }
+    Some(jets)
+}
+
+fn nearest(seeds: &[([f64; 3], Seed)], to: [f64; 3]) -> &([f64; 3], Seed) {
+    let away = |(at, _): &&([f64; 3], Seed)| apart(*at, to);
+    seeds.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("rest is there")
+}
+
+fn is_inside(wanted: &Wanted, at: [f64; 3]) -> bool {
+    wanted.workspace_m.is_none_or(|[low, high]| (0..3).all(|i| (low[i]..=high[i]).contains(&at[i])))
+}
+
+/// Whether a force is one that the tool meets.
+fn is_reached(wanted: &Wanted, force_n: [f64; 3]) -> bool {
+    let along = |normal: [f64; 3]| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
+    norm(force_n) <= wanted.max_force_n && wanted.push.is_none_or(|normal| along(normal) <= 0.0)
+}
+
+fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+    norm(std::array::from_fn(|i| a[i] - b[i]))
+}
+
+/// Number `n` of points spread evenly in a ball (R3 sequence: Roberts 2018).
+fn in_ball(n: u32, radius_m: f64) -> [f64; 3] {
+    const STEPS: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
+    let [r, z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
+    let (z, (s, c)) = (2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+    let (r, across) = (radius_m * r.cbrt(), (1.0 - z * z).sqrt());
+    [r * across * c, r * across * s, r * z]
+}
+
+impl Row {
+    fn in_words(&self) -> String {
+        let (solves, wider, p99) = self.reference;
+        let mut text = format!(
+            "{} {}: {} fresh positions; the loop {}: {} configurations, {:.1} % within tolerance\n  reference: {solves} configurations to \
+             {wider} f_max, p99 of its error {:.0} % of the tolerance",
+            self.scene,
+            self.active,
+            self.positions,
+            self.verdict,
+            self.solved,
+            100.0 * self.within,
+            100.0 * p99
+        );
+        for Need { way, configurations, within, within_real } in &self.needs {
+            let count = configurations.map_or("more".into(), |n| n.to_string());
+            let times = configurations
+                .map_or(String::new(), |n| format!("{:.1} times the loop", n as f64 / self.solved as f64));
+            let real =
+                within_real.map_or(String::new(), |real| format!(", {:.1} % when solved", 100.0 * real));
+            text += &format!("\n  {way:<20} {count:>6}  {:.1} % within{real}  {times}", 100.0 * within);
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_fill_the_ball_and_what_a_tool_meets_has_a_side() {
+        let inside = (0..4000).filter(|&n| norm(in_ball(n, 1.0)) < 0.5).count();
+        assert!((450..550).contains(&inside), "{inside}: an eighth is in the inner half");
+        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let push = Some([0.0, 0.0, 1.0]);
+        let wanted = Wanted { tolerance, radius_m: 1.0, max_force_n: 2.0, push, workspace_m: None, most: 9 };
+        assert!(is_reached(&wanted, [0.0, 0.0, -1.0]) && !is_reached(&wanted, [0.0, 0.0, 1.0]));
+        assert!(!is_reached(&wanted, [0.0, 0.0, -2.1]));
+    }
+}

@@ -1,0 +1,106 @@
+//! The ledger of the first body: what its blob leaves out, or could, and what each omission changes and saves.
+
+use palpate_core::{Method, Organ};
+use palpate_precompute::certificate::{Effort, Ledger, Line, ledger};
+use palpate_precompute::configuration_space::{Store, solver_version};
+use serde::{Deserialize, Serialize};
+
+use super::measure::Measured;
+use super::plan::{Case, Plan};
+use super::steps::{Steps, kept};
+use crate::failure::Failure;
+
+/// Positions solved by each other body; the finer ones take seconds each.
+const POSITIONS: usize = 8;
+const SMALL_POSITIONS: usize = 2;
+
+/// Number of steps of [`measured`].
+pub(super) const STEPS: usize = 1;
+
+/// One omission.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct LedgerRow {
+    pub scene: String,
+    pub grid: u32,
+    pub method: String,
+    /// What is left out, or would be.
+    pub what: String,
+    /// Whether it is.
+    pub made: bool,
+    /// By how much the force differs with it; none where it does not say.
+    pub force_mean_n: Option<f64>,
+    pub force_max_n: Option<f64>,
+    /// Whether the largest difference is all that is known.
+    pub is_bound: bool,
+    /// Share of the positions where that is not felt.
+    pub not_felt_share: Option<f64>,
+    /// By how much the surface does, mm.
+    pub surface_rms_mm: Option<f64>,
+    pub unit: String,
+    pub cost_with: f64,
+    pub cost_without: f64,
+}
+
+impl LedgerRow {
+    fn of(scene: &str, grid: u32, method: Method, line: Line) -> Self {
+        let Line { what, made, force, surface, unit, cost: [cost_with, cost_without], .. } = line;
+        let counted = force.filter(|errors| errors.count > 0);
+        let mean = counted.map(|errors| errors.mean_n);
+        Self {
+            scene: scene.into(),
+            grid,
+            method: method.name().into(),
+            what,
+            made,
+            force_mean_n: mean,
+            force_max_n: force.map(|errors| errors.max_n),
+            is_bound: force.is_some() && mean.is_none(),
+            not_felt_share: counted.map(|errors| errors.not_felt as f64 / errors.count as f64),
+            surface_rms_mm: surface.map(|apart| apart.rms_mean_mm),
+            unit,
+            cost_with,
+            cost_without,
+        }
+    }
+
+    /// Whether it is the linear body.
+    pub(super) fn is_linear_body(&self) -> bool {
+        self.what.starts_with("nonlinearity")
+    }
+
+    /// How many times cheaper the omission makes what it costs.
+    pub(super) fn times(&self) -> f64 {
+        self.cost_without / self.cost_with
+    }
+
+    /// The difference of the force that is shown, N: its mean, or the bound of it.
+    pub(super) fn shown_n(&self) -> Option<f64> {
+        self.force_mean_n.or(self.force_max_n)
+    }
+}
+
+/// The ledger of a case, by `energy` or whatever of its methods comes last.
+pub(super) fn measured(
+    plan: &Plan,
+    case: &Case,
+    of: &Measured,
+    steps: &mut Steps,
+) -> Result<Vec<LedgerRow>, Failure> {
+    steps.next(&format!("{}: the ledger of what is left out", case.name))?;
+    let Some(fitted) = of.fitted.last() else { return Ok(Vec::new()) };
+    let positions = if plan.small { SMALL_POSITIONS } else { POSITIONS };
+    let store = Store::open(&plan.work.join(format!("{}.space", case.name)))?;
+    let (hash, method) = (store.identity()?.content_hash, fitted.method);
+    let held_out = fitted.space().cost.held_out;
+    let key = format!("{hash} {} {positions} {held_out} {}", method.name(), solver_version());
+    let path = plan.work.join(format!("{}-ledger.json", case.name));
+    kept(&path, key, || {
+        let organ: Organ<'_> = Organ::read(fitted.file.bytes()).map_err(Failure::work)?;
+        let effort = Effort { positions, threads: plan.threads, stop: &steps.stop };
+        let found = ledger(&store, 0, (&organ, fitted.space()), &case.bench.scene, effort)?;
+        steps.go_on()?;
+        let Ledger { lines, .. } = found.unwrap_or_default();
+        let row = |line| LedgerRow::of(&of.space.scene, case.points, method, line);
+        Ok(lines.into_iter().map(row).collect())
+    })
+}
