@@ -134,7 +134,8 @@ fn motors(counts: &[[i16; 3]]) -> Figure {
         })
         .collect();
     let config = MotorConfig::default();
-    let force_n = [3.0_f32, -4.0, 5.0];
+    // Below what three motors can do anywhere on the way.
+    let force_n = [0.6_f32, -0.8, 1.0];
     let ns = time(poses.len(), || {
         for pose in &poses {
             black_box(config.commands(pose, pose, black_box(force_n)));
