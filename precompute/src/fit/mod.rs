@@ -4,6 +4,7 @@ mod displacement;
 mod ghosts;
 mod hermite;
 mod kernel;
+mod kernel_planes;
 #[cfg(test)]
 pub(crate) mod made_up;
 mod motion;
@@ -15,7 +16,9 @@ pub use displacement::{
 };
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
+pub(crate) use kernel::DATA;
 pub use kernel::{Derivatives, EnergyJet, Indistinct, KernelFit};
+pub use kernel_planes::KernelPlanes;
 pub use motion::{ScatteredMotion, SurfaceMotion};
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 
