@@ -1,6 +1,9 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
 mod fitted;
+mod form;
+
+pub use form::needed_method;
 
 use std::path::Path;
 
@@ -41,6 +44,18 @@ pub enum PackError {
         /// The configuration beyond the bound, and by how much; none if there are no modes.
         beyond: Option<(GridIndex, Misfit)>,
     },
+    /// A node has no kernel.
+    NoKernel {
+        /// Its name.
+        active: String,
+    },
+    /// No form is small enough.
+    OverLimit {
+        /// Bytes of the smallest.
+        smallest: u64,
+        /// Bytes that the scene allows.
+        most_bytes: u64,
+    },
     /// No space holds a configuration yet.
     Empty,
     /// A part does not fit in the layout.
@@ -62,6 +77,15 @@ impl std::fmt::Display for PackError {
             Self::Displacement { active, beyond: None } => write!(
                 f,
                 "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
+            ),
+            Self::NoKernel { active } => write!(
+                f,
+                "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
+            ),
+            Self::OverLimit { smallest, most_bytes } => write!(
+                f,
+                "the smallest blob takes {smallest} bytes without its certificate, the scene allows {most_bytes}; raise `blob_bytes` under \
+                 [needs], or leave out what it shows with `visual = false`"
             ),
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {

@@ -1,6 +1,7 @@
 //! From solved configurations to the tables that the core interpolates.
 
 mod displacement;
+mod form;
 mod ghosts;
 mod hermite;
 mod kernel;
@@ -14,6 +15,7 @@ mod rbf_weights;
 pub use displacement::{
     DisplacementBound, DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement,
 };
+pub use form::{Form, FormNeeds};
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
 pub(crate) use kernel::DATA;
