@@ -11,7 +11,12 @@ const BY_TICK: [Method; 2] = [Method::Energy, Method::Kernel];
 
 /// The method whose tables the scene of a store needs. Packs what it must to know sizes: nothing where there is no limit.
 pub fn needed_method(store: &Store, threads: usize) -> Result<Method, PackError> {
-    let FormNeeds { form, most_bytes } = store.identity()?.form;
+    method_for(store, store.identity()?.form, threads)
+}
+
+/// [`needed_method`] for other needs than the scene's.
+pub fn method_for(store: &Store, needs: FormNeeds, threads: usize) -> Result<Method, PackError> {
+    let FormNeeds { form, most_bytes } = needs;
     let asked: &[Method] = match form {
         Form::Auto => &BY_TICK,
         Form::Node => &[Method::Energy],

@@ -3,7 +3,7 @@
 mod fitted;
 mod form;
 
-pub use form::needed_method;
+pub use form::{method_for, needed_method};
 
 use std::path::Path;
 

@@ -3,6 +3,7 @@
 mod common;
 mod core;
 mod fem;
+pub(super) mod forms;
 mod memory;
 mod replay;
 mod scheduler;
@@ -25,6 +26,7 @@ pub(crate) struct Args {
 #[derive(Debug, Subcommand)]
 enum What {
     Core(core::Args),
+    Forms(forms::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Space(space::Args),
@@ -36,6 +38,7 @@ enum What {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     match &args.what {
         What::Core(args) => core::run(args),
+        What::Forms(args) => forms::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Space(args) => space::run(args),

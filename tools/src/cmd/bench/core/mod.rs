@@ -4,7 +4,7 @@
 mod peers;
 mod surface;
 pub(super) mod tables;
-mod timing;
+pub(super) mod timing;
 
 use std::path::PathBuf;
 
