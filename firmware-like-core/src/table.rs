@@ -188,10 +188,10 @@ impl Space<'_> {
     #[inline(always)]
     fn kernel_force<M: Machine>(&self, machine: M, displacement_m: Vec3) -> Option<ForceSample> {
         let table = self.kernel.as_ref()?;
-        // The comparison is false for NaN too.
-        if vec3::norm(displacement_m) <= table.reach().least_m()
-            || self.is_within_reach(table, displacement_m)
-        {
+        let least_m = table.reach().least_m();
+        // False for NaN and for what overflows; a length would be that of the other components.
+        let is_near = vec3::norm_squared(displacement_m) <= least_m * least_m;
+        if is_near || self.is_within_reach(table, displacement_m) {
             let force_n = table.force(machine, displacement_m);
             return Some(ForceSample { force_n, coverage: Coverage::Scattered });
         }
