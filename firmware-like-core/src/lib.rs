@@ -27,6 +27,7 @@ pub mod fade;
 pub mod flags;
 pub mod grid;
 pub mod hermite;
+pub mod kernel;
 pub mod lanes;
 pub mod limit;
 pub mod link;

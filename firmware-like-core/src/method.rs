@@ -21,11 +21,25 @@ pub enum Method {
     Hermite,
     /// Gradient of the quintic Hermite interpolant of the energy; C1, conservative.
     Energy,
+    /// Gradient of the very sum of Gaussians that was fitted to the energy at scattered configurations; smooth, conservative.
+    Kernel,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
+        Self::Trilinear,
+        Self::Tricubic,
+        Self::Hybrid,
+        Self::RbfLinear,
+        Self::RbfCubic,
+        Self::Hermite,
+        Self::Energy,
+        Self::Kernel,
+    ];
+
+    /// Those whose tables are made of the points of a lattice: all but the kernel, which needs a fit.
+    pub const OF_LATTICE: [Self; 7] = [
         Self::Trilinear,
         Self::Tricubic,
         Self::Hybrid,
@@ -45,6 +59,7 @@ impl Method {
             Self::RbfCubic => "rbf-cubic",
             Self::Hermite => "hermite",
             Self::Energy => "energy",
+            Self::Kernel => "kernel",
         }
     }
 
@@ -92,9 +107,9 @@ impl Coverage {
 pub struct Estimate {
     /// h, force by the tool on the body, newtons.
     pub force_n: Vec3,
-    /// dh_i/dd_j as rows i, newtons per metre: the derivative of this very interpolant. Symmetric for `energy` alone.
+    /// dh_i/dd_j as rows i, newtons per metre: the derivative of this very interpolant. Symmetric for `energy` and `kernel` alone.
     pub stiffness_n_m: [Vec3; 3],
-    /// W, joules, where the force is its gradient: `energy`, inside the ball and away from folds.
+    /// W, joules, where the force is its gradient: `energy`, inside the ball and away from folds, and `kernel` within its reach.
     pub energy_j: Option<f32>,
     /// The data behind it.
     pub coverage: Coverage,

@@ -11,6 +11,7 @@ use crate::displacement::DisplacementTable;
 use crate::flags::{CELL, SUPERCELL};
 use crate::grid::{BallLattice, Location};
 use crate::hermite::HermiteTable;
+use crate::kernel::KernelTable;
 use crate::lanes::{Baseline, Machine};
 use crate::method::{Coverage, Estimate, ForceSample, Method};
 use crate::rbf::RbfTable;
@@ -118,6 +119,8 @@ pub struct Space<'a> {
     pub rbf_cubic: Option<RbfTable<'a, f64>>,
     /// For hermite and energy.
     pub hermite: Option<HermiteTable<'a>>,
+    /// For kernel.
+    pub kernel: Option<KernelTable<'a>>,
     /// For the eye.
     pub displacement: Option<DisplacementTable<'a>>,
 }
@@ -130,6 +133,7 @@ impl Space<'_> {
             Method::RbfLinear => self.rbf_linear.is_some(),
             Method::RbfCubic => self.rbf_cubic.is_some(),
             Method::Hermite | Method::Energy => self.hermite.is_some(),
+            Method::Kernel => self.kernel.is_some(),
         }
     }
 
@@ -149,6 +153,9 @@ impl Space<'_> {
         method: Method,
         displacement_m: Vec3,
     ) -> Option<ForceSample> {
+        if let Method::Kernel = method {
+            return self.kernel_force(machine, displacement_m);
+        }
         let at = match self.lattice.locate_inside(displacement_m) {
             Ok(at) => at,
             // Not as an array: it would have to be in memory.
@@ -173,7 +180,49 @@ impl Space<'_> {
             }
             Method::RbfLinear => finite_or_zero(self.rbf_linear.as_ref()?.interpolate(machine, at.position)),
             Method::RbfCubic => finite_or_zero(self.rbf_cubic.as_ref()?.interpolate(machine, at.position)),
+            // Asked by displacement and not by cell.
+            Method::Kernel => return None,
         })
+    }
+
+    #[inline(always)]
+    fn kernel_force<M: Machine>(&self, machine: M, displacement_m: Vec3) -> Option<ForceSample> {
+        let table = self.kernel.as_ref()?;
+        let least_m = table.reach().least_m();
+        // False for NaN and for what overflows; a length would be that of the other components.
+        let is_near = vec3::norm_squared(displacement_m) <= least_m * least_m;
+        if is_near || self.is_within_reach(table, displacement_m) {
+            let force_n = table.force(machine, displacement_m);
+            return Some(ForceSample { force_n, coverage: Coverage::Scattered });
+        }
+        let [x, y, z] = displacement_m;
+        Some(self.kernel_beyond(table, x, y, z))
+    }
+
+    #[inline(never)]
+    fn is_within_reach(&self, table: &KernelTable<'_>, displacement_m: Vec3) -> bool {
+        vec3::is_finite(displacement_m)
+            && vec3::norm(displacement_m) <= table.reach().towards_m(displacement_m)
+    }
+
+    /// Beyond what the fit knows: the force goes on from where the ray leaves its reach, as every method's beyond the ball.
+    #[cold]
+    #[inline(never)]
+    fn kernel_beyond(&self, table: &KernelTable<'_>, x: f32, y: f32, z: f32) -> ForceSample {
+        let displacement_m = [x, y, z];
+        let coverage = Coverage::Extrapolated;
+        if !vec3::is_finite(displacement_m) {
+            return ForceSample { force_n: vec3::ZERO, coverage };
+        }
+        let outward = vec3::normalize_or_zero(displacement_m);
+        let reach_m = table.reach().towards_m(displacement_m);
+        let pulled_m = (vec3::norm(displacement_m) - reach_m).max(0.0);
+        let rim_m = vec3::scale(outward, reach_m);
+        let at_rim_n = table.force(Baseline, rim_m);
+        let slopes = table.jet(rim_m).stiffness_n_m.map(|row| row.map(|s| s as f32));
+        let spacing_m = self.lattice.spacing_m();
+        let force_n = continuation::force(at_rim_n, &slopes, outward, pulled_m, spacing_m);
+        ForceSample { force_n: if vec3::is_finite(force_n) { force_n } else { at_rim_n }, coverage }
     }
 
     /// Apart from the rest, so that the tick's usual way is short.
@@ -199,10 +248,14 @@ impl Space<'_> {
     pub fn estimate(&self, method: Method, displacement_m: Vec3) -> Option<Estimate> {
         let ForceSample { force_n, coverage } = self.force(method, displacement_m)?;
         let at = self.lattice.locate(displacement_m);
-        let (mut stiffness_n_m, energy_j) = if at.inside {
-            self.slopes(method, &at)?
-        } else {
-            (self.differences(method, displacement_m)?, None)
+        let (mut stiffness_n_m, energy_j) = match (method, &self.kernel) {
+            (Method::Kernel, Some(table)) if self.is_within_reach(table, displacement_m) => {
+                let jet = table.jet(displacement_m);
+                (jet.stiffness_n_m.map(|row| row.map(|s| s as f32)), Some(jet.energy_j as f32))
+            }
+            (Method::Kernel, _) => (self.differences(method, displacement_m)?, None),
+            _ if at.inside => self.slopes(method, &at)?,
+            _ => (self.differences(method, displacement_m)?, None),
         };
         if !stiffness_n_m.iter().all(|row| vec3::is_finite(*row)) {
             stiffness_n_m = [vec3::ZERO; 3];
@@ -263,6 +316,7 @@ impl Space<'_> {
                 energy = value.map(|value| value * self.lattice.spacing_m());
                 slopes
             }
+            Method::Kernel => return None,
         };
         Some((slopes.map(|row| vec3::scale(row, self.lattice.cells_per_m())), energy))
     }

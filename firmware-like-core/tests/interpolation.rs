@@ -51,7 +51,7 @@ fn every_answer_is_finite() {
     let mut queries = odd_queries(0.01, 0.03);
     queries.extend((0..2000).map(|_| random.point(0.05)));
     for d in queries {
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let answer = space.force(method, d).expect("every method is in the blob");
             assert!(vec3::is_finite(answer.force_n), "{method:?} at {d:?}: {answer:?}");
             if !vec3::is_finite(d) {
@@ -72,7 +72,7 @@ fn beyond_the_rim_the_force_bends_into_a_constant() {
     let (radius, cell) = (0.03_f32, 0.01_f32);
     for _ in 0..300 {
         let direction = vec3::normalize_or_zero(random.point(1.0));
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let force = |r: f32| space.force(method, vec3::scale(direction, r)).expect("packed");
             let [inside, outside] = [0.999_99, 1.000_01].map(|share| force(radius * share));
             assert_eq!(outside.coverage, Coverage::Extrapolated);
@@ -113,7 +113,7 @@ fn stiffness_and_energy_agree_with_differences_of_the_force() {
     for _ in 0..3000 {
         let d = random.point(0.045);
         let h = 1e-4_f32;
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let here = space.estimate(method, d).expect("packed");
             assert_eq!(Some(here.force_n), space.force(method, d).map(|sample| sample.force_n));
             let cell = space.lattice.locate(d);
@@ -214,7 +214,7 @@ fn every_method_is_exact_on_the_nodes() {
     for ijk in recipe.solved_points() {
         let d = recipe.lattice().displacement_m(ijk);
         let h = force(d).map(|h| h as f32);
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let answer = space.force(method, d).expect("packed");
             // RBF: the solver's and f32's rounding; the scale is 8 N.
             let tolerance = if method == Method::RbfLinear { 5e-5 } else { 1e-5 };
@@ -313,7 +313,7 @@ fn no_method_jumps_beyond_the_rim() {
         });
         let cells = [low, high].map(|d| space.lattice.locate(d).slot);
         folded += usize::from(cells.iter().any(|&slot| space.flags[slot] & flags::FOLD != 0));
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let [a, b] = [low, high].map(|d| space.force(method, d).expect("packed"));
             // 40 nm of a slope of 10 kN/m beside bad ghosts, and f32 rounding of the rim's point and of 8 N.
             let jump = distance(a.force_n, b.force_n);
@@ -514,7 +514,7 @@ fn every_method_approximates_the_field() {
     for _ in 0..2000 {
         let d = random.point(0.017);
         let exact = force(d).map(|h| h as f32);
-        for (worst, method) in worst.iter_mut().zip(Method::ALL) {
+        for (worst, method) in worst.iter_mut().zip(Method::OF_LATTICE) {
             let answer = space.force(method, d).expect("packed").force_n;
             *worst = worst.max(distance(answer, exact));
         }

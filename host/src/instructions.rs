@@ -21,6 +21,7 @@ macro_rules! of_method {
             Method::RbfCubic => $function::<4>,
             Method::Hermite => $function::<5>,
             Method::Energy => $function::<6>,
+            Method::Kernel => $function::<7>,
         }
     };
 }

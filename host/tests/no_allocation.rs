@@ -32,7 +32,7 @@ fn a_million_ticks_without_an_allocation() {
     let mut words = vec![0_u64; blob.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
     let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a sound blob");
-    for method in Method::ALL {
+    for method in Method::OF_LATTICE {
         // With the surface, and two models that take turns.
         let mut memory = TouchMemory::default();
         let controllers = model::controllers(&[&organ, &organ], Config::new(method), &mut memory);

@@ -23,7 +23,7 @@ use crate::boundary::Handle;
 use crate::configuration_space::{Lattice, Sampling, Scattered, SpaceGrid};
 use crate::element::Order;
 use crate::error::InputError;
-use crate::fit::DisplacementBound;
+use crate::fit::{DisplacementBound, FormNeeds};
 use crate::material::Material;
 use crate::mesh::{Refined, TetMesh};
 use crate::pressure::PressureFault;
@@ -74,6 +74,8 @@ pub struct ResolvedScene {
     pub visual: bool,
     /// How far those may be from the solver's.
     pub displacement_bound: DisplacementBound,
+    /// In which form the energy is packed.
+    pub form: FormNeeds,
     /// The scene as TOML with sorted keys and without comments, for the store and for people.
     pub text: String,
     /// What is odd about the scene, one line each.

@@ -93,6 +93,7 @@ impl Tables {
             rbf_linear: None,
             rbf_cubic: cubic,
             hermite: Some(HermiteTable::new(lattice.slots(), &self.row, &self.nodes).expect("finite nodes")),
+            kernel: None,
             displacement: None,
         }
     }

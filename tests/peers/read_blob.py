@@ -5,7 +5,7 @@
     read_blob.py FILE.blob --points IN.csv --csv OUT.csv [--active A1] [--method energy] [--displacements]
         forces at displacements of the active node; the columns are those of `palpate query`
 
-Methods: trilinear, hermite, energy. Arithmetic is f64 here and f32 in the core: they differ by some 1e-5 N where forces are
+Methods: trilinear, hermite, energy, kernel. Arithmetic is f64 here and f32 in the core: they differ by some 1e-5 N where forces are
 newtons. Exit code 0, or 2 with one line on standard error.
 """
 
@@ -18,7 +18,7 @@ import zlib
 import numpy as np
 
 MAGIC = b"PALPATE\0"
-VERSION = 3
+VERSIONS = (3, 4)
 ALIGNMENT = 64
 SOLVED, TERMINATING, INVERTED, CELL, SUPERCELL, INTERIOR, FOLD, SMOOTH = (1 << n for n in range(8))
 
@@ -82,8 +82,8 @@ class Blob:
             raise Refused(f"the file has {len(data)} bytes, it was written with {total_len}")
         if struct.unpack("<I", data[-4:])[0] != zlib.crc32(data[:-4]):
             raise Refused("checksum mismatch: the file is damaged")
-        if version != VERSION:
-            raise Refused(f"layout version {version}, this reads {VERSION}")
+        if version not in VERSIONS:
+            raise Refused(f"layout version {version}, this reads {VERSIONS}")
         start = -(-(24 + header_len) // ALIGNMENT) * ALIGNMENT
         self.area = data[start:-4]
         self.bytes = len(data)
@@ -100,6 +100,8 @@ class Blob:
         certificate = header.optional(header.plane)
         self.certificate = certificate and json.loads(self.plane(certificate, "u1").tobytes())
         self.spaces = [Space(self, header) for _ in range(header.varint())]
+        for space in self.spaces if version > 3 else []:
+            space.kernel = header.optional(lambda: Kernel(self, header, space.radius_m))
         if header.at != len(header.data):
             raise Refused("the header goes on after its last space")
 
@@ -133,6 +135,7 @@ class Space:
             # [slot][a][b][c]; the fourth of every four numbers is padding.
             self.hermite = nodes.reshape(-1, 3, 3, 4)[row, :, :, :3].astype(float)
         self.displacement = header.optional(lambda: Displacement(blob, header))
+        self.kernel = None
 
         # Slots: the integer points of the box -E..E, z fastest. R is the radius in cells rounded up, with a little slack.
         cells = self.radius_m / self.spacing_m
@@ -146,7 +149,8 @@ class Space:
         if self.force is not None:
             found += ["trilinear", "tricubic", "hybrid"]
         found += ["rbf-linear"] * (self.rbf_linear is not None) + ["rbf-cubic"] * (self.rbf_cubic is not None)
-        return found + ["hermite", "energy"] * (self.hermite is not None)
+        found += ["hermite", "energy"] * (self.hermite is not None)
+        return found + ["kernel"] * (self.kernel is not None)
 
     def slot(self, ijk):
         i, j, k = (n + self.reach + 1 for n in ijk)
@@ -196,8 +200,10 @@ class Space:
 
     def force_n(self, method, at_m):
         """h at any displacement, N; and whether the method has its own data all round."""
-        if method not in self.methods() or method not in ("trilinear", "hermite", "energy"):
+        if method not in self.methods() or method not in ("trilinear", "hermite", "energy", "kernel"):
             raise Refused(f"{method} is not in space {self.name} or not in this example")
+        if method == "kernel":
+            return self.kernel.force_n(at_m, self.spacing_m)
         low, t, outward, beyond = self.locate(at_m)
         share = self.smooth_share(low, t)
         force = self.cell_force(method, low, t, share)
@@ -217,6 +223,56 @@ class Space:
         low, t, _, _ = self.locate(at_m)
         slopes = self.smooth_share(low, t) if self.displacement.slopes else 0.0
         return self.displacement.at(self.corners(low), t, slopes)
+
+
+class Kernel:
+    def __init__(self, blob, header, radius_m):
+        scalars, blocks, reach = header.planes(3)
+        scalars = blob.plane(scalars, "<f8")
+        self.length_m, (xx, xy, xz, yy, yz, zz) = scalars[0], scalars[1:]
+        self.base = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        # One row a configuration: its position, then the derivatives of its polynomial.
+        numbers = blob.plane(blocks, "<f8", 92).reshape(-1, 23, 4).transpose(0, 2, 1).reshape(-1, 23)
+        self.at, self.numbers = numbers[:, :3], numbers[:, 3:]
+        self.reach_m = blob.plane(reach, "u1").reshape(9, 9, 9) * (radius_m / 255.0)
+
+    def sum(self, x):
+        """Gradient of the Gaussians times polynomials."""
+        r = x - self.at
+        power = [np.stack([np.ones(len(r)), r[:, i], r[:, i] ** 2 / 2, r[:, i] ** 3 / 6]) for i in range(3)]
+        slope = [np.concatenate([np.zeros((1, len(r))), p[:3]]) for p in power]
+        of = lambda along: [
+            np.prod([(slope if i == along else power)[i][o[i]] for i in range(3)], axis=0) for o in KERNEL_ORDERS
+        ]
+        value = np.einsum("on,no->n", of(None), self.numbers)
+        gaussian = np.exp(-0.5 * (r * r).sum(axis=1))
+        return np.array([(gaussian * (np.einsum("on,no->n", of(i), self.numbers) - r[:, i] * value)).sum() for i in range(3)])
+
+    def towards_m(self, at):
+        if not at.any():
+            return self.reach_m.max()
+        cells = at / np.abs(at).max() * 4.0 + 4.0
+        low = np.minimum(cells.astype(int), 7)
+        i, j, k = low
+        return np.einsum("i,j,k,ijk", *linear(cells - low), self.reach_m[i : i + 2, j : j + 2, k : k + 2])
+
+    def force_n(self, at_m, spacing_m):
+        at = np.asarray(at_m, np.float32).astype(float)
+        if not np.isfinite(at).all():
+            return np.zeros(3), False
+        within = lambda at: self.base @ at / self.length_m + self.sum(at / self.length_m) - self.sum(np.zeros(3))
+        length, reach = np.linalg.norm(at), self.towards_m(at)
+        if length <= reach:
+            return within(at), True
+        outward, beyond, step = at / length, length - reach, 1e-6
+        slope = (within((reach + step) * outward) - within((reach - step) * outward)) / (2.0 * step)
+        rise = beyond - 0.5 * beyond**2 / spacing_m if beyond < spacing_m else 0.5 * spacing_m
+        return within(reach * outward) + rise * slope, False
+
+
+KERNEL_ORDERS = [
+    (a, b, n - a - b) for n in range(4) for a in range(n, -1, -1) for b in range(n - a, -1, -1)
+]
 
 
 class Displacement:

@@ -8,7 +8,7 @@ use palpate_precompute::configuration_space::{
     Expansion, ExpansionError, Lattice, Progress, Sampling, SpaceGrid, Store, StoreError, StoreIdentity,
     TagCounts, Workshop, still_to_solve, with_threads,
 };
-use palpate_precompute::fit::DisplacementBound;
+use palpate_precompute::fit::{DisplacementBound, FormNeeds};
 use palpate_precompute::solve::Problem;
 
 use crate::{mooney_rivlin, soft_beam};
@@ -44,6 +44,7 @@ impl SpaceBench {
             sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
             visual: true,
             displacement_bound: DisplacementBound::default(),
+            form: FormNeeds::default(),
         };
         Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
     }

@@ -24,7 +24,7 @@ fn bench(factor: f64) -> SpaceBench {
 }
 
 fn blob(store: &Store) -> BlobFile {
-    let options = PackOptions { methods: &Method::ALL, intermediate: false, threads: 2 };
+    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: 2 };
     BlobFile::of(&pack(store, &options).and_then(|packed| packed.bytes()).expect("the space packs"))
 }
 

@@ -36,7 +36,7 @@ fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     let mut bench = SpaceBench::new(f64::INFINITY);
     bench.identity.displacement_bound = DisplacementBound { rms_m: 2e-5, max_m: 2e-4 };
     let (store, _) = bench.solve(&folder.join("a.space"), 2);
-    let options = PackOptions { methods: &Method::ALL, intermediate: false, threads: 1 };
+    let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: 1 };
     let mut packed = pack(&store, &options).expect("the space packs");
     let plain = BlobFile::of(&packed.bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(plain.bytes()).expect("readable");

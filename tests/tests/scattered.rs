@@ -3,15 +3,16 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate_core::{Method, Organ};
+use palpate_core::{Coverage, Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::blob_writer::{PackError, PackOptions, method_for, pack};
 use palpate_precompute::certificate::{answers, certify};
 use palpate_precompute::configuration_space::{
     ExpansionError, Plans, Sampling, Scattered, SpacePlan, Store, with_threads,
 };
+use palpate_precompute::fit::{Form, FormNeeds};
 use palpate_precompute::held_out::{Draw, HeldOut, Kind};
-use palpate_precompute::scattered::{PASSES, Tolerance, Verdict};
+use palpate_precompute::scattered::{PASSES, Tolerance, Verdict, planned};
 use palpate_tests::space_bench::SpaceBench;
 
 const TOLERANCE: Tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
@@ -163,8 +164,11 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     let workshop: Arc<_> = bench.workshop();
     let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
     solved.expect("the truth is solved");
-    let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
-    let file = BlobFile::of(&pack(&one, &options).expect("it packs").bytes().expect("bytes"));
+    let methods = &[Method::Energy, Method::Kernel];
+    let options = PackOptions { methods, intermediate: false, threads: 2 };
+    let packed = pack(&one, &options).expect("it packs");
+    assert!(packed.without_kernel.is_empty() && packed.expect_kernels().is_ok());
+    let file = BlobFile::of(&packed.bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let certificate = certify(&one, &organ).expect("measured");
     let space = &certificate.spaces[0];
@@ -172,6 +176,98 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     assert_eq!(uniform.count, 60);
     // Absolute tolerance 5 mN; forces of up to 1 N.
     assert!(uniform.p99_n < 0.02 && uniform.mean_n < 0.005, "{uniform:?}");
+    // The kernel itself: the table is within a tenth of the tolerance of it.
+    let of = |method: Method| space.methods.iter().find(|m| m.method == method.name()).expect("packed");
+    let (energy, kernel) = (of(Method::Energy), of(Method::Kernel));
+    assert!(
+        kernel.uniform.p99_n < 0.02 && (kernel.uniform.mean_n - energy.uniform.mean_n).abs() < 1e-3,
+        "{kernel:?}"
+    );
+    assert!(20 * kernel.uniform.covered >= 19 * kernel.uniform.count, "{:?}", kernel.uniform);
+    assert!(kernel.probe.rounding_n < 1e-5, "{:?}", kernel.probe);
+    kernel_is_the_fit(&one, &organ);
+    reader_in_python_agrees(&organ, &folder.path().join("both.blob"), file.bytes());
+    needs_choose_the_form(&one);
     let displacement = space.displacement.as_ref().expect("displacements");
     assert!(displacement.uniform.rms_max_mm < 0.2, "{displacement:?}");
+}
+
+/// Force and stiffness of the blob against the offline fit, where the search says the tool can be. A fit leaves a little force at rest.
+fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
+    let plan = planned(store, 0).expect("readable").expect("scattered");
+    let (search, space) = (plan.search().expect("it went"), &organ.spaces[0]);
+    let (fit, rest) = (search.fit(), search.fit().force_n([0.0; 3]));
+    let (mut compared, mut worst_n) = (0, 0.0_f64);
+    for at in search.places(600) {
+        let at = at.map(|x| x as f32);
+        let found = space.estimate(Method::Kernel, at).expect("packed");
+        if found.energy_j.is_none() {
+            continue;
+        }
+        compared += 1;
+        let exact = fit.jet(at.map(f64::from));
+        for i in 0..3 {
+            worst_n = worst_n.max((f64::from(found.force_n[i]) - (exact.force_n[i] - rest[i])).abs());
+            for j in 0..3 {
+                let (a, b) = (f64::from(found.stiffness_n_m[i][j]), exact.stiffness_n_m[(i, j)]);
+                assert!((a - b).abs() < 1e-3 + 1e-5 * b.abs(), "{i}{j}: {a} {b}");
+            }
+        }
+    }
+    println!("{compared} places, {worst_n:.2e} N from the fit; at rest it leaves {rest:?} N");
+    assert!(compared > 500 && worst_n < 1e-6, "{compared} {worst_n}");
+}
+
+/// tests/peers/read_blob.py on a blob of version 4, where numpy is there.
+fn reader_in_python_agrees(organ: &Organ<'_>, path: &std::path::Path, bytes: &[u8]) {
+    let has_numpy = std::process::Command::new("/usr/bin/python3").args(["-c", "import numpy"]).output();
+    if !has_numpy.is_ok_and(|output| output.status.success()) {
+        println!("skipped: /usr/bin/python3 has no numpy; run tests/peers/numpy");
+        return;
+    }
+    std::fs::write(path, bytes).expect("written");
+    let (input, output) = (path.with_extension("in.csv"), path.with_extension("out.csv"));
+    let r = organ.spaces[0].lattice.radius_m();
+    let points: Vec<[f32; 3]> = (1..200)
+        .map(|n| [1.3, 2.9, 4.7].map(|by| 1.2 * r * f64::sin(f64::from(n) * by) as f32))
+        .chain([[0.0; 3], [1e30, 0.0, -1e30]])
+        .collect();
+    let rows: String = points.iter().map(|[x, y, z]| format!("{x:?},{y:?},{z:?}\n")).collect();
+    std::fs::write(&input, format!("x_m,y_m,z_m\n{rows}")).expect("written");
+    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/read_blob.py");
+    let mut reader = std::process::Command::new("/usr/bin/python3");
+    reader.arg("-B").arg(script).arg(path).args(["--method", "kernel", "--points"]).arg(&input);
+    let done = reader.arg("--csv").arg(&output).output().expect("Python starts");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let table = std::fs::read_to_string(&output).expect("written");
+    for (line, &at) in table.lines().skip(1).zip(&points) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let exact = organ.spaces[0].force(Method::Kernel, at).expect("packed");
+        for axis in 0..3 {
+            let found: f64 = cells[3 + axis].parse().expect("a number");
+            assert!((found - f64::from(exact.force_n[axis])).abs() < 2e-5, "{at:?}: {line} {exact:?}");
+        }
+        assert_eq!(cells[6] == "cell", exact.coverage == Coverage::Scattered, "{at:?}");
+    }
+}
+
+/// No limit: the cheapest tick. A limit that only the smaller one fits: that one. One that nothing fits: said with its size.
+fn needs_choose_the_form(store: &Store) {
+    let size = |method| {
+        let options = PackOptions { methods: &[method], intermediate: false, threads: 1 };
+        pack(store, &options).expect("it packs").bytes().expect("bytes").len() as u64
+    };
+    let (node, kernel) = (size(Method::Energy), size(Method::Kernel));
+    println!("blobs: node {node} bytes, kernel {kernel} bytes");
+    assert!(kernel < node);
+    let chosen = |form, most_bytes| {
+        method_for(store, FormNeeds { form, most_bytes }, 1).map_err(|error| error.to_string())
+    };
+    assert_eq!(chosen(Form::Auto, None), Ok(Method::Energy));
+    assert_eq!(chosen(Form::Auto, Some(node)), Ok(Method::Energy));
+    assert_eq!(chosen(Form::Auto, Some(node - 1)), Ok(Method::Kernel));
+    assert_eq!(chosen(Form::Kernel, None), Ok(Method::Kernel));
+    let over = |smallest, most_bytes| Err(PackError::OverLimit { smallest, most_bytes }.to_string());
+    assert_eq!(chosen(Form::Auto, Some(kernel - 1)), over(kernel, kernel - 1));
+    assert_eq!(chosen(Form::Node, Some(node - 1)), over(node, node - 1));
 }

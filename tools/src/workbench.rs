@@ -132,6 +132,7 @@ impl Workbench {
             sampling: self.sampling()?,
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
+            form: self.scene.form,
         };
         let active: Vec<(String, u32)> = self.scene.active.iter().map(|a| (a.name.clone(), a.node)).collect();
         let (mesh, fixed) = (&self.scene.mesh, &self.scene.fixed);

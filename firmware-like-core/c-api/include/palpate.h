@@ -134,6 +134,8 @@ typedef enum PalpateMethod {
   PALPATE_METHOD_HERMITE = 5,
   // Gradient of an interpolated energy: smooth and conservative. The most accurate; what to choose.
   PALPATE_METHOD_ENERGY = 6,
+  // Gradient of the fitted energy itself: smooth and conservative; the smallest table of few configurations, in f64.
+  PALPATE_METHOD_KERNEL = 7,
 } PalpateMethod;
 
 // An organ being rendered, in memory of the caller. Only this library looks inside.

@@ -52,6 +52,8 @@ pub enum PalpateMethod {
     Hermite = 5,
     /// Gradient of an interpolated energy: smooth and conservative. The most accurate; what to choose.
     Energy = 6,
+    /// Gradient of the fitted energy itself: smooth and conservative; the smallest table of few configurations, in f64.
+    Kernel = 7,
 }
 
 /// The core's method of a number.

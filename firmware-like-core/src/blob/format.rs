@@ -1,12 +1,13 @@
-//! Layout of a blob, version 3. Little-endian throughout.
+//! Layout of a blob, versions 3 and 4. Little-endian throughout.
 //!
 //! ```text
 //! offset          size         what
 //! 0               8            magic "PALPATE\0"
-//! 8               4            u32 version = 3
+//! 8               4            u32 version = 3, or 4 where a space has a kernel
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
-//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard)
+//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard); in version 4 as many
+//!                              Option<KernelHeader> after them
 //! ..              ..           zero padding to the next multiple of 64: here the plane area starts
 //! plane area      ..           planes, each at a multiple of 64 bytes, zero padding between them
 //! total_len - 4   4            u32 CRC-32 (ISO-HDLC) of every byte before it
@@ -31,8 +32,10 @@ compile_error!(
 
 /// First eight bytes of a blob.
 pub const MAGIC: [u8; 8] = *b"PALPATE\0";
-/// Layout written and read by this version.
-pub const VERSION: u32 = 3;
+/// Newest layout that this version reads: it differs from [`VERSION_WITHOUT_KERNELS`] in what the header ends with.
+pub const VERSION: u32 = 4;
+/// The layout of a blob without kernels, which older readers know.
+pub const VERSION_WITHOUT_KERNELS: u32 = 3;
 /// Magic, version, header length and total length.
 pub const PREFIX_LEN: usize = 24;
 /// Length of the checksum at the end.
@@ -139,6 +142,17 @@ pub struct HermiteHeader {
     pub row: PlaneRef,
     /// [`crate::hermite::Node`]: 36 f32 each, newtons; zero energy and force at the rest point.
     pub nodes: PlaneRef,
+}
+
+/// Planes of one kernel, see [`crate::kernel`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct KernelHeader {
+    /// f64: [`crate::kernel::SCALARS`] of them, l in metres and B in newtons.
+    pub scalars: PlaneRef,
+    /// [`crate::kernel::Block`]: 23 x 4 f64 each.
+    pub blocks: PlaneRef,
+    /// u8: [`crate::kernel::REACH_POINTS`] shares of the grid's radius.
+    pub reach: PlaneRef,
 }
 
 /// Planes of one set of radial basis functions, padded to a multiple of [`crate::rbf::LANES`].

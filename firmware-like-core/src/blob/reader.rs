@@ -9,13 +9,15 @@ use heapless::{String, Vec};
 
 use super::error::{BlobError, PlaneProblem};
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, LAW_NAME_LEN, MAGIC, PREFIX_LEN, PlaneRef, Preamble,
-    RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, KernelHeader, LAW_NAME_LEN, MAGIC, PREFIX_LEN,
+    PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION,
+    VERSION_WITHOUT_KERNELS, plane_area_start,
 };
 use crate::displacement::{DisplacementPlanes, DisplacementTable};
 use crate::flags;
 use crate::grid::BallLattice;
 use crate::hermite::{HermiteTable, Node};
+use crate::kernel::{Block, KernelTable, LANES, MOST_CENTRES};
 use crate::profile::{Limits, PC_SPACES};
 use crate::rbf::RbfTable;
 use crate::table::{LatticeTable, Space, TableError, check_finite, check_len};
@@ -86,7 +88,7 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
     /// [`Organ::read_within`] where the organ lies already: an organ of many spaces is large for a stack. After an error it is
     /// to be thrown away.
     pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
-        let (header, planes) = open(bytes)?;
+        let (version, header, planes) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
         let need = preamble.space_count as usize;
         // A command names its space with a u16.
@@ -106,6 +108,14 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
             let space = read_space(&planes, space, index as u16, surface.node.len(), limits)?;
             self.spaces.push(space).map_err(|_| capacity)?;
         }
+        if version > VERSION_WITHOUT_KERNELS {
+            for (index, space) in self.spaces.iter_mut().enumerate() {
+                let (header, after) = decode::<Option<KernelHeader>>(rest)?;
+                rest = after;
+                let kernel = header.map(|header| read_kernel(&planes, header, space, index as u16, limits));
+                space.kernel = kernel.transpose()?;
+            }
+        }
         if !rest.is_empty() {
             return Err(BlobError::Header);
         }
@@ -118,8 +128,8 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
     }
 }
 
-/// Checks the envelope; returns the header and the plane area.
-fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
+/// Checks the envelope; returns the version, the header and the plane area.
+fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     const NEED: usize = PREFIX_LEN + CHECKSUM_LEN;
     let too_short = BlobError::TooShort { have: bytes.len(), need: NEED };
     if bytes.len() < NEED {
@@ -144,8 +154,9 @@ fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
     if stored != computed {
         return Err(BlobError::Checksum { stored, computed });
     }
-    match u32::from_le_bytes(*version) {
-        VERSION => {}
+    let version = u32::from_le_bytes(*version);
+    match version {
+        VERSION_WITHOUT_KERNELS..=VERSION => {}
         found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
         found => return Err(BlobError::UnknownVersion { found }),
     }
@@ -155,7 +166,7 @@ fn open(bytes: &[u8]) -> Result<(&[u8], Planes<'_>), BlobError> {
     let header_len = u32::from_le_bytes(*header_len) as usize;
     let header = body.get(PREFIX_LEN..PREFIX_LEN.saturating_add(header_len)).ok_or(BlobError::Header)?;
     let area = plane_area_start(header_len).and_then(|start| body.get(start..)).unwrap_or_default();
-    Ok((header, Planes { area }))
+    Ok((version, header, Planes { area }))
 }
 
 fn decode<'b, T: serde::Deserialize<'b>>(bytes: &'b [u8]) -> Result<(T, &'b [u8]), BlobError> {
@@ -331,8 +342,27 @@ fn read_space<'a>(
         rbf_linear,
         rbf_cubic,
         hermite,
+        // In a part of the header of its own.
+        kernel: None,
         displacement,
     })
+}
+
+fn read_kernel<'a>(
+    planes: &Planes<'a>,
+    header: KernelHeader,
+    of_space: &Space<'a>,
+    space: u16,
+    limits: &Limits,
+) -> Result<KernelTable<'a>, BlobError> {
+    let of = |what| named(what, Some(space));
+    let centres = (header.blocks.len as usize).saturating_mul(LANES);
+    check_capacity("kernel centres", Some(space), centres, limits.centres.min(MOST_CENTRES))?;
+    let scalars: &[f64] = planes.get(header.scalars).map_err(of("kernel scalars"))?;
+    let blocks: &[Block] = planes.get(header.blocks).map_err(of("kernel blocks"))?;
+    let reach: &[u8] = planes.get(header.reach).map_err(of("kernel reach"))?;
+    KernelTable::new(of_space.lattice.radius_m(), scalars, blocks, reach)
+        .map_err(|error| of("kernel")(error.into()))
 }
 
 /// Whether a node has neither energy nor force.

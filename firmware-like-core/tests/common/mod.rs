@@ -2,7 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
 
 use palpate_core::blob::format::{
-    self, DisplacementHeader, HermiteHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
+    self, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader,
+    SurfaceHeader,
 };
 use palpate_core::flags::{self, FOLD, SOLVED};
 use palpate_core::grid::BallLattice;
@@ -315,7 +316,8 @@ impl Recipe {
             certificate: None,
             space_count: spaces.len() as u32,
         };
-        let mut draft = Draft { version: format::VERSION, preamble, spaces, area: area.bytes };
+        let version = format::VERSION_WITHOUT_KERNELS;
+        let mut draft = Draft { version, preamble, spaces, kernels: Vec::new(), area: area.bytes };
         spoil(&mut draft);
         draft.write()
     }
@@ -365,10 +367,20 @@ pub struct Draft {
     pub version: u32,
     pub preamble: Preamble,
     pub spaces: Vec<SpaceHeader>,
+    /// What the header ends with, from version 4 on.
+    pub kernels: Vec<Option<KernelHeader>>,
     pub area: Vec<u8>,
 }
 
 impl Draft {
+    /// Adds a plane.
+    pub fn push<T: bytemuck::Pod>(&mut self, plane: &[T]) -> PlaneRef {
+        let mut area = Area { bytes: core::mem::take(&mut self.area) };
+        let at = area.push(plane);
+        self.area = area.bytes;
+        at
+    }
+
     /// Bytes of a plane of n-byte elements, to spoil it.
     pub fn plane(&mut self, plane: PlaneRef, size: usize) -> &mut [u8] {
         &mut self.area[plane.offset as usize..][..plane.len as usize * size]
@@ -379,6 +391,9 @@ impl Draft {
         let mut used = postcard::to_slice(&self.preamble, &mut header).expect("fits").len();
         for space in &self.spaces {
             used += postcard::to_slice(space, &mut header[used..]).expect("fits").len();
+        }
+        for kernel in &self.kernels {
+            used += postcard::to_slice(kernel, &mut header[used..]).expect("fits").len();
         }
         let start = format::plane_area_start(used).expect("fits");
         let total = start + self.area.len() + format::CHECKSUM_LEN;

@@ -13,8 +13,8 @@ use super::PackError;
 use crate::configuration_space::fold::{Fold, folds};
 use crate::configuration_space::{GridIndex, Lattice, Record, Sampling, SpaceGrid, Store};
 use crate::fit::{
-    Derivatives, DisplacementBound, DisplacementFault, DisplacementFit, HermiteNodes, Moved, Sample,
-    ScatteredMotion, SurfaceMotion, fit_displacement, hermite_nodes, hermite_nodes_known, samples,
+    Derivatives, DisplacementBound, DisplacementFault, DisplacementFit, HermiteNodes, KernelPlanes, Moved,
+    Sample, ScatteredMotion, SurfaceMotion, fit_displacement, hermite_nodes, hermite_nodes_known, samples,
 };
 use crate::scattered::{self, Resampled, Verdict, planned, resample};
 
@@ -32,6 +32,7 @@ pub(super) struct Chosen {
 pub(super) struct Fitted {
     pub(super) known: Known,
     pub(super) hermite: Option<HermiteNodes>,
+    pub(super) kernel: Option<KernelPlanes>,
     pub(super) displacement: Option<DisplacementFit>,
 }
 
@@ -61,6 +62,8 @@ struct Said {
     length_m: f64,
     /// It is the linear body.
     is_linear: bool,
+    /// The fit itself, if it is wanted and the core holds it.
+    kernel: Option<KernelPlanes>,
 }
 
 /// What all spaces have in common.
@@ -111,7 +114,8 @@ impl Fitter<'_> {
     }
 
     fn one(&self, store: &Store, chosen: &Chosen) -> Result<Fitted, PackError> {
-        let known = self.known(store, chosen)?;
+        let mut known = self.known(store, chosen)?;
+        let kernel = known.said.as_mut().and_then(|said| said.kernel.take());
         let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.methods.contains(m));
         let hermite = has_hermite.then(|| match &known.said {
             Some(said) => hermite_nodes_known(&known.grid, &known.samples, &said.derivatives),
@@ -119,7 +123,7 @@ impl Fitter<'_> {
         });
         let displacement =
             self.visual.map(|bound| self.displacement(store, chosen, &known, bound)).transpose()?;
-        Ok(Fitted { known, hermite, displacement })
+        Ok(Fitted { known, hermite, kernel, displacement })
     }
 
     fn known(&self, store: &Store, chosen: &Chosen) -> Result<Known, PackError> {
@@ -134,7 +138,13 @@ impl Fitter<'_> {
                 let search = plan.search().ok_or(PackError::Empty)?;
                 let Resampled { grid, samples, derivatives, .. } = resample(search);
                 let is_linear = plan.verdict() == Some(Verdict::Linear);
-                let said = Said { derivatives, length_m: search.fit().length_m(), is_linear };
+                let wanted = self.methods.contains(&Method::Kernel);
+                let kernel = wanted.then(|| {
+                    KernelPlanes::new(search.fit(), f64::from(grid.radius_m as f32), |at| search.knows(at))
+                });
+                let kernel = kernel.flatten();
+                let length_m = search.fit().length_m();
+                let said = Said { derivatives, length_m, is_linear, kernel };
                 Ok(Known { grid, samples, folds: Vec::new(), said: Some(said), step: 1 })
             }
         }

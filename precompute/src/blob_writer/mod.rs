@@ -1,22 +1,26 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
 mod fitted;
+mod form;
+
+pub use form::{method_for, needed_method};
 
 use std::path::Path;
 
 use bytemuck::Pod;
 use palpate_core::Method;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, MAGIC, PREFIX_LEN, PlaneRef,
-    Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, plane_area_start,
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, KernelHeader, MAGIC, PREFIX_LEN,
+    PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
+    plane_area_start,
 };
 use palpate_core::profile::PC_SPACES;
 use palpate_core::rbf::LANES;
 
 use crate::configuration_space::{GridIndex, Store, StoreError};
 use crate::fit::{
-    Centre, DisplacementFit, FitError, HermiteNodes, Kernel, Misfit, RbfFit, fit_rbf, flag_folds,
-    lattice_values,
+    Centre, DisplacementFit, FitError, HermiteNodes, Kernel, KernelPlanes, Misfit, RbfFit, fit_rbf,
+    flag_folds, lattice_values,
 };
 use crate::mesh::{Surface, TetMesh};
 use fitted::{Chosen, Fitted, Fitter, Known};
@@ -40,6 +44,18 @@ pub enum PackError {
         /// The configuration beyond the bound, and by how much; none if there are no modes.
         beyond: Option<(GridIndex, Misfit)>,
     },
+    /// A node has no kernel.
+    NoKernel {
+        /// Its name.
+        active: String,
+    },
+    /// No form is small enough.
+    OverLimit {
+        /// Bytes of the smallest.
+        smallest: u64,
+        /// Bytes that the scene allows.
+        most_bytes: u64,
+    },
     /// No space holds a configuration yet.
     Empty,
     /// A part does not fit in the layout.
@@ -61,6 +77,15 @@ impl std::fmt::Display for PackError {
             Self::Displacement { active, beyond: None } => write!(
                 f,
                 "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
+            ),
+            Self::NoKernel { active } => write!(
+                f,
+                "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
+            ),
+            Self::OverLimit { smallest, most_bytes } => write!(
+                f,
+                "the smallest blob takes {smallest} bytes without its certificate, the scene allows {most_bytes}; raise `blob_bytes` under \
+                 [needs], or leave out what it shows with `visual = false`"
             ),
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {
@@ -108,7 +133,10 @@ fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless
 pub struct Packed {
     preamble: Preamble,
     spaces: Vec<SpaceHeader>,
+    kernels: Vec<Option<KernelHeader>>,
     planes: PlaneArea,
+    /// Active nodes that [`Method::Kernel`] was wanted for and which have none: on a lattice, or more than the core holds.
+    pub without_kernel: Vec<String>,
     /// Active nodes without any solved configuration, which are not in it.
     pub left_out: Vec<String>,
 }
@@ -116,7 +144,7 @@ pub struct Packed {
 impl Packed {
     /// The file's bytes.
     pub fn bytes(&self) -> Result<Vec<u8>, PackError> {
-        assemble(&self.preamble, &self.spaces, &self.planes)
+        assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
     }
 
     /// Adds a certificate of the tables, as JSON. They keep their bits.
@@ -176,7 +204,8 @@ pub fn pack_with(
     let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
     let surface_header = packer.surface(&fixed)?;
     let spaces = chosen.iter().zip(fitted).map(|(chosen, fitted)| packer.space(chosen, &fitted));
-    let spaces = spaces.collect::<Result<Vec<SpaceHeader>, PackError>>()?;
+    let (spaces, kernels): (Vec<SpaceHeader>, Vec<Option<KernelHeader>>) =
+        spaces.collect::<Result<Vec<_>, PackError>>()?.into_iter().unzip();
     if spaces.len() > PC_SPACES {
         return Err(PackError::TooLarge("the number of active nodes"));
     }
@@ -193,7 +222,10 @@ pub fn pack_with(
         certificate: None,
         space_count: spaces.len() as u32,
     };
-    Ok(Packed { preamble, spaces, planes: packer.planes, left_out })
+    let wanted = options.methods.contains(&Method::Kernel);
+    let without = chosen.iter().zip(&kernels).filter(|(_, kernel)| wanted && kernel.is_none());
+    let without_kernel = without.map(|(chosen, _)| chosen.name.clone()).collect();
+    Ok(Packed { preamble, spaces, kernels, planes: packer.planes, without_kernel, left_out })
 }
 
 /// The rest point.
@@ -227,10 +259,14 @@ impl Packer<'_> {
         })
     }
 
-    fn space(&mut self, chosen: &Chosen, fitted: &Fitted) -> Result<SpaceHeader, PackError> {
+    fn space(
+        &mut self,
+        chosen: &Chosen,
+        fitted: &Fitted,
+    ) -> Result<(SpaceHeader, Option<KernelHeader>), PackError> {
         let Chosen { active, name, node, .. } = chosen;
         let (active, node) = (*active, *node);
-        let Fitted { known, hermite, displacement } = fitted;
+        let Fitted { known, hermite, kernel, displacement } = fitted;
         let Known { grid, samples, folds, .. } = known;
         let mut values = lattice_values(grid, samples);
         flag_folds(grid, folds, &mut values);
@@ -263,8 +299,16 @@ impl Packer<'_> {
             None => None,
         };
         let hermite = hermite.map(|(_, header)| header);
+        let kernel = match kernel {
+            Some(KernelPlanes { scalars, blocks, reach }) => Some(KernelHeader {
+                scalars: self.planes.push(scalars)?,
+                blocks: self.planes.push(blocks)?,
+                reach: self.planes.push(reach)?,
+            }),
+            None => None,
+        };
         let normal = self.surface.normal(node).expect("an active node is on the surface");
-        Ok(SpaceHeader {
+        let header = SpaceHeader {
             name: short_text(name, "an active node's name")?,
             node,
             rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
@@ -277,7 +321,8 @@ impl Packer<'_> {
             rbf_cubic,
             hermite,
             displacement,
-        })
+        };
+        Ok((header, kernel))
     }
 
     /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
@@ -350,18 +395,28 @@ fn padded(plane: &[f64]) -> Vec<f64> {
     plane
 }
 
-fn assemble(preamble: &Preamble, spaces: &[SpaceHeader], planes: &PlaneArea) -> Result<Vec<u8>, PackError> {
+fn assemble(
+    preamble: &Preamble,
+    (spaces, kernels): (&[SpaceHeader], &[Option<KernelHeader>]),
+    planes: &PlaneArea,
+) -> Result<Vec<u8>, PackError> {
     let encode =
         |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
     let mut header = encode(postcard::to_stdvec(preamble))?;
     for space in spaces {
         header.extend(encode(postcard::to_stdvec(space))?);
     }
+    // A blob without a kernel is what it always was, to the byte.
+    let has_kernels = kernels.iter().any(Option::is_some);
+    for kernel in kernels.iter().filter(|_| has_kernels) {
+        header.extend(encode(postcard::to_stdvec(kernel))?);
+    }
+    let version = if has_kernels { VERSION } else { VERSION_WITHOUT_KERNELS };
     let start = plane_area_start(header.len()).ok_or(PackError::TooLarge("the header"))?;
     let total = start + planes.bytes.len() + CHECKSUM_LEN;
     let mut blob = Vec::with_capacity(total);
     blob.extend_from_slice(&MAGIC);
-    blob.extend_from_slice(&VERSION.to_le_bytes());
+    blob.extend_from_slice(&version.to_le_bytes());
     blob.extend_from_slice(&(header.len() as u32).to_le_bytes());
     blob.extend_from_slice(&(total as u64).to_le_bytes());
     debug_assert_eq!(blob.len(), PREFIX_LEN);

@@ -3,6 +3,7 @@
 //! Takes the tables as they were packed, so it sees no error of the fit, only that of the evaluation.
 
 use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
+use palpate_core::kernel::{KernelTable, LANES, NUMBERS};
 use palpate_core::{Method, Space};
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
@@ -29,8 +30,68 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
             Some(mix(share, cell.hermite()?, cell.energy()?))
         }
+        Method::Kernel => kernel(space.kernel.as_ref()?, space.lattice.spacing_m(), displacement_m),
     }
 }
+
+/// The sum over powers, with the library's exponential; beyond its reach by the continuation, with the core's own stiffness.
+fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
+    let d = displacement_m.map(f64::from);
+    let size = d.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let reach_m = f64::from(table.reach().towards_m(displacement_m));
+    if size <= reach_m {
+        return Some(kernel_within(table, d));
+    }
+    let rim = d.map(|x| x / size * reach_m);
+    let (spacing_m, pulled_m) = (f64::from(spacing_m), size - reach_m);
+    let rise_m = if pulled_m < spacing_m {
+        pulled_m - pulled_m * pulled_m / (2.0 * spacing_m)
+    } else {
+        spacing_m / 2.0
+    };
+    let slopes = table.jet(rim.map(|x| x as f32)).stiffness_n_m;
+    let at_rim = kernel_within(table, rim);
+    Some(std::array::from_fn(|i| {
+        at_rim[i] + rise_m * (0..3).map(|j| slopes[i][j] * d[j] / size).sum::<f64>()
+    }))
+}
+
+fn kernel_within(table: &KernelTable<'_>, displacement_m: [f64; 3]) -> [f64; 3] {
+    let x = displacement_m.map(|p| p / table.length_m());
+    let [xx, xy, xz, yy, yz, zz] = *table.base_n();
+    let base = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    let (here, rest) = (kernel_sum(table, x), kernel_sum(table, [0.0; 3]));
+    std::array::from_fn(|i| here[i] - rest[i] + (0..3).map(|j| base[i][j] * x[j]).sum::<f64>())
+}
+
+/// Gradient of sum_n E_n sum_a P_a r^a / a!.
+fn kernel_sum(table: &KernelTable<'_>, x: [f64; 3]) -> [f64; 3] {
+    const FACTORIALS: [f64; 4] = [1.0, 1.0, 2.0, 6.0];
+    let mut sum = [0.0; 3];
+    for (block, lane) in table.blocks().iter().flat_map(|block| (0..LANES).map(move |lane| (block, lane))) {
+        let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - block[axis][lane]);
+        let e = (-0.5 * r.iter().map(|r| r * r).sum::<f64>()).exp();
+        for (orders, number) in MONOMIALS.iter().zip(&block[3..]) {
+            // r^n e and its derivative along one axis.
+            let power = |axis: usize| r[axis].powi(orders[axis] as i32) / FACTORIALS[orders[axis]];
+            let slope = |axis: usize| {
+                let falling = match orders[axis] {
+                    0 => 0.0,
+                    n => r[axis].powi(n as i32 - 1) / FACTORIALS[n - 1],
+                };
+                falling - r[axis] * power(axis)
+            };
+            for (along, sum) in sum.iter_mut().enumerate() {
+                let factors: f64 = (0..3).map(|i| if i == along { slope(i) } else { power(i) }).product();
+                *sum += e * number[lane] * factors;
+            }
+        }
+    }
+    sum
+}
+
+/// The powers of a kernel's polynomials, in the core's order.
+const MONOMIALS: [[usize; 3]; NUMBERS - 3] = crate::fit::DATA;
 
 /// a + share (b - a)
 fn mix(share: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

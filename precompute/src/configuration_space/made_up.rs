@@ -13,7 +13,7 @@ use super::{
     Crew, CrewError, Done, Expansion, GridIndex, Job, Lattice, Outcome, Record, Sampling, SpaceGrid, Store,
     StoreIdentity, StoredSeed, TagCounts, Work,
 };
-use crate::fit::DisplacementBound;
+use crate::fit::{DisplacementBound, FormNeeds};
 use crate::held_out::{Truth, WalkJob, WalkOutcome};
 use crate::mesh::TetMesh;
 
@@ -135,6 +135,7 @@ impl MadeUp {
             sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
             visual: false,
             displacement_bound: DisplacementBound::default(),
+            form: FormNeeds::default(),
         }
     }
 

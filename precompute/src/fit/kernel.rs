@@ -26,7 +26,7 @@ use crate::solve::Configuration;
 /// Derivatives that a configuration gives: how often along x, y and z.
 ///
 /// The third ones are in the order of [`THIRD_INDICES`].
-pub(super) const DATA: [[usize; 3]; 20] = [
+pub(crate) const DATA: [[usize; 3]; 20] = [
     [0, 0, 0],
     [1, 0, 0],
     [0, 1, 0],
@@ -164,6 +164,16 @@ impl KernelFit {
     /// The kernel's length l, m.
     pub fn length_m(&self) -> f64 {
         self.length_m
+    }
+
+    /// The stiffness at rest, N/m.
+    pub fn base_n_m(&self) -> &Matrix3<f64> {
+        &self.base
+    }
+
+    /// Displacements in lengths, and the weights of their Gaussian's derivatives in the order of [`DATA`], J.
+    pub(super) fn centres(&self) -> impl Iterator<Item = (&[f64; 3], &[f64; 20])> {
+        self.centres.iter().zip(&self.weights)
     }
 
     /// Configurations in it.

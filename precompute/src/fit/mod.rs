@@ -1,9 +1,11 @@
 //! From solved configurations to the tables that the core interpolates.
 
 mod displacement;
+mod form;
 mod ghosts;
 mod hermite;
 mod kernel;
+mod kernel_planes;
 #[cfg(test)]
 pub(crate) mod made_up;
 mod motion;
@@ -13,9 +15,12 @@ mod rbf_weights;
 pub use displacement::{
     DisplacementBound, DisplacementFault, DisplacementFit, Misfit, Moved, fit_displacement,
 };
+pub use form::{Form, FormNeeds};
 pub use ghosts::{LatticeValues, lattice_values};
 pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
+pub(crate) use kernel::DATA;
 pub use kernel::{Derivatives, EnergyJet, Indistinct, KernelFit};
+pub use kernel_planes::KernelPlanes;
 pub use motion::{ScatteredMotion, SurfaceMotion};
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 

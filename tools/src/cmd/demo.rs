@@ -134,7 +134,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     hold_out(&bench, &store, solved.threads, &stop)?;
     let (packed, certificate) = certified(
         &store,
-        &PackOptions { methods: &Method::ALL, intermediate: false, threads: solved.threads },
+        &PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: solved.threads },
     )?;
     // From here on spaces of the blob and active nodes of the scene are numbered alike.
     if !packed.left_out.is_empty() {
@@ -165,7 +165,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let start = Instant::now();
     let chosen = spread(&visits, CHECKS);
     let (checked, unsolved) = truth::check(&bench, &store, &chosen, solved.threads, &stop)?;
-    let errors: Vec<MethodError> = Method::ALL
+    let errors: Vec<MethodError> = Method::OF_LATTICE
         .iter()
         .filter_map(|method| truth::method_error(&organ, *method, &checked))
         .chain([truth::loop_error(&checked)])
@@ -309,7 +309,7 @@ fn write_forces(
     checked: &[Checked],
 ) -> Result<(), Failure> {
     let mut table = String::from("active,x_m,y_m,z_m,fe_fx_n,fe_fy_n,fe_fz_n");
-    for method in Method::ALL {
+    for method in Method::OF_LATTICE {
         let name = method.name();
         table.push_str(&format!(",{name}_fx_n,{name}_fy_n,{name}_fz_n,{name}_coverage"));
     }
@@ -320,7 +320,7 @@ fn write_forces(
             "{},{x:?},{y:?},{z:?},{fx:?},{fy:?},{fz:?}",
             bench.scene.active[c.visit.active].name
         ));
-        for method in Method::ALL {
+        for method in Method::OF_LATTICE {
             let found =
                 organ.spaces.get(c.visit.active).and_then(|s| s.force(method, c.visit.displacement_m));
             if let Some(found) = found {

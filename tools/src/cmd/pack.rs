@@ -8,10 +8,13 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, Packed, pack, write_atomically};
+use palpate_precompute::blob_writer::{
+    PackError, PackOptions, Packed, needed_method, pack, write_atomically,
+};
 use palpate_precompute::certificate::{Certificate, Effort, certify, clear_positions, ledger};
 use palpate_precompute::configuration_space::{Store, still_to_solve, with_threads};
 use palpate_precompute::held_out::{Draw, Kind, Summary};
+use palpate_precompute::scattered::planned;
 
 use super::inspect::certificate;
 use crate::failure::Failure;
@@ -27,9 +30,10 @@ use crate::workbench::{Workbench, stop_flag, threads};
 pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
-    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy. Methods of one table
-    /// come together: the first three, and the last two
-    #[arg(long = "method", value_delimiter = ',', default_value = "energy", value_parser = method)]
+    /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy, kernel. Methods of one
+    /// table come together: the first three, and hermite and energy; kernel is the fit of scattered positions itself. If not given the
+    /// scene's needs choose between energy and kernel (`form` and `blob_bytes` under [needs]); without any it is energy
+    #[arg(long = "method", value_delimiter = ',', value_parser = method)]
     methods: Vec<Method>,
     /// The .blob file to write
     #[arg(long)]
@@ -71,8 +75,13 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
     let finished = check_finished(&store, args)?;
-    let options =
-        PackOptions { methods: &args.methods, intermediate: !args.grid_only, threads: threads(args.threads) };
+    let threads = threads(args.threads);
+    let needed = if args.methods.is_empty() { vec![needed_method(&store, threads)?] } else { Vec::new() };
+    let methods = if args.methods.is_empty() { &needed } else { &args.methods };
+    let options = PackOptions { methods, intermediate: !args.grid_only, threads };
+    if methods.contains(&Method::Kernel) {
+        expect_kernels(&store)?;
+    }
     let (packed, made) = if args.no_certificate || !finished {
         (pack(&store, &options)?, None)
     } else {
@@ -89,17 +98,30 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     for name in &packed.left_out {
         eprintln!("palpate: warning: active node {name} has no solved configuration and is left out");
     }
+    packed.expect_kernels()?;
     let bytes = packed.bytes()?;
     write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
     if args.json {
         return output::line(serde_json::to_string_pretty(&made).map_err(Failure::work)?);
     }
-    let names: Vec<&str> = args.methods.iter().map(|m| m.name()).collect();
+    let names: Vec<&str> = methods.iter().map(|m| m.name()).collect();
     output::line(format!("{}: {} bytes, {}", args.out.display(), bytes.len(), names.join(", ")))?;
     match made {
         Some(made) => output::line(certificate::in_words(&made)),
         None => output::line("not certified"),
     }
+}
+
+/// A node without a kernel is an error before its certificate is solved for.
+fn expect_kernels(store: &Store) -> Result<(), Failure> {
+    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
+        let has_fit = planned(store, active)?.is_some_and(|plan| plan.switched().is_none());
+        let is_empty = store.records(active)?.iter().filter(|record| record.tag.is_solved()).count() < 2;
+        if !has_fit && !is_empty {
+            return Err(PackError::NoKernel { active: name }.into());
+        }
+    }
+    Ok(())
 }
 
 /// Packs tables with their certificate.

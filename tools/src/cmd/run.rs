@@ -228,9 +228,10 @@ fn open_device(
     }
 }
 
-/// Without --method: the most accurate that costs the same whatever the grid, then the others.
-const PREFERENCE: [Method; 7] = [
+/// Without --method: the most accurate that costs the same whatever the grid, its fit, then the others.
+const PREFERENCE: [Method; 8] = [
     Method::Energy,
+    Method::Kernel,
     Method::Hermite,
     Method::Tricubic,
     Method::RbfCubic,

@@ -4,6 +4,7 @@ mod common;
 mod core;
 mod devices;
 mod fem;
+pub(super) mod forms;
 mod memory;
 mod replay;
 mod sampling;
@@ -28,6 +29,7 @@ pub(crate) struct Args {
 enum What {
     Core(core::Args),
     Devices(devices::Args),
+    Forms(forms::Args),
     Fem(fem::Args),
     FemSizes(sizes::Args),
     Sampling(sampling::Args),
@@ -41,6 +43,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     match &args.what {
         What::Core(args) => core::run(args),
         What::Devices(args) => devices::run(args),
+        What::Forms(args) => forms::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Sampling(args) => sampling::run(args),

@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use palpate_precompute::configuration_space::{
     Crew, Domain, Expansion, Lattice, Sampling, SpaceGrid, Store, StoreIdentity,
 };
-use palpate_precompute::fit::DisplacementBound;
+use palpate_precompute::fit::{DisplacementBound, FormNeeds};
 use palpate_precompute::mesh::TetMesh;
 use serde::Serialize;
 
@@ -181,6 +181,7 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
         visual: false,
         displacement_bound: DisplacementBound::default(),
+        form: FormNeeds::default(),
     };
     let active: Vec<(String, u32)> = (0..actives).map(|i| (format!("A{i}"), 0)).collect();
     Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)

@@ -111,6 +111,7 @@ impl Tables {
             rbf_linear: None,
             rbf_cubic: rbf_cubic.and_then(|(centres, weights)| RbfTable::new(centres, weights).ok()),
             hermite: HermiteTable::new(self.lattice.slots(), &self.hermite.row, &self.hermite.nodes).ok(),
+            kernel: None,
             displacement: None,
         }
     }

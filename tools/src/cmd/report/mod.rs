@@ -63,7 +63,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N,M", value_delimiter = ',')]
     grids: Vec<u32>,
     /// Methods, several with commas
-    #[arg(long, value_delimiter = ',', value_parser = super::pack::method, default_values = Method::ALL.map(Method::name))]
+    #[arg(long, value_delimiter = ',', value_parser = super::pack::method, default_values = Method::OF_LATTICE.map(Method::name))]
     methods: Vec<Method>,
     /// r_G in mm; each scene's own if not given (20 for the bundled organ with --small)
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]

@@ -4,7 +4,7 @@
 mod peers;
 mod surface;
 pub(super) mod tables;
-mod timing;
+pub(super) mod timing;
 
 use std::path::PathBuf;
 
@@ -164,6 +164,7 @@ fn bytes(space: &Space<'_>, method: Method) -> usize {
         Method::RbfCubic => space.rbf_cubic.as_ref().map_or(0, |table| 6 * 8 * table.padded_len()),
         Method::Hermite => space.hermite.as_ref().map_or(0, |table| table.bytes()),
         Method::Energy => space.hermite.as_ref().map_or(0, |table| table.bytes() + slots),
+        Method::Kernel => space.kernel.as_ref().map_or(0, |table| table.bytes()),
     }
 }
 

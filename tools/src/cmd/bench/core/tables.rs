@@ -79,6 +79,7 @@ impl Tables {
             rbf_linear: RbfTable::new(three(&self.linear[0]), three(&self.linear[1])).ok(),
             rbf_cubic: RbfTable::new(three(&self.cubic[0]), three(&self.cubic[1])).ok(),
             hermite: HermiteTable::new(lattice.slots(), row, nodes).ok(),
+            kernel: None,
             displacement: None,
         }
     }

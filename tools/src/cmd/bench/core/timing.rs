@@ -14,29 +14,29 @@ const BATCH_NS: f64 = 40_000.0;
 type Batch<'r> = Box<dyn FnMut(&[Vec3], &mut [Vec3]) + 'r>;
 
 /// Something to be timed.
-pub(super) struct Run<'r> {
+pub(in crate::cmd::bench) struct Run<'r> {
     /// What it is called; its last word names our method.
-    pub(super) name: String,
+    pub(in crate::cmd::bench) name: String,
     /// What it runs on.
-    pub(super) instructions: &'static str,
+    pub(in crate::cmd::bench) instructions: &'static str,
     /// Our method that answers the same question.
-    pub(super) compared: Method,
+    pub(in crate::cmd::bench) compared: Method,
     /// Bytes of the tables it reads.
-    pub(super) bytes: usize,
+    pub(in crate::cmd::bench) bytes: usize,
     batch: Batch<'r>,
     chain: Batch<'r>,
 }
 
 /// What it came to.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Timing {
-    pub(super) median_ns: f64,
-    pub(super) min_ns: f64,
-    pub(super) waits_ns: Option<f64>,
+pub(in crate::cmd::bench) struct Timing {
+    pub(in crate::cmd::bench) median_ns: f64,
+    pub(in crate::cmd::bench) min_ns: f64,
+    pub(in crate::cmd::bench) waits_ns: Option<f64>,
 }
 
 impl<'r> Run<'r> {
-    pub(super) fn new(
+    pub(in crate::cmd::bench) fn new(
         name: String,
         instructions: &'static str,
         compared: Method,
@@ -65,7 +65,7 @@ impl<'r> Run<'r> {
     }
 
     /// One answer.
-    pub(super) fn ask(&mut self, query: &Vec3) -> Vec3 {
+    pub(in crate::cmd::bench) fn ask(&mut self, query: &Vec3) -> Vec3 {
         let mut answer = [[0.0; 3]];
         (self.batch)(std::slice::from_ref(query), &mut answer);
         answer[0]
@@ -73,7 +73,7 @@ impl<'r> Run<'r> {
 }
 
 /// Uniform in the ball, fixed seed, none on the rim.
-pub(super) fn queries(radius_m: f32) -> Vec<Vec3> {
+pub(in crate::cmd::bench) fn queries(radius_m: f32) -> Vec<Vec3> {
     let mut seed = 7_u64;
     let mut next = || {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -87,7 +87,11 @@ pub(super) fn queries(radius_m: f32) -> Vec<Vec3> {
 }
 
 /// `rounds` batches of each, in turns.
-pub(super) fn take_turns(runs: &mut [Run<'_>], queries: &[Vec3], rounds: usize) -> Vec<Timing> {
+pub(in crate::cmd::bench) fn take_turns(
+    runs: &mut [Run<'_>],
+    queries: &[Vec3],
+    rounds: usize,
+) -> Vec<Timing> {
     let mut answers = vec![[0.0; 3]; queries.len()];
     let mut next = 0;
     let mut batch = |run: &mut Run<'_>, count: usize, chained: bool| -> f64 {

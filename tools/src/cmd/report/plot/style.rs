@@ -48,6 +48,7 @@ impl Style {
             Method::RbfCubic => Self::new(4, Shape::Cross, ""),
             Method::Hermite => Self::new(5, Shape::Up, "6 3"),
             Method::Energy => Self::new(0, Shape::Star, ""),
+            Method::Kernel => Self::new(0, Shape::Diamond, "2 3"),
         }
     }
 

@@ -1,0 +1,220 @@
+//! `palpate bench forms`: the forms in which a fitted energy can go into a blob, side by side: bytes, nanoseconds and error in one run.
+
+mod cell;
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::{Method, Organ, Space, Vec3, vec3};
+use palpate_host::{BlobFile, Instructions, Interpolator};
+use palpate_precompute::blob_writer::{PackOptions, pack};
+use palpate_precompute::certificate::{Answer, Compared, Errors, answers, reference_force_n};
+use palpate_precompute::configuration_space::Store;
+use palpate_precompute::fit::KernelFit;
+use palpate_precompute::held_out::Kind;
+use palpate_precompute::scattered::planned;
+use serde::Serialize;
+
+use super::common::{Out, Pinned};
+use super::core::timing::{self, Run};
+use crate::failure::Failure;
+use crate::output;
+use cell::CellTable;
+
+/// The forms of a fitted energy side by side, of one scattered space: a polynomial a cell (which no blob has), the derivatives a node
+/// (`energy`), and the fit itself (`kernel`).
+///
+/// Positions are those that the tool can get to, in no order that could be learnt; all take turns in small batches. Errors are those at
+/// the held-out positions of the space (`palpate pack` solves some, `palpate held-out` more), and the distance from the fit in f64.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// The .space file, of scattered positions
+    space: PathBuf,
+    /// Active node; every one that has a fit if not given
+    #[arg(long, value_name = "NAME")]
+    active: Option<String>,
+    /// Batches of each, taking turns
+    #[arg(long, value_name = "N", default_value_t = 400)]
+    rounds: usize,
+    #[command(flatten)]
+    pinned: Pinned,
+    #[command(flatten)]
+    out: Out,
+}
+
+/// One form of one node on one set of instructions.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct FormRow {
+    pub(crate) active: String,
+    /// Configurations of the fit.
+    pub(crate) configurations: usize,
+    pub(crate) form: &'static str,
+    pub(crate) instructions: &'static str,
+    /// Of what it reads; flags and displacements, which all have, come on top.
+    pub(crate) bytes: usize,
+    pub(crate) median_ns: f64,
+    /// Where every query waits for the answer before it.
+    pub(crate) waits_ns: Option<f64>,
+    /// Held-out positions away from folds, and the errors there.
+    pub(crate) positions: usize,
+    pub(crate) mean_n: f64,
+    pub(crate) p99_n: f64,
+    pub(crate) max_n: f64,
+    /// From the fit in f64, at places within reach.
+    pub(crate) from_fit_p99_n: f64,
+    pub(crate) from_fit_max_n: f64,
+    /// From itself in f64.
+    pub(crate) rounding_n: f64,
+}
+
+/// Runs the command.
+pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let pinned = args.pinned.pin();
+    let store = Store::open(&args.space)?;
+    let rows = measure(&store, args.active.as_deref(), args.rounds.max(1))?;
+    if rows.is_empty() {
+        return Err(Failure::input(format!(
+            "{}: no such active node with a fit of scattered positions",
+            args.space.display()
+        )));
+    }
+    args.out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
+}
+
+/// Every form of every node that has a fit.
+pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Result<Vec<FormRow>, Failure> {
+    let methods = &[Method::Energy, Method::Kernel];
+    let file =
+        BlobFile::of(&pack(store, &PackOptions { methods, intermediate: false, threads: 1 })?.bytes()?);
+    let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
+    let mut rows = Vec::new();
+    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
+        let space =
+            organ.spaces.iter().find(|space| space.name == name.as_str() && space.has(Method::Kernel));
+        let plan = planned(store, active)?;
+        let search = plan.as_ref().and_then(|plan| plan.search());
+        let (Some(space), Some(search)) = (space, search) else { continue };
+        if wanted.is_some_and(|wanted| wanted != name) {
+            continue;
+        }
+        let places: Vec<Vec3> =
+            search.places(4_000).into_iter().map(|at| at.map(|x| x as f32)).filter(within(space)).collect();
+        let mut truths = answers(store, active, space, Method::Energy)?;
+        truths.retain(|answer| answer.walk.kind == Kind::Uniform && !answer.folded);
+        rows.extend(of_space(&name, space, search.fit(), (&places, &truths), rounds));
+    }
+    Ok(rows)
+}
+
+fn within<'s>(space: &'s Space<'_>) -> impl Fn(&Vec3) -> bool + 's {
+    |at| space.lattice.locate(*at).inside
+}
+
+fn of_space(
+    name: &str,
+    space: &Space<'_>,
+    fit: &KernelFit,
+    (places, truths): (&[Vec3], &[Answer]),
+    rounds: usize,
+) -> Vec<FormRow> {
+    let Some(cells) = CellTable::of(space) else { return Vec::new() };
+    let mut runs = vec![Run::new(
+        "cell".into(),
+        Instructions::Baseline.name(),
+        Method::Energy,
+        cells.bytes(),
+        |at: &Vec3| cells.force_n(at),
+    )];
+    for (form, method) in [("node", Method::Energy), ("kernel", Method::Kernel)] {
+        let bytes = match method {
+            Method::Kernel => space.kernel.as_ref().map_or(0, |table| table.bytes()),
+            _ => space.hermite.as_ref().map_or(0, |table| table.bytes()),
+        };
+        for interpolator in Instructions::ALL.into_iter().filter_map(|i| Interpolator::on(i, method)) {
+            let instructions = interpolator.instructions().name();
+            let ask =
+                move |at: &Vec3| interpolator.force(space, at).map_or(vec3::ZERO, |answer| answer.force_n);
+            runs.push(Run::new(form.into(), instructions, method, bytes, ask));
+        }
+    }
+    let timings = timing::take_turns(&mut runs, &shuffled(places), rounds);
+    let row = |(run, timing): (&mut Run<'_>, timing::Timing)| {
+        let mut compared = Vec::new();
+        for truth in truths {
+            let found_n = run.ask(&truth.displacement_m).map(f64::from);
+            compared.push(Compared { found_n, ..truth.compared });
+        }
+        let errors = Errors::of(&compared);
+        let (mut from_fit, mut rounding_n) = (Vec::new(), 0.0_f64);
+        for at in places {
+            let found = run.ask(at);
+            from_fit.push(apart(found, fit.force_n(at.map(f64::from))));
+            let exact = reference_force_n(space, run.compared, *at);
+            rounding_n = rounding_n.max(exact.map_or(f64::NAN, |exact| apart(found, exact)));
+        }
+        from_fit.sort_by(f64::total_cmp);
+        let at = |share: usize| from_fit.get(from_fit.len() * share / 100).or(from_fit.last()).copied();
+        FormRow {
+            active: name.into(),
+            configurations: fit.len(),
+            form: match run.name.as_str() {
+                "cell" => "cell",
+                "node" => "node",
+                _ => "kernel",
+            },
+            instructions: run.instructions,
+            bytes: run.bytes,
+            median_ns: timing.median_ns,
+            waits_ns: timing.waits_ns,
+            positions: errors.count,
+            mean_n: errors.mean_n,
+            p99_n: errors.p99_n,
+            max_n: errors.max_n,
+            from_fit_p99_n: at(99).unwrap_or(f64::NAN),
+            from_fit_max_n: at(100).unwrap_or(f64::NAN),
+            rounding_n,
+        }
+    };
+    runs.iter_mut().zip(timings).map(row).collect()
+}
+
+/// So many of them that no order can be learnt, fixed seed.
+fn shuffled(places: &[Vec3]) -> Vec<Vec3> {
+    let mut seed = 7_u64;
+    let next = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        places.get((seed >> 33) as usize % places.len().max(1)).copied().unwrap_or(vec3::ZERO)
+    };
+    std::iter::repeat_with(next).take(1 << 16).collect()
+}
+
+fn apart(a: Vec3, b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (f64::from(*a) - b).powi(2)).sum::<f64>().sqrt()
+}
+
+fn table(rows: &[FormRow], pinned: &str) -> String {
+    let mut text = format!(
+        "pinned     to {pinned}\n\n\
+         node         fit  form    on          bytes  median ns  waits ns   mean mN    p99 mN    max mN  (of)    from the fit p99   max mN  rounding mN"
+    );
+    for row in rows {
+        text += &format!(
+            "\n{:<12} {:>3}  {:<7} {:<9} {:>7} {:>10.1} {:>9} {:>9.3} {:>9.3} {:>9.3} {:>5} {:>19.4} {:>8.4} {:>12.5}",
+            row.active,
+            row.configurations,
+            row.form,
+            row.instructions,
+            row.bytes,
+            row.median_ns,
+            row.waits_ns.map_or_else(|| "-".into(), |ns| format!("{ns:.1}")),
+            1e3 * row.mean_n,
+            1e3 * row.p99_n,
+            1e3 * row.max_n,
+            row.positions,
+            1e3 * row.from_fit_p99_n,
+            1e3 * row.from_fit_max_n,
+            1e3 * row.rounding_n
+        );
+    }
+    text + "\n\ncell: one polynomial of 216 coefficients a cell; it is measured here and in no blob"
+}
