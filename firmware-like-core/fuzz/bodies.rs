@@ -133,14 +133,14 @@ pub(crate) fn tick(data: &[u8]) {
     let (everywhere, surface) = &*EVERYWHERE;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
     let organ: &PcOrgan<'static> = if contact & 8 == 0 { &GOLDEN } else { everywhere };
-    let mut config = Config::new(Method::ALL[usize::from(method) % Method::ALL.len()]);
+    let mut config = Config::new(Method::OF_LATTICE[usize::from(method) % Method::OF_LATTICE.len()]);
     config.contact.friction = if contact & 16 == 0 { 0.3 } else { 0.0 };
     config.limits.max_speed_m_s = if contact & 1 == 0 { 2.0 } else { 1e30 };
     config.limits.max_position_m = if contact & 2 == 0 { 0.5 } else { 1e30 };
     // Looking for the stiffest place would take longer than all that is asked here.
     config.limits.max_stiffness_n_m = f32::MAX;
     config.limits.ramp_s = if contact & 4 == 0 { 0.0 } else { 0.5 };
-    let controller = Controller::new(organ, config).expect("the golden blob has every method");
+    let controller = Controller::new(organ, config).expect("the golden blob has every method of a lattice");
     let controller = controller.on_surface((contact & 8 != 0).then_some(*surface));
     let node_m = organ.spaces[0].rest_position_m;
     let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);

@@ -130,7 +130,8 @@ fn queries_answer_or_say_why_not() {
     refused(None, 0, 6, Some(&d), PalpateStatus::NullArgument);
     refused(Some(organ), 0, 6, None, PalpateStatus::NullArgument);
     refused(Some(organ), 1, 6, Some(&d), PalpateStatus::NoSuchSpace);
-    refused(Some(organ), 0, 7, Some(&d), PalpateStatus::NoSuchMethod);
+    refused(Some(organ), 0, 7, Some(&d), PalpateStatus::MissingMethod);
+    refused(Some(organ), 0, 8, Some(&d), PalpateStatus::NoSuchMethod);
     assert_eq!(palpate_force(Some(organ), 0, 6, Some(&d), None), PalpateStatus::NullArgument);
 
     let (_, surface) = written(|out| palpate_surface(Some(organ), Some(out)));

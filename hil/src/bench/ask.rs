@@ -203,8 +203,8 @@ impl FromStr for Ask {
                 Self::Follow(points.chunks(4).map(point).collect())
             }
             ("buttons", [buttons]) => Self::Press(*buttons as u8),
-            ("faults", [to_device @ .., _, _, _, _, _, _, _, _, _, _, _, _]) => {
-                let to_host = &numbers[to_device.len()..];
+            ("faults", both) => {
+                let (to_device, to_host) = both.split_at(both.len() / 2);
                 let both = faults(to_device).zip(faults(to_host)).ok_or(NotUnderstood)?;
                 Self::Faults(both.0, both.1)
             }

@@ -187,7 +187,7 @@ fn pack(preamble: &Preamble, spaces: &[SpaceHeader], planes: &[u8]) -> Vec<u64> 
     let body = (start + planes.len() + format::CHECKSUM_LEN).next_multiple_of(8) - format::CHECKSUM_LEN;
     let mut bytes = Vec::with_capacity(body + format::CHECKSUM_LEN);
     bytes.extend_from_slice(&format::MAGIC);
-    bytes.extend_from_slice(&format::VERSION.to_le_bytes());
+    bytes.extend_from_slice(&format::VERSION_WITHOUT_KERNELS.to_le_bytes());
     bytes.extend_from_slice(&(header.len() as u32).to_le_bytes());
     bytes.extend_from_slice(&((body + format::CHECKSUM_LEN) as u64).to_le_bytes());
     bytes.extend_from_slice(&header);
