@@ -151,17 +151,10 @@ impl Rig {
         }
     }
 
-    /// Frames that were struck on the wire.
+    /// Frames that were struck on the wire, and times that it was held up.
     fn on_the_wire(&self) -> u64 {
         let (there, back) = self.link.counts();
-        let all = there + back;
-        all.dropped
-            + all.truncated
-            + all.corrupted
-            + all.delayed
-            + all.duplicated
-            + all.reordered
-            + all.babbled
+        (there + back).total()
     }
 
     /// A transfer is done, and perhaps a whole reply went out with it. While single frames are struck and others pass, it is not the first of

@@ -1,6 +1,6 @@
 //! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
 //!
-//! `falcon-guest no-usb` before the machine has USB; after that `run LINE SEEDS EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
+//! `falcon-guest no-usb` before the machine has USB; after that `run LINE FIRST LAST EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
 //! the bench. `falcon-guest faults`, anywhere: how many there are, which is how many seeds meet each of them once. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
 //! `FAIL`. See `hil/bench/run`.
 
@@ -18,6 +18,7 @@ use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
 use runs::{Bench, Run};
+use std::ops::RangeInclusive;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -41,17 +42,16 @@ fn main() -> ExitCode {
             println!("{}", Strike::ALL.len());
             Ok(())
         }
-        ["run", line, seeds, exchanges] => match (seeds.parse(), exchanges.parse()) {
-            (Ok(seeds), Ok(exchanges)) => run(line, seeds, exchanges),
-            _ => Err("SEEDS and EXCHANGES are numbers".into()),
+        ["run", line, first, last, exchanges] => match (first.parse(), last.parse(), exchanges.parse()) {
+            (Ok(first), Ok(last), Ok(exchanges)) => run(line, first..=last, exchanges),
+            _ => Err("FIRST, LAST and EXCHANGES are numbers".into()),
         },
         ["contract", line] => contract(line),
         ["hosts", line] => orphans::orphans(line),
         ["host"] => orphans::host(),
         ["supervise"] => orphans::supervise(),
-        _ => {
-            Err("falcon-guest no-usb | faults | run LINE SEEDS EXCHANGES | contract LINE | hosts LINE".into())
-        }
+        _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE"
+            .into()),
     };
     match passed {
         Ok(()) => ExitCode::SUCCESS,
@@ -94,14 +94,14 @@ fn contract(line: &str) -> Outcome<()> {
     Ok(())
 }
 
-fn run(line: &str, seeds: u64, exchanges: u64) -> Outcome<()> {
+fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
     let begun = Instant::now();
     let organ: Organ<'_> = Organ::read(&ORGAN.0).map_err(|error| error.to_string())?;
     let line = Line::open(line)?;
     let mut bench = Bench::new(&organ, line, begun);
     let mut runs = Vec::new();
     let mut failed = 0;
-    for seed in 0..=seeds {
+    for seed in seeds {
         match bench.run(seed, exchanges) {
             Ok(run) => {
                 println!("run seed={seed} {run} PASS");
