@@ -1,7 +1,7 @@
 //! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
 //!
 //! `falcon-guest no-usb` before the machine has USB; after that `run LINE FIRST LAST EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
-//! the bench. `falcon-guest faults`, anywhere: how many there are, which is how many seeds meet each of them once. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
+//! the bench; `end LINE` ends what is at its other end. `falcon-guest faults`, anywhere: how many there are, which is how many seeds meet each of them once. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
 //! `FAIL`. See `hil/bench/run`.
 
 mod far;
@@ -48,9 +48,10 @@ fn main() -> ExitCode {
         },
         ["contract", line] => contract(line),
         ["hosts", line] => orphans::orphans(line),
+        ["end", line] => Line::open(line).and_then(|mut line| line.order(Order::End).map(drop)),
         ["host"] => orphans::host(),
         ["supervise"] => orphans::supervise(),
-        _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE"
+        _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE | end LINE"
             .into()),
     };
     match passed {
@@ -113,7 +114,6 @@ fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
             }
         }
     }
-    bench.order(Order::End)?;
     let largest_n = runs.iter().map(|run| run.largest_n).fold(0.0, f32::max);
     let unhomed_n = runs.iter().map(|run| run.unhomed_n).fold(0.0, f32::max);
     let slowest_ms = runs.iter().filter_map(|run| run.zero_ms).fold(0.0, f32::max);
