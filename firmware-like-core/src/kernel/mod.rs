@@ -42,7 +42,7 @@ pub const MOST_CENTRES: usize = 256;
 /// l in metres, then xx, xy, xz, yy, yz, zz of B = l S(0), N.
 pub const SCALARS: usize = 7;
 
-/// How far a configuration or the ball's rim may be from rest, lengths: then every exponent is a normal number, see [`exponential`].
+/// How far a configuration or the ball's rim may be from rest, lengths: then every exponent is a normal number, see `exponential.rs`.
 pub const FARTHEST: f64 = 16.0;
 
 /// Largest number of a polynomial or of B, N: absurd, and its sums cannot overflow.
