@@ -2,65 +2,14 @@
 
 mod common;
 
-use common::{Aligned, Draft, Random, Recipe, distance, sign};
+use common::kernel::{BASE_N, LENGTH_M, RADIUS_M, SPACING_M, add, blob, blocks, recipe};
+use common::{Aligned, Draft, Random, distance, sign};
 use palpate_core::blob::format::{self, KernelHeader};
 use palpate_core::blob::{BlobError, PlaneProblem};
 use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
 use palpate_core::table::TableError;
 use palpate_core::vec3::{self, Vec3};
-use palpate_core::{Coverage, Method, Organ, Space};
-
-const RADIUS_M: f32 = 0.03;
-const SPACING_M: f32 = 0.01;
-const LENGTH_M: f64 = 0.02;
-/// l S(0), N.
-const BASE_N: [f64; 6] = [3.0, 0.4, -0.2, 4.0, 0.3, 6.0];
-
-/// 21 configurations with polynomials of any kind, some hundreds of newtons that cancel to a few.
-fn blocks() -> Vec<Block> {
-    let mut random = Random(17);
-    let mut blocks = vec![[[0.0; LANES]; NUMBERS]; 6];
-    for n in 0..21 {
-        for number in 0..NUMBERS {
-            let size = if number < 3 { 1.2 } else { 0.2 };
-            blocks[n / LANES][number][n % LANES] = size * f64::from(random.next());
-        }
-    }
-    blocks
-}
-
-/// Reaches less far along z, and not evenly.
-fn reach() -> Vec<u8> {
-    let share = |index: usize| {
-        let n = [index / 81, index / 9 % 9, index % 9].map(|n| n as f64 - 4.0);
-        let size = n.iter().map(|n| n * n).sum::<f64>().sqrt().max(1.0);
-        (255.0 * (0.88 - 0.4 * (n[2] / size).powi(2) - 0.1 * n[0] / size)) as u8
-    };
-    (0..REACH_POINTS).map(share).collect()
-}
-
-fn scalars() -> [f64; SCALARS] {
-    let [xx, xy, xz, yy, yz, zz] = BASE_N;
-    [LENGTH_M, xx, xy, xz, yy, yz, zz]
-}
-
-fn recipe() -> Recipe {
-    Recipe { spacing_m: SPACING_M, radius_m: RADIUS_M, rbf: false, displacement: false, ..Recipe::default() }
-}
-
-fn add(draft: &mut Draft) {
-    let header = KernelHeader {
-        scalars: draft.push(&scalars()),
-        blocks: draft.push(&blocks()),
-        reach: draft.push(&reach()),
-    };
-    draft.version = format::VERSION;
-    draft.kernels = vec![Some(header)];
-}
-
-fn blob() -> Aligned {
-    recipe().blob_with(add)
-}
+use palpate_core::{Config, Controller, Coverage, Method, Organ, Phase, Sample, Space, State};
 
 fn spoiled(spoil: impl FnOnce(&mut Draft, KernelHeader)) -> Result<(), BlobError> {
     let blob = recipe().blob_with(|draft| {
@@ -382,4 +331,45 @@ fn damage_behind_a_correct_checksum_is_refused_or_harmless() {
     for len in (0..bytes).step_by(97) {
         assert!(Organ::<2>::read(&blob.bytes()[..len]).is_err());
     }
+}
+
+/// Samples of any kind, as the fuzzer gives them to the methods of a lattice: finite, within the limit, and zero after a fault until it is reset.
+#[test]
+fn any_samples_are_finite_and_within_the_limit() {
+    let blob = blob();
+    let organ = read(&blob);
+    let mut config = Config::new(Method::Kernel);
+    config.limits.max_speed_m_s = 1e30;
+    config.limits.max_position_m = 1e30;
+    // Looking for the stiffest place would take longer than all that is asked here.
+    config.limits.max_stiffness_n_m = f32::MAX;
+    let controller = Controller::new(&organ, config).expect("it has a kernel");
+    let (mut random, mut state) = (Random(29), State::new());
+    let (mut engaged, mut latched) = (0, 0);
+    let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45, 1e30, -1e38];
+    state.arm();
+    for tick in 0..200_000_u64 {
+        let mut position_m = vec3::add(organ.spaces[0].rest_position_m, random.point(1.3 * RADIUS_M));
+        // A walk into the organ, and now and then a number without sense.
+        if tick % 64 < 32 {
+            position_m = [0.0, 0.0, 0.002 - 1e-3 * (tick % 32) as f32];
+        } else if tick % 61 == 0 {
+            position_m[(tick % 3) as usize] = odd[(tick / 61 % 7) as usize];
+        }
+        let t_us = 1_000 * tick;
+        let command = controller.tick(
+            &mut state,
+            t_us,
+            Some(&Sample { t_us, position_m, buttons: (tick % 7 == 0).into() }),
+        );
+        let force = vec3::norm(command.hand_force_n);
+        assert!(force <= 8.0 && (force == 0.0 || state.phase() == Phase::Active), "{tick}: {command:?}");
+        engaged += u32::from(command.engaged.is_some());
+        if matches!(state.phase(), Phase::SafeZero(_)) {
+            latched += 1;
+            state.reset();
+            state.arm();
+        }
+    }
+    assert!(engaged > 1_000 && latched > 100, "{engaged}, {latched}");
 }

@@ -6,6 +6,7 @@
 mod lane;
 
 pub use lane::Lane;
+pub(crate) use lane::OVERTAKE_US;
 
 /// How often each fault strikes a frame, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -36,6 +37,8 @@ pub struct Faults {
     pub babble: f32,
     /// As many come each so many us, whether there are frames or not; 0 for never.
     pub chatter_us: u64,
+    /// Nothing is taken: whoever sends is told so at once.
+    pub refuse: bool,
 }
 
 impl Faults {
@@ -54,6 +57,7 @@ impl Faults {
         unplug_us: 0,
         babble: 0.0,
         chatter_us: 0,
+        refuse: false,
     };
 }
 
@@ -78,6 +82,8 @@ pub struct FaultCounts {
     pub unplugged: u64,
     /// Times that bytes came unasked.
     pub babbled: u64,
+    /// Times that it began to take nothing.
+    pub refused: u64,
 }
 
 impl FaultCounts {
@@ -85,8 +91,9 @@ impl FaultCounts {
     #[must_use]
     pub const fn total(&self) -> u64 {
         let Self { dropped, truncated, corrupted, delayed, duplicated, reordered, .. } = *self;
-        let Self { stalled, unplugged, babbled, .. } = *self;
-        dropped + truncated + corrupted + delayed + duplicated + reordered + stalled + unplugged + babbled
+        let Self { stalled, unplugged, babbled, refused, .. } = *self;
+        let of_frames = dropped + truncated + corrupted + delayed + duplicated + reordered;
+        of_frames + stalled + unplugged + babbled + refused
     }
 }
 
@@ -104,6 +111,7 @@ impl core::ops::Add for FaultCounts {
             stalled: self.stalled + other.stalled,
             unplugged: self.unplugged + other.unplugged,
             babbled: self.babbled + other.babbled,
+            refused: self.refused + other.refused,
         }
     }
 }

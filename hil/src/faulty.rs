@@ -43,6 +43,12 @@ impl<T: Transport> Faulty<T> {
         self.to_device.counts() + self.to_driver.counts()
     }
 
+    /// The same on the way to the device and on the way to the driver.
+    #[must_use]
+    pub const fn counts_each(&self) -> [FaultCounts; 2] {
+        [self.to_device.counts(), self.to_driver.counts()]
+    }
+
     /// Bytes that went on to the driver so far, late ones when they were due.
     #[must_use]
     pub const fn delivered(&self) -> u64 {

@@ -2,6 +2,9 @@
 
 use palpate_core::{Vec3, vec3};
 
+/// By how much less than it should two commands may be apart, us: half a tick.
+const JITTER_US: u64 = 500;
+
 /// What the hand felt since it was last asked to forget.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Felt {
@@ -13,6 +16,8 @@ pub struct Felt {
     pub largest_unhomed_n: f32,
     /// Largest change of the force between two commands, the second not zero, N.
     pub largest_step_n: f32,
+    /// Fastest change of the force from one command to the next, the second not zero, N/s.
+    pub steepest_n_per_s: f32,
     /// Largest change of the force by a command of zero, N.
     pub largest_drop_n: f32,
     /// Largest number in a command, as the device counts: motor counts, mN.
@@ -37,6 +42,7 @@ impl Felt {
             largest_force_n: 0.0,
             largest_unhomed_n: 0.0,
             largest_step_n: 0.0,
+            steepest_n_per_s: 0.0,
             largest_drop_n: 0.0,
             largest_motor: 0,
             commands: 0,
@@ -51,6 +57,10 @@ impl Felt {
     pub(crate) fn command(&mut self, at_us: u64, force_n: Vec3, motors: [i16; 3], homed: bool) {
         let off = motors == [0; 3];
         let changed_n = vec3::distance(force_n, self.force_n);
+        if let Some(before_us) = self.last_command_us.filter(|_| !off) {
+            let seconds = 1e-6 * (at_us.saturating_sub(before_us) + JITTER_US) as f32;
+            self.steepest_n_per_s = self.steepest_n_per_s.max(changed_n / seconds);
+        }
         self.commands += 1;
         self.last_command_us = Some(at_us);
         self.switch(at_us, off);

@@ -25,7 +25,7 @@ use palpate_core::{Vec3, vec3};
 use std::path::Path;
 use std::time::Duration;
 
-/// Longest time to zero of a single run on a busy machine; the target is 20 ms, for the median.
+/// Longest time to zero of a single run on a busy machine; the target is 20 ms, for the median. Of a supervisor with a longer limit of silence, too.
 pub const GENEROUS: Duration = Duration::from_millis(500);
 
 /// Longest median of the times to zero, of each device.
@@ -48,16 +48,17 @@ pub const fn signal(wrong: Wrong) -> Signal {
 /// One run: a host with a force on a device, then the signal. What does not come, and which host cannot be brought up at all, is a run that
 /// [`Ended::Missed`] something.
 ///
-/// `program` is `palpate-hil`, of which the processes are made.
+/// `program` is `palpate-hil`, of which the processes are made; `limit_ms` the silence after which a supervisor takes the force away: the product's
+/// [`DEFAULT_LIMIT_MS`](palpate_host::supervisor::DEFAULT_LIMIT_MS), or more where a machine that stands still itself must not be taken for a host that does.
 ///
 /// # Panics
 ///
 /// If `program` does not start.
 #[must_use]
-pub fn run(program: &Path, device: Device, wrong: Wrong, seed: u64) -> Run {
+pub fn run(program: &Path, limit_ms: u32, device: Device, wrong: Wrong, seed: u64) -> Run {
     let mut run = Run::with_nothing(device.name(), wrong, seed, device.profile().max_force_n);
     for _ in 0..TRIES {
-        match attempt(program, device, &mut run) {
+        match attempt(program, limit_ms, device, &mut run) {
             Ok(()) => break,
             Err(Missing { what, is_staged }) => {
                 run.ended = Ended::Missed(what);
@@ -77,12 +78,12 @@ struct Missing {
     is_staged: bool,
 }
 
-fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing> {
+fn attempt(program: &Path, limit_ms: u32, device: Device, run: &mut Run) -> Result<(), Missing> {
     let draw = |what: u64, low: u64, high: u64| low + split_mix(run.seed, what) % (high - low + 1);
     let component = |what| 0.1 * draw(what, 0, 30) as f32 - 1.5;
     let force_n: Vec3 = [component(1), component(2), 0.5 + 0.1 * draw(3, 0, 15) as f32];
     let stage = Stage::new(device);
-    let host = stage.host(program, Role::Host, force_n);
+    let host = stage.host(program, Role::Host, limit_ms, force_n);
     let unstaged = |what| Missing { what, is_staged: false };
     stage.hold(&host, force_n).map_err(unstaged)?;
     let supervisor = device.is_supervised().then(|| host.supervisor());
@@ -91,21 +92,27 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
         // The machine's doing, and not what is measured.
         host.release().and_then(|()| stage.hold(&host, force_n)).map_err(unstaged)?;
     }
-    stage.forget();
+    // A force ends with its validity where the machine stands still, and comes back with the next request.
+    let forced = || {
+        stage.forget();
+        stage.felt().largest_force_n > 0.0
+    };
+    if !comes(CERTAIN, forced) {
+        return Err(unstaged("no force to be taken away"));
+    }
     let then_ms = draw(5, 0, 100);
     let certain = |what, happens: bool| {
         if happens { Ok(()) } else { Err(Missing { what, is_staged: true }) }
     };
     host.signal(signal(run.wrong));
     certain("no zero", comes(CERTAIN, || stage.seen().force_n == vec3::ZERO))?;
-    let micros = |time: Duration| time.as_micros() as u64;
-    run.zero_us = stage.seen().zero_after().map(micros);
+    run.zero_us = stage.seen().zero_after_us();
     run.ended = Ended::Supervisor;
     if supervisor.is_none() {
         // A force that ends because nobody asks for it again may come back with the next request: only the latch is an end.
-        certain("no latch by the device's watchdog", comes(GENEROUS, || stage.seen().latched.is_some()))?;
+        certain("no latch by the device's watchdog", comes(CERTAIN, || stage.seen().latched_us.is_some()))?;
         run.ended = Ended::Watchdog;
-        run.detected_us = stage.seen().latch_after().map(micros);
+        run.detected_us = stage.seen().latch_after_us();
     }
     if run.wrong == Wrong::HostKilled {
         if let Some(supervisor) = supervisor {
@@ -119,7 +126,7 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
         host.signal(Signal::SIGCONT);
         certain("no word that it was zeroed", comes(CERTAIN, || host.said("zeroed")))?;
         run.resumed |= !stage.is_zero_for(STAYS_ASKED);
-        run.resumed |= supervisor.is_none() && stage.seen().latched.is_none();
+        run.resumed |= supervisor.is_none() && stage.seen().latched_us.is_none();
     }
     let felt = stage.felt();
     (run.largest_n, run.step_n) = (felt.largest_force_n, felt.largest_step_n);
@@ -128,12 +135,14 @@ fn attempt(program: &Path, device: Device, run: &mut Run) -> Result<(), Missing>
 
 /// So many runs, over all devices and both signals in turn, one after the other: they measure time.
 #[must_use]
-pub fn runs(program: &Path, count: usize, seed: u64) -> Vec<Run> {
+pub fn runs(program: &Path, limit_ms: u32, count: usize, seed: u64) -> Vec<Run> {
     let cells = Device::ALL.map(|device| [Wrong::HostKilled, Wrong::HostPaused].map(|wrong| (device, wrong)));
     let cells = cells.iter().flatten().cycle().take(count);
     cells
         .enumerate()
-        .map(|(index, (device, wrong))| run(program, *device, *wrong, split_mix(!seed, index as u64)))
+        .map(|(index, (device, wrong))| {
+            run(program, limit_ms, *device, *wrong, split_mix(!seed, index as u64))
+        })
         .collect()
 }
 

@@ -13,6 +13,7 @@ use palpate_hil::emulate::{self, Stroke};
 use palpate_hil::{EmulatedLink, EmulatedPolhem, Faults, closed_loop, hosts, matrix, rig};
 use palpate_host::BlobFile;
 use palpate_host::device::profile::Profile;
+use palpate_host::supervisor::DEFAULT_LIMIT_MS;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,7 +51,7 @@ enum Command {
     /// A host or a supervisor of the matrix, which starts this program again.
     #[command(hide = true)]
     Process {
-        /// ROLE DEVICE PLACE and a force.
+        /// ROLE DEVICE PLACE, the supervisor's limit in ms, and a force.
         #[arg(allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
@@ -197,7 +198,7 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
     };
     let size = matrix::Size { in_memory: arguments.runs, real: arguments.pty, seed: arguments.seed };
     let mut runs = matrix::matrix(&rig::all(), size, &progress);
-    let host_runs = hosts::runs(&std::env::current_exe()?, arguments.hosts, size.seed);
+    let host_runs = hosts::runs(&std::env::current_exe()?, DEFAULT_LIMIT_MS, arguments.hosts, size.seed);
     let medians = hosts::medians(&host_runs);
     runs.extend(host_runs);
     let mut rows = runs.clone();

@@ -27,6 +27,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use watch::Watch;
 use wrong::{Dice, Stage, plan};
 
+/// Fastest change of the force at the motors, N/s: the controller's limit, and the steps of the motors.
+const SLEW_N_PER_S: f32 = 1_050.0;
+
 /// One run of one fault on one rig.
 pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run, OpenError> {
     let dice = Dice(seed);
@@ -37,10 +40,15 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
     let traits = rig.traits();
     let limit_n = rig.profile().max_force_n + traits.motor_step_n;
     let plan = plan(wrong, dice);
+    // Where nothing is numbered, a reply that was held back cannot be told from that to a newer request, if others were lost or doubled: docs/safety.md, section 6.
+    let unknown_us = if wrong == Wrong::Mixed && !traits.numbered_replies { plan.reply_held_us() } else { 0 };
+    // Late requests come closer together than they were sent; a board that has forgotten its force gets all of it at once; and damage is what it is.
+    let has_slew = plan.requests_are_in_time() && !matches!(wrong, Wrong::CorruptRequest | Wrong::PowerCycle);
     let pulled = matches!(wrong, Wrong::UnplugMidFrame | Wrong::Replug);
     let run = Run {
         way_is_sound: plan.way_is_sound() && !pulled,
         checked_requests: traits.checked_requests,
+        slew_n_per_s: has_slew.then_some(SLEW_N_PER_S),
         ..Run::with_nothing(kind.name, wrong, seed, limit_n)
     };
     let depth_m = 1e-3 * dice.draw(4, 8, 18) as f32;
@@ -56,8 +64,8 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
             beside.go_by_encoders();
         }
         let run = Run { flaw: led.flaw, off_n: Some(led.off_n), ..run };
-        let mut watch = Watch::new(bench, beside, run, led.newest_us);
-        let before = bench.rig.counts().total();
+        let mut watch = Watch::new(bench, beside, run, led.newest_us, unknown_us);
+        let before = struck(bench.rig);
         let [first, second] = &plan.stages;
         strike(bench, wrong, first, dice);
         let mut ended_early = (0..first.ticks.max(1)).any(|_| !watch.step(bench));
@@ -65,9 +73,9 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
             bench.rig.set_faults(second.to_device, second.to_host);
             ended_early = (0..second.ticks).any(|_| !watch.step(bench));
         }
-        let struck = bench.rig.counts().total() - before;
         if plan.is_of_frames() {
-            watch.note_struck(struck);
+            let after = struck(bench.rig);
+            watch.note_struck([0, 1].map(|way| after[way] - before[way]));
         }
         if !pulled {
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
@@ -79,12 +87,21 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
             let goes_on = (0..200).all(|_| watch.step(bench));
             if goes_on && matches!(watch.run().ended, Ended::Latched(_)) {
                 let path = session::press_anew(bench.rig, 0.006, depth_m);
-                bench.rig.follow(path);
-                let _ = (0..session::ANEW_TICKS).any(|_| !watch.step(bench));
+                bench.rig.follow(path.clone());
+                let stays = (0..session::ANEW_TICKS).all(|_| watch.step(bench));
+                watch.note_felt(&bench.rig.felt());
+                // A device that has lost its place has to be homed first.
+                if stays && watch.is_homed() && !wrong.loses_place() {
+                    bench.rig.follow(path);
+                    watch.press_again(bench);
+                }
+                bench.end();
+                return Ok::<Run, OpenError>(*watch.run());
             }
         }
         bench.end();
-        Ok::<Run, OpenError>(watch.end(&bench.rig.felt()))
+        watch.note_felt(&bench.rig.felt());
+        Ok(*watch.run())
     })??;
     if run.ended == Ended::Lost {
         let unplugged_ticks = dice.draw(6, 30, 100);
@@ -96,6 +113,11 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
         run.mended_us = None;
     }
     Ok(run)
+}
+
+/// Frames that were struck so far, on the way to the device and on the way back.
+fn struck(rig: &dyn Rig) -> [u64; 2] {
+    rig.counts_each().map_or([rig.counts().total(), 0], |counts| counts.map(|counts| counts.total()))
 }
 
 fn strike(bench: &mut Bench<'_, '_>, wrong: Wrong, stage: &Stage, dice: Dice) {
@@ -155,6 +177,7 @@ fn load(kind: Kind, dice: Dice) -> Run {
         ended: if opened { Ended::Opened } else { Ended::Refused },
         largest_n: felt.largest_force_n,
         step_n: felt.largest_step_n,
+        steepest_n_per_s: felt.steepest_n_per_s,
         resumed: felt.largest_force_n > 0.0,
         ..Run::with_nothing(kind.name, Wrong::WrongEcho, dice.0, 0.0)
     }

@@ -320,6 +320,9 @@ pub fn press_anew(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
         .to_vec()
 }
 
+/// Ticks of [`press_anew`] after which the hand is out.
+pub const OUT_TICKS: u64 = 155;
+
 /// Ticks of [`press_anew`], and some to stay inside.
 pub const ANEW_TICKS: u64 = 450;
 

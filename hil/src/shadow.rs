@@ -12,9 +12,15 @@ pub(crate) struct Shadow<'o> {
 
 impl<'o> Shadow<'o> {
     pub(crate) fn new(organ: &'o Organ<'o>, config: Config) -> Result<Self, OpenError> {
-        let mut state = State::new();
-        state.arm();
-        Ok(Self { controller: Controller::new(organ, config)?, state })
+        let mut shadow = Self { controller: Controller::new(organ, config)?, state: State::new() };
+        shadow.arm();
+        Ok(shadow)
+    }
+
+    /// Armed anew: what it knew of the hand is forgotten, and its force grows as one does after arming.
+    pub(crate) fn arm(&mut self) {
+        self.state = State::new();
+        self.state.arm();
     }
 
     /// Force for the hand in the device's frame, and whether it touches.

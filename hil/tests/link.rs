@@ -13,6 +13,7 @@ use palpate_host::DeviceErrorKind;
 use palpate_host::device::DeviceState;
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
 use palpate_host::device::profile::Profile;
+use palpate_host::supervisor::DEFAULT_LIMIT_MS;
 use std::path::Path;
 use std::time::Duration;
 
@@ -256,7 +257,13 @@ fn nobody_at_the_other_end_is_said_and_does_not_hang() {
 #[test]
 fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
     for wrong in [Wrong::HostKilled, Wrong::HostPaused] {
-        let run = hosts::run(Path::new(env!("CARGO_BIN_EXE_palpate-hil")), Device::Link, wrong, 5);
+        let run = hosts::run(
+            Path::new(env!("CARGO_BIN_EXE_palpate-hil")),
+            DEFAULT_LIMIT_MS,
+            Device::Link,
+            wrong,
+            5,
+        );
         println!(
             "{}: zero {:?} us, latched {:?} us after the last command",
             wrong.name(),

@@ -45,8 +45,10 @@ fn instructions_change_no_bit() {
     let mut random = Random(21);
     let queries: Vec<Vec3> =
         (0..20_000).map(|_| random.point(0.045)).chain(odd_queries(0.01, 0.04)).collect();
-    let mut compared = 0;
-    for method in Method::OF_LATTICE {
+    let kernel = common::kernel::blob();
+    let with_kernel: Organ<'_> = Organ::read(kernel.bytes()).expect("a sound blob");
+    let (mut compared, lattice) = (0, Method::OF_LATTICE.map(|method| (method, space)));
+    for (method, space) in lattice.into_iter().chain([(Method::Kernel, &with_kernel.spaces[0])]) {
         let others: Vec<Interpolator> = Instructions::ALL
             .into_iter()
             .filter_map(|instructions| Interpolator::on(instructions, method))

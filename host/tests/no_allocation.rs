@@ -1,11 +1,13 @@
 //! Nothing in the tick's path allocates: exchange, controller, histogram, queue and hand-over, over more than 10^6 ticks, 150,000 a method.
 
+#[path = "../../firmware-like-core/tests/common/mod.rs"]
+mod common;
 #[path = "common/synthetic.rs"]
 mod synthetic;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use core::time::Duration;
-use palpate_core::{Config, Method, Organ, Phase};
+use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, vec3};
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::packet::{ALL_HOMED, Reply};
 use palpate_host::device::falcon::{Falcon, FalconConfig, Ftdi, Mode};
@@ -65,6 +67,33 @@ fn a_million_ticks_without_an_allocation() {
         assert!(engaged > 50_000, "the strokes touch the organ by {method:?}: {engaged}");
         assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 60_000);
     }
+}
+
+/// The kernel has no lattice, so a blob of its own; of any numbers: what latches is reset and armed again.
+#[test]
+fn a_kernel_without_an_allocation() {
+    let blob = common::kernel::blob();
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a sound blob");
+    let controller = Controller::new(&organ, Config::new(Method::Kernel)).expect("it has a kernel");
+    let (node, mut state) = (&organ.spaces[0], State::new());
+    let (mut engaged, mut forced) = (0, 0);
+    assert_no_alloc(|| {
+        for tick in 0..150_000_u64 {
+            if state.phase() != Phase::Active {
+                state.reset();
+                state.arm();
+            }
+            // In and out, twice a second.
+            let height_m = 0.003 + 0.006 * (tick as f32 * 4.0 * core::f32::consts::PI / 1e3).cos();
+            let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
+            let t_us = 1_000 * tick;
+            let command = controller.tick(&mut state, t_us, Some(&Sample { t_us, position_m, buttons: 0 }));
+            assert!(vec3::norm(command.hand_force_n) <= 8.0);
+            engaged += u32::from(command.engaged.is_some());
+            forced += u32::from(command.hand_force_n != vec3::ZERO);
+        }
+    });
+    assert!(engaged > 30_000 && forced > 20_000, "{engaged}, {forced}");
 }
 
 /// The hand of `palpate run --profile falcon`: mechanism, delays, drags over a patch of active nodes.

@@ -33,6 +33,8 @@ struct Script {
     forces: Vec<Vec3>,
     stops: usize,
     zeros: usize,
+    /// Zeros past the driver that the line refuses from now on.
+    refusals: u32,
     /// The next exchange hangs until this is false again.
     hangs: bool,
     panics: bool,
@@ -58,6 +60,10 @@ struct Past(Shared);
 impl EmergencyStop for Past {
     fn zero(&mut self) -> Result<(), DeviceError> {
         let mut script = lock(&self.0);
+        if let Some(fewer) = script.refusals.checked_sub(1) {
+            script.refusals = fewer;
+            return Err(DeviceError::new(DeviceErrorKind::Timeout));
+        }
         script.zeros += 1;
         script.forces.push(vec3::ZERO);
         Ok(())
@@ -394,10 +400,13 @@ fn a_host_that_is_gone_is_noticed_and_the_device_stopped() {
     ours.send(&order(1, Order::Hello { limit_us: 500_000 })).expect("room");
     ours.send(&order(2, Order::Tick { session: 0, force_n: FORCE_N })).expect("room");
     wait("force", || lock(&script).forces.last() == Some(&FORCE_N));
+    // The line takes nothing just then: nobody comes after the last zero, so it is tried until it goes.
+    lock(&script).refusals = 20;
     drop(ours);
     let served = thread.join().expect("no panic").expect("it was spoken to");
     assert!(served.abandoned, "{served:?}");
     let script = lock(&script);
+    assert_eq!((script.refusals, script.zeros), (0, 1));
     assert_eq!((script.forces.last(), script.stops), (Some(&vec3::ZERO), 1));
 }
 

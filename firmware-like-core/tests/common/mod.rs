@@ -1,6 +1,8 @@
 //! A small blob writer and an analytic organ, for the tests of this crate. The real writer is in `palpate-precompute`.
 #![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
 
+pub mod kernel;
+
 use palpate_core::blob::format::{
     self, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader,
     SurfaceHeader,

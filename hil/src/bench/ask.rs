@@ -81,7 +81,7 @@ fn of_vector(vector: Vec3) -> [f64; 3] {
     vector.map(f64::from)
 }
 
-fn of_faults(faults: Faults) -> [f64; 13] {
+fn of_faults(faults: Faults) -> [f64; 14] {
     let Faults {
         drop,
         truncate,
@@ -96,14 +96,27 @@ fn of_faults(faults: Faults) -> [f64; 13] {
         unplug_us,
         babble,
         chatter_us,
+        refuse,
     } = faults;
     let shares = [drop, truncate, corrupt, delay, duplicate, reorder, stall, unplug, babble].map(f64::from);
     let [drop, truncate, corrupt, delay, duplicate, reorder, stall, unplug, babble] = shares;
     let times = [delay_us, stall_us, unplug_us, chatter_us].map(|us| us as f64);
     let [delay_us, stall_us, unplug_us, chatter_us] = times;
     [
-        drop, truncate, corrupt, delay, delay_us, duplicate, reorder, stall, stall_us, unplug, unplug_us,
-        babble, chatter_us,
+        drop,
+        truncate,
+        corrupt,
+        delay,
+        delay_us,
+        duplicate,
+        reorder,
+        stall,
+        stall_us,
+        unplug,
+        unplug_us,
+        babble,
+        chatter_us,
+        f64::from(u8::from(refuse)),
     ]
 }
 
@@ -122,7 +135,8 @@ fn faults(from: &[f64]) -> Option<Faults> {
         unplug_us,
         babble,
         chatter_us,
-    ] = *<&[f64; 13]>::try_from(from).ok()?;
+        refuse,
+    ] = *<&[f64; 14]>::try_from(from).ok()?;
     Some(Faults {
         drop: drop as f32,
         truncate: truncate as f32,
@@ -137,6 +151,7 @@ fn faults(from: &[f64]) -> Option<Faults> {
         unplug_us: unplug_us as u64,
         babble: babble as f32,
         chatter_us: chatter_us as u64,
+        refuse: refuse != 0.0,
     })
 }
 
@@ -274,6 +289,7 @@ impl fmt::Display for Told {
                 let largest =
                     [felt.largest_force_n, felt.largest_unhomed_n, felt.largest_step_n, felt.largest_drop_n];
                 let [force, unhomed, step, drop] = largest.map(f64::from);
+                let steepest = f64::from(felt.steepest_n_per_s);
                 let (motor, commands) = (felt.largest_motor.into(), felt.commands as f64);
                 let (last, off) = (time(felt.last_command_us), time(felt.off_since_us));
                 let numbers = [
@@ -283,6 +299,7 @@ impl fmt::Display for Told {
                     force,
                     unhomed,
                     step,
+                    steepest,
                     drop,
                     motor,
                     commands,
@@ -305,10 +322,11 @@ impl fmt::Display for Told {
                     stalled,
                     unplugged,
                     babbled,
+                    refused,
                 } = *counts;
                 let counts = [
                     dropped, truncated, corrupted, delayed, duplicated, reordered, stalled, unplugged,
-                    babbled,
+                    babbled, refused,
                 ];
                 Line("counts", counts.map(|count| count as f64).into())
             }
@@ -328,24 +346,26 @@ impl FromStr for Told {
         Ok(match (word, &numbers[..]) {
             ("done", []) => Self::Done,
             ("was", places) if places.len() % 3 == 0 => Self::Was(places.chunks(3).map(vector).collect()),
-            ("felt", [_, _, _, force, unhomed, step, drop, motor, commands, last, off, work_j, drag_j]) => {
-                Self::Felt(Felt {
-                    force_n: vector(&numbers),
-                    largest_force_n: *force as f32,
-                    largest_unhomed_n: *unhomed as f32,
-                    largest_step_n: *step as f32,
-                    largest_drop_n: *drop as f32,
-                    largest_motor: *motor as u16,
-                    commands: *commands as u64,
-                    last_command_us: time(*last),
-                    off_since_us: time(*off),
-                    work_j: *work_j,
-                    drag_j: *drag_j,
-                })
-            }
+            (
+                "felt",
+                [_, _, _, force, unhomed, step, steepest, drop, motor, commands, last, off, work_j, drag_j],
+            ) => Self::Felt(Felt {
+                force_n: vector(&numbers),
+                largest_force_n: *force as f32,
+                largest_unhomed_n: *unhomed as f32,
+                largest_step_n: *step as f32,
+                steepest_n_per_s: *steepest as f32,
+                largest_drop_n: *drop as f32,
+                largest_motor: *motor as u16,
+                commands: *commands as u64,
+                last_command_us: time(*last),
+                off_since_us: time(*off),
+                work_j: *work_j,
+                drag_j: *drag_j,
+            }),
             ("place", places) if places.len() == 6 => Self::Place(vector(places), vector(&places[3..])),
             ("counts", counts) => {
-                let counts = <&[f64; 9]>::try_from(counts).map_err(|_| NotUnderstood)?;
+                let counts = <&[f64; 10]>::try_from(counts).map_err(|_| NotUnderstood)?;
                 let [
                     dropped,
                     truncated,
@@ -356,6 +376,7 @@ impl FromStr for Told {
                     stalled,
                     unplugged,
                     babbled,
+                    refused,
                 ] = counts.map(|count| count as u64);
                 Self::Counts(FaultCounts {
                     dropped,
@@ -367,6 +388,7 @@ impl FromStr for Told {
                     stalled,
                     unplugged,
                     babbled,
+                    refused,
                 })
             }
             _ => return Err(NotUnderstood),
@@ -394,6 +416,7 @@ mod tests {
             unplug_us: 12,
             babble: 0.13,
             chatter_us: 14,
+            refuse: true,
         };
         let path = vec![
             Waypoint { t_us: 1, position_m: [0.1, -0.2, 1e-9] },
@@ -433,6 +456,7 @@ mod tests {
             largest_force_n: 2.5,
             largest_unhomed_n: 0.25,
             largest_step_n: 1.5,
+            steepest_n_per_s: 512.0,
             largest_drop_n: 0.75,
             largest_motor: 4_096,
             commands: 12,
@@ -451,6 +475,7 @@ mod tests {
             stalled: 7,
             unplugged: 8,
             babbled: 9,
+            refused: 10,
         };
         for told in [
             Told::Done,

@@ -164,6 +164,9 @@ impl<F: Link> Ftdi for FaultyFtdi<F> {
         self.serve(&mut state)?;
         // A handle that is lost says so, whatever the faults do with the bytes.
         self.inner.write(&[], timeout)?;
+        if state.to_device.refuses() {
+            return Err(DeviceError::new(DeviceErrorKind::Timeout));
+        }
         state.to_device.put(self.inner.now_us(), bytes);
         self.pull(&mut state);
         let served = self.serve(&mut state);

@@ -27,7 +27,7 @@ const MOST_BABBLE: u64 = 24;
 /// What tells the seed of the chatter from that of the frames.
 const CHATTER: u64 = 0x6261_6262_6c65;
 /// How long a frame waits to be overtaken, us.
-const OVERTAKE_US: u64 = 5_000;
+pub(crate) const OVERTAKE_US: u64 = 5_000;
 
 /// A frame on its way.
 #[derive(Debug, Clone)]
@@ -60,6 +60,8 @@ pub struct Lane {
     /// When the next chatter comes, while there is any.
     chatter_us: Option<u64>,
     chatters: u64,
+    /// These faults have refused a frame.
+    has_refused: bool,
 }
 
 impl Lane {
@@ -78,12 +80,13 @@ impl Lane {
             cut_until_us: 0,
             chatter_us: None,
             chatters: 0,
+            has_refused: false,
         }
     }
 
     /// Changes the faults from here on.
     pub const fn set_faults(&mut self, faults: Faults) {
-        self.faults = faults;
+        (self.faults, self.has_refused) = (faults, false);
         if faults.chatter_us == 0 {
             self.chatter_us = None;
         }
@@ -114,6 +117,15 @@ impl Lane {
     fn strikes(&self, what: Draw, rate: f32) -> bool {
         let drawn = (self.draw(what) >> 40) as f32 / (1_u64 << 24) as f32;
         drawn < rate
+    }
+
+    /// Whether a frame is not taken: it does not go in, and its sender may try again. Counted once, for how often one tries is the scheduler's affair.
+    pub fn refuses(&mut self) -> bool {
+        let refuses = self.faults.refuse;
+        if refuses && !std::mem::replace(&mut self.has_refused, true) {
+            self.counts.refused += 1;
+        }
+        refuses
     }
 
     /// A frame goes in.
@@ -384,6 +396,20 @@ mod tests {
         lane.put(30_100, b"c");
         assert_eq!((lane.cut_until_us(30_100), lane.take(30_100)), (None, Some(b"c".to_vec())));
         assert_eq!(lane.take(u64::MAX), None);
+    }
+
+    #[test]
+    fn what_is_refused_is_counted_once_and_strikes_no_frame() {
+        let (mut lane, mut other) = (Lane::new(1), Lane::new(1));
+        assert!(!lane.refuses());
+        lane.set_faults(Faults { refuse: true, ..Faults::default() });
+        assert!(lane.refuses() && lane.refuses());
+        assert_eq!(lane.counts(), FaultCounts { refused: 1, ..FaultCounts::default() });
+        for lane in [&mut lane, &mut other] {
+            lane.set_faults(Faults { drop: 0.5, ..Faults::default() });
+            (0..100).for_each(|_| lane.put(0, b"x"));
+        }
+        assert!(!lane.refuses() && lane.counts().dropped == other.counts().dropped);
     }
 
     #[test]

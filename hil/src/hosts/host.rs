@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 /// How long what must happen is waited for, however busy the machine.
 pub const CERTAIN: Duration = Duration::from_secs(20);
 /// How often a host is told to hold its force.
-const TRIES: usize = 8;
+const TRIES: usize = 30;
 /// How long one try may take.
 const TRY: Duration = Duration::from_secs(3);
 /// How long a force that may be there already is waited for.

@@ -7,7 +7,7 @@ use palpate_host::device::falcon::{Falcon, FalconConfig, Mode};
 use palpate_host::device::link::{Link, LinkConfig};
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::profile::Profile;
-use palpate_host::supervisor::{DEFAULT_LIMIT_MS, Supervised, serve_stdin};
+use palpate_host::supervisor::{Supervised, serve_stdin};
 use palpate_host::sys::{self, Policy, RtRequest};
 use std::io::BufRead;
 use std::path::Path;
@@ -113,9 +113,16 @@ impl Role {
 
 /// How `program` is started as one of the processes.
 #[must_use]
-pub(super) fn command(program: &Path, role: Role, device: Device, place: &str, force_n: Vec3) -> Command {
+pub(super) fn command(
+    program: &Path,
+    role: Role,
+    device: Device,
+    place: &str,
+    limit_ms: u32,
+    force_n: Vec3,
+) -> Command {
     let mut command = Command::new(program);
-    command.args(["process", role.name(), device.name(), place]);
+    command.args(["process", role.name(), device.name(), place, &limit_ms.to_string()]);
     command.args(force_n.map(|component| component.to_string()));
     command
 }
@@ -123,16 +130,17 @@ pub(super) fn command(program: &Path, role: Role, device: Device, place: &str, f
 /// The life of a process, by the arguments after `process`; an error is a line for people.
 pub fn process(arguments: &[String]) -> Result<(), String> {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let [role, device, place, force_n @ ..] = &words[..] else {
-        return Err("ROLE DEVICE PLACE FORCE".into());
+    let [role, device, place, limit_ms, force_n @ ..] = &words[..] else {
+        return Err("ROLE DEVICE PLACE LIMIT_MS FORCE".into());
     };
+    let limit_ms = limit_ms.parse().map_err(|_| "a limit is a number of ms")?;
     let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("no such device")?;
     let numbers: Vec<f32> = force_n.iter().filter_map(|word| word.parse().ok()).collect();
     let force_n: Vec3 = numbers.try_into().map_err(|_| "a force has three components")?;
     if *role == Role::Host.name() && device.is_supervised() {
         let program = std::env::current_exe().map_err(|error| error.to_string())?;
-        let supervisor = command(&program, Role::Supervisor, device, place, force_n);
-        host(supervisor, DEFAULT_LIMIT_MS, device == Device::Falcon, force_n)
+        let supervisor = command(&program, Role::Supervisor, device, place, limit_ms, force_n);
+        host(supervisor, limit_ms, device == Device::Falcon, force_n)
     } else if [Role::Host.name(), Role::Alone.name()].contains(role) {
         render(device.open(place)?, force_n);
         Ok(())

@@ -21,6 +21,9 @@ use std::time::{Duration, Instant};
 
 /// Between two looks at the device.
 const LOOK: Duration = Duration::from_micros(100);
+/// Most that the stage's clock goes on between two looks, us. What is longer is a machine that stood still, and host and supervisor with it: no
+/// time of a device.
+const MOST_BETWEEN_US: u64 = 2_000;
 
 /// What was seen at the motors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,25 +32,25 @@ pub struct Seen {
     pub force_n: Vec3,
     /// Good requests so far.
     pub requests: u64,
-    /// When the newest request that left a force on them was taken.
-    pub forced: Option<Instant>,
+    /// When the newest request that left a force on them was taken, us on the stage's clock as all that follows.
+    pub forced_us: Option<u64>,
     /// When the force last became zero.
-    pub released: Option<Instant>,
+    pub released_us: Option<u64>,
     /// Since when the device's own watchdog has been latched; nothing while it is not, or where there is none.
-    pub latched: Option<Instant>,
+    pub latched_us: Option<u64>,
 }
 
 impl Seen {
-    /// From the last request with a force to zero.
+    /// From the last request with a force to zero, us.
     #[must_use]
-    pub fn zero_after(&self) -> Option<Duration> {
-        Some(self.released?.duration_since(self.forced?))
+    pub fn zero_after_us(&self) -> Option<u64> {
+        Some(self.released_us?.saturating_sub(self.forced_us?))
     }
 
-    /// From the last request with a force to the latch of the device's own watchdog.
+    /// From the last request with a force to the latch of the device's own watchdog, us.
     #[must_use]
-    pub fn latch_after(&self) -> Option<Duration> {
-        Some(self.latched?.duration_since(self.forced?))
+    pub fn latch_after_us(&self) -> Option<u64> {
+        Some(self.latched_us?.saturating_sub(self.forced_us?))
     }
 }
 
@@ -166,16 +169,19 @@ impl Stage {
                 (Box::new(OnSocket { chip, listener }), place)
             }
         };
-        let seen = Seen { force_n: vec3::ZERO, requests: 0, forced: None, released: None, latched: None };
+        let seen =
+            Seen { force_n: vec3::ZERO, requests: 0, forced_us: None, released_us: None, latched_us: None };
         let (watched, ends) = (Arc::new(Mutex::new((watched, seen))), Arc::new(AtomicBool::new(false)));
         let (served, stop) = (Arc::clone(&watched), Arc::clone(&ends));
         let serve = move || {
             // A real device owes this machine's scheduler nothing: above hosts and supervisors where that is allowed.
             let above = RtRequest { fifo_priority: Some(52), ..RtRequest::nothing() };
             let (_, _held) = sys::enter_real_time(&above);
-            let begun = Instant::now();
+            let (mut now_us, mut looked) = (0, Instant::now());
             while !stop.load(Ordering::Relaxed) {
-                look(&mut served.lock().unwrap_or_else(PoisonError::into_inner), begun);
+                let before = std::mem::replace(&mut looked, Instant::now());
+                now_us += (looked.duration_since(before).as_micros() as u64).min(MOST_BETWEEN_US);
+                look(&mut served.lock().unwrap_or_else(PoisonError::into_inner), now_us);
                 std::thread::sleep(LOOK);
             }
         };
@@ -199,14 +205,14 @@ impl Stage {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner).0.forget();
     }
 
-    /// Starts a host process that asks for a force.
+    /// Starts a host process that asks for a force; a supervisor of its takes it away after so much silence.
     ///
     /// # Panics
     ///
     /// If `program` does not start.
     #[must_use]
-    pub fn host(&self, program: &Path, role: Role, force_n: Vec3) -> Host {
-        Host::start(command(program, role, self.device, &self.place, force_n))
+    pub fn host(&self, program: &Path, role: Role, limit_ms: u32, force_n: Vec3) -> Host {
+        Host::start(command(program, role, self.device, &self.place, limit_ms, force_n))
     }
 
     /// Whether the device has a host's force on its motors in time, and goes on to get it.
@@ -229,11 +235,11 @@ impl Stage {
     /// Whether the force is zero for so long on end.
     #[must_use]
     pub fn is_zero_for(&self, time: Duration) -> bool {
-        let (begun, forced) = (Instant::now(), self.seen().forced);
+        let (begun, forced_us) = (Instant::now(), self.seen().forced_us);
         while begun.elapsed() < time {
             std::thread::sleep(2 * LOOK);
             let seen = self.seen();
-            if seen.force_n != vec3::ZERO || seen.forced != forced {
+            if seen.force_n != vec3::ZERO || seen.forced_us != forced_us {
                 return false;
             }
         }
@@ -248,15 +254,15 @@ impl Drop for Stage {
     }
 }
 
-fn look((watched, seen): &mut (Box<dyn Watched>, Seen), begun: Instant) {
-    watched.poll(begun.elapsed().as_micros() as u64);
-    let (now, force_n, requests) = (Instant::now(), watched.felt().force_n, watched.requests());
+fn look((watched, seen): &mut (Box<dyn Watched>, Seen), now_us: u64) {
+    watched.poll(now_us);
+    let (force_n, requests) = (watched.felt().force_n, watched.requests());
     if requests > seen.requests && force_n != vec3::ZERO {
-        seen.forced = Some(now);
+        seen.forced_us = Some(now_us);
     }
     if force_n == vec3::ZERO && seen.force_n != vec3::ZERO {
-        seen.released = Some(now);
+        seen.released_us = Some(now_us);
     }
-    seen.latched = watched.has_latched().then(|| seen.latched.unwrap_or(now));
+    seen.latched_us = watched.has_latched().then(|| seen.latched_us.unwrap_or(now_us));
     (seen.force_n, seen.requests) = (force_n, requests);
 }

@@ -41,6 +41,11 @@ impl<'o> Beside<'o> {
         self.by_encoders = true;
     }
 
+    /// The loop was armed anew.
+    pub(super) fn arm(&mut self) {
+        self.organ.arm();
+    }
+
     /// Of now. Each tick, for it has a history as the loop has.
     pub(super) fn look(&mut self, bench: &Bench<'_, '_>) -> Both {
         let device_m = if self.by_encoders { bench.rig.reported_m() } else { bench.rig.position_m() };

@@ -49,6 +49,8 @@ pub struct Run {
     pub largest_n: f32,
     /// Largest change of it by one command that was not zero, N.
     pub step_n: f32,
+    /// Fastest change of it from one command to the next, N/s.
+    pub steepest_n_per_s: f32,
     /// Longest time for which it was beyond the profile's limit, us, to a tick.
     pub beyond_us: u64,
     /// The profile's limit and a step of the motors, N.
@@ -57,15 +59,17 @@ pub struct Run {
     pub resumed: bool,
     /// Furthest that the force at the motors was from the organ's before the fault, N.
     pub off_n: Option<f32>,
-    /// Furthest that it was from the organ's after a fault that was ridden out, N.
+    /// Furthest that it was from the organ's after a fault that was ridden out, or after reset, arming and another press, N.
     pub after_n: Option<f32>,
-    /// Frames that were struck, where the fault is one of frames.
-    pub struck: Option<u64>,
+    /// Frames that were struck on the way to the device and on the way back, where the fault is one of frames.
+    pub struck: Option<[u64; 2]>,
     /// What was not as it must be, as it was seen on the way.
     pub(super) flaw: Option<&'static str>,
     /// Requests got through to the motors all the time.
     pub(super) way_is_sound: bool,
     pub(super) checked_requests: bool,
+    /// Fastest that the controller lets the force change, where requests came to the motors as they were sent, N/s.
+    pub(super) slew_n_per_s: Option<f32>,
 }
 
 /// Age at which a sample is a fault, us.
@@ -90,6 +94,7 @@ impl Run {
             mended_us: None,
             largest_n: 0.0,
             step_n: 0.0,
+            steepest_n_per_s: 0.0,
             beyond_us: 0,
             limit_n,
             resumed: false,
@@ -99,6 +104,7 @@ impl Run {
             flaw: None,
             way_is_sound: true,
             checked_requests: true,
+            slew_n_per_s: None,
         }
     }
 
@@ -111,6 +117,12 @@ impl Run {
         }
         if self.flaw.is_some() {
             return self.flaw;
+        }
+        if !self.wrong.may_end(self.ended) {
+            return Some("it has ended otherwise than this fault ends");
+        }
+        if self.slew_n_per_s.is_some_and(|slew_n_per_s| self.steepest_n_per_s > slew_n_per_s) {
+            return Some("the force has risen faster than it may");
         }
         // A cable that is out carries no zero, and a device without a watchdog keeps its force.
         if latched && self.way_is_sound && self.zero_us.is_none_or(|us| us > REACTION_US) {

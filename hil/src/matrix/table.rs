@@ -72,7 +72,7 @@ impl fmt::Display for Table<'_> {
         rows.sort_by_key(|row| (row.rig, row.wrong));
         f.write_str(
             "| device, link | fault | runs | no sample after, ms | detected after, ms | then zero after, ms | zero after the link is back, ms | \
-             largest force, N | beyond the limit for, ms | largest step, N | ended | off the organ's force after it, N | again without arming |\n\
+             largest force, N | beyond the limit for, ms | largest step, N | ended | off the organ's force afterwards, N | again without arming |\n\
              |---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
         )?;
         for row in &rows {
@@ -102,7 +102,7 @@ impl fmt::Display for Table<'_> {
 #[must_use]
 pub fn csv(runs: &[Run]) -> String {
     let mut text = String::from(
-        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,after_n,struck,broken\n",
+        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,after_n,struck_there,struck_back,steepest_n_per_s,broken\n",
     );
     // Names have commas.
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
@@ -112,7 +112,7 @@ pub fn csv(runs: &[Run]) -> String {
         // Writing to a String does not fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             run.rig,
             quoted(run.wrong.name()),
             run.seed,
@@ -127,7 +127,9 @@ pub fn csv(runs: &[Run]) -> String {
             run.resumed,
             newtons(run.off_n),
             newtons(run.after_n),
-            number(run.struck),
+            number(run.struck.map(|[there, _]| there)),
+            number(run.struck.map(|[_, back]| back)),
+            run.steepest_n_per_s,
             quoted(run.broken().unwrap_or(""))
         );
     }

@@ -1,12 +1,13 @@
 //! What is watched from the fault on, tick by tick.
 
 use super::Wrong;
-use super::beside::Beside;
+use super::beside::{Beside, Both};
 use super::outcome::{Ended, Run, STALE_US};
 use crate::felt::Felt;
-use crate::session::{Bench, TICK_US};
+use crate::session::{self, Bench, TICK_US};
 use palpate_core::{Phase, vec3};
 use palpate_host::TickRecord;
+use palpate_host::device::DeviceState;
 
 /// In which a reply from before a device lost its place may still come, us.
 const ON_ITS_WAY_US: u64 = 4 * TICK_US;
@@ -14,6 +15,9 @@ const ON_ITS_WAY_US: u64 = 4 * TICK_US;
 /// From the end of a fault that was ridden out until the force is the organ's again, us: the links that are late by 40 ms are empty, and the slew has
 /// let the force rise.
 const SETTLED_US: u64 = 60_000;
+
+/// When a user arms who has reset at [`session::OUT_TICKS`]: as long after it as a new session of the device link takes, and many times that to a person.
+const ARM_TICK: u64 = session::OUT_TICKS + 30;
 
 /// The run so far.
 pub(super) struct Watch<'o> {
@@ -25,13 +29,35 @@ pub(super) struct Watch<'o> {
     beyond_us: u64,
     /// When the newest sample that the loop has was taken: as the driver says, but no later than the rig knows.
     newest_us: u64,
+    /// At which age a sample is a fault, us.
+    stale_us: u64,
+    device: DeviceState,
 }
 
 impl<'o> Watch<'o> {
-    /// From now on; `newest_us` is when the newest sample so far was taken.
-    pub(super) fn new(bench: &Bench<'_, '_>, organ: Beside<'o>, run: Run, newest_us: Option<u64>) -> Self {
-        let struck_us = bench.now_us();
-        Self { run, organ, struck_us, mended_us: None, beyond_us: 0, newest_us: newest_us.unwrap_or(0) }
+    /// From now on; `newest_us` is when the newest sample so far was taken, and `unknown_us` by how much nobody can know how old one is.
+    pub(super) fn new(
+        bench: &Bench<'_, '_>,
+        organ: Beside<'o>,
+        run: Run,
+        newest_us: Option<u64>,
+        unknown_us: u64,
+    ) -> Self {
+        Self {
+            run,
+            organ,
+            struck_us: bench.now_us(),
+            mended_us: None,
+            beyond_us: 0,
+            newest_us: newest_us.unwrap_or(0),
+            stale_us: STALE_US + unknown_us,
+            device: DeviceState::Homed,
+        }
+    }
+
+    /// Whether the device knew its place in the last tick.
+    pub(super) fn is_homed(&self) -> bool {
+        self.device == DeviceState::Homed
     }
 
     pub(super) const fn run(&self) -> &Run {
@@ -44,16 +70,42 @@ impl<'o> Watch<'o> {
     }
 
     /// A fault of frames that has struck none has shown nothing.
-    pub(super) fn note_struck(&mut self, frames: u64) {
+    pub(super) fn note_struck(&mut self, frames: [u64; 2]) {
         self.run.struck = Some(frames);
-        if frames == 0 {
+        if frames == [0; 2] {
             self.flaw("the fault struck no frame");
         }
     }
 
-    /// The run with what the hand felt in it.
-    pub(super) fn end(self, felt: &Felt) -> Run {
-        Run { largest_n: felt.largest_force_n, step_n: felt.largest_step_n, ..self.run }
+    /// What the hand felt so far is what it felt of the fault.
+    pub(super) const fn note_felt(&mut self, felt: &Felt) {
+        self.run.largest_n = felt.largest_force_n;
+        self.run.step_n = felt.largest_step_n;
+        self.run.steepest_n_per_s = felt.steepest_n_per_s;
+    }
+
+    /// A user resets and arms in front of the organ, and presses anew, as [`session::press_anew`] does: the hand feels the organ as before the fault.
+    pub(super) fn press_again(&mut self, bench: &mut Bench<'_, '_>) {
+        let mut last = None;
+        for tick in 0..session::ANEW_TICKS {
+            let both = self.organ.look(bench);
+            match tick {
+                session::OUT_TICKS => bench.controls.reset(),
+                ARM_TICK => {
+                    bench.controls.arm();
+                    self.organ.arm();
+                }
+                tick if tick > ARM_TICK => {
+                    self.compare(&both, "reset, armed, and the force is not the organ's")
+                }
+                _ => {}
+            }
+            let Ok(record) = bench.step() else { return self.flaw("gone after it was reset") };
+            last = Some(record.phase);
+        }
+        if last != Some(Phase::Active) {
+            self.flaw("not to be armed after it was reset");
+        }
     }
 
     fn flaw(&mut self, what: &'static str) {
@@ -63,9 +115,11 @@ impl<'o> Watch<'o> {
     /// Whether the loop knows how old its samples are, and acts upon it.
     fn look_at_age(&mut self, record: &TickRecord, heard_us: Option<u64>) {
         if let Some(sample) = &record.sample {
-            let is_fresh = |taken_us: u64| record.t_us.saturating_sub(taken_us) < STALE_US;
+            let age_us = |taken_us: u64| record.t_us.saturating_sub(taken_us);
             let taken_us = heard_us.map_or(sample.t_us, |us| sample.t_us.min(us));
-            if is_fresh(sample.t_us) && !is_fresh(taken_us) {
+            let stale_us = self.stale_us;
+            let is_fresh = |taken_us| age_us(taken_us) < stale_us;
+            if age_us(sample.t_us) < STALE_US && !is_fresh(taken_us) {
                 self.flaw("a late reply passed for a fresh one");
             }
             // One that came too late is no sample to the loop.
@@ -73,9 +127,9 @@ impl<'o> Watch<'o> {
                 self.newest_us = self.newest_us.max(taken_us);
             }
         }
-        let is_stale = record.t_us.saturating_sub(self.newest_us) >= STALE_US;
+        let is_stale = record.t_us.saturating_sub(self.newest_us) >= self.stale_us;
         if is_stale && !matches!(record.phase, Phase::SafeZero(_)) {
-            self.flaw("the newest sample was 10 ms old and nothing was latched");
+            self.flaw("the newest sample was stale and nothing was latched");
         }
     }
 
@@ -92,15 +146,20 @@ impl<'o> Watch<'o> {
         let both = self.organ.look(bench);
         let is_over = self.mended_us.is_some_and(|us| bench.now_us() >= us + SETTLED_US);
         if is_over && self.run.ended == Ended::RodeOn {
-            self.run.after_n = Some(self.run.after_n.unwrap_or(0.0).max(both.off_n()));
-            if both.flaw().is_some() {
-                self.flaw("ridden out, and the force is not the organ's");
-            }
+            self.compare(&both, "ridden out, and the force is not the organ's");
+        }
+    }
+
+    fn compare(&mut self, both: &Both, flaw: &'static str) {
+        self.run.after_n = Some(self.run.after_n.unwrap_or(0.0).max(both.off_n()));
+        if both.flaw().is_some() {
+            self.flaw(flaw);
         }
     }
 
     fn look(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
         if let Some(record) = record {
+            self.device = record.device;
             self.look_at_age(record, bench.heard_us());
             self.look_at_place(record);
         }

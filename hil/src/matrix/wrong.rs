@@ -1,7 +1,9 @@
 //! What goes wrong, and for how long in one run.
 
-use crate::fault::Faults;
+use super::Ended;
+use crate::fault::{Faults, OVERTAKE_US};
 use crate::rig::{Kind, Mishap};
+use palpate_core::Fault;
 
 /// What goes wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -24,6 +26,8 @@ pub enum Wrong {
     Reorder,
     /// Nothing comes through for 3 to 60 ms, then all of it at once.
     Stall,
+    /// Requests are not taken, and the driver is told so, 1 to 60 ms.
+    Refuse,
     /// Bytes that nobody asked for, before each frame or all the time, 1 to 40 ms.
     Babble,
     /// One fault on the way there and another on the way back, 1 to 60 ms; in half of the runs two others after them.
@@ -54,7 +58,7 @@ pub enum Wrong {
 
 impl Wrong {
     /// All that happen in step. The others need USB ([`crate::bench`]) or processes ([`crate::hosts`]).
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Drop,
         Self::Silence,
         Self::Delay,
@@ -64,6 +68,7 @@ impl Wrong {
         Self::CorruptRequest,
         Self::Reorder,
         Self::Stall,
+        Self::Refuse,
         Self::Babble,
         Self::Mixed,
         Self::UnplugMidFrame,
@@ -87,6 +92,7 @@ impl Wrong {
             Self::CorruptRequest => "corrupt request",
             Self::Reorder => "reorder",
             Self::Stall => "stall",
+            Self::Refuse => "refused",
             Self::Babble => "babble",
             Self::Mixed => "mixed",
             Self::UnplugMidFrame => "unplug mid-frame",
@@ -115,7 +121,44 @@ impl Wrong {
             Self::HomingLost => (kind.make)(0).strike(Mishap::LoseHoming),
             Self::PowerCycle => (kind.make)(0).strike(Mishap::PowerCycle),
             Self::WrongEcho => kind.name == "falcon-memory",
+            // A serial line takes what is written, or hangs.
+            Self::Refuse => kind.name.starts_with("falcon"),
             _ => true,
+        }
+    }
+
+    /// Whether the device does not know its place afterwards.
+    pub(super) const fn loses_place(self) -> bool {
+        matches!(self, Self::HomingLost | Self::PowerCycle | Self::EncoderJump)
+    }
+
+    /// Whether this is how it may end. A latch for any other reason is another fault than the one that was planted.
+    pub(super) const fn may_end(self, ended: Ended) -> bool {
+        let is_stale = matches!(ended, Ended::Latched(Fault::Stale));
+        let is_ridden_out = matches!(ended, Ended::RodeOn);
+        let is_not_ready = matches!(ended, Ended::Latched(Fault::NotReady));
+        match self {
+            Self::Duplicate | Self::Reorder => is_ridden_out,
+            Self::Silence => is_stale,
+            // A flag that was damaged may say that it is not homed.
+            Self::CorruptReply | Self::Mixed => is_ridden_out || is_stale || is_not_ready,
+            Self::EncoderJump => {
+                is_ridden_out || is_not_ready || matches!(ended, Ended::Latched(Fault::Watchdog))
+            }
+            Self::HomingLost => is_not_ready,
+            Self::PowerCycle => is_stale || is_not_ready,
+            Self::UnplugMidFrame | Self::Replug | Self::UnplugPower => matches!(ended, Ended::Lost),
+            Self::WrongEcho => matches!(ended, Ended::Opened | Ended::Refused),
+            Self::HostKilled | Self::HostPaused => matches!(ended, Ended::Supervisor | Ended::Watchdog),
+            Self::Drop
+            | Self::Delay
+            | Self::Truncate
+            | Self::CorruptRequest
+            | Self::Stall
+            | Self::Refuse
+            | Self::Babble
+            | Self::TransferStall
+            | Self::Noise => is_ridden_out || is_stale,
         }
     }
 }
@@ -150,6 +193,23 @@ impl Plan {
     /// Requests get through to the motors all the time.
     pub(super) fn way_is_sound(&self) -> bool {
         self.stages.iter().all(|stage| stage.to_device == Faults::NONE)
+    }
+
+    /// For how long a reply may be held back, us.
+    pub(super) fn reply_held_us(&self) -> u64 {
+        let held_us = |Stage { to_host, .. }: &Stage| {
+            let of = |share: f32, us: u64| if share > 0.0 { us } else { 0 };
+            let delay_us = of(to_host.delay, to_host.delay_us);
+            delay_us + of(to_host.reorder, OVERTAKE_US) + of(to_host.stall, to_host.stall_us)
+        };
+        self.stages.iter().map(held_us).max().unwrap_or(0)
+    }
+
+    /// Requests come to the motors when they are sent, or not at all.
+    pub(super) fn requests_are_in_time(&self) -> bool {
+        self.stages.iter().all(|Stage { to_device, .. }| {
+            to_device.delay == 0.0 && to_device.reorder == 0.0 && to_device.stall == 0.0
+        })
     }
 
     /// For how long something may still be on its way to the device once the fault is over.
@@ -216,6 +276,7 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
         Wrong::CorruptReply | Wrong::CorruptRequest => Faults { corrupt: 1.0, ..none },
         Wrong::Reorder => Faults { reorder: 1.0, ..none },
         Wrong::Stall => Faults { stall: 1.0, stall_us: 1_000 * dice.draw(2, 3, 60), ..none },
+        Wrong::Refuse => Faults { refuse: true, ..none },
         Wrong::Babble => babble(dice, 30),
         Wrong::Mixed => return mixed(dice),
         Wrong::PowerCycle if dice.draw(2, 0, 1) == 1 => Faults { drop: 1.0, ..none },
@@ -223,13 +284,14 @@ pub(super) fn plan(wrong: Wrong, dice: Dice) -> Plan {
     };
     let (to_device, to_host) = match (wrong, dice.draw(3, 0, 2)) {
         (Wrong::Silence | Wrong::PowerCycle, _) => (faults, faults),
-        (Wrong::CorruptReply, _) | (_, 0) if wrong != Wrong::CorruptRequest => (none, faults),
-        (Wrong::CorruptRequest, _) | (_, 1) => (faults, none),
+        (Wrong::CorruptRequest | Wrong::Refuse, _) => (faults, none),
+        (Wrong::CorruptReply, _) | (_, 0) => (none, faults),
+        (_, 1) => (faults, none),
         _ => (faults, faults),
     };
     let ticks = match wrong {
         Wrong::Silence => 60,
-        Wrong::Delay => dice.draw(1, 1, 60),
+        Wrong::Delay | Wrong::Refuse => dice.draw(1, 1, 60),
         Wrong::CorruptReply | Wrong::CorruptRequest => dice.draw(1, 1, 10),
         // One of them is enough.
         Wrong::Stall => 1,

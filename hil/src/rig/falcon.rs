@@ -121,7 +121,7 @@ impl FalconRig {
     }
 }
 
-/// A driver with threads: an exchange is over when its request has gone.
+/// A driver with threads: an exchange is over when its request has gone, or was refused.
 struct Stepwise {
     inner: Falcon<FaultyFtdi<MemoryFtdi>>,
     link: FalconLink,
@@ -140,7 +140,7 @@ impl Around for Stepwise {
 
     fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
-        self.inner.wait_sent(CERTAIN);
+        self.inner.wait_tried(CERTAIN);
         exchanged
     }
 }
@@ -247,6 +247,10 @@ impl Rig for FalconRig {
             let (to_device, to_host) = link.counts();
             to_device + to_host
         })
+    }
+
+    fn counts_each(&self) -> Option<[FaultCounts; 2]> {
+        self.link.as_ref().map(|link| link.counts().into())
     }
 
     fn heard_us(&self) -> Option<u64> {

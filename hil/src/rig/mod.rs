@@ -156,6 +156,11 @@ pub trait Rig {
     /// What went wrong since the driver was opened, both ways.
     fn counts(&self) -> FaultCounts;
 
+    /// The same on the way to the device and on the way back; nothing where the rig cannot tell.
+    fn counts_each(&self) -> Option<[FaultCounts; 2]> {
+        None
+    }
+
     /// When the device had sent the newest of what has come through to the driver, on the driver's clock, us: no sample is younger. Nothing
     /// if nothing has come, or where the rig cannot tell.
     fn heard_us(&self) -> Option<u64> {

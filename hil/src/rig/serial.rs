@@ -308,6 +308,10 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         self.far().line.as_ref().map_or_else(FaultCounts::default, Line::counts)
     }
 
+    fn counts_each(&self) -> Option<[FaultCounts; 2]> {
+        self.far().line.as_ref().map(Line::counts_each)
+    }
+
     fn heard_us(&self) -> Option<u64> {
         let heard_us = self.far().line.as_ref().and_then(Line::heard_us);
         heard_us.map(|us| us.saturating_sub(self.opened_us))

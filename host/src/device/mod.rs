@@ -4,6 +4,7 @@
 //! block (opening, homing, waking) happens before the loop, in the constructor.
 
 mod around;
+mod buttons;
 pub mod falcon;
 pub mod hand;
 pub mod impedance;

@@ -9,6 +9,7 @@
 //! its positions mean nothing then, and as there is no homing it has to be opened anew.
 //! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
 
+use super::buttons::Buttons;
 use super::motion::{Motion, Verdict};
 use super::pending::Pending;
 use super::profile::DEFAULT_CAP_N_M;
@@ -66,6 +67,7 @@ pub struct Polhem {
     line: LineBuffer,
     pending: Pending,
     motion: Motion,
+    buttons: Buttons,
     /// It does not know where it is, for good.
     has_lost_place: bool,
     /// The last request carried a force.
@@ -121,6 +123,7 @@ impl Polhem {
             line: LineBuffer::default(),
             pending: Pending::default(),
             motion: Motion::within(REACH_M),
+            buttons: Buttons::default(),
             has_lost_place: false,
             rendering: false,
             disturbed: Arc::default(),
@@ -206,7 +209,7 @@ impl Polhem {
             }
         }
         let position_m = self.config.workspace.to_model_m(reply.position_m);
-        Ok(Some(Sample { t_us, position_m, buttons: reply.info }))
+        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.hear(reply.info) }))
     }
 
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {

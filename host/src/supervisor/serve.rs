@@ -12,6 +12,10 @@ use std::time::Duration;
 
 /// While nothing is watched: how often it looks whether the host is still there.
 const LOOK_NS: u64 = 100_000_000;
+/// How long the last zero is tried while the line refuses it.
+const LAST_PATIENCE_NS: u64 = 10_000_000_000;
+/// Between two tries.
+const RETRY: Duration = Duration::from_millis(1);
 /// Orders that are taken at a time.
 const MOST_ORDERS: usize = 64;
 /// Longest wait for the first order.
@@ -142,14 +146,15 @@ impl<D: Device> Server<'_, D> {
             let host = match host {
                 Host::There if self.watch.is_overdue(sys::monotonic_ns()) => {
                     self.served.silences += 1;
-                    self.zero();
+                    // Refused, it is tried again with the next limit.
+                    let _ = self.zero();
                     self.tell(0, None)
                 }
                 Host::There if !readable => self.tell(0, None),
                 host => host,
             };
             if host == Host::Gone {
-                self.zero();
+                self.zero_at_last();
                 return;
             }
         }
@@ -185,7 +190,7 @@ impl<D: Device> Server<'_, D> {
                 Order::Zero => {
                     self.watch.latch();
                     wanted = None;
-                    self.zero();
+                    let _ = self.zero();
                 }
                 Order::Stop | Order::Leave => {
                     self.watch.rest();
@@ -249,16 +254,25 @@ impl<D: Device> Server<'_, D> {
         Host::Gone
     }
 
-    /// Takes the force away, twice over: past the driver, which then distrusts the replies, and through it, which then knows.
-    fn zero(&mut self) {
-        match &mut self.past {
-            Some(past) => {
-                // A device that cannot be reached this way cannot be helped; the next limit tries again.
-                let _ = past.zero();
-                let now_us = self.now_us();
-                let _ = self.device.exchange(now_us, vec3::ZERO);
-            }
-            None => self.device.stop(),
+    /// Takes the force away, twice over: past the driver, which then distrusts the replies, and through it, which then knows. False if the line did
+    /// not take it now.
+    fn zero(&mut self) -> bool {
+        let Some(past) = &mut self.past else {
+            self.device.stop();
+            return true;
+        };
+        let is_refused = past.zero().is_err_and(|error| error.kind().is_passing());
+        let now_us = self.now_us();
+        // A device that cannot be reached this way cannot be helped; the next limit tries again.
+        let _ = self.device.exchange(now_us, vec3::ZERO);
+        !is_refused
+    }
+
+    /// The same when nobody comes after this: tried again while the line does not take it.
+    fn zero_at_last(&mut self) {
+        let give_up_ns = sys::monotonic_ns() + LAST_PATIENCE_NS;
+        while !self.zero() && sys::monotonic_ns() < give_up_ns {
+            std::thread::sleep(RETRY);
         }
     }
 }

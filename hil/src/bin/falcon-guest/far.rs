@@ -74,7 +74,7 @@ impl Around for Driver {
     fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
         // The device's time does not go on before it has what was sent.
-        self.inner.wait_sent(WRITE);
+        self.inner.wait_tried(WRITE);
         exchanged
     }
 }

@@ -21,6 +21,7 @@ use super::motor::MotorConfig;
 use super::outlet::{Outlet, WRITE_TIMEOUT, write_whole};
 use super::packet::{ALL_HOMED, Lights, Reply, Request};
 use super::usb::UsbFtdi;
+use crate::device::buttons::Buttons;
 use crate::device::motion::{Motion, Verdict};
 use crate::device::pending::Pending;
 use crate::device::{
@@ -42,14 +43,18 @@ const STOP_PATIENCE: Duration = Duration::from_millis(10);
 /// After this nothing is on its way any more.
 const SETTLING: Duration = Duration::from_millis(10);
 
-/// Replies in a row after which a doubted homing is lost.
+/// Replies in a row that say that it is not homed, after which it is not and the coordinates are set anew: one may be a damaged packet.
 const FORGOTTEN: u32 = 3;
 
 /// What is known of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Homing {
     Unknown,
-    Unhomed,
+    /// The board says that it is not homed.
+    Unhomed {
+        /// Replies in a row that said so, up to [`FORGOTTEN`].
+        forgotten: u32,
+    },
     Homed,
     /// The board says that it is homed, and an encoder has miscounted since: nothing it says is believed until it has lost its homing and was
     /// homed anew.
@@ -72,6 +77,7 @@ pub struct Falcon<F: Ftdi + 'static> {
     kinematics: Kinematics,
     homing: Homing,
     motion: Motion,
+    buttons: Buttons,
     /// The motors may still have a force of ours.
     rendering: bool,
     lost: bool,
@@ -130,6 +136,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             homing: Homing::Unknown,
             // Its board cannot start anew and go on counting, as it forgets its firmware: no bound is needed.
             motion: Motion::within(f32::INFINITY),
+            buttons: Buttons::default(),
             rendering: false,
             lost: false,
             disturbed,
@@ -147,9 +154,9 @@ impl<F: Ftdi + 'static> Falcon<F> {
         Ok(self.homing == Homing::Homed)
     }
 
-    /// Waits until the newest request has left, or for so long: for a bench whose device must not run ahead of its driver.
-    pub fn wait_sent(&mut self, patience: Duration) {
-        self.outlet.flush(patience);
+    /// Waits until the newest request has left or was refused once more, or for so long: for a bench whose device must not run ahead of its driver.
+    pub fn wait_tried(&mut self, patience: Duration) {
+        self.outlet.wait_tried(patience);
     }
 
     fn lights(&self, rendering: bool) -> Lights {
@@ -218,19 +225,22 @@ impl<F: Ftdi + 'static> Falcon<F> {
             Homing::Doubted { forgotten } if forgotten + 1 < FORGOTTEN => {
                 Homing::Doubted { forgotten: forgotten + 1 }
             }
+            Homing::Doubted { .. } => Homing::Unhomed { forgotten: FORGOTTEN },
             _ if reply.is_homed() => Homing::Homed,
-            _ => Homing::Unhomed,
+            Homing::Unhomed { forgotten } => Homing::Unhomed { forgotten: FORGOTTEN.min(forgotten + 1) },
+            Homing::Unknown | Homing::Homed => Homing::Unhomed { forgotten: 1 },
         };
-        if homing != self.homing {
-            // Homing sets the coordinates anew.
-            self.set_homing(homing);
-        }
+        self.set_homing(homing);
     }
 
+    /// Homing sets the coordinates anew: where the hand was is no more. A flag that was damaged does not, and after it the hand is where it was.
     fn set_homing(&mut self, homing: Homing) {
+        let is_anew = matches!(homing, Homing::Unhomed { forgotten: FORGOTTEN } | Homing::Doubted { .. });
+        if is_anew && homing != self.homing {
+            self.motion.forget();
+            self.kinematics.reset();
+        }
         self.homing = homing;
-        self.motion.forget();
-        self.kinematics.reset();
     }
 
     /// The sample of a reply; `None` before the device is homed.
@@ -255,7 +265,7 @@ impl<F: Ftdi + 'static> Falcon<F> {
             }
         }
         let position_m = self.config.workspace.to_model_m(device_m);
-        Ok(Some(Sample { t_us, position_m, buttons: u32::from(reply.buttons) }))
+        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.hear(u32::from(reply.buttons)) }))
     }
 
     fn exchange_packets(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
@@ -299,7 +309,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         // Twice: should the device be in the middle of a damaged packet, the first one only resynchronises it. A device that is gone cannot
         // be helped, and there is nobody left to tell. The second one goes past the thread, should that hang or have fallen.
         let _ = self.send([0; 3]);
-        self.wait_sent(STOP_PATIENCE);
+        self.outlet.flush(STOP_PATIENCE);
         let zero = Request { lights: self.lights(false), ..Request::default() };
         let _ = write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT);
     }
@@ -318,7 +328,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         match self.homing {
             _ if self.lost => DeviceState::Disconnected,
             Homing::Unknown => DeviceState::FirmwareLoaded,
-            Homing::Unhomed | Homing::Doubted { .. } => DeviceState::Unhomed,
+            Homing::Unhomed { .. } | Homing::Doubted { .. } => DeviceState::Unhomed,
             Homing::Homed => DeviceState::Homed,
         }
     }

@@ -146,13 +146,15 @@ fn homing_again_resets_the_coordinates() {
     let (mut falcon, now_us) = homed(&chip);
     chip.with(|script| script.reply.homed = 0);
     assert!(falcon.exchange(now_us + 1_000, [0.0; 3]).is_ok());
-    assert_eq!(falcon.exchange(now_us + 2_000, [0.0; 3]), Ok(None));
+    for tick in 2..2 + u64::from(FORGOTTEN) {
+        assert_eq!(falcon.exchange(now_us + 1_000 * tick, [0.0; 3]), Ok(None));
+    }
     chip.with(|script| {
         script.reply.homed = ALL_HOMED;
         script.put([0.03, -0.02, 0.14]);
     });
-    falcon.exchange(now_us + 3_000, [0.0; 3]).expect("a link");
-    let sample = falcon.exchange(now_us + 4_000, [0.0; 3]).expect("a link").expect("a sample");
+    falcon.exchange(now_us + 6_000, [0.0; 3]).expect("a link");
+    let sample = falcon.exchange(now_us + 7_000, [0.0; 3]).expect("a link").expect("a sample");
     assert!(vec3::distance(sample.position_m, [0.03, -0.02, 0.14]) < 60e-6);
 }
 
@@ -335,6 +337,33 @@ fn an_encoder_that_has_miscounted_ends_the_homing() {
                 assert!(tick(&mut falcon).expect("a link").is_some(), "homed anew");
             }
         }
+    }
+}
+
+/// A damaged packet that says that it is not homed, and the next that it is: the hand is where it was, and nowhere else.
+#[test]
+fn a_damaged_flag_does_not_make_any_place_believed() {
+    for unhomed in 1..FORGOTTEN {
+        let chip = Fake::running();
+        let (mut falcon, mut now_us) = homed(&chip);
+        let mut tick = |falcon: &mut Falcon<Fake>| {
+            now_us += 1_000;
+            falcon.exchange(now_us, [0.0; 3])
+        };
+        chip.with(|script| script.reply.homed = 0);
+        assert!(tick(&mut falcon).expect("a link").is_some(), "from before");
+        for _ in 1..unhomed {
+            assert_eq!(tick(&mut falcon), Ok(None));
+        }
+        chip.with(|script| {
+            script.reply.homed = ALL_HOMED;
+            script.reply.encoders[0] += 280;
+        });
+        assert_eq!((tick(&mut falcon), falcon.state()), (Ok(None), DeviceState::Unhomed));
+        assert_eq!(kind(tick(&mut falcon)), DeviceErrorKind::BadFrame, "{unhomed}");
+        chip.with(|script| script.reply.encoders[0] -= 280);
+        let _ = tick(&mut falcon);
+        assert!(tick(&mut falcon).expect("a link").is_some(), "{unhomed}: where it was");
     }
 }
 
