@@ -130,6 +130,16 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     };
     assert!(error("energy", "122") < error("trilinear", "122") / 10.0);
 
+    // The forms of a fit: the same energy, so about the same error, and the fit itself is the smallest.
+    let forms = rows(&out.join("forms.csv"));
+    let of = |form: &str| forms.iter().find(|row| row["form"] == form).expect(form);
+    let [cell, node, kernel] = ["cell", "node", "kernel"].map(|form| number(of(form), "bytes"));
+    assert!(kernel < node && node < cell, "{kernel}, {node}, {cell}");
+    assert!(
+        forms.iter().all(|row| number(row, "median_ns") > 0.0 && number(row, "from_fit_max_n") < 0.1),
+        "{forms:?}"
+    );
+
     // What is left out, with what could be, and a plot of it: the configurations between those solved as the certificate has them.
     let ledger = rows(&out.join("ledger.csv"));
     let line = |what: &str| ledger.iter().find(|row| row["what"].starts_with(what)).expect(what);

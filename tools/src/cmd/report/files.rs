@@ -40,6 +40,7 @@ pub(super) fn write(report: &Report, out: &Path) -> Result<(), Failure> {
     both(out, "parts", &report.parts.0)?;
     both(out, "surfaces", &report.parts.1)?;
     both(out, "ledger", &report.ledger)?;
+    both(out, "forms", &report.forms)?;
     let certificates: Vec<_> = all().flat_map(|case| &case.certificates).collect();
     json(out, "certificates", &certificates)?;
     json(out, "machine", &report.machine)

@@ -1,12 +1,13 @@
 //! `palpate report`: what every method is worth and what it costs, as tables, plots and one page.
 //!
 //! [`plan`] says what is measured; [`solve`] makes the spaces and the truth, [`tables`] the blobs with their certificates, [`measure`]
-//! the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`] and [`ledger`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with
+//! the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`], [`ledger`] and [`forms`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with
 //! the drawings of [`plot`]. No number of the page is in the code.
 
 mod bodies;
 mod curves;
 mod files;
+mod forms;
 mod hard;
 mod ledger;
 mod machine;
@@ -26,6 +27,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::Method;
 
+use super::bench::forms::FormRow;
 use crate::failure::Failure;
 use crate::output;
 use crate::workbench::{stop_flag, threads};
@@ -93,6 +95,7 @@ struct Report {
     hard: Vec<HardRow>,
     parts: (Vec<PartsRow>, Vec<SurfaceRow>),
     ledger: Vec<LedgerRow>,
+    forms: Vec<FormRow>,
     machine: Machine,
 }
 
@@ -105,7 +108,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
     let plan = Plan::new(args, threads)?;
     let cases = 3 * plan.families.len() * plan.grids.len();
-    let total = cases + bodies::steps(&plan) + 1 + hard::steps(&plan) + parts::STEPS + ledger::STEPS + 2;
+    let total = cases
+        + bodies::steps(&plan)
+        + 1
+        + hard::steps(&plan)
+        + parts::STEPS
+        + ledger::STEPS
+        + forms::STEPS
+        + 2;
     let mut steps = Steps::new(total, stop);
     let mut measured = Vec::new();
     for family in &plan.families {
@@ -132,13 +142,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let parts = parts::measured(&plan, &plan.families[0], plan.grids[0], &mut steps)?;
     let case = first.on_grid(plan.grids[0])?;
     let ledger = ledger::measured(&plan, &case, &measured[0][0], &mut steps)?;
+    let forms = forms::measured(&plan, first, &mut steps)?;
     steps.next("times of the queries")?;
     for case in measured.iter_mut().flatten() {
         case.time(ROUNDS)?;
     }
     steps.next("tables and page")?;
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());
-    let report = Report { plan, cases: measured, bodies, curves, hard, parts, ledger, machine };
+    let report = Report { plan, cases: measured, bodies, curves, hard, parts, ledger, forms, machine };
     files::write(&report, &args.out)?;
     let page = args.out.join("report.html");
     page::write(&report, &page)?;

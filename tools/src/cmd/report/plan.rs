@@ -253,6 +253,15 @@ impl Family {
         })
     }
 
+    /// Sampled until no error can be felt, instead of a grid.
+    pub(super) fn sampled_by_feel(&self) -> Result<Case, Failure> {
+        self.case(&format!("{}-felt", self.name), (0, 1), |table| {
+            let grid = [("radius_m", self.radius_m().into()), ("cannot_be_felt", Value::from(true))];
+            let grid = grid.map(|(key, value): (&str, Value)| (key.to_string(), value));
+            table.insert("grid".into(), Table::from_iter(grid).into());
+        })
+    }
+
     /// A grid whose transitions are made in so many parts and keep the states between them, with displacements for the eye.
     pub(super) fn in_parts(&self, parts: u32, (points, cells): (u32, u32)) -> Result<Case, Failure> {
         self.case(&format!("{}-parts-{points}", self.name), (points, cells), |table| {

@@ -4,6 +4,7 @@ mod bodies;
 mod cost;
 mod figures;
 mod footer;
+mod forms;
 mod hard;
 mod html;
 mod ledger;
@@ -38,6 +39,7 @@ pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
         parts::section(report),
         figures::section(report),
         ledger::section(report),
+        forms::section(report),
         footer::section(report),
     ]
     .concat();

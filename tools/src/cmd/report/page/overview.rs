@@ -9,7 +9,7 @@ use super::{least, method_words, row, title};
 use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
 use palpate_precompute::scene::GridSpec;
 
-const PARTS: [(&str, &str); 10] = [
+const PARTS: [(&str, &str); 11] = [
     ("glance", "At a glance"),
     ("a", "(a) Time of a query"),
     ("b", "(b) Configurations and seconds"),
@@ -20,6 +20,7 @@ const PARTS: [(&str, &str); 10] = [
     ("g", "(g) States between, and the eye"),
     ("h", "(h) All figures"),
     ("i", "(i) The ledger"),
+    ("j", "(j) The forms of a fit"),
 ];
 
 /// Title, setting and main table.

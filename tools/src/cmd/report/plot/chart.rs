@@ -55,6 +55,18 @@ const RIGHT: f64 = 14.0;
 const TOP: f64 = 30.0;
 const BOTTOM: f64 = 48.0;
 
+/// Width of a digit at a tick, about.
+const TICK: f64 = 6.0;
+/// Width of a letter of a note and height of its line, about.
+const NOTE: [f64; 2] = [5.0, 9.0];
+/// Where a note stands against its point: above its height, or else below, or in line with it.
+const NOTE_DY: [f64; 3] = [-5.0, 12.0, 4.0];
+
+/// Whether two boxes (left, right, top, bottom) share a place.
+fn overlap(a: &[f64; 4], b: &[f64; 4]) -> bool {
+    a[0] < b[1] && b[0] < a[1] && a[2] < b[3] && b[2] < a[3]
+}
+
 /// Where an axis pair lies on the drawing.
 pub(super) struct Frame<'a> {
     pub x: Option<&'a Axis>,
@@ -91,7 +103,8 @@ impl Frame<'_> {
             let x = Self::across(self.x.map_or(0.0, |axis| axis.place(tick.value)));
             svg.line([x, TOP], [x, floor], if tick.text.is_some() { "grid" } else { "fine" });
             if let Some(text) = tick.text {
-                svg.text([x, floor + 16.0], Anchor::Middle, "tick", &text);
+                let half = 0.5 * TICK * text.chars().count() as f64;
+                svg.text([x.min(WIDTH - half), floor + 16.0], Anchor::Middle, "tick", &text);
             }
         }
         svg.line([left, floor], [right, floor], "axis");
@@ -133,6 +146,7 @@ impl Chart {
             .flat_map(|series| series.points.iter().filter(shown).map(|p| (&series.style, p)))
             .collect();
         marks.sort_by(|(_, a), (_, b)| b.r.total_cmp(&a.r));
+        let mut written: Vec<[f64; 4]> = Vec::new();
         for (style, point) in marks {
             let at = frame.at(point.x, point.y);
             style.marker(&mut svg, at, point.r, &point.title);
@@ -140,7 +154,15 @@ impl Chart {
                 // Beside the point, towards the middle of the plot.
                 let (side, anchor) =
                     if self.x.place(point.x) > 0.7 { (-1.0, Anchor::End) } else { (1.0, Anchor::Start) };
-                svg.text([at[0] + side * (point.r + 4.0), at[1] - 5.0], anchor, "note", note);
+                let x = at[0] + side * (point.r + 4.0);
+                let width = NOTE[0] * note.chars().count() as f64;
+                let left = if side < 0.0 { x - width } else { x };
+                // Above its height or below, where no other note is.
+                let boxed = |dy: f64| [left, left + width, at[1] + dy - NOTE[1], at[1] + dy];
+                let is_free = |dy: &f64| !written.iter().any(|other| overlap(other, &boxed(*dy)));
+                let dy = NOTE_DY.into_iter().find(is_free).unwrap_or(NOTE_DY[0]);
+                written.push(boxed(dy));
+                svg.text([x, at[1] + dy], anchor, "note", note);
             }
         }
         svg.finish(WIDTH, HEIGHT, &self.title)

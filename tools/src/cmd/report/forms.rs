@@ -1,0 +1,25 @@
+//! The forms in which the first body's fitted energy can go into a blob: what each reads, how long it takes and how wrong it is.
+
+use palpate_precompute::configuration_space::Store;
+use palpate_precompute::held_out::Draw;
+
+use super::plan::{Family, Plan};
+use super::solve::solved;
+use super::steps::Steps;
+use crate::cmd::bench::forms::{FormRow, measure};
+use crate::failure::Failure;
+
+/// Batches of queries, taking turns.
+const ROUNDS: usize = 100;
+
+/// Number of steps of [`measured`].
+pub(super) const STEPS: usize = 3;
+
+/// Samples the body by what a hand feels, and measures every form; none where there is nothing but rest to fit.
+pub(super) fn measured(plan: &Plan, family: &Family, steps: &mut Steps) -> Result<Vec<FormRow>, Failure> {
+    let case = family.sampled_by_feel()?;
+    let draw = Draw { regular_m: None, random: 0, ..plan.draw(family.radius_m()) };
+    let path = solved(plan, &case, &draw, None, steps)?;
+    steps.next(&format!("{}: forms of the fitted energy", case.name))?;
+    measure(&Store::open(&path)?, None, ROUNDS)
+}

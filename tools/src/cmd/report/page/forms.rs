@@ -1,0 +1,100 @@
+//! Section (j): the forms of a fitted energy, each as what it reads against how long that takes.
+
+use super::super::Report;
+use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::words::{bytes, count, figure, milli};
+use super::html::{Cell, Key, figure as plots, files, paragraph, section as whole, table};
+use crate::cmd::bench::forms::FormRow;
+
+/// What each form is.
+const FORMS: [(&str, &str); 3] = [
+    ("cell", "a polynomial a cell (in no blob)"),
+    ("node", "the derivatives a node (energy)"),
+    ("kernel", "the fit itself (kernel)"),
+];
+
+/// The section; without rows it says so.
+pub(super) fn section(report: &Report) -> String {
+    let rows = &report.forms;
+    let scene = report.plan.families.first().map_or("", |family| family.name.as_str());
+    let id = ("j", "(j) The forms of a fitted energy");
+    let Some(first) = rows.first() else {
+        let body = paragraph("setting", &format!("{scene}: nothing within reach of the tool was fitted."));
+        return whole(id.0, id.1, &body);
+    };
+    let head = [
+        "form",
+        "on",
+        "bytes",
+        "a query, ns",
+        "after the last, ns",
+        "mean, mN",
+        "p99",
+        "max",
+        "off the fit, mN",
+    ];
+    let cells = |row: &FormRow| -> Vec<Cell> {
+        vec![
+            words(row).into(),
+            row.instructions.into(),
+            bytes(row.bytes).into(),
+            figure(row.median_ns).into(),
+            row.waits_ns.map_or("\u{2013}".into(), figure).into(),
+            milli(row.mean_n).into(),
+            milli(row.p99_n).into(),
+            milli(row.max_n).into(),
+            milli(row.from_fit_max_n).into(),
+        ]
+    };
+    let body = paragraph(
+        "setting",
+        &format!(
+            "{scene}, node {}, sampled until no error can be felt: {} configurations, and one fit of their energies. A blob holds the derivatives at \
+             nodes or the fit, as the scene\u{2019}s [needs] say (form, blob_bytes); a polynomial a cell is measured beside them. Errors are at {} \
+             held-out positions away from folds; \u{201c}off the fit\u{201d} is the largest distance from the fit in f64. Flags and displacements come on top of all bytes.",
+            first.active,
+            count(first.configurations),
+            count(first.positions)
+        ),
+    ) + &plots(&keys(), "", &chart(rows).into_iter().collect::<Vec<_>>())
+        + &table(&head, &rows.iter().map(cells).collect::<Vec<_>>())
+        + &files(&["forms"]);
+    whole(id.0, id.1, &body)
+}
+
+fn words(row: &FormRow) -> &'static str {
+    FORMS.iter().find(|(form, _)| *form == row.form).map_or(row.form, |(_, words)| *words)
+}
+
+fn keys() -> Vec<Key> {
+    FORMS.iter().enumerate().map(|(n, (_, words))| Key::line(Style::number(n), *words)).collect()
+}
+
+/// A point a form and set of instructions.
+fn chart(rows: &[FormRow]) -> Option<String> {
+    let sound = |row: &&FormRow| row.bytes > 0 && row.median_ns > 0.0 && row.median_ns.is_finite();
+    let point = |row: &FormRow| {
+        let title = format!(
+            "{} on {}: {}, {} ns, p99 {} mN",
+            words(row),
+            row.instructions,
+            bytes(row.bytes),
+            figure(row.median_ns),
+            milli(row.p99_n)
+        );
+        Point { x: row.bytes as f64, y: row.median_ns, r: 5.0, title, note: Some(row.instructions.into()) }
+    };
+    let of = |form: &str| -> Vec<Point> {
+        rows.iter().filter(sound).filter(|row| row.form == form).map(point).collect()
+    };
+    let all = FORMS.map(|(form, _)| of(form));
+    let points = || all.iter().flatten();
+    points().next()?;
+    let x = Axis::log("bytes that a query may read", points().map(|p| p.x));
+    let y = Axis::log("time of a query, ns", points().map(|p| p.y));
+    let series = all.into_iter().enumerate();
+    let series = series
+        .map(|(n, points)| Series { style: Style::number(n), joined: false, marked: true, points })
+        .collect();
+    Some(Chart { title: "Forms of a fitted energy".into(), x, y, series, levels: Vec::new() }.svg())
+}
