@@ -1,5 +1,6 @@
 //! What the hand on an emulated device felt: the same record for every device, so that one contract and one matrix can judge them all.
 
+use crate::session::TICK_US;
 use palpate_core::{Vec3, vec3};
 
 /// By how much less than it should two commands may be apart, us: half a tick.
@@ -58,7 +59,10 @@ impl Felt {
         let off = motors == [0; 3];
         let changed_n = vec3::distance(force_n, self.force_n);
         if let Some(before_us) = self.last_command_us.filter(|_| !off) {
-            let seconds = 1e-6 * (at_us.saturating_sub(before_us) + JITTER_US) as f32;
+            // A force that had ended by itself has to rise anew, however long nobody asked for one.
+            let expired = self.off_since_us.is_some_and(|off_us| off_us > before_us);
+            let since_us = if expired { TICK_US } else { at_us.saturating_sub(before_us) };
+            let seconds = 1e-6 * (since_us + JITTER_US) as f32;
             self.steepest_n_per_s = self.steepest_n_per_s.max(changed_n / seconds);
         }
         self.commands += 1;

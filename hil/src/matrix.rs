@@ -96,10 +96,14 @@ pub fn run(kind: Kind, wrong: Wrong, seed: u64, organ: &Organ<'_>) -> Result<Run
                     watch.press_again(bench);
                 }
                 bench.end();
+                watch.note_end(&bench.rig.felt());
                 return Ok::<Run, OpenError>(*watch.run());
             }
         }
         bench.end();
+        if !ended_early && !pulled && watch.run().ended != Ended::Lost {
+            watch.note_end(&bench.rig.felt());
+        }
         watch.note_felt(&bench.rig.felt());
         Ok(*watch.run())
     })??;

@@ -77,6 +77,13 @@ impl<'o> Watch<'o> {
         }
     }
 
+    /// The loop has ended on a sound link.
+    pub(super) fn note_end(&mut self, felt: &Felt) {
+        if felt.force_n != vec3::ZERO || felt.off_since_us.is_none() {
+            self.flaw("a force after the end of the loop");
+        }
+    }
+
     /// What the hand felt so far is what it felt of the fault.
     pub(super) const fn note_felt(&mut self, felt: &Felt) {
         self.run.largest_n = felt.largest_force_n;
@@ -101,6 +108,10 @@ impl<'o> Watch<'o> {
                 _ => {}
             }
             let Ok(record) = bench.step() else { return self.flaw("gone after it was reset") };
+            let is_reset = (session::OUT_TICKS + 2..ARM_TICK).contains(&tick);
+            if is_reset && record.phase != Phase::Disarmed {
+                self.flaw("reset, and not disarmed");
+            }
             last = Some(record.phase);
         }
         if last != Some(Phase::Active) {

@@ -40,6 +40,10 @@ const RESOLUTION_M: f32 = 54e-6;
 const HELD_S: f64 = 3e-3;
 /// Longest wait for a zero to leave when the device is stopped.
 const STOP_PATIENCE: Duration = Duration::from_millis(10);
+/// How often the last zero is tried where it is refused.
+const STOP_TRIES: u32 = 100;
+/// Between two of these tries.
+const STOP_PAUSE: Duration = Duration::from_millis(1);
 /// After this nothing is on its way any more.
 const SETTLING: Duration = Duration::from_millis(10);
 
@@ -311,7 +315,12 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         let _ = self.send([0; 3]);
         self.outlet.flush(STOP_PATIENCE);
         let zero = Request { lights: self.lights(false), ..Request::default() };
-        let _ = write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT);
+        for _ in 0..STOP_TRIES {
+            match write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT) {
+                Err(error) if error.kind().is_passing() => std::thread::sleep(STOP_PAUSE),
+                Ok(()) | Err(_) => return,
+            }
+        }
     }
 
     fn info(&self) -> DeviceInfo {

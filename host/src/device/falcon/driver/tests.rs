@@ -477,6 +477,37 @@ fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
     assert!(written.len() <= 2, "a burst: {written:?}");
 }
 
+/// A zero is tried again until it is written, also if nobody asks for anything after it: by the thread, and at the end.
+#[test]
+fn a_zero_that_is_refused_is_written_all_the_same() {
+    let begun = Instant::now();
+    for ends in [false, true] {
+        let chip = Fake::running();
+        let mut falcon = threaded(&chip);
+        let wait = |done: &dyn Fn() -> bool| {
+            while !done() {
+                assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        };
+        let mut now_us = 0;
+        while chip.last().motors == [0; 3] {
+            now_us += 2_000;
+            let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
+            std::thread::sleep(Duration::from_micros(500));
+            assert!(begun.elapsed() < fake::STALL, "no force");
+        }
+        chip.with(|script| script.failing_writes = 30);
+        if ends {
+            falcon.stop();
+        } else {
+            let _ = falcon.exchange(now_us + 1_000, [0.0; 3]);
+        }
+        wait(&|| chip.last().motors == [0; 3]);
+        assert_eq!(chip.with(|script| script.failing_writes), 0);
+    }
+}
+
 /// A request that was replaced before it was written gets no reply: nobody waits for one, and the others are as old as they are.
 #[test]
 fn what_was_replaced_before_it_was_written_holds_nothing_up() {
