@@ -86,7 +86,11 @@ fn attempt(program: &Path, limit_ms: u32, device: Device, run: &mut Run) -> Resu
     let host = stage.host(program, Role::Host, limit_ms, force_n);
     let unstaged = |what| Missing { what, is_staged: false };
     stage.hold(&host, force_n).map_err(unstaged)?;
-    let supervisor = device.is_supervised().then(|| host.supervisor());
+    let supervisor = if device.is_supervised() {
+        Some(host.supervisor().ok_or(unstaged("no word of the supervisor"))?)
+    } else {
+        None
+    };
     std::thread::sleep(Duration::from_millis(draw(4, 0, 40)));
     if host.said("zeroed") {
         // The machine's doing, and not what is measured.

@@ -95,7 +95,7 @@ fn a_stopped_host_is_zeroed_and_stays_so_when_it_goes_on_until_reset() {
     wait("word that it was zeroed", || host.said("zeroed"));
     // The host sends its force as before, and nobody listens.
     assert_zero_and_alive_for(&stage, Duration::from_millis(300));
-    assert!(is_running(host.supervisor()));
+    assert!(is_running(host.supervisor().expect("it has one")));
 
     host.say("reset");
     wait("the force again", || stage.seen().force_n == FORCE_N);
@@ -105,7 +105,7 @@ fn a_stopped_host_is_zeroed_and_stays_so_when_it_goes_on_until_reset() {
 #[test]
 fn a_killed_supervisor_ends_the_loop_and_leaves_the_force() {
     let (stage, mut host) = holding(Role::Host);
-    kill(host.supervisor(), Signal::SIGKILL).expect("it is there");
+    kill(host.supervisor().expect("it has one"), Signal::SIGKILL).expect("it is there");
     assert!(host.end());
     wait("its last word", || host.said("end Disconnected"));
     assert_eq!(stage.seen().force_n, FORCE_N, "a hazard: docs/safety.md, section 6");
@@ -115,7 +115,7 @@ fn a_killed_supervisor_ends_the_loop_and_leaves_the_force() {
 #[test]
 fn a_supervisor_that_was_stopped_obeys_the_present_only() {
     let (stage, host) = holding(Role::Host);
-    let supervisor = host.supervisor();
+    let supervisor = host.supervisor().expect("it has one");
     kill(supervisor, Signal::SIGSTOP).expect("it is there");
     std::thread::sleep(Duration::from_millis(100));
     kill(supervisor, Signal::SIGCONT).expect("it is there");

@@ -6,13 +6,19 @@ use super::rig::Rig;
 use super::stepped::Stepped;
 use crate::falcon::{Setup, Stall};
 use crate::usbredir::{Session, Traffic, UsbDevice};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::time::TimeSpec;
 use std::io::{self, ErrorKind, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long nothing is looked at when there was nothing to do: far below the chip's timer of 1 ms.
+/// How long a device in real time is left alone if nothing comes: far below the chip's timer of 1 ms.
 const PAUSE: Duration = Duration::from_micros(50);
+/// The same for one whose time goes on when it is told to: what does not come from the sockets cannot happen.
+const LONG_PAUSE: Duration = Duration::from_millis(5);
 
 /// Where and how long to serve.
 #[derive(Debug, Clone)]
@@ -70,6 +76,16 @@ impl Line {
         }
     }
 
+    /// What has something for [`Line::is_open`] or [`Line::read`] next.
+    fn source(&self) -> BorrowedFd<'_> {
+        self.stream.as_ref().map_or_else(|| self.listener.as_fd(), AsFd::as_fd)
+    }
+
+    /// Whether bytes wait for room.
+    fn is_full(&self) -> bool {
+        !self.output.is_empty()
+    }
+
     /// Sends as much as there is room for.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.output.extend(bytes);
@@ -85,8 +101,18 @@ impl Line {
     }
 }
 
+/// Waits until something comes, or for so long.
+fn wait(lines: &[Option<&Line>], longest: Duration) -> io::Result<()> {
+    let mut sources: Vec<PollFd<'_>> =
+        lines.iter().flatten().map(|line| PollFd::new(line.source(), PollFlags::POLLIN)).collect();
+    match ppoll(&mut sources, Some(TimeSpec::from(longest)), None) {
+        Ok(_) | Err(Errno::EINTR) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
 /// How long the guest may take to deal with what the device sent, however busy the machine.
-const CERTAIN: Duration = Duration::from_secs(20);
+const CERTAIN: Duration = Duration::from_secs(60);
 
 /// The device on the bus.
 enum Stand {
@@ -110,6 +136,16 @@ impl Stand {
             Self::Free(rig) => rig.poll(),
             Self::Stepped(device) if is_read => device.wait(),
             Self::Stepped(_) => {}
+        }
+    }
+
+    /// How long it may be left alone if nothing comes; somebody may wait for what it sends.
+    fn pause(&self, is_read: bool) -> Duration {
+        match self {
+            Self::Free(_) => PAUSE,
+            Self::Stepped(device) if device.runs() && is_read => Duration::ZERO,
+            Self::Stepped(device) if device.runs() => PAUSE,
+            Self::Stepped(_) => LONG_PAUSE,
         }
     }
 
@@ -254,7 +290,9 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             }
         }
         if !busy {
-            std::thread::sleep(PAUSE);
+            let lines = [Some(&bus), control.as_ref()];
+            let is_full = lines.iter().flatten().any(|line| line.is_full());
+            wait(&lines, if is_full { PAUSE } else { rig.pause(session.is_read()) })?;
         }
     };
     writeln!(log, "[{:9.3}] {ended}: {:?}", begun.elapsed().as_secs_f64(), session.traffic())?;

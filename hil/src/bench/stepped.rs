@@ -38,6 +38,12 @@ impl Stepped {
         self.link.inner().falcon().is_plugged()
     }
 
+    /// Whether time goes on by itself where somebody waits: a driver is being opened.
+    #[must_use]
+    pub const fn runs(&self) -> bool {
+        self.runs
+    }
+
     /// Somebody waits for what the device sends next: time goes on, if a driver is being opened.
     pub fn wait(&mut self) {
         if self.runs {

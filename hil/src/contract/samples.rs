@@ -44,11 +44,13 @@ pub(super) fn positions_are_right(kind: Kind) -> Result<(), Broken> {
     Ok(())
 }
 
-/// The time when the grip was nearest to where a sample says it was, and how far that is.
-fn seen_at(session: &Session<'_>, traits: &Traits, sample: &Sample, from: usize) -> (u64, f32) {
+/// The time when the grip was nearest to where a sample says it was, and how far that is; the hand moves one way, along the model's z.
+fn seen_at(truth: &[(u64, Vec3)], traits: &Traits, sample: &Sample) -> (u64, f32) {
+    let after = truth.partition_point(|(_, device_m)| in_model(traits, *device_m)[2] < sample.position_m[2]);
+    let beside = truth[after.saturating_sub(1)..].iter().take(2);
     let distance = |device_m: Vec3| vec3::distance(in_model(traits, device_m), sample.position_m);
-    let places = session.truth()[from..].iter().map(|(t_us, device_m)| (*t_us, distance(*device_m)));
-    places.fold((0, f32::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
+    let seen = beside.map(|(t_us, device_m)| (*t_us, distance(*device_m)));
+    seen.fold((0, f32::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
 /// Moves the hand one way, fast, under faults; every sample must have been true when it is stamped, or later.
@@ -75,7 +77,7 @@ fn stamps_under(kind: Kind, seed: u64, to_device: Faults, to_host: Faults) -> Re
             continue;
         }
         seen += 1;
-        let (then_us, off_m) = seen_at(&session, &traits, &sample, from);
+        let (then_us, off_m) = seen_at(&session.truth()[from..], &traits, &sample);
         ensure!(off_m <= 2.0 * traits.count_m, "{} um from every truth: {sample:?}", 1e6 * off_m);
         // 40 mm/s at the slowest part that counts: a count is two milliseconds there.
         let tolerance_us = 2_500;

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// For a device that was plugged in to be there, and for one that was pulled to be missed.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 /// Shortest wait of a write: the bus of a machine that is not real may be late, and the device's time stands still meanwhile.
 const WRITE: Duration = Duration::from_secs(2);
 /// Longest wait of a read: what the end of a driver may take, in each of some hundred openings.

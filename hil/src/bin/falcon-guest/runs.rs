@@ -29,7 +29,7 @@ const TOUCH_N: f32 = 0.3;
 /// Ticks in which the hand must have reached the organ, with room for a machine ten times as fast as ours.
 const TOUCH_TICKS: u64 = 20_000;
 /// For a device that was plugged in to be there, and to be homed.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 /// For a write where nothing is to be lost; where something is it is as long as for a reply.
 const PATIENT_WRITE: Duration = Duration::from_secs(2);
 /// Ticks in which the hand is above the organ again.

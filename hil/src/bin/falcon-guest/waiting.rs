@@ -14,7 +14,7 @@ const TOLD: u64 = 3;
 /// Looks that a reply is waited for at least, however long they take: on a machine that stands still time goes on and nobody else does.
 const LOOKS: u32 = 80;
 /// Between two looks.
-const PAUSE: Duration = Duration::from_micros(50);
+const PAUSE: Duration = Duration::from_micros(250);
 
 /// What came of the exchanges.
 #[derive(Debug, Default)]
