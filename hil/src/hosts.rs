@@ -150,15 +150,20 @@ pub fn runs(program: &Path, limit_ms: u32, count: usize, seed: u64) -> Vec<Run> 
         .collect()
 }
 
-/// For each device that has any the middle one of the times after which there was no force and none could come back.
+/// From the last request with a force until there was none and none could come back.
+#[must_use]
+pub fn safe_after(run: &Run) -> Option<Duration> {
+    Some(Duration::from_micros(run.zero_us?.max(run.detected_us.unwrap_or(0))))
+}
+
+/// For each device that has any the middle one of [`safe_after`].
 #[must_use]
 pub fn medians(runs: &[Run]) -> Vec<(Device, Duration)> {
-    let safe_us = |run: &Run| Some(run.zero_us?.max(run.detected_us.unwrap_or(0)));
     let median = |device: Device| {
         let of_device = runs.iter().filter(|run| run.rig == device.name());
-        let mut times: Vec<u64> = of_device.filter_map(safe_us).collect();
+        let mut times: Vec<Duration> = of_device.filter_map(safe_after).collect();
         times.sort_unstable();
-        times.get(times.len() / 2).map(|us| (device, Duration::from_micros(*us)))
+        times.get(times.len() / 2).map(|time| (device, *time))
     };
     Device::ALL.into_iter().filter_map(median).collect()
 }

@@ -1,17 +1,17 @@
 //! The supervisor against emulated devices, in real time: hosts that are killed, stopped and hang.
 //!
-//! A host and its supervisor are processes: `palpate-hil process`. Only the order of
-//! things is asserted, with bounds that a busy machine keeps; the times are printed (`--nocapture`).
+//! A host and its supervisor are processes: `palpate-hil process`. Of the order of
+//! things bounds that a busy machine keeps are asserted, of the times the best of some; they are printed (`--nocapture`).
 
 use nix::sys::signal::{Signal, kill};
 use palpate_core::{Vec3, vec3};
-use palpate_hil::hosts::{self, Device as Held, GENEROUS, Host, Role, Stage, is_running, wait};
+use palpate_hil::hosts::{self, Device as Held, GENEROUS, Host, Role, Stage, TARGET, is_running, wait};
 use palpate_hil::matrix::{Ended, Run, Table, Wrong};
 use palpate_hil::{EmulatedFalcon, FalconConfig, MemoryFtdi};
 use palpate_host::Device;
 use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::{self, Falcon};
-use palpate_host::supervisor::{Supervised, serve};
+use palpate_host::supervisor::{DEFAULT_LIMIT_MS, Supervised, serve};
 use palpate_host::sys::Policy;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -56,8 +56,35 @@ fn killed_and_stopped_hosts_are_zeroed_and_stay_so() {
         assert!(run.largest_n > 0.4, "{run:?}");
     }
     assert_eq!(runs.iter().filter(|run| run.wrong == Wrong::HostPaused).count(), 9);
-    // How fast is the matrix's to say, with the product's limit: `palpate-hil matrix`.
     assert_eq!(hosts::medians(&runs).len(), 3);
+}
+
+/// With the product's limit, the best of some runs of each device: whatever takes longer than the target is there in each of them, and a machine that
+/// stands still in only a few. How long it takes commonly `palpate-hil matrix` says.
+#[test]
+fn the_force_of_a_lost_host_is_gone_in_time() {
+    /// Fewer than so many say nothing.
+    const LEAST: usize = 5;
+    const MOST: u64 = 12;
+    /// For the runs of one device, on a machine that lets hardly a host hold its force.
+    const PATIENCE: Duration = Duration::from_secs(90);
+    for device in Held::ALL {
+        let (mut times, begun) = (Vec::new(), Instant::now());
+        for seed in 0..MOST {
+            let wrong = if seed % 2 == 0 { Wrong::HostKilled } else { Wrong::HostPaused };
+            let run = hosts::run(program(), DEFAULT_LIMIT_MS, device, wrong, seed);
+            times.extend(hosts::safe_after(&run));
+            if times.last().is_some_and(|time| *time <= TARGET) || begun.elapsed() > PATIENCE {
+                break;
+            }
+        }
+        println!("{}: {times:.1?}", device.name());
+        let is_in_time = times.iter().any(|time| *time <= TARGET);
+        assert!(is_in_time || times.len() < LEAST, "{}: {times:.1?}", device.name());
+        if !is_in_time {
+            println!("{}: not judged, this machine stands still too often", device.name());
+        }
+    }
 }
 
 /// A host that does not come up is a line of the table and a limit that is broken, and the others have theirs.
