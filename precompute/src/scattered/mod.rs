@@ -4,6 +4,7 @@
 //! enough; the fit is [`crate::fit::KernelFit`]. Where the space folds the search stalls, and a lattice takes over ([`Switched`]). [`ScatteredPlan`] makes of it tasks like those of a lattice: scattered positions are points of
 //! a lattice of a micrometre, so that whoever solves, stores and resumes need not know the difference.
 
+mod alone;
 mod linear;
 mod plan;
 mod reach;
@@ -12,6 +13,7 @@ mod search;
 mod stall;
 mod switched;
 
+pub use alone::{Alone, alone, at_rest};
 pub use linear::LinearSuits;
 pub use plan::{ScatteredPlan, planned};
 pub use resample::{Resampled, resample};

@@ -9,6 +9,8 @@
 //! Beside the fit the linear body is tested, at no cost. Where every prediction of it, ten at least, is within the tolerance too, it is what is
 //! stored: the cheapest model within tolerance wins.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::linear::{Linear, LinearSuits};
@@ -32,6 +34,10 @@ const TOO_FAR: f64 = 1.15;
 /// Places where the linear body is held against the fit.
 const PLACES: u32 = 600;
 
+/// A cheaper body is learned to so many times the force limit, and to this share of the tolerance.
+const BENEATH: f64 = 1.1;
+const FINER: f64 = 0.3;
+
 /// Where the fit says that the force is beyond this many times the limit it is.
 const REACH_MARGIN: f64 = 1.3;
 
@@ -50,6 +56,16 @@ pub struct Wanted {
     pub workspace_m: Option<Workspace>,
     /// Configurations at most.
     pub most: usize,
+}
+
+impl Wanted {
+    /// What is wanted of a cheaper body that is to lie beneath this one: it may be softer or stiffer, and must not end before this one does.
+    #[must_use]
+    pub fn of_a_cheaper_body(&self) -> Self {
+        let Tolerance { relative, absolute_n } = self.tolerance;
+        let tolerance = Tolerance { relative: FINER * relative, absolute_n: FINER * absolute_n };
+        Self { tolerance, max_force_n: BENEATH * self.max_force_n, ..*self }
+    }
 }
 
 /// A position to be solved.
@@ -156,6 +172,11 @@ impl Candidate {
 impl Search {
     /// A search that knows the configuration at rest.
     pub fn new(wanted: Wanted, rest: &EnergyJet) -> Self {
+        Self::over(None, wanted, rest)
+    }
+
+    /// A search for the difference from a cheaper body, whose energy `under` is.
+    pub fn over(under: Option<Arc<KernelFit>>, wanted: Wanted, rest: &EnergyJet) -> Self {
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -167,7 +188,10 @@ impl Search {
         let fits = LENGTHS
             .iter()
             .filter_map(|share| {
-                let mut fit = KernelFit::new(share * reach, stiffness);
+                let mut fit = match &under {
+                    Some(under) => KernelFit::over(under.clone(), share * reach, stiffness),
+                    None => KernelFit::new(share * reach, stiffness),
+                };
                 fit.add(&[*rest]).ok()?;
                 Some(Candidate { fit, scores: Vec::new() })
             })

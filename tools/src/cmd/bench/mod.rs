@@ -4,6 +4,7 @@ mod common;
 mod core;
 mod devices;
 mod fem;
+mod fidelity;
 pub(super) mod forms;
 mod memory;
 mod replay;
@@ -31,6 +32,7 @@ enum What {
     Devices(devices::Args),
     Forms(forms::Args),
     Fem(fem::Args),
+    Fidelity(fidelity::Args),
     FemSizes(sizes::Args),
     Sampling(sampling::Args),
     Space(space::Args),
@@ -44,6 +46,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Core(args) => core::run(args),
         What::Devices(args) => devices::run(args),
         What::Forms(args) => forms::run(args),
+        What::Fidelity(args) => fidelity::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Sampling(args) => sampling::run(args),

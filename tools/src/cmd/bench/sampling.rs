@@ -12,8 +12,8 @@ use palpate_core::Method;
 use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, SpaceGrid};
 use palpate_precompute::fit::{Centre, EnergyJet, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::scattered::{Found, Search, Step, Tolerance, Verdict, Wanted, resample};
-use palpate_precompute::solve::{Seed, Solver};
+use palpate_precompute::scattered::{Alone, Tolerance, Verdict, Wanted, alone, resample};
+use palpate_precompute::solve::Solver;
 use serde::Serialize;
 
 use crate::cmd::plan::surrogate::{Surrogate, sample};
@@ -62,9 +62,9 @@ const GOOD: f64 = 0.2;
 const CANDIDATES: u32 = 6000;
 
 /// A node of a scene.
-struct Case<'b> {
-    bench: &'b Workbench,
-    active: usize,
+pub(super) struct Case<'b> {
+    pub(super) bench: &'b Workbench,
+    pub(super) active: usize,
 }
 
 /// What one of the ways needs.
@@ -109,16 +109,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     rows.iter().try_for_each(|row| output::line(row.in_words()))
 }
 
-/// A search to its end, with the states it went through.
-struct Searched {
-    search: Search,
-    verdict: Verdict,
-    solved: usize,
-    seeds: Vec<([f64; 3], Seed)>,
-}
-
 impl Case<'_> {
-    fn wanted(&self) -> Result<Wanted, Failure> {
+    pub(super) fn wanted(&self) -> Result<Wanted, Failure> {
         let scene = &self.bench.scene;
         let sampling = self.bench.sampling()?;
         let Some(scattered) = sampling.scattered() else {
@@ -130,47 +122,18 @@ impl Case<'_> {
         Ok(scattered.wanted(scene.max_force_n, self.bench.body.rest_position_m(node), normal))
     }
 
-    fn solver(&self) -> Solver {
+    pub(super) fn solver(&self) -> Solver {
         Solver::new(self.bench.problem(&self.bench.scene.active[self.active]))
     }
 
-    fn searched(&self, wanted: Wanted) -> Result<Searched, Failure> {
-        let mut solver = self.solver();
-        let rest = solver.rest().map_err(Failure::work)?;
-        // Rest has no force by its definition.
-        let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) };
-        let (mut search, mut seeds) = (Search::new(wanted, &jet), vec![([0.0; 3], rest.seed)]);
-        let mut solved = 1;
-        loop {
-            let targets = match search.step() {
-                Step::Done(verdict) => return Ok(Searched { search, verdict, solved, seeds }),
-                Step::Solve(targets) => targets,
-            };
-            let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.displacement_m).collect();
-            let mut found = Vec::new();
-            for target in &targets {
-                let at = target.displacement_m();
-                let (_, seed) = nearest(&seeds, parents[target.parent]);
-                let outcome = solver.advance(seed, at);
-                solved += usize::from(outcome.is_ok());
-                found.push(match outcome {
-                    Ok(c) if !c.switched => {
-                        let jet = EnergyJet::from(&c);
-                        seeds.push((at, c.seed));
-                        Found::Solved(jet)
-                    }
-                    Ok(c) => Found::Elsewhere(EnergyJet::from(&c)),
-                    Err(_) => Found::Failed,
-                });
-            }
-            search.take(&found);
-        }
+    fn searched(&self, wanted: Wanted) -> Result<Alone, Failure> {
+        alone(&mut self.solver(), wanted, None).map_err(Failure::work)
     }
 
     fn measured(&self, args: &Args) -> Result<Row, Failure> {
         let wanted = self.wanted()?;
         let own = self.searched(wanted)?;
-        let mut best: Option<(Searched, f64, Vec<Place>, f64)> = None;
+        let mut best: Option<(Alone, f64, Vec<Place>, f64)> = None;
         for wider in WIDER {
             let Tolerance { relative, absolute_n } = wanted.tolerance;
             let tolerance = Tolerance { relative: 0.25 * relative, absolute_n: 0.25 * absolute_n };
@@ -216,7 +179,7 @@ impl Case<'_> {
     }
 
     /// Fresh positions within reach, solved.
-    fn truths(&self, reference: &Searched, wanted: &Wanted, count: usize) -> Vec<Place> {
+    pub(super) fn truths(&self, reference: &Alone, wanted: &Wanted, count: usize) -> Vec<Place> {
         let mut solver = self.solver();
         let mut places = Vec::new();
         // Other numbers than those of the candidates.
@@ -226,8 +189,7 @@ impl Case<'_> {
             if norm(said) > 1.1 * wanted.max_force_n || !is_inside(wanted, at) {
                 continue;
             }
-            let (_, seed) = nearest(&reference.seeds, at);
-            let Ok(c) = solver.advance(seed, at) else { continue };
+            let Ok(c) = solver.advance(reference.nearest(at), at) else { continue };
             if !c.switched && is_reached(wanted, c.force_n) {
                 places.push(Place { at, exact: c.force_n });
             }
@@ -247,7 +209,7 @@ struct Baselines<'p> {
 }
 
 /// Who solves configurations in reality.
-type Real<'r> = Option<(&'r Case<'r>, &'r Searched)>;
+type Real<'r> = Option<(&'r Case<'r>, &'r Alone)>;
 
 impl Baselines<'_> {
     fn all(&self, rest: EnergyJet, real: Real<'_>) -> Vec<Need> {
@@ -405,14 +367,14 @@ impl Baselines<'_> {
 }
 
 /// The same samples by finite elements, each from the nearest state that is known.
-fn solved(real: (&Case<'_>, &Searched), grid: &SpaceGrid, samples: &[Sample]) -> Option<Vec<Sample>> {
+fn solved(real: (&Case<'_>, &Alone), grid: &SpaceGrid, samples: &[Sample]) -> Option<Vec<Sample>> {
     let places: Vec<[f64; 3]> = samples.iter().map(|s| grid.displacement_m(s.index)).collect();
     let jets = solve_all(real, &places)?;
     let of = |(old, jet): (&Sample, EnergyJet)| sample(old.index, &jet, old.terminating);
     Some(samples.iter().zip(jets).map(of).collect())
 }
 
-fn solve_all((case, searched): (&Case<'_>, &Searched), places: &[[f64; 3]]) -> Option<Vec<EnergyJet>> {
+fn solve_all((case, searched): (&Case<'_>, &Alone), places: &[[f64; 3]]) -> Option<Vec<EnergyJet>> {
     let mut solver = case.solver();
     let mut jets = Vec::new();
     for &at in places {
@@ -420,15 +382,9 @@ fn solve_all((case, searched): (&Case<'_>, &Searched), places: &[[f64; 3]]) -> O
             jets.push(searched.search.jets()[0]);
             continue;
         }
-        let (_, seed) = nearest(&searched.seeds, at);
-        jets.push(EnergyJet::from(&solver.advance(seed, at).ok()?));
+        jets.push(EnergyJet::from(&solver.advance(searched.nearest(at), at).ok()?));
     }
     Some(jets)
-}
-
-fn nearest(seeds: &[([f64; 3], Seed)], to: [f64; 3]) -> &([f64; 3], Seed) {
-    let away = |(at, _): &&([f64; 3], Seed)| apart(*at, to);
-    seeds.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("rest is there")
 }
 
 fn is_inside(wanted: &Wanted, at: [f64; 3]) -> bool {
