@@ -14,9 +14,9 @@ use super::positions::{random_path, regular_directions, regular_path, uniform_po
 use super::{Draw, Kind, Walk, WalkJob};
 use crate::configuration_space::crew::Shift;
 use crate::configuration_space::{
-    Crew, CrewError, Done, GridIndex, Sampling, Store, StoreError, Work, still_to_solve,
+    Crew, CrewError, Done, GridIndex, Plans, Sampling, SpacePlan, Store, StoreError, Work,
 };
-use crate::scattered::{WithinReach, planned};
+use crate::scattered::{Search, WithinReach};
 
 /// The truth to solve.
 #[derive(Debug, Clone)]
@@ -133,6 +133,7 @@ impl HeldOut {
             done: BTreeMap::new(),
             state: HeldOutProgress::default(),
         };
+        let plans = Plans::of(store)?;
         let mut uniform = Vec::new();
         let mut queue = VecDeque::new();
         for (active, name) in &self.actives {
@@ -143,7 +144,7 @@ impl HeldOut {
                 self.paths(*active).filter(|walk| !run.done.contains_key(walk)).map(|walk| (walk, None)),
             );
             if self.draw.uniform > 0 {
-                uniform.push(Uniform::of(store, *active, name)?);
+                uniform.push(Uniform::of(store, &plans, *active, name)?);
             }
         }
         let paths =
@@ -295,9 +296,13 @@ struct Uniform {
 
 impl Uniform {
     /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
-    fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
-        let within = planned(store, active)?.and_then(|plan| Some(plan.search()?.within_reach()));
-        let open = still_to_solve(store, active)?;
+    fn of(store: &Store, plans: &Plans, active: usize, name: &str) -> Result<Self, HeldOutError> {
+        // Once: to walk a search again takes as long as its fits.
+        let (plan, open) = plans.replayed(active, &store.attempts(active)?);
+        let within = match plan {
+            SpacePlan::Scattered(plan) => plan.search().map(Search::within_reach),
+            SpacePlan::Lattice(_) => None,
+        };
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
