@@ -92,3 +92,42 @@ fn direction(n: u32) -> [f64; 3] {
     let across = (1.0 - z * z).sqrt();
     [across * c, across * s, z]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::Tolerance;
+    use super::*;
+    use crate::fit::made_up::jet;
+
+    /// A fit of a short length knows nothing beyond it and answers like the body at rest: without the Taylor series of what is known it
+    /// would send the tool far beyond the limit.
+    #[test]
+    fn a_fit_that_knows_nothing_there_does_not_lead_astray() {
+        let wanted = Wanted {
+            tolerance: Tolerance::CANNOT_BE_FELT,
+            radius_m: 0.1,
+            max_force_n: 20.0,
+            push: None,
+            workspace_m: None,
+            most: 100,
+        };
+        let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet);
+        let mut fit = KernelFit::new(0.004, jets[0].stiffness_n_m);
+        fit.add(&jets).expect("apart");
+        let known = Known { wanted: &wanted, fit: &fit, jets: &jets };
+        let candidates = known.candidates(0);
+        assert!(candidates.len() > 500);
+        let limit_n = 1.001 * ALLOWANCE * wanted.max_force_n;
+        for &at in &candidates {
+            let [by_fit, by_taylor] =
+                [fit.force_n(at), known.nearest(at).expect("two").taylor_force_n(at)].map(norm);
+            assert!(by_fit <= limit_n && by_taylor <= limit_n, "{at:?}: {by_fit} N, {by_taylor} N");
+        }
+        // There is something to go astray to: further out along a ray the fit alone would still be within the limit.
+        let astray = candidates.iter().filter(|at| {
+            let further = at.map(|x| 1.2 * x);
+            norm(further) <= wanted.radius_m && norm(fit.force_n(further)) <= wanted.max_force_n
+        });
+        assert!(astray.count() > 20);
+    }
+}

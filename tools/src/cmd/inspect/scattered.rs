@@ -16,9 +16,16 @@ pub(crate) fn in_words(linear: &LinearSuits) -> String {
 /// Words and figures.
 pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let Some(search) = plan.search() else { return (String::new(), json!(null)) };
+    let (left_out, worst) = search.left_out();
     let verdict = match plan.verdict() {
         Some(Verdict::Linear) => in_words(&search.linear()),
-        Some(Verdict::Passed) => format!("passed: the last {PASSES} predictions were within tolerance"),
+        Some(Verdict::Passed) if search.passes() >= PASSES => {
+            format!("passed: the last {PASSES} predictions were within tolerance")
+        }
+        Some(Verdict::Passed) => format!(
+            "passed: the last {} predictions were within tolerance, and each of {left_out} configurations as the others say",
+            search.passes()
+        ),
         Some(Verdict::Stalled) => {
             let on = plan.switched().map_or_else(String::new, |lattice| {
                 let (counts, spacing_mm) = (lattice.counts(), 1e3 * lattice.grid().spacing_m);
@@ -37,7 +44,7 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
         .map(|test| format!("{:.2}", share(test)))
         .collect();
     let words = format!(
-        "  {verdict}\n  {} configurations in the fit, length {:.1} mm; errors of the last predictions by their tolerance: {}\n",
+        "  {verdict}\n  {} configurations in the fit, length {:.1} mm; errors of the last predictions by their tolerance: {}; of each from the others: up to {worst:.2}\n",
         search.jets().len(),
         1e3 * search.fit().length_m(),
         last.join(" ")
@@ -55,6 +62,7 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     });
     let figures = json!({
         "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
+        "left_out": { "configurations": left_out, "worst": worst },
         "linear": search.linear(), "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
     });
     (words, figures)

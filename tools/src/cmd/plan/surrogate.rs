@@ -59,14 +59,12 @@ impl Surrogate {
         let (rest, wanted) = (*probed.jets.first()?, probed.wanted);
         let mean = (rest.stiffness_n_m.trace() / 3.0).max(f64::MIN_POSITIVE);
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
-        let mut best = None;
-        for share in LENGTHS {
-            let Some(score) = left_out(&probed.jets, share * reach, &wanted) else { continue };
-            if best.is_none_or(|(least, _)| score < least) {
-                best = Some((score, share));
-            }
-        }
-        let (score, share) = best?;
+        let scores = LENGTHS.iter().filter_map(|share| {
+            let mut fit = KernelFit::new(share * reach, rest.stiffness_n_m);
+            fit.add(&probed.jets).ok()?;
+            Some((left_out(&fit, &probed.jets, &wanted), share))
+        });
+        let (score, share) = scores.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let mut fit = KernelFit::new(ROUGHER * share * reach, rest.stiffness_n_m);
         fit.add(&probed.jets).ok()?;
         let doubt = doubt(score.sqrt(), probed.jets.len() - 1);
@@ -186,20 +184,12 @@ pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sa
     }
 }
 
-/// Mean square of the errors, by the tolerance, that a fit of this length makes at every probe without it; `None` if it cannot be made.
-fn left_out(jets: &[EnergyJet], length_m: f64, wanted: &Wanted) -> Option<f64> {
-    let mut sum = 0.0;
-    for without in 1..jets.len() {
-        let mut fit = KernelFit::new(length_m, jets[0].stiffness_n_m);
-        let others: Vec<EnergyJet> =
-            jets.iter().enumerate().filter(|(n, _)| *n != without).map(|(_, jet)| *jet).collect();
-        fit.add(&others).ok()?;
-        let truth = &jets[without];
-        let found = fit.force_n(truth.displacement_m);
-        let error_n = norm(std::array::from_fn(|i| found[i] - truth.force_n[i]));
-        sum += (error_n / wanted.tolerance.at(truth.force_n)).powi(2);
-    }
-    Some(sum / (jets.len() - 1).max(1) as f64)
+/// Mean square of the errors, by the tolerance, that the fit would make at every probe without it.
+fn left_out(fit: &KernelFit, jets: &[EnergyJet], wanted: &Wanted) -> f64 {
+    let missed = fit.left_out_n().zip(jets).skip(1);
+    let sum: f64 =
+        missed.map(|(missed, jet)| (norm(missed) / wanted.tolerance.at(jet.force_n)).powi(2)).sum();
+    sum / (jets.len() - 1).max(1) as f64
 }
 
 /// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it says of a probe that is left
