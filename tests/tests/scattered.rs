@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{Coverage, Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::blob_writer::{PackError, PackOptions, method_for, pack};
-use palpate_precompute::certificate::{answers, certify};
+use palpate_precompute::certificate::{MethodCertificate, SpaceCertificate, answers, certify};
 use palpate_precompute::configuration_space::{
     ExpansionError, Plans, Sampling, Scattered, SpacePlan, Store, with_threads,
 };
@@ -20,6 +20,10 @@ const TOLERANCE: Tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
 /// Of a tool that moves so far.
 fn scattered(radius_m: f64) -> Scattered {
     Scattered { radius_m, tolerance: TOLERANCE, only_push: false, workspace_m: None }
+}
+
+fn energy(space: &SpaceCertificate) -> &MethodCertificate {
+    space.methods.iter().find(|of| of.method == Method::Energy.name()).expect("packed")
 }
 
 fn bench() -> SpaceBench {
@@ -66,7 +70,7 @@ fn small_displacements_are_stored_as_a_linear_body() {
     assert_eq!(space.linear, Some(suits));
     // One cell along the radius, and what the fresh positions say of it.
     assert_eq!(organ.spaces[0].lattice.reach(), 1);
-    let uniform = &space.methods[0].uniform;
+    let uniform = &energy(space).uniform;
     assert!(uniform.count == 40 && uniform.max_n < 1.5 * TOLERANCE.absolute_n, "{uniform:?}");
     let displacement = space.displacement.as_ref().expect("displacements");
     assert!(displacement.modes <= 3 && displacement.uniform.rms_max_mm < 0.1, "{displacement:?}");
@@ -172,10 +176,14 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let certificate = certify(&one, &organ).expect("measured");
     let space = &certificate.spaces[0];
-    let uniform = &space.methods[0].uniform;
+    let uniform = &energy(space).uniform;
     assert_eq!(uniform.count, 60);
     // Absolute tolerance 5 mN; forces of up to 1 N.
     assert!(uniform.p99_n < 0.02 && uniform.mean_n < 0.005, "{uniform:?}");
+    // The certificate judges by the scene's own tolerance, which is a quarter of what a hand feels.
+    let tolerated = energy(space).tolerated.expect("it names one");
+    assert_eq!(tolerated.tolerance, TOLERANCE);
+    assert!(tolerated.count >= 57 && tolerated.count <= uniform.not_felt, "{tolerated:?}");
     // The kernel itself: the table is within a tenth of the tolerance of it.
     let of = |method: Method| space.methods.iter().find(|m| m.method == method.name()).expect("packed");
     let (energy, kernel) = (of(Method::Energy), of(Method::Kernel));

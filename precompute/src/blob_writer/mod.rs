@@ -183,7 +183,7 @@ pub fn pack_with(
     for (x, rest) in mesh.nodes_m.iter_mut().zip(first.iter().flatten()) {
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
     }
-    let surface = Surface::of(&mesh);
+    let surface = Surface::of(&mesh).seen(&mesh);
     let visual = identity.visual && !options.methods.is_empty();
     let visual = visual.then_some(identity.displacement_bound);
     let mut chosen = Vec::new();

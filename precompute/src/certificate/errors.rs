@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::scattered::Tolerance;
+
 /// What a method answered at one position, beside the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
@@ -101,6 +103,29 @@ impl Errors {
     }
 }
 
+/// Positions against a tolerance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Within {
+    /// What an error may be.
+    pub tolerance: Tolerance,
+    /// Positions where it is no more.
+    pub count: usize,
+    /// The share of all positions where it is no more, with 95 % confidence.
+    pub certified: f64,
+}
+
+impl Within {
+    /// Of these positions.
+    pub fn of<'c>(tolerance: Tolerance, compared: impl IntoIterator<Item = &'c Compared>) -> Self {
+        let (mut tests, mut count) = (0, 0);
+        for c in compared {
+            tests += 1;
+            count += usize::from(c.error_n() <= tolerance.at(c.truth_n));
+        }
+        Self { tolerance, count, certified: certified_share(tests, tests - count) }
+    }
+}
+
 /// The smallest value that at least this share of the sorted ones does not exceed.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let place = (share * sorted.len() as f64).ceil() as usize;
@@ -136,6 +161,22 @@ fn at_most(n: usize, k: usize, p: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tolerance_of_the_scenes_own_is_held_against_the_same_positions() {
+        let compared = [0.0, 0.001, 0.004, 0.03].map(|error| Compared {
+            truth_n: [1.0, 0.0, 0.0],
+            found_n: [1.0 + error, 0.0, 0.0],
+            covered: true,
+        });
+        let count = |relative, absolute_n| Within::of(Tolerance { relative, absolute_n }, &compared).count;
+        assert_eq!(
+            (count(0.0, 0.002), count(0.0035, 0.002), count(0.0045, 0.002), count(0.0, 0.1)),
+            (2, 2, 3, 4)
+        );
+        let within = Within::of(Tolerance { relative: 0.0, absolute_n: 0.002 }, &compared);
+        assert!((within.certified - certified_share(4, 2)).abs() < 1e-12 && within.certified < 0.5);
+    }
 
     #[test]
     fn the_numbers_of_tests_that_certify_99_percent() {

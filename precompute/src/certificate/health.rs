@@ -101,6 +101,8 @@ const FAILED: Limits = Limits { yellow: 0.01, red: 0.05 };
 const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: NOT_FELT_N / 20.0 };
 /// Share of independent positions where the error is felt, with the best method.
 const FELT: Limits = Limits { yellow: 0.01, red: 0.05 };
+/// Share of them where it is beyond the tolerance that the scene names itself.
+const TOLERATED: Limits = Limits { yellow: 0.01, red: 0.05 };
 /// Difference of the tick's arithmetic from f64, N.
 const ROUNDING_N: Limits = Limits { yellow: NOT_FELT_N / 10.0, red: NOT_FELT_N };
 /// Condition of the fit's matrix: the nuggets hold it below 1e12 unless data contradict each other.
@@ -213,13 +215,36 @@ impl Health {
         }
         let measured = || found.methods.iter().filter(|method| method.uniform.count > 0);
         let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
-        if let Some(best) = measured().min_by(|a, b| felt(a).total_cmp(&felt(b))) {
+        let best = measured().min_by(|a, b| felt(a).total_cmp(&felt(b)));
+        if let Some(best) = best {
+            // A scene that names a tolerance of its own may allow what can be felt; what it does not allow is judged below.
+            // One position that is felt may be bad luck, however few there are.
+            let is_sure = best.uniform.count > best.uniform.not_felt + 1;
+            let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
             let percent = 100.0 * felt(best);
             say(
-                FELT.of(felt(best)),
+                FELT.of(felt(best)).min(most),
                 format!(
                     "the error can be felt at {percent:.1} % of {} independent positions ({}, the best method)",
                     best.uniform.count, best.method
+                ),
+            );
+        } else {
+            say(
+                Verdict::Yellow,
+                "no independent position away from folds was solved: nothing is known of the errors".into(),
+            );
+        }
+        let beyond = |m: &MethodCertificate| Some(1.0 - m.tolerated?.count as f64 / m.uniform.count as f64);
+        let beyond = measured().filter_map(|m| Some((m, beyond(m)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((best, share)) = beyond {
+            say(
+                TOLERATED.of(share),
+                format!(
+                    "the error is beyond the scene's tolerance at {:.1} % of {} independent positions ({}, the best method)",
+                    100.0 * share,
+                    best.uniform.count,
+                    best.method
                 ),
             );
         }
@@ -235,7 +260,9 @@ impl Health {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Errors, Probe, Within};
     use super::*;
+    use crate::scattered::Tolerance;
 
     #[test]
     fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {
@@ -246,26 +273,60 @@ mod tests {
         }
     }
 
+    /// With so many independent positions.
+    fn method(count: usize, not_felt: usize, tolerated: Option<Within>) -> MethodCertificate {
+        let uniform = Errors { count, not_felt, ..Errors::default() };
+        let none = Errors::default();
+        MethodCertificate {
+            method: "energy".into(),
+            uniform,
+            by_radius: [none; 3],
+            folded: none,
+            not_felt_certified: 0.0,
+            tolerated,
+            regular: none,
+            random: none,
+            paths_folded: none,
+            probe: Probe::default(),
+        }
+    }
+
     /// Each kind of trouble alone turns a sound space yellow or red, and says so.
     #[test]
     fn the_loudest_reason_is_the_verdict() {
         let sound = Health { reachable: 200, min_jacobian: 0.4, ..Health::default() };
         let cost = Cost { configurations: 200, ..Cost::default() };
-        let judged = |health: &Health, change: &dyn Fn(&mut Findings<'_>)| {
+        let measured = [method(300, 300, None)];
+        let judge = |health: &Health, methods: &[MethodCertificate], change: &dyn Fn(&mut Findings<'_>)| {
             let two_solutions = TwoSolutions::default();
             let mut found = Findings {
                 cost: &cost,
                 fold_pairs: 0,
                 folded_volume: 0.0,
                 two_solutions,
-                methods: &[],
+                methods,
                 search: None,
             };
             change(&mut found);
             let reasons = health.judged(&found);
             (reasons.iter().map(|r| r.verdict).max().unwrap_or_default(), reasons.len())
         };
+        let judged = |health: &Health, change: &dyn Fn(&mut Findings<'_>)| judge(health, &measured, change);
         let nothing = |_: &mut Findings<'_>| {};
+        assert_eq!(judge(&sound, &[], &nothing), (Verdict::Yellow, 1));
+        let tolerance = Tolerance { relative: 0.0, absolute_n: 0.5 };
+        for (of, not_felt, tolerated, verdict) in [
+            (5, 4, None, Verdict::Yellow),
+            (5, 3, None, Verdict::Red),
+            (300, 290, None, Verdict::Yellow),
+            (300, 250, Some(300), Verdict::Yellow),
+            (300, 300, Some(290), Verdict::Yellow),
+            (300, 300, Some(250), Verdict::Red),
+        ] {
+            let tolerated = tolerated.map(|count| Within { tolerance, count, certified: 0.0 });
+            let judged = judge(&sound, &[method(of, not_felt, tolerated)], &nothing);
+            assert_eq!(judged, (verdict, 1), "{not_felt} of {of}, {tolerated:?}");
+        }
         assert_eq!(judged(&sound, &nothing), (Verdict::Green, 0));
         for (health, verdict) in [
             (Health { unstable: 1, ..sound.clone() }, Verdict::Yellow),

@@ -72,7 +72,7 @@ pub struct Effort<'s> {
     pub stop: &'s AtomicBool,
 }
 
-/// The ledger of the space of active node number `active`, by its first method. `None` if it was stopped, or has no held-out positions.
+/// The ledger of the space of active node number `active`, by its energy, or else by its first method. `None` if it was stopped, or has no held-out positions.
 pub fn ledger(
     store: &Store,
     active: usize,
@@ -85,7 +85,8 @@ pub fn ledger(
         return Ok(None);
     };
     let is_certified = |method: Method| certificate.methods.iter().any(|of| of.method == method.name());
-    let mut methods = Method::ALL.into_iter().filter(|&method| space.has(method));
+    // What `run` takes where it is told nothing else.
+    let mut methods = [Method::Energy].into_iter().chain(Method::ALL).filter(|&method| space.has(method));
     let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
     let mut positions = truths(store, active, space, &store.identity()?.sampling)?;
     positions.retain(|truth| truth.walk.kind == Kind::Uniform && !truth.folded);

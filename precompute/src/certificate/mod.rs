@@ -13,7 +13,7 @@ pub mod reference;
 use std::collections::BTreeMap;
 
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
-pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, certified_share};
+pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
 pub use ledger::{Effort, Ledger, Line, ledger};
 pub use probes::{Probe, Work, nanoseconds};
@@ -29,7 +29,7 @@ use crate::configuration_space::fold::folds;
 use crate::configuration_space::{GridIndex, Record, Sampling, Scattered, Store, StoreError};
 use crate::fit::samples;
 use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
-use crate::scattered::{LinearSuits, Verdict as LoopVerdict, planned};
+use crate::scattered::{LinearSuits, Tolerance, Verdict as LoopVerdict, planned};
 use crate::scene::reach::is_within;
 
 /// Everything that was measured of a blob.
@@ -165,6 +165,9 @@ pub struct MethodCertificate {
     pub folded: Errors,
     /// Share of positions whose error a hand does not feel, with 95 % confidence, from the uniform ones away from folds.
     pub not_felt_certified: f64,
+    /// The same positions against the tolerance that the scene names itself; none where it names none but what a hand feels.
+    #[serde(default)]
+    pub tolerated: Option<Within>,
     /// Regular paths within the grid and f_max, points of the grid left out, away from folds.
     pub regular: Errors,
     /// Random paths, alike.
@@ -251,7 +254,10 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             displacement::measure(store, active, space, table, nodes, &samples, solved)
         });
         let cost = cost(store, active)?;
-        let methods: Vec<MethodCertificate> = methods.map(|method| measure(space, method, &truths)).collect();
+        let tolerance = sampling.scattered().map(|scattered| scattered.tolerance);
+        let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::CANNOT_BE_FELT);
+        let methods: Vec<MethodCertificate> =
+            methods.map(|method| measure(space, method, &truths, tolerance)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
         let folded_volume = probes::share_of_ball(space, |at| is_folded(space, at));
         let search = scattered.as_ref().and_then(|plan| Some((plan.search()?, plan.verdict())));
@@ -361,7 +367,12 @@ fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
     corners.iter().any(|(slot, _)| space.flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
 }
 
-fn measure(space: &Space<'_>, method: Method, truths: &[Truth]) -> MethodCertificate {
+fn measure(
+    space: &Space<'_>,
+    method: Method,
+    truths: &[Truth],
+    tolerance: Option<Tolerance>,
+) -> MethodCertificate {
     let answers = answered(space, method, truths);
     let errors = |chosen: &dyn Fn(&Answer) -> bool| {
         Errors::of(answers.iter().filter(|answer| chosen(answer)).map(|answer| &answer.compared))
@@ -378,6 +389,10 @@ fn measure(space: &Space<'_>, method: Method, truths: &[Truth]) -> MethodCertifi
         by_radius: [ring(-1.0, 0.5), ring(0.5, 0.75), ring(0.75, 2.0)],
         folded: errors(&|at| at.folded && at.walk.kind == Kind::Uniform),
         not_felt_certified: certified_share(uniform.count, uniform.count - uniform.not_felt),
+        tolerated: tolerance.map(|tolerance| {
+            let clear = answers.iter().filter(|at| clear(at, Kind::Uniform));
+            Within::of(tolerance, clear.map(|answer| &answer.compared))
+        }),
         uniform,
         regular: errors(&|at| clear(at, Kind::Regular)),
         random: errors(&|at| clear(at, Kind::Random)),

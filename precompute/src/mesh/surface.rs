@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::TetMesh;
-use super::tetrahedral::{cross, norm, sorted, sub};
+use super::tetrahedral::{cross, dot, norm, sorted, sub};
 
 /// The four faces of a tet of positive volume, each counter-clockwise seen from outside.
 pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
@@ -63,13 +63,41 @@ impl Surface {
             let faces = FACES.map(|face| face.map(|v| tet[v]));
             triangles.extend(faces.into_iter().filter(|&face| uses[&sorted(face)] == 1));
         }
+        let overlapping_faces = uses.values().filter(|&&tets| tets > 2).count();
+        Self::made_of(mesh, triangles, overlapping_faces)
+    }
+
+    fn made_of(mesh: &TetMesh, triangles: Vec<[u32; 3]>, overlapping_faces: usize) -> Self {
         let mut nodes: Vec<u32> = triangles.iter().flatten().copied().collect();
         nodes.sort_unstable();
         nodes.dedup();
-        let overlapping_faces = uses.values().filter(|&&tets| tets > 2).count();
         let normals = vertex_normals(mesh, &triangles, &nodes);
         let topology = topology(&triangles, &nodes, overlapping_faces);
         Self { triangles, nodes, normals, topology }
+    }
+
+    /// What can be seen of it: without the walls of cavities.
+    #[must_use]
+    pub fn seen(self, mesh: &TetMesh) -> Self {
+        let mut walls = UnionFind::new(self.triangles.len());
+        let mut first_of: HashMap<[u32; 2], usize> = HashMap::with_capacity(2 * self.triangles.len());
+        for (index, &[a, b, c]) in self.triangles.iter().enumerate() {
+            for edge in [[a, b], [b, c], [c, a]] {
+                walls.join(index, *first_of.entry(sorted(edge)).or_insert(index));
+            }
+        }
+        // Turned outward, the triangles of a body's outside enclose a positive volume, and those of a cavity a negative one.
+        let mut volumes = vec![0.0; self.triangles.len()];
+        for (index, triangle) in self.triangles.iter().enumerate() {
+            let [a, b, c] = triangle.map(|node| mesh.nodes_m[node as usize]);
+            volumes[walls.root(index)] += dot(&a, &cross(&b, &c));
+        }
+        if volumes.iter().all(|&volume| volume >= 0.0) {
+            return self;
+        }
+        let keep: Vec<bool> = (0..self.triangles.len()).map(|n| volumes[walls.root(n)] > 0.0).collect();
+        let seen = self.triangles.iter().zip(keep).filter(|(_, keep)| *keep);
+        Self::made_of(mesh, seen.map(|(triangle, _)| *triangle).collect(), self.topology.overlapping_faces)
     }
 
     /// Whether a mesh node lies on the boundary.
@@ -207,7 +235,7 @@ impl UnionFind {
 mod tests {
     use super::*;
     use crate::mesh::testing::{cube, unit_tet};
-    use crate::mesh::tetrahedral::{dot, six_volume};
+    use crate::mesh::tetrahedral::six_volume;
 
     #[test]
     fn every_triangle_looks_outward() {

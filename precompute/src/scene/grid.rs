@@ -43,6 +43,10 @@ impl Lookup<'_> {
             let mend = "give `cannot_be_felt` or a tolerance instead of the spacing, or a smaller `radius_m`";
             return Err(self.place.error(corner.span(), what, mend));
         }
+        if only_push {
+            let what = "contact = \"push\" prunes positions only where a tolerance drives the sampling: the lattice is solved all round";
+            self.warnings.push(what.into());
+        }
         let spacing_m = match (&table.spacing_m, &table.points) {
             (Some(spacing), None) => {
                 let spacing_m = positive(self.place, "spacing_m", spacing)?;

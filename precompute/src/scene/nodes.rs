@@ -12,6 +12,9 @@ use super::{ActiveNode, Scene, Unreachable, Workspace};
 use crate::error::{InputError, count};
 use crate::mesh::tetrahedral::distance;
 
+/// The group of all nodes of the surface, where the mesh has none of that name.
+const SURFACE: &str = "surface";
+
 impl Lookup<'_> {
     fn node(&self, node: &Spanned<i64>) -> Result<u32, InputError> {
         let n = self.mesh.nodes_m.len();
@@ -207,7 +210,12 @@ impl Lookup<'_> {
                 Ok(vec![self.handle(at.table, name, node, fixed)?])
             }
             (None, None, Some(group)) => {
-                let members = self.group(&self.mesh.node_groups, "nodes", group)?;
+                let groups = &self.mesh.node_groups;
+                // A mesh without a group of that name has a surface all the same.
+                let members = match group.get_ref().as_str() {
+                    SURFACE if !groups.contains_key(SURFACE) => &self.skin.nodes,
+                    _ => self.group(groups, "nodes", group)?,
+                };
                 let free = |node: &&u32| self.skin.contains(**node) && fixed.binary_search(node).is_err();
                 let nodes: Vec<u32> = members.iter().filter(free).copied().collect();
                 if nodes.is_empty() {
@@ -272,7 +280,7 @@ impl Lookup<'_> {
     fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
         let target = finite(self.place, "nearest", point)?;
         let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
-        let nearest = self.skin.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
+        let nearest = self.seen.nodes.iter().copied().min_by(|&a, &b| away(a).total_cmp(&away(b)));
         let node = nearest.expect("a mesh with a tet has a surface");
         let size = self.mesh.diagonal_m();
         if away(node) > size {
@@ -291,6 +299,12 @@ impl Lookup<'_> {
         if fixed.binary_search(&node).is_ok() {
             let what = format!("active node \"{name}\" (node {node}) is in the fixed set");
             return Err(self.place.error(span, what, "choose a free node, or take it out of [fixed]"));
+        }
+        if self.skin.contains(node) && !self.seen.contains(node) {
+            let what = format!(
+                "active node \"{name}\" (node {node}) is on the wall of a cavity, where no tool gets"
+            );
+            return Err(self.place.error(span, what, "choose a node on the outside"));
         }
         if !self.skin.contains(node) {
             let what =

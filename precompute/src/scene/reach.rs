@@ -1,7 +1,7 @@
 //! Which active nodes a tool can reach at all.
 //!
 //! Of a group of nodes those are left out that no tool gets to: outside the workspace, or behind the body's own surface. A node named by itself
-//! is an error instead: whoever names it wants it.
+//! outside the workspace, or on the wall of a cavity, is an error instead: whoever names it wants it.
 
 use serde::{Deserialize, Serialize};
 
@@ -142,6 +142,12 @@ mod tests {
             let (mesh, [inner, outer]) = hollow(is_open);
             let skin = Surface::of(&mesh);
             assert_eq!(inner.len(), 8);
+            // What is seen is the skin without the cavity's walls; a tunnel's are seen.
+            let seen = skin.clone().seen(&mesh);
+            assert_eq!(skin.nodes.len() - seen.nodes.len(), if is_open { 0 } else { 8 });
+            assert_eq!(skin.triangles.len() - seen.triangles.len(), if is_open { 0 } else { 12 });
+            assert!(inner.iter().all(|&node| seen.contains(node) == is_open));
+            assert_eq!(seen == skin, is_open);
             for node in inner {
                 assert_eq!(is_hidden(&mesh, &skin, node), !is_open, "node {node}");
             }

@@ -28,7 +28,8 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         None => (load_mesh(scene)?, None),
     };
     let skin = Surface::of(&mesh);
-    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, warnings: Vec::new() };
+    let seen = skin.clone().seen(&mesh);
+    let mut lookup = Lookup { place, mesh: &mesh, skin: &skin, seen: &seen, warnings: Vec::new() };
     let materials = lookup.materials(scene)?;
     let fixed = known_fixed.map_or_else(|| lookup.fixed(&file.fixed), Ok)?;
     let grid_table = file.grid.as_ref().map(Spanned::get_ref);
@@ -228,6 +229,8 @@ pub(super) struct Lookup<'a> {
     pub(super) place: &'a Place,
     pub(super) mesh: &'a TetMesh,
     pub(super) skin: &'a Surface,
+    /// The skin without the walls of cavities.
+    pub(super) seen: &'a Surface,
     pub(super) warnings: Vec<String>,
 }
 

@@ -78,6 +78,10 @@ fn active_nodes_in_every_way() {
     let scene = bench.with("node = 63", "group = \"right\"").expect("sound");
     assert_eq!(scene.active.len(), 16 + 1);
     assert_eq!(scene.active[0], ActiveNode { name: "A1-48".into(), node: 48, patch: vec![] });
+    // A mesh without a group of that name has a surface all the same.
+    let surface = bench.with("node = 63", "group = \"surface\"").expect("sound");
+    let all = bench.with("node = 63", "group = \"all\"").expect("sound");
+    assert_eq!(surface.active, all.active);
     let scene = bench.with("node = 63", "group = \"all\"").expect("sound");
     // 64 nodes less 16 fixed ones less the 8 inside.
     assert_eq!(scene.active.len(), 40 + 1);

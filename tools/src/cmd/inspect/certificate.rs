@@ -6,7 +6,7 @@ use std::path::Path;
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{
     Apart, Certificate, Cost, DisplacementCertificate, Errors, Health, Ledger, Line, MethodCertificate,
-    Reason, SpaceCertificate, TwoSolutions, Verdict, certified_share,
+    Reason, SpaceCertificate, TwoSolutions, Verdict, Within, certified_share,
 };
 
 use super::scattered::in_words as linear_in_words;
@@ -38,7 +38,9 @@ pub(crate) fn in_words(certificate: &Certificate) -> String {
     };
     let verdict = |space: &&SpaceCertificate| space.health.as_ref().map_or(Verdict::Green, |h| h.verdict);
     let mut worst: Vec<&SpaceCertificate> = certificate.spaces.iter().collect();
-    worst.sort_by_key(|space| std::cmp::Reverse((verdict(space), felt(space))));
+    worst.sort_by_key(|space| {
+        std::cmp::Reverse((verdict(space), space.switched_to_spacing_m.is_some(), felt(space)))
+    });
     worst.retain(|space| verdict(space) > Verdict::Green);
     worst.truncate(MOST_SHOWN);
     if !worst.is_empty() {
@@ -79,14 +81,25 @@ fn together(certificate: &Certificate) -> String {
         let mean = of().map(|e| e.mean_n * e.count as f64).sum::<f64>() / positions.max(1) as f64;
         let _ = writeln!(
             text,
-            "  {:<12} error not felt at {:.1} % of {positions} independent positions ({:.1} % certified of a random position of a random \
-             node); mean {} mN, largest {} mN",
+            "  {:<12} error not felt at {:.1} % of {positions} independent positions away from folds ({:.1} % certified of a random such position \
+             of a random node); mean {} mN, largest {} mN",
             method.name(),
             100.0 * not_felt as f64 / positions.max(1) as f64,
             100.0 * certified_share(positions, positions - not_felt),
             mn(mean),
             mn(of().map(|e| e.max_n).fold(0.0, f64::max))
         );
+        let own = spaces.iter().flat_map(|s| &s.methods).filter(|m| m.method == method.name());
+        let within: Option<usize> = own.map(|m| m.tolerated.map(|within| within.count)).sum();
+        if let Some(within) = within {
+            let _ = writeln!(
+                text,
+                "  {:<12} within the scene's tolerance at {:.1} % of them ({:.1} % certified)",
+                "",
+                100.0 * within as f64 / positions.max(1) as f64,
+                100.0 * certified_share(positions, positions - within)
+            );
+        }
     }
     let eyes: Vec<_> = spaces.iter().filter_map(|space| space.displacement.as_ref()).collect();
     if !eyes.is_empty() {
@@ -109,7 +122,10 @@ fn together(certificate: &Certificate) -> String {
         let _ = writeln!(text, "  linear model suffices: at {linear} of them");
     }
     let switched = spaces.iter().filter(|space| space.switched_to_spacing_m.is_some());
-    let switched: Vec<&str> = switched.map(|space| space.active.as_str()).collect();
+    let at = |space: &SpaceCertificate| {
+        format!("{} ({:.0} % of its ball at folds)", space.active, 100.0 * space.folded_volume)
+    };
+    let switched: Vec<String> = switched.map(at).collect();
     if !switched.is_empty() {
         let _ = writeln!(text, "  folds: a lattice took over at {}", switched.join(", "));
     }
@@ -141,9 +157,10 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         }
         let _ = writeln!(
             text,
-            "  folds: {} pairs of neighbours, {:.1} % of the volume in touch with them",
+            "  folds: {} pairs of neighbours, {:.1} % of the volume in touch with them{}",
             space.fold_pairs,
-            100.0 * space.folded_volume
+            100.0 * space.folded_volume,
+            if space.folded_volume > 0.0 { ": what is certified is certified away from it" } else { "" }
         );
         for method in space.methods.iter().filter(|method| method.probe.work_folded.circles > 0) {
             let work = &method.probe.work_folded;
@@ -170,6 +187,20 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
         for method in &space.methods {
             text.push_str(&line(method));
         }
+        for method in &space.methods {
+            let Some(within) = &method.tolerated else { continue };
+            let Within { tolerance, count, certified } = within;
+            let _ = writeln!(
+                text,
+                "    {:<14}within the scene's tolerance ({} % of |h| or {} mN) at {:.1} % of {} positions ({:.1} % certified)",
+                method.method,
+                significant(100.0 * tolerance.relative),
+                significant(1e3 * tolerance.absolute_n),
+                100.0 * *count as f64 / method.uniform.count.max(1) as f64,
+                method.uniform.count,
+                100.0 * certified
+            );
+        }
         let _ = writeln!(
             text,
             "  by radius, mean / max mN   0-1/2      1/2-3/4    3/4-1    paths mean / max     work, %    seam mN  f32 mN       \
@@ -190,7 +221,7 @@ fn tables(spaces: &[&SpaceCertificate]) -> String {
 
 fn of_health(health: &Health) -> String {
     let mut text = format!(
-        "  health: {} (smallest J {:.2}, residual up to {:.1e} N",
+        "  health of this model: {} (smallest J {:.2}, residual up to {:.1e} N",
         health.verdict.name().to_uppercase(),
         health.min_jacobian,
         health.residual_n
@@ -198,10 +229,17 @@ fn of_health(health: &Health) -> String {
     if let Some(condition) = health.condition {
         let _ = write!(text, ", condition of the fit {condition:.0e}");
     }
+    match (health.loop_passed, health.loop_stalled) {
+        (_, true) => text.push_str(", blind loop stalled"),
+        (Some(true), _) => text.push_str(", blind loop passed"),
+        (Some(false), _) => text.push_str(", blind loop not within tolerance"),
+        (None, _) => {}
+    }
     text.push_str(")\n");
     for Reason { verdict, what } in &health.reasons {
         let _ = writeln!(text, "    {}: {what}", verdict.name());
     }
+    text.push_str("    (what mesh and element order leave out is not in it: `pack --ledger`, and `stiffer` in `plan`)\n");
     text
 }
 
@@ -295,8 +333,8 @@ fn of_ledger(ledger: &Ledger) -> String {
     text
 }
 
-/// A cost with three digits.
-fn significant(value: f64) -> String {
+/// A figure with three digits.
+pub(crate) fn significant(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
         size if !(1e-3..1e4).contains(&size) => format!("{value:.1e}"),

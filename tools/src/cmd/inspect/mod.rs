@@ -163,8 +163,9 @@ fn in_words(scattered: &Scattered) -> String {
     let within = workspace_m
         .map_or_else(String::new, |[low, high]| format!(", in the workspace from {low:?} to {high:?} m"));
     format!(
-        "scattered within r_G {radius_m} m{contact}{within}, error at most {:.3} % of |h| or {absolute_n} N",
-        1e2 * relative
+        "scattered within r_G {radius_m} m{contact}{within}, error at most {} % of |h| or {} mN, the larger",
+        certificate::significant(1e2 * relative),
+        certificate::significant(1e3 * absolute_n)
     )
 }
 

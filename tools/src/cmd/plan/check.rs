@@ -125,7 +125,11 @@ impl Predicted<'_> {
                 }
                 let what = |figure| format!("{name}: {figure} of {}", method.method);
                 all.push(Compared {
-                    what: what("error at p99"),
+                    what: what(if method.folded.count > 0 {
+                        "error at p99 away from folds"
+                    } else {
+                        "error at p99"
+                    }),
                     predicted: self
                         .mean_of(*active, |node| of(node).map_or(f64::NAN, |(error, _)| error.p99_n)),
                     happened: method.uniform.p99_n,

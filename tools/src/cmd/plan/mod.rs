@@ -30,6 +30,7 @@ use self::node::{METHODS, NodePlan, mean};
 use self::probe::Order;
 pub(crate) use self::probe::norm;
 use self::row::{LINEAR, Row};
+use crate::cmd::inspect::certificate::significant;
 use crate::failure::Failure;
 use crate::output;
 use crate::workbench::{Workbench, hex, threads};
@@ -130,7 +131,7 @@ struct Plan {
 impl Plan {
     fn of(bench: &Workbench, threads: usize) -> Result<Self, Failure> {
         let (scene, sampling) = (&bench.scene, bench.sampling()?);
-        let surface = Surface::of(&scene.mesh);
+        let surface = Surface::of(&scene.mesh).seen(&scene.mesh);
         let tolerance =
             sampling.scattered().map_or(Tolerance::CANNOT_BE_FELT, |scattered| scattered.tolerance);
         let positions: Vec<[f64; 3]> =
@@ -240,7 +241,7 @@ impl Plan {
         rows.extend(
             linear.filter(|row| bench.body.law_names() != "linear" && row.configurations.is_finite()),
         );
-        let (chosen, why) = row::recommend(&mut rows, self.tolerance_in_words());
+        let (chosen, mut why) = row::recommend(&mut rows, self.tolerance_in_words());
         for beside in &self.besides {
             let stiffer = beside.stiffness_n_m.and_then(|s| match beside.model.order {
                 2 => Some(0.0),
@@ -248,7 +249,17 @@ impl Plan {
             });
             let memory = rows[chosen].memory_bytes
                 + threads as f64 * (beside.memory - 1.0) * model::solver_bytes(size);
-            rows.push(rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory));
+            let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
+            why.push_str(&row.speaks_against(&rows[chosen]));
+            rows.push(row);
+        }
+        let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
+        let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len() + n.probed.lost));
+        if lost > 0 {
+            why.push_str(&format!(
+                "; BUT {lost} of {probes} probes found no solution on their branch: the space folds, a lattice will take over where positions are \
+                 scattered, and neither counts nor errors can be foretold; a smaller radius_m would help"
+            ));
         }
         (rows, chosen, why)
     }
@@ -264,15 +275,15 @@ impl Plan {
     fn in_words(&self, bench: &Workbench) -> String {
         let scene = &bench.scene;
         let mut text = format!(
-            "{}: {} nodes, {} tets, {}, {} of {} active nodes probed; tolerance {:.1} % of |h| or {:.0} mN\n",
+            "{}: {} nodes, {} tets, {}, {} of {} active nodes probed; tolerance {} % of |h| or {} mN\n",
             scene.name,
             scene.mesh.nodes_m.len(),
             scene.mesh.tets.len(),
             bench.body.law_names(),
             self.nodes.len(),
             scene.active.len(),
-            100.0 * self.tolerance.relative,
-            1e3 * self.tolerance.absolute_n
+            significant(100.0 * self.tolerance.relative),
+            significant(1e3 * self.tolerance.absolute_n)
         );
         for node in &self.nodes {
             let NodePlan { probed, linear, .. } = node;

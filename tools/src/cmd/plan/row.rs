@@ -52,6 +52,19 @@ impl Row {
         format!("{}, {sampling}, {}", self.model, self.method)
     }
 
+    /// That this row of another model is both faster and softer than the chosen one, which has the scene's own; nothing if it is not.
+    pub(super) fn speaks_against(&self, chosen: &Self) -> String {
+        let is_softer = matches!((self.stiffer, chosen.stiffer), (Some(own), Some(other)) if own <= other);
+        if self.solving_s >= chosen.solving_s || !is_softer {
+            return String::new();
+        }
+        format!(
+            "; {} would take {:.0} % of that time and is no stiffer",
+            self.model,
+            100.0 * self.solving_s / chosen.solving_s
+        )
+    }
+
     fn is_enough(&self) -> bool {
         self.within >= ENOUGH
     }
@@ -92,7 +105,11 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
                 "small displacements: a linear model suffices, within {tolerance} ({mn:.1} mN at p99), and every solve of it is one iteration"
             )
         }
-        Some(_) => format!("the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99"),
+        Some(_) => {
+            format!(
+                "of the scene's own model the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99"
+            )
+        }
         None => format!(
             "nothing looked at is within {tolerance} at 99 % of the positions; this comes closest, with {share:.1} %. A smaller radius_m \
              or max_force_n would help"

@@ -336,7 +336,16 @@ fn file_name(name: &str) -> String {
 fn grid_of(table: &mut Table, radius_m: f64, cells: u32) {
     let grid = table.entry("grid").or_insert_with(|| Table::new().into());
     if let Value::Table(grid) = grid {
-        grid.remove("points");
+        for other in [
+            "points",
+            "cannot_be_felt",
+            "tolerance_n",
+            "tolerance_relative",
+            "workspace_min_m",
+            "workspace_max_m",
+        ] {
+            grid.remove(other);
+        }
         grid.insert("radius_m".into(), radius_m.into());
         grid.insert("spacing_m".into(), (radius_m / f64::from(cells)).into());
     }
@@ -356,6 +365,17 @@ fn resolved(whole: &Workbench, table: &Table, fixed: Vec<u32>) -> Result<Workben
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_scene_driven_by_its_tolerance_gets_a_grid_too() {
+        for own in ["cannot_be_felt = true", "tolerance_n = 0.01\ntolerance_relative = 0.1", "points = 514"] {
+            let mut table: Table =
+                toml::from_str(&format!("[grid]\nradius_m = 0.05\n{own}")).expect("a table");
+            grid_of(&mut table, 0.02, 4);
+            let text = toml::to_string(&table).expect("text");
+            assert_eq!(text, "[grid]\nradius_m = 0.02\nspacing_m = 0.005\n");
+        }
+    }
 
     #[test]
     fn balls_have_the_papers_numbers_of_points() {
