@@ -211,5 +211,7 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
     });
     drop(device);
     let served = supervisor.join().expect("no panic").expect("it was spoken to");
-    assert!(served.silences > 0 && !is_forced(), "{served:?}");
+    assert!(served.silences > 0, "{served:?}");
+    // What was written last is on the wire for some time yet.
+    wait("zero, though nobody is left", || !is_forced());
 }
