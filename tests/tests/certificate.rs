@@ -48,7 +48,7 @@ fn it_tells_good_tables_from_bad_ones() {
 
     let file = blob(&store);
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
-    assert_eq!(clear_positions(&store, &organ).expect("intact"), [40], "no fold in a beam");
+    assert_eq!(clear_positions(&store, &organ).expect("intact"), [(0, 40)], "no fold in a beam");
     let good = certify(&store, &organ).expect("intact");
     let space = &good.spaces[0];
     assert_eq!((space.active.as_str(), space.cost.configurations, space.fold_pairs), ("A", 125, 0));

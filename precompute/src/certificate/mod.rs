@@ -297,14 +297,16 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     })
 }
 
-/// How many uniform positions away from folds the store holds for each space of `organ`: those that bounds come from.
-pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<usize>, StoreError> {
+/// How many uniform positions away from folds the store holds for each space of `organ`: those that bounds come from. Each with the number of its
+/// active node in the store.
+pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, usize)>, StoreError> {
     let sampling = store.identity()?.sampling;
     let mut counts = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
         let truths = truths(store, active, space, &sampling)?;
-        counts.push(truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count());
+        let clear = truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count();
+        counts.push((active, clear));
     }
     Ok(counts)
 }

@@ -17,7 +17,7 @@ pub use alone::{Alone, alone, at_rest};
 pub use linear::LinearSuits;
 pub use plan::{ScatteredPlan, planned};
 pub use resample::{Resampled, resample};
-pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict, Wanted, WithinReach};
+pub use search::{Found, LeftOut, PASSES, Search, Step, Target, Test, Verdict, Wanted, WithinReach};
 pub use switched::Switched;
 
 use serde::{Deserialize, Serialize};

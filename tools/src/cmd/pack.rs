@@ -180,33 +180,36 @@ fn enough(nodes: usize) -> u32 {
 /// Uniform positions are solved in at most this many goes: how many of them fall at folds is known only afterwards.
 const GOES: u32 = 4;
 
-/// Solves uniform positions until as many as asked are away from folds, or nothing speaks for there being more.
+/// Solves uniform positions until as many as asked are away from folds, or nothing speaks for there being more. Only nodes that fold are
+/// asked for more; of many that are certified together none is: the others make up for it, and to look for folds is to fit every space once more.
 fn solve_truth(args: &Args, nodes: usize) -> Result<(), Failure> {
     let asked = args.uniform.unwrap_or_else(|| enough(nodes));
+    let mut lacking: Vec<usize> = (0..nodes).collect();
     let mut wanted = asked;
-    for _ in 0..GOES {
-        if !solve_uniform(args, wanted)? {
+    let goes = if nodes > FEW && args.uniform.is_none() { 1 } else { GOES };
+    for go in 1..=goes {
+        if !solve_uniform(args, &lacking, wanted)? || go == goes {
             return Ok(());
         }
         let store = Store::open(&args.space)?;
         let flags_only = PackOptions { methods: &[], intermediate: false, threads: threads(args.threads) };
         let file = BlobFile::of(&pack(&store, &flags_only)?.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
-        let least = clear_positions(&store, &organ)?.into_iter().min().unwrap_or(0) as u32;
-        if least >= asked || least == 0 {
-            return Ok(());
-        }
+        let mut clear = clear_positions(&store, &organ)?;
+        clear.retain(|&(_, count)| count > 0 && count < asked as usize);
+        let Some(least) = clear.iter().map(|&(_, count)| count as u32).min() else { return Ok(()) };
+        lacking = clear.into_iter().map(|(active, _)| active).collect();
         wanted += ((asked - least) * wanted).div_ceil(least);
     }
     Ok(())
 }
 
-/// Solves what is missing of so many uniform positions; returns whether all of them are there.
-fn solve_uniform(args: &Args, wanted: u32) -> Result<bool, Failure> {
+/// Solves what is missing of so many uniform positions of these active nodes; returns whether all of them are there.
+fn solve_uniform(args: &Args, actives: &[usize], wanted: u32) -> Result<bool, Failure> {
     let store = Store::open(&args.space)?;
     let missing = |store: &Store| -> Result<Vec<usize>, Failure> {
         let mut missing = Vec::new();
-        for active in 0..store.active()?.len() {
+        for &active in actives {
             let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
             let reach = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
             if there < wanted && reach > 1 {

@@ -1,6 +1,6 @@
 //! How the search of a scattered space went.
 
-use palpate_precompute::scattered::{LinearSuits, PASSES, ScatteredPlan, Test, Verdict};
+use palpate_precompute::scattered::{LeftOut, LinearSuits, PASSES, ScatteredPlan, Test, Verdict};
 use serde_json::json;
 
 /// That the linear body is enough.
@@ -16,15 +16,13 @@ pub(crate) fn in_words(linear: &LinearSuits) -> String {
 /// Words and figures.
 pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let Some(search) = plan.search() else { return (String::new(), json!(null)) };
-    let (left_out, worst) = search.left_out();
+    let LeftOut { configurations: left_out, beyond, worst } = search.left_out();
     let verdict = match plan.verdict() {
         Some(Verdict::Linear) => in_words(&search.linear()),
-        Some(Verdict::Passed) if search.passes() >= PASSES => {
-            format!("passed: the last {PASSES} predictions were within tolerance")
-        }
         Some(Verdict::Passed) => format!(
-            "passed: the last {} predictions were within tolerance, and each of {left_out} configurations as the others say",
-            search.passes()
+            "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say",
+            search.passes().min(PASSES),
+            left_out - beyond
         ),
         Some(Verdict::Stalled) => {
             let on = plan.switched().map_or_else(String::new, |lattice| {
@@ -62,7 +60,7 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     });
     let figures = json!({
         "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
-        "left_out": { "configurations": left_out, "worst": worst },
+        "left_out": { "configurations": left_out, "beyond": beyond, "worst": worst },
         "linear": search.linear(), "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
     });
     (words, figures)
