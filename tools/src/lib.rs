@@ -12,6 +12,7 @@ mod cmd;
 mod displacements;
 mod failure;
 mod hardware;
+mod memory;
 mod motors_off;
 mod output;
 mod progress;

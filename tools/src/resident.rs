@@ -4,6 +4,8 @@ use std::fmt;
 
 use palpate_host::TickRecord;
 
+use crate::memory;
+
 /// Every ring of a session has been written through by then: what grows later has no reason to, us.
 const SETTLED_US: u64 = 20_000_000;
 
@@ -59,7 +61,5 @@ impl fmt::Display for Resident {
 }
 
 fn resident_kb() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
-    line.split_whitespace().next()?.parse().ok()
+    memory::resident_bytes().map(|bytes| bytes >> 10)
 }

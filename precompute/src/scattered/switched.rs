@@ -24,14 +24,20 @@ pub struct Switched {
 impl Switched {
     /// The lattice within `radius_m`, with its rest known. `None` if the radius is no ball of so many cells.
     pub(super) fn new(radius_m: f64, rest: &Record) -> Option<Self> {
-        // Rounded up: a spacing that is a little too small would make a cell more.
-        let spacing = (radius_m / super::UNIT_M / f64::from(CELLS) - 1e-6).ceil() as i32;
-        let grid = SpaceGrid::new(f64::from(spacing) * super::UNIT_M, radius_m).ok()?;
+        let (grid, spacing) = Self::within(radius_m)?;
         let mut plan = Plan::new(Arc::new(Domain::new(&grid, true)), grid);
         // The first task is the rest, which the search has solved.
         plan.next_task()?;
         plan.decide(rest);
         Some(Self { plan, grid, spacing })
+    }
+
+    /// The lattice that would take over within `radius_m`, corners outside the ball included, and its spacing in units.
+    pub fn within(radius_m: f64) -> Option<(SpaceGrid, i32)> {
+        // Rounded up: a spacing that is a little too small would make a cell more.
+        let spacing = (radius_m / super::UNIT_M / f64::from(CELLS) - 1e-6).ceil() as i32;
+        let grid = SpaceGrid::new(f64::from(spacing) * super::UNIT_M, radius_m).ok()?;
+        Some((grid, spacing))
     }
 
     /// The lattice.

@@ -14,6 +14,7 @@ use serde_json::json;
 
 use super::inspect::scattered;
 use crate::failure::Failure;
+use crate::memory;
 use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -54,19 +55,21 @@ pub(crate) struct Team {
     pub workers: usize,
     /// "on 2 threads", for people.
     pub words: String,
+    /// This process is all of them: its memory is the work's.
+    alone: bool,
 }
 
 impl Team {
     /// Threads of this process.
     pub(crate) fn threads(threads: usize) -> Self {
-        Self { workers: threads, words: format!("on {}", counted(threads, "thread")) }
+        Self { workers: threads, words: format!("on {}", counted(threads, "thread")), alone: true }
     }
 
     /// Threads of other ranks.
     #[cfg(feature = "mpi")]
     pub(crate) fn ranks(threads: usize, ranks: usize) -> Self {
         let words = format!("on {} of {} and rank 0", counted(threads, "thread"), counted(ranks, "rank"));
-        Self { workers: threads, words }
+        Self { workers: threads, words, alone: false }
     }
 }
 
@@ -113,6 +116,10 @@ pub(crate) fn run_with(
     progress.finish();
     let counts = counts?;
     let seconds = start.elapsed().as_secs_f64();
+    let peak_bytes = memory::peak_bytes().filter(|_| team.alone && solved_now > 0);
+    if let Some(bytes) = peak_bytes {
+        store.note_peak(bytes)?;
+    }
     let names: Vec<&str> = chosen.iter().map(|&i| bench.scene.active[i].name.as_str()).collect();
     if args.json {
         let spaces: Vec<_> = names
@@ -124,7 +131,7 @@ pub(crate) fn run_with(
             })
             .collect();
         let figures = json!({ "space": args.out, "spaces": spaces, "solved_now": solved_now, "seconds": seconds,
-                              "unreachable": bench.scene.unreachable, "threads": team.workers });
+                              "unreachable": bench.scene.unreachable, "threads": team.workers, "peak_bytes": peak_bytes });
         return output::line(serde_json::to_string_pretty(&figures).map_err(Failure::work)?);
     }
     if bench.scene.unreachable.any() {
@@ -154,7 +161,12 @@ pub(crate) fn run_with(
         };
         eprintln!("palpate: warning: {name}: {what}");
     }
-    output::line(format!("{}: {solved_now} solved now in {seconds:.1} s {}", args.out.display(), team.words))
+    let peak = peak_bytes.map_or(String::new(), |bytes| format!(", {} MB at most", bytes / 1_000_000));
+    output::line(format!(
+        "{}: {solved_now} solved now in {seconds:.1} s {}{peak}",
+        args.out.display(),
+        team.words
+    ))
 }
 
 /// Points by tag, for people.

@@ -271,6 +271,18 @@ impl Store {
         text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
     }
 
+    /// Takes down the memory of a run that solved something, bytes; the largest of all runs is kept.
+    pub fn note_peak(&self, bytes: u64) -> Result<(), StoreError> {
+        let bytes = bytes.max(self.peak()?.unwrap_or(0)).to_string();
+        let sql = "INSERT INTO meta VALUES ('peak_bytes', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1";
+        self.wrap(self.connection.execute(sql, params![bytes])).map(|_| ())
+    }
+
+    /// Largest memory of the runs that filled it, bytes, where it was noted.
+    pub fn peak(&self) -> Result<Option<u64>, StoreError> {
+        Ok(Some(self.parsed_or("peak_bytes", 0)?).filter(|bytes| *bytes > 0))
+    }
+
     /// What the store was made of.
     pub fn identity(&self) -> Result<StoreIdentity, StoreError> {
         Ok(StoreIdentity {

@@ -6,7 +6,6 @@ mod devices;
 mod fem;
 mod fidelity;
 pub(super) mod forms;
-mod memory;
 mod replay;
 mod sampling;
 mod scheduler;

@@ -10,8 +10,8 @@ use palpate_precompute::material::{Material, MooneyRivlin, NeoHookean};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::solve::{IterationProfile, Problem, Solver};
 
-use super::memory::{forget_peak, peak_mb, shown};
 use crate::failure::Failure;
+use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 
 /// Time and memory of a Newton iteration against the number of equations: cubes of 0.1 m, touched at the top.

@@ -10,8 +10,8 @@ use palpate_precompute::scene::GridSpec;
 use serde::Serialize;
 
 use super::common::Out;
-use super::memory::{forget_peak, peak_mb, shown};
 use crate::failure::Failure;
+use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};

@@ -50,6 +50,8 @@ pub(super) struct Predicted<'p> {
     pub spacing_m: Option<f64>,
     /// Surface vertices and triangles.
     pub skin: [usize; 2],
+    /// Peak of the row that the scene asks for, bytes.
+    pub memory_bytes: f64,
 }
 
 impl Predicted<'_> {
@@ -87,6 +89,14 @@ impl Predicted<'_> {
                 predicted: of(|c| c.solving_s),
                 happened: store.attempts(active)?.iter().map(|r| r.seconds).sum(),
                 unit: "s",
+            });
+        }
+        if let Some(bytes) = store.peak()? {
+            all.push(Compared {
+                what: "memory".into(),
+                predicted: self.memory_bytes,
+                happened: bytes as f64,
+                unit: "B",
             });
         }
         if let Some(path) = blob {

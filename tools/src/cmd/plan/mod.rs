@@ -72,14 +72,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let bench = Workbench::load(&args.scene)?;
     let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
     let plan = Plan::of(&bench, threads)?;
+    let (rows, chosen, why) = plan.rows(&bench, threads);
     let compared = match &store {
         Some(store) => {
-            let predicted = Predicted { nodes: &plan.nodes, spacing_m: plan.spacing_m, skin: plan.skin };
+            let memory_bytes = rows.iter().find(|row| row.asked).map_or(f64::NAN, |row| row.memory_bytes);
+            let predicted =
+                Predicted { nodes: &plan.nodes, spacing_m: plan.spacing_m, skin: plan.skin, memory_bytes };
             Some(predicted.compare(store, args.blob.as_deref())?)
         }
         None => None,
     };
-    let (rows, chosen, why) = plan.rows(&bench, threads);
     let seconds = begun.elapsed().as_secs_f64();
     if args.json {
         let figures = json!({
@@ -196,9 +198,10 @@ impl Plan {
         let size = self.nodes[0].probed.size;
         let tets = scene.mesh.tets.len();
         let memory_bytes = model::memory_bytes(tets, scene.order, size, threads);
-        let mean_squared =
-            mean(&self.nodes.iter().map(|n| n.choices[0].configurations.powi(2)).collect::<Vec<_>>());
-        let fits_bytes = model::loop_bytes(mean_squared.sqrt(), threads, scene.active.len());
+        // A lattice that takes over has no fit.
+        let fitted = |node: &NodePlan| node.choices[0].configurations.min(node.probed.wanted.most as f64);
+        let counts: Vec<f64> = self.nodes.iter().map(fitted).collect();
+        let fits_bytes = model::loop_bytes(&counts, threads);
         let mut rows = Vec::new();
         for n in 0..self.nodes[0].choices.len() {
             let choice = &self.nodes[0].choices[n];
@@ -252,6 +255,18 @@ impl Plan {
             let row = rows[chosen].with(beside.model.words(self.has_pressure), beside, stiffer, memory);
             why.push_str(&row.speaks_against(&rows[chosen]));
             rows.push(row);
+        }
+        let given_up: Vec<&str> = self
+            .nodes
+            .iter()
+            .filter(|node| !node.choices[0].passed)
+            .map(|node| scene.active[node.probed.active].name.as_str())
+            .collect();
+        if !given_up.is_empty() {
+            why.push_str(&format!(
+                "; a blind loop would not come within the tolerance at {}: a lattice takes over there, and is counted",
+                given_up.join(", ")
+            ));
         }
         let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
         let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len() + n.probed.lost));

@@ -99,9 +99,12 @@ pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: us
     PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
 }
 
-/// Bytes of the loop's fits in the spaces that are worked on at once: four factors of 20 rows a configuration each.
-pub(super) fn loop_bytes(configurations: f64, threads: usize, nodes: usize) -> f64 {
-    threads.min(nodes) as f64 * 4.0 * 8.0 * (20.0 * configurations).powi(2)
+/// Bytes of the loop's fits in the spaces that are worked on at once, at worst those with the most configurations: four factors of 20 rows a
+/// configuration each.
+pub(super) fn loop_bytes(configurations: &[f64], threads: usize) -> f64 {
+    let mut counts = configurations.to_vec();
+    counts.sort_by(|a, b| b.total_cmp(a));
+    counts.iter().take(threads).map(|count| 4.0 * 8.0 * (20.0 * count).powi(2)).sum()
 }
 
 #[cfg(test)]
@@ -126,5 +129,11 @@ mod tests {
         let [one, two] = [1, 2].map(|threads| memory_bytes(1_800, 1, size, threads));
         assert!(two > one && two < 2.0 * one);
         assert!(memory_bytes(1_800, 2, size.map(|n| 5 * n), 1) > one);
+    }
+
+    #[test]
+    fn the_largest_spaces_may_be_worked_on_together() {
+        assert_eq!(loop_bytes(&[10.0, 40.0, 20.0], 2), loop_bytes(&[40.0], 1) + loop_bytes(&[20.0], 1));
+        assert_eq!(loop_bytes(&[10.0], 1), 32.0 * 200.0 * 200.0);
     }
 }

@@ -1,0 +1,48 @@
+//! Memory of this process, where the system tells it.
+
+/// Largest resident size since the start or the last [`forget_peak`], bytes.
+pub(crate) fn peak_bytes() -> Option<u64> {
+    status_bytes("VmHWM:")
+}
+
+/// That in MB.
+pub(crate) fn peak_mb() -> Option<u64> {
+    peak_bytes().map(|bytes| bytes >> 20)
+}
+
+/// For tables.
+pub(crate) fn shown(mb: Option<u64>) -> String {
+    mb.map_or_else(|| "?".into(), |mb| mb.to_string())
+}
+
+/// What is resident now, bytes.
+pub(crate) fn resident_bytes() -> Option<u64> {
+    status_bytes("VmRSS:")
+}
+
+/// Starts a new peak at what is resident now (Linux); elsewhere peaks add up, which errs on the safe side.
+pub(crate) fn forget_peak() {
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+fn status_bytes(key: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix(key))?;
+    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib << 10)
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_peak_is_no_less_than_what_is_resident() {
+        const BLOCK: usize = 64 << 20;
+        let before = resident_bytes().unwrap();
+        let block = std::hint::black_box(vec![1_u8; BLOCK]);
+        let with = resident_bytes().unwrap();
+        assert!(with > before + BLOCK as u64 / 2 && before > 1 << 20, "{before} {with}");
+        drop(block);
+        assert!(peak_bytes().unwrap() >= with);
+    }
+}
