@@ -35,14 +35,18 @@ fn status_bytes(key: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
+    /// Half a block of slack: other tests work in this process meanwhile, and the system notes the peak from
+    /// counters that lag some pages behind those it shows as resident.
     #[test]
-    fn the_peak_is_no_less_than_what_is_resident() {
-        const BLOCK: usize = 64 << 20;
+    fn the_peak_holds_what_was_resident_and_is_gone() {
+        const BLOCK: usize = 256 << 20;
         let before = resident_bytes().unwrap();
+        assert!(before > 1 << 20, "{before}");
         let block = std::hint::black_box(vec![1_u8; BLOCK]);
         let with = resident_bytes().unwrap();
-        assert!(with > before + BLOCK as u64 / 2 && before > 1 << 20, "{before} {with}");
         drop(block);
-        assert!(peak_bytes().unwrap() >= with);
+        let peak = peak_bytes().unwrap();
+        let at_least = before + BLOCK as u64 / 2;
+        assert!(with > at_least && peak > at_least, "{before} B, {with} B with the block, peak {peak} B");
     }
 }
