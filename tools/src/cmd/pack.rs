@@ -41,7 +41,8 @@ pub(crate) struct Args {
     /// Pack a space that is not finished: where it has no data the force is extrapolated. Such a blob has no certificate
     #[arg(long)]
     partial: bool,
-    /// Leave the certificate out; `palpate run` then wants to be told to trust the blob
+    /// Leave the certificate out; `palpate run` then wants to be told to trust the blob. The same scene then gives the same file to the
+    /// last bit, whatever the number of threads; a certificate holds measured times
     #[arg(long)]
     no_certificate: bool,
     /// Uniform positions away from folds that are solved for the certificate, an active node. If not given 299, which can certify 99 %
