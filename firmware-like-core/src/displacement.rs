@@ -126,6 +126,11 @@ impl<'a> DisplacementTable<'a> {
         self.vertices
     }
 
+    /// What it is made of.
+    pub const fn planes(&self) -> &DisplacementPlanes<'a> {
+        &self.planes
+    }
+
     /// Number of modes.
     pub const fn modes(&self) -> usize {
         self.planes.scale.len()

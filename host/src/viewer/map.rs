@@ -49,12 +49,18 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// The least and the largest value.
+    /// The least and the largest value that has a place on the scale. Of one value alone, and of none, a range all the same.
     fn range(&self) -> [f32; 2] {
-        let all = self.values.iter().flatten().filter(|x| x.is_finite());
+        let has_place = |x: &&f32| x.is_finite() && (**x > 0.0 || !self.is_logarithmic);
+        let all = self.values.iter().flatten().filter(has_place);
         let [low, high] =
             all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &x| [low.min(x), high.max(x)]);
-        if low < high { [low, high] } else { [low.min(0.0), low.max(0.0) + 1.0] }
+        match (low < high, low.is_finite()) {
+            (true, _) => [low, high],
+            (_, true) if self.is_logarithmic => [0.5 * low, 2.0 * low],
+            (_, true) => [low.min(0.0), low.max(0.0) + 1.0],
+            (_, false) => [1.0, 10.0],
+        }
     }
 
     /// Where a value lies in it, 0..1.
@@ -285,9 +291,17 @@ mod tests {
             }
             assert_eq!(figure.range(), [3.0, 300.0]);
         }
-        // One value only: a scale there is nevertheless.
-        let figure = Figure { values: vec![Some(2.0), None], ..Figure::default() };
-        assert!(figure.share(2.0).is_finite() && figure.value(1.0) > figure.value(0.0));
+        // One value only, or none, or one that has no logarithm: a scale there is nevertheless.
+        for (values, is_logarithmic) in
+            [[Some(2.0), None], [None; 2], [Some(0.0), None], [Some(0.0), Some(7.0)]]
+                .into_iter()
+                .flat_map(|values| [(values, false), (values, true)])
+        {
+            let figure = Figure { values: values.to_vec(), is_logarithmic, ..Figure::default() };
+            let marks = [0.0, 0.5, 1.0].map(|share| figure.value(share));
+            assert!(marks.iter().all(|x| x.is_finite()) && marks[0] < marks[1] && marks[1] < marks[2]);
+            assert!(figure.share(2.0).is_finite() && figure.share(0.0).is_finite(), "{values:?}");
+        }
         assert_eq!(draw(&SurfaceMap::default(), 64, 48).pixels().len(), 64 * 48);
     }
 }

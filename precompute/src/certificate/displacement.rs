@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::is_folded;
 use crate::configuration_space::{Store, StoreError};
-use crate::fit::{FitError, Kernel, Misfit, Sample, SurfaceMotion, SurfaceRbf};
+use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceMotion, SurfaceRbf};
 use crate::held_out::Kind;
 
 /// What was measured of the displacements of one space.
@@ -126,6 +126,26 @@ pub(super) fn measure(
         folded,
         microseconds: microseconds(space, table, &visited, &mut found),
     })
+}
+
+/// How far the surfaces at independent positions away from folds are from what the modes could make of them, and how much further for the
+/// digits of the coefficients: truncation and rounding, without what interpolation adds.
+pub(super) fn modes_and_digits(
+    store: &Store,
+    active: usize,
+    (space, table): (&Space<'_>, &DisplacementTable<'_>),
+    nodes: &[u32],
+) -> Result<[Apart; 2], StoreError> {
+    let motion = SurfaceMotion::new(store, active, nodes)?;
+    let modes = PackedModes::of_planes(table.planes());
+    let mut apart = [Apart::default(); 2];
+    each_truth(store, active, space, &motion, |_, exact, is_folded| {
+        if !is_folded {
+            let causes = modes.left_and_rounded(exact);
+            apart.iter_mut().zip(&causes).for_each(|(apart, cause)| apart.add(Misfit::of(cause)));
+        }
+    })?;
+    Ok(apart)
 }
 
 /// Independent uniform positions within f_max whose displacements were kept, with these, and whether they are at a fold.

@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 use palpate_core::{Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
+use super::displacement::modes_and_digits;
 use super::{Apart, Compared, Errors, SpaceCertificate, Truth, answered, probes, truths};
 use crate::configuration_space::{Store, StoreError};
 use crate::held_out::Kind;
@@ -105,7 +106,11 @@ pub fn ledger(
     }
     let answers: Vec<Compared> =
         answered(space, method, &positions).iter().map(|answer| answer.compared).collect();
-    lines.extend(of_the_blob(organ, space, (method, certificate), scene, &answers));
+    let causes = match &space.displacement {
+        Some(table) => modes_and_digits(store, active, (space, table), organ.surface.node)?,
+        None => Default::default(),
+    };
+    lines.extend(of_the_blob(organ, space, (method, certificate), scene, &answers, causes));
     Ok(Some(Ledger { positions: some.len(), seconds: begun.elapsed().as_secs_f64(), lines }))
 }
 
@@ -211,6 +216,7 @@ fn of_the_blob(
     (method, certificate): (Method, &SpaceCertificate),
     scene: &ResolvedScene,
     answers: &[Compared],
+    causes: [Apart; 2],
 ) -> Vec<Line> {
     let mut lines = Vec::new();
     if scene.max_force_n.is_finite() {
@@ -238,18 +244,17 @@ fn of_the_blob(
     let nodes = [organ.surface.node.len(), scene.mesh.nodes_m.len()].map(|count| count as f64);
     lines.push(Line::new("nodes inside the body", true, "nodes moved", nodes));
     match surface {
-        Some(surface) => lines.push(Line {
-            // Of scattered positions only the held-out ones are compared.
-            surface: Some(
-                [surface.configurations, surface.uniform][usize::from(surface.configurations.count == 0)],
-            ),
-            ..Line::new(
-                format!("modes beyond {}, and digits of their coefficients", surface.modes),
-                true,
-                "bytes",
-                [surface.bytes, surface.raw_bytes].map(|bytes| bytes as f64),
-            )
-        }),
+        Some(surface) => {
+            let line = |what: String, unit, cost, by: Apart| Line {
+                surface: Some(by).filter(|by| by.count > 0),
+                ..Line::new(what, true, unit, cost)
+            };
+            let [left, rounded] = causes;
+            let bytes = [surface.bytes, surface.raw_bytes].map(|bytes| bytes as f64);
+            lines.push(line(format!("modes beyond {}", surface.modes), "bytes", bytes, left));
+            let digits = "digits of their coefficients (int16)".into();
+            lines.push(line(digits, "bytes a number", [2.0, 4.0], rounded));
+        }
         None => lines.push(Line::new("displacements for the eye", true, "nodes moved", [0.0, nodes[0]])),
     }
     lines

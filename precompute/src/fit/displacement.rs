@@ -17,6 +17,7 @@ use faer::{Mat, Side};
 use palpate_core::displacement::DisplacementPlanes;
 use serde::{Deserialize, Serialize};
 
+use super::modes::{Mode, PackedModes, UNITS, dot};
 use crate::configuration_space::fold::Fold;
 use crate::configuration_space::{Domain, GridIndex, SpaceGrid};
 
@@ -160,8 +161,6 @@ const EDGES: usize = 2000;
 const EDGES_WITHIN: f64 = 0.95;
 /// Modes are counted for a bound a little closer than asked: rounding comes on top.
 const MARGIN: f64 = 0.98;
-/// Largest number packed.
-const UNITS: f64 = 32767.0;
 
 /// The table of the configurations at `solved` (sorted, rest among them), each as `read` gives it. All are read twice: those of a
 /// large organ do not fit into memory with their slopes.
@@ -178,7 +177,7 @@ pub fn fit_displacement<E>(
         all.push(fetch(at)?.displacement_m);
     }
     let domain = Domain::new(grid, true);
-    let modes = Modes::pack(&choose(all, domain.len(), bound).ok_or(DisplacementFault::Modes)?);
+    let modes = PackedModes::pack(&choose(all, domain.len(), bound).ok_or(DisplacementFault::Modes)?);
 
     let mut fit = DisplacementFit { scale: modes.scale.clone(), ..DisplacementFit::default() };
     let mut rows = Vec::with_capacity(solved.len());
@@ -278,18 +277,6 @@ impl Snapshots {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-/// A mode before it is packed.
-struct Mode {
-    /// Orthonormal.
-    shape: Vec<f64>,
-    /// The largest coefficient.
-    range: f64,
-}
-
 /// As many modes as take the fewest bytes. `left` is what they have to make up.
 fn choose(mut left: Vec<Vec<f32>>, rows: usize, bound: DisplacementBound) -> Option<Vec<Mode>> {
     let snapshots = Snapshots::of(&left)?;
@@ -321,52 +308,6 @@ fn choose(mut left: Vec<Vec<f32>>, rows: usize, bound: DisplacementBound) -> Opt
         modes.push(Mode { shape: vec![1.0; length], range: 0.0 });
     }
     Some(modes)
-}
-
-/// Modes as the core has them.
-struct Modes {
-    numbers: Vec<i16>,
-    scale: Vec<f32>,
-    /// What the core makes of them, with a coefficient of 1: metres.
-    unpacked: Vec<Vec<f64>>,
-    /// |unpacked|^2.
-    squared: Vec<f64>,
-}
-
-impl Modes {
-    fn pack(modes: &[Mode]) -> Self {
-        let mut packed = Self { numbers: vec![], scale: vec![], unpacked: vec![], squared: vec![] };
-        for Mode { shape, range } in modes {
-            let top = shape.iter().fold(0.0, |top: f64, x| top.max(x.abs())).max(f64::MIN_POSITIVE);
-            let numbers: Vec<i16> = shape.iter().map(|x| (UNITS * x / top).round() as i16).collect();
-            // Packed modes are not quite orthogonal: a coefficient may come out a little larger than the mode's own.
-            let scale = (top / UNITS * 1.01 * range / UNITS).max(f64::from(f32::MIN_POSITIVE)) as f32;
-            let unpacked: Vec<f64> = numbers.iter().map(|&n| f64::from(n) * f64::from(scale)).collect();
-            packed.squared.push(dot(&unpacked, &unpacked).max(f64::MIN_POSITIVE));
-            packed.numbers.extend(numbers);
-            packed.scale.push(scale);
-            packed.unpacked.push(unpacked);
-        }
-        packed
-    }
-
-    /// Coefficients of a displacement, and what they leave of it.
-    fn coefficients(&self, displacement_m: &[f32]) -> (Vec<i16>, Vec<f64>) {
-        let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
-        let mut packed = Vec::with_capacity(self.scale.len());
-        for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
-            let number = (dot(mode, &left) / squared).round().clamp(-UNITS, UNITS);
-            left.iter_mut().zip(mode).for_each(|(x, m)| *x -= number * m);
-            packed.push(number as i16);
-        }
-        (packed, left)
-    }
-
-    /// Coefficients of a slope, times `step`; not rounded.
-    fn project(&self, slope: &[f32], step: f64) -> Vec<f64> {
-        let along = |mode: &[f64]| slope.iter().zip(mode).map(|(s, m)| f64::from(*s) * m).sum::<f64>();
-        self.unpacked.iter().zip(&self.squared).map(|(mode, squared)| step * along(mode) / squared).collect()
-    }
 }
 
 /// What the modes miss of a configuration.
@@ -437,7 +378,7 @@ fn slopes_worth(
     grid: &SpaceGrid,
     solved: &[GridIndex],
     folds: &[Fold],
-    modes: &Modes,
+    modes: &PackedModes,
     rows: &[Row],
     bound: DisplacementBound,
 ) -> usize {

@@ -8,6 +8,7 @@ mod kernel;
 mod kernel_planes;
 #[cfg(test)]
 pub(crate) mod made_up;
+mod modes;
 mod motion;
 mod rbf_iterative;
 mod rbf_weights;
@@ -21,6 +22,7 @@ pub use hermite::{HermiteNodes, flag_folds, hermite_nodes, hermite_nodes_known};
 pub(crate) use kernel::DATA;
 pub use kernel::{Derivatives, EnergyJet, Indistinct, KernelFit};
 pub use kernel_planes::KernelPlanes;
+pub(crate) use modes::PackedModes;
 pub use motion::{ScatteredMotion, SurfaceMotion};
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 

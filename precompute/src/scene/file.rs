@@ -79,7 +79,8 @@ pub(super) struct BoxTable {
 #[derive(Debug, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ActiveTable {
-    pub(super) name: Spanned<String>,
+    /// A group's own name does where none is given.
+    pub(super) name: Option<Spanned<String>>,
     pub(super) node: Option<Spanned<i64>>,
     /// In metres, whatever the mesh file's unit.
     pub(super) nearest: Option<Spanned<[f64; 3]>>,

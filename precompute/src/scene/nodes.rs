@@ -125,14 +125,14 @@ impl Lookup<'_> {
         }
         let (mut all, mut unreachable): (Vec<ActiveNode>, _) = (Vec::new(), Unreachable::default());
         for table in &tables {
-            let name_span = table.table.name.span();
-            let mut found = self.active(table, fixed)?;
+            let name = self.name(table)?;
+            let mut found = self.active(table, name.get_ref(), fixed)?;
             self.keep_reachable(table, &mut found, workspace, &mut unreachable)?;
             for active in found {
-                check_name(self.place, name_span.clone(), &active.name, SPACE_NAME_LEN)?;
+                check_name(self.place, name.span(), &active.name, SPACE_NAME_LEN)?;
                 if all.iter().any(|other| other.name == active.name) {
                     let what = format!("two active nodes are named \"{}\"", active.name);
-                    return Err(self.place.error(name_span, what, "give each its own name"));
+                    return Err(self.place.error(name.span(), what, "give each its own name"));
                 }
                 if let Some(other) = all.iter().find(|other| other.node == active.node) {
                     let (a, b, node) = (&other.name, &active.name, active.node);
@@ -190,8 +190,20 @@ impl Lookup<'_> {
         Ok(())
     }
 
-    fn active(&self, at: &Located<'_, ActiveTable>, fixed: &[u32]) -> Result<Vec<ActiveNode>, InputError> {
-        let name = at.table.name.get_ref();
+    /// What its space is called: nodes of a group without another name are called by the group's.
+    fn name<'t>(&self, at: &Located<'t, ActiveTable>) -> Result<&'t Spanned<String>, InputError> {
+        let ActiveTable { name, group, .. } = at.table;
+        name.as_ref().or(group.as_ref()).ok_or_else(|| {
+            self.place.error(at.span.clone(), "an active node has no name", "add `name = \"A1\"`")
+        })
+    }
+
+    fn active(
+        &self,
+        at: &Located<'_, ActiveTable>,
+        name: &str,
+        fixed: &[u32],
+    ) -> Result<Vec<ActiveNode>, InputError> {
         if let (Some(group), true) =
             (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
         {

@@ -161,6 +161,19 @@ fn what_is_left_out_has_defaults() {
 }
 
 #[test]
+fn a_group_lends_its_name_to_its_nodes() {
+    let bench = Bench::new();
+    let of =
+        |table: &str| bench.with("name = \"A2\"\nnearest = [0.31, 0.1, 0.1]", table).expect("sound").active;
+    let (surface, named) = (of("group = \"surface\""), of("name = \"S\"\ngroup = \"surface\""));
+    assert!(surface.len() == named.len() && surface.len() > 30, "{}", surface.len());
+    for (own, given) in surface.iter().zip(&named).skip(1) {
+        assert_eq!([&own.name, &given.name], [&format!("surface-{}", own.node), &format!("S-{}", own.node)]);
+    }
+    bench.refuses("name = \"A2\"", "", "block.toml:16", "an active node has no name", "add `name = \"A1\"`");
+}
+
+#[test]
 fn the_bound_of_the_displacements_is_the_scene_s() {
     let bench = Bench::new();
     let with = |keys: &str| bench.with("visual = false", &format!("visual = true\n{keys}"));

@@ -48,8 +48,9 @@ pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
     let map = SurfaceMap {
         title: identity.scene_name,
         subtitle: format!(
-            "{} active nodes, {solved:.0} configurations; {} vertices, {} of them fixed (blue)",
+            "{} active node{}, {solved:.0} configurations; {} vertices, {} of them fixed (blue)",
             touched.len(),
+            if touched.len() == 1 { "" } else { "s" },
             surface.nodes.len(),
             surface.nodes.iter().filter(|n| fixed.binary_search(n).is_ok()).count()
         ),

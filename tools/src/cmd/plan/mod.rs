@@ -270,10 +270,21 @@ impl Plan {
         }
         let count = |figure: fn(&NodePlan) -> usize| self.nodes.iter().map(figure).sum::<usize>();
         let (lost, probes) = (count(|n| n.probed.lost), count(|n| n.probed.far_s.len() + n.probed.lost));
+        let (forked, again) = (count(|n| n.probed.forked), count(|n| n.probed.again));
+        let mut signs = Vec::new();
         if lost > 0 {
+            signs.push(format!("{lost} of {probes} probes found no solution on their branch"));
+        }
+        if forked > 0 {
+            signs.push(format!(
+                "{forked} of {again} have another solution when they are solved from elsewhere"
+            ));
+        }
+        if !signs.is_empty() {
             why.push_str(&format!(
-                "; BUT {lost} of {probes} probes found no solution on their branch: the space folds, a lattice will take over where positions are \
-                 scattered, and neither counts nor errors can be foretold; a smaller radius_m would help"
+                "; BUT {}: the space folds, a lattice will take over where positions are scattered, and neither counts nor errors can be \
+                 foretold; a smaller radius_m would help",
+                signs.join(", and ")
             ));
         }
         (rows, chosen, why)
@@ -304,7 +315,7 @@ impl Plan {
             let NodePlan { probed, linear, .. } = node;
             let [near, far] = probed.reach_m();
             text.push_str(&format!(
-                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost), {:.2} s each; a linear body errs by \
+                "  {}: {:.0} N/m at rest; {} probes reach {:.0} to {:.0} mm ({} beyond f_max, {} lost, {} of {} forked), {:.2} s each; a linear body errs by \
                  {:.0} mN (p99)\n",
                 scene.active[probed.active].name,
                 probed.jets[0].stiffness_n_m.trace() / 3.0,
@@ -313,6 +324,8 @@ impl Plan {
                 1e3 * far,
                 probed.beyond,
                 probed.lost,
+                probed.forked,
+                probed.again,
                 mean(&probed.far_s),
                 1e3 * linear.p99_n
             ));
@@ -337,7 +350,7 @@ impl Plan {
                 .collect();
             json!({
                 "name": bench.scene.active[probed.active].name, "probes": probed.far_s.len(), "lost": probed.lost,
-                "beyond": probed.beyond, "reach_m": probed.reach_m(), "rest_s": probed.rest_s, "far_s": probed.far_s,
+                "beyond": probed.beyond, "again": probed.again, "forked": probed.forked, "reach_m": probed.reach_m(), "rest_s": probed.rest_s, "far_s": probed.far_s,
                 "near_s": probed.near_s, "unknowns": probed.size[0], "entries": probed.size[1], "factor": probed.size[2],
                 "linear_p99_n": linear.p99_n, "linear_within": linear.within, "eye": eye, "choices": choices,
             })

@@ -117,7 +117,7 @@ pub(super) fn plan(
     let eye = bound.and_then(|bound| eye(&probed, search.fit().length_m(), &resampled, bound));
     let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
         let error = |&method: &Method| {
-            let error = tables.error(method, &truth, &places, &wanted.tolerance)?;
+            let error = tables.error(method, &places, &wanted.tolerance)?;
             Some((method, error, tables.nanoseconds(method, &places)))
         };
         METHODS.iter().filter_map(error).collect()
@@ -136,8 +136,11 @@ pub(super) fn plan(
     }];
     // A scattered table is asked by the energy alone: that is what its derivatives are for.
     choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
-    // A loop that ends within the probes has them all: the error is the surrogate's. Where it needs more, its end is a passed test and not an error: between
-    // what the surrogate has and what is allowed.
+    // A loop that ends within the probes has them all: the error is the surrogate's, and what the probes do not show. Where it needs more, its end is a
+    // passed test and not an error: between that and what is allowed.
+    for (_, error, _) in &mut choices[0].methods {
+        error.p99_n *= truth.doubt();
+    }
     if loop_.configurations > probed.jets.len() as f64 {
         let mut allowed: Vec<f64> = places.iter().map(|place| wanted.tolerance.at(place.exact)).collect();
         allowed.sort_by(f64::total_cmp);

@@ -1,4 +1,5 @@
-//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, and two steps of a lattice.
+//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, two steps of a lattice, and the probes again
+//! from elsewhere: where the body then has another solution, the space folds.
 //!
 //! They are what a scattered space begins with, so that where they reach and what they take is what the space will meet.
 
@@ -7,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use palpate_precompute::fit::{EnergyJet, Moved};
 use palpate_precompute::scattered::{Found, Search, Step, Wanted};
-use palpate_precompute::solve::{Configuration, Problem, Solver};
+use palpate_precompute::solve::{Configuration, Problem, Seed, Solver};
 
 use crate::failure::Failure;
 
@@ -37,6 +38,10 @@ pub(super) struct Probed {
     pub lost: usize,
     /// Probes beyond the force limit.
     pub beyond: usize,
+    /// Probes that were solved again from another start.
+    pub again: usize,
+    /// Those of them that have another solution there.
+    pub forked: usize,
     /// Unknowns, entries of the matrix and of its factor.
     pub size: [usize; 3],
 }
@@ -88,6 +93,8 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         near_s: Vec::new(),
         lost: 0,
         beyond: 0,
+        again: 0,
+        forked: 0,
         size: [problem.unknowns(), matrix, factor],
     };
     // Rest has no force by its definition.
@@ -95,6 +102,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
     probed.keep(jet, &rest, &rest, &order.surface);
     let mut search = Search::new(order.wanted, &jet);
     let mut seeds = vec![rest.seed.clone()];
+    let mut solved: Vec<Solved> = Vec::new();
     'batches: while let Step::Solve(targets) = search.step() {
         let mut found = Vec::new();
         let mut learned = Vec::new();
@@ -105,13 +113,17 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             }
             // A parent beyond the seeds kept is one that the search alone knows; it never is, but rest is always a start.
             let seed = &seeds[target.parent.min(seeds.len() - 1)];
-            let (solved, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
+            let (reached, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
             probed.far_s.push(seconds);
-            found.push(match solved {
+            found.push(match reached {
                 Ok(c) if !c.switched => {
                     let jet = EnergyJet::from(&c);
                     probed.keep(jet, &c, &rest, &order.surface);
                     probed.beyond += usize::from(norm(jet.force_n) > order.wanted.max_force_n);
+                    let is_from_rest = target.parent == 0;
+                    if norm(jet.force_n) <= order.wanted.max_force_n {
+                        solved.push(Solved { at: jet, seed: c.seed.clone(), is_from_rest });
+                    }
                     learned.push((jet, c.seed));
                     Found::Solved(jet)
                 }
@@ -146,7 +158,38 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
     if probed.near_s.is_empty() {
         probed.near_s.push(probed.rest_s);
     }
+    // The farthest first: that is where a space folds.
+    solved.sort_by(|a, b| norm(b.at.displacement_m).total_cmp(&norm(a.at.displacement_m)));
+    for (n, probe) in solved.iter().enumerate() {
+        if begun.elapsed() > order.patience + order.patience / 2 {
+            break;
+        }
+        let from = if probe.is_from_rest { nearest(&solved, n) } else { seeds.first() };
+        let found = from.map(|seed| solver.advance(seed, probe.at.displacement_m));
+        if let Some(Ok(other)) = found {
+            let apart: [f64; 3] = std::array::from_fn(|i| other.force_n[i] - probe.at.force_n[i]);
+            probed.again += 1;
+            probed.forked += usize::from(norm(apart) > order.wanted.tolerance.at(probe.at.force_n));
+        }
+    }
     Ok(probed)
+}
+
+/// A probe that was solved within the force limit.
+struct Solved {
+    at: EnergyJet,
+    seed: Seed,
+    is_from_rest: bool,
+}
+
+/// State of the probe nearest to number `n`.
+fn nearest(solved: &[Solved], n: usize) -> Option<&Seed> {
+    let away = |other: &Solved| -> f64 {
+        let [a, b] = [other, &solved[n]].map(|probe| probe.at.displacement_m);
+        norm(std::array::from_fn(|i| a[i] - b[i]))
+    };
+    let others = solved.iter().enumerate().filter(|(other, _)| *other != n);
+    others.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map(|(_, probe)| &probe.seed)
 }
 
 impl Probed {

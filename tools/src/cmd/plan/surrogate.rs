@@ -10,7 +10,7 @@ use palpate_core::ConfigTag;
 use palpate_precompute::configuration_space::plan::Plan;
 use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, Record};
 use palpate_precompute::fit::{EnergyJet, KernelFit, Sample};
-use palpate_precompute::scattered::{Found, Search, Step, Verdict, Wanted};
+use palpate_precompute::scattered::{Found, Search, Step, Tolerance, Verdict, Wanted};
 
 use super::probe::{Probed, norm};
 use super::tables::Place;
@@ -62,7 +62,7 @@ impl Surrogate {
         let scores = LENGTHS.iter().filter_map(|share| {
             let mut fit = KernelFit::new(share * reach, rest.stiffness_n_m);
             fit.add(&probed.jets).ok()?;
-            Some((left_out(&fit, &probed.jets, &wanted), share))
+            Some((left_out(&fit, &probed.jets), share))
         });
         let (score, share) = scores.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let mut fit = KernelFit::new(ROUGHER * share * reach, rest.stiffness_n_m);
@@ -84,7 +84,8 @@ impl Surrogate {
         Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
     }
 
-    /// How much larger errors on the body are than on the surrogate.
+    /// How much larger errors of a fit of so few configurations are on the body than on the surrogate. Lattices have enough points to show what the
+    /// probes do not.
     pub(super) fn doubt(&self) -> f64 {
         self.doubt
     }
@@ -184,16 +185,17 @@ pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sa
     }
 }
 
-/// Mean square of the errors, by the tolerance, that the fit would make at every probe without it.
-fn left_out(fit: &KernelFit, jets: &[EnergyJet], wanted: &Wanted) -> f64 {
+/// Mean square of the errors that the fit would make at every probe without it, by what a hand feels: how rough a body is does not depend on the
+/// tolerance that is asked for.
+fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
     let missed = fit.left_out_n().zip(jets).skip(1);
-    let sum: f64 =
-        missed.map(|(missed, jet)| (norm(missed) / wanted.tolerance.at(jet.force_n)).powi(2)).sum();
+    let felt = |force_n| Tolerance::CANNOT_BE_FELT.at(force_n);
+    let sum: f64 = missed.map(|(missed, jet)| (norm(missed) / felt(jet.force_n)).powi(2)).sum();
     sum / (jets.len() - 1).max(1) as f64
 }
 
 /// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it says of a probe that is left
-/// out: `error`, by the tolerance, with so many probes. Within the tolerance nothing is missing that matters.
+/// out: `error`, by what a hand feels, with so many probes. What it does not feel is nothing that matters.
 fn doubt(error: f64, probes: usize) -> f64 {
     let fewer = (probes as f64 / ENOUGH).min(1.0);
     (error * fewer.powf(ORDER / 3.0)).max(1.0)
@@ -203,7 +205,6 @@ fn doubt(error: f64, probes: usize) -> f64 {
 pub(super) mod tests {
     use super::*;
     use palpate_precompute::configuration_space::SpaceGrid;
-    use palpate_precompute::scattered::Tolerance;
 
     /// A body that stiffens as it is pushed: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
     pub(in crate::cmd::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
@@ -249,6 +250,8 @@ pub(super) mod tests {
             near_s: vec![2.0],
             lost: 0,
             beyond: 0,
+            again: 0,
+            forked: 0,
             size: [3000, 100_000, 400_000],
         }
     }
@@ -299,6 +302,16 @@ pub(super) mod tests {
     #[test]
     fn what_a_left_out_probe_tells() {
         assert_eq!((doubt(0.7, 16), doubt(4.0, 16), doubt(4.0, 8), doubt(4.0, 99)), (1.0, 4.0, 1.0, 4.0));
+    }
+
+    #[test]
+    fn a_finer_tolerance_takes_more_but_makes_no_body_rougher() {
+        let mut probed = probed(2, 8.0);
+        let felt = Surrogate::of(&probed).unwrap();
+        probed.wanted.tolerance = Tolerance { absolute_n: 0.002, relative: 0.0 };
+        let fine = Surrogate::of(&probed).unwrap();
+        assert_eq!(fine.doubt(), felt.doubt());
+        assert!(fine.scattered().configurations > felt.scattered().configurations);
     }
 
     #[test]

@@ -16,7 +16,6 @@ use palpate_precompute::fit::{
 use palpate_precompute::scattered::Tolerance;
 
 use super::probe::norm;
-use super::surrogate::Surrogate;
 
 /// Beyond so many centres a dense fit of weights takes longer than a plan may.
 const MOST_CENTRES: usize = 1100;
@@ -116,14 +115,8 @@ impl Tables {
         }
     }
 
-    /// Error on the body, from that against the surrogate at `places`; `None` if the method has no table.
-    pub(super) fn error(
-        &self,
-        method: Method,
-        truth: &Surrogate,
-        places: &[Place],
-        tolerance: &Tolerance,
-    ) -> Option<Error> {
+    /// Error against the surrogate at `places`; `None` if the method has no table.
+    pub(super) fn error(&self, method: Method, places: &[Place], tolerance: &Tolerance) -> Option<Error> {
         let space = self.space();
         if !space.has(method) {
             return None;
@@ -132,7 +125,7 @@ impl Tables {
         let mut within = 0;
         for &Place { at, exact } in places {
             let found = space.force(method, at.map(|x| x as f32))?.force_n;
-            let error_n = truth.doubt() * norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
+            let error_n = norm(std::array::from_fn(|i| f64::from(found[i]) - exact[i]));
             within += usize::from(error_n <= tolerance.at(exact));
             errors.push(error_n);
         }
@@ -219,6 +212,7 @@ pub(super) fn other_bytes([vertices, triangles]: [usize; 2], spaces: usize, meth
 
 #[cfg(test)]
 mod tests {
+    use super::super::surrogate::Surrogate;
     use super::super::surrogate::tests::probed;
     use super::*;
     use palpate_precompute::configuration_space::Lattice;
@@ -233,7 +227,7 @@ mod tests {
             let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
             let expanded = truth.lattice(&Lattice { grid, complete_cells: true, increments: None });
             let tables = Tables::of(&grid, &expanded.samples, None);
-            ALL.map(|m| tables.error(m, &truth, &places, &Tolerance::CANNOT_BE_FELT).map(|e| e.p99_n))
+            ALL.map(|m| tables.error(m, &places, &Tolerance::CANNOT_BE_FELT).map(|e| e.p99_n))
         };
         let (coarse, fine) = (p99(3.0), p99(5.0));
         for (coarse, fine) in coarse.iter().zip(&fine) {

@@ -1,0 +1,108 @@
+//! The leading modes of a surface's displacements, as the core has them: int16 times a scale.
+
+use palpate_core::displacement::DisplacementPlanes;
+
+/// Units of a packed number.
+pub(crate) const UNITS: f64 = 32767.0;
+
+/// A mode before it is packed.
+pub(crate) struct Mode {
+    /// Orthonormal.
+    pub(crate) shape: Vec<f64>,
+    /// The largest coefficient.
+    pub(crate) range: f64,
+}
+
+/// Modes as the core has them.
+pub(crate) struct PackedModes {
+    /// `[mode][surface vertex][xyz]`.
+    pub(crate) numbers: Vec<i16>,
+    /// Metres per unit of a mode times unit of its coefficient.
+    pub(crate) scale: Vec<f32>,
+    /// What the core makes of them, with a coefficient of 1: metres.
+    pub(crate) unpacked: Vec<Vec<f64>>,
+    /// |unpacked|^2.
+    squared: Vec<f64>,
+}
+
+impl PackedModes {
+    pub(crate) fn pack(modes: &[Mode]) -> Self {
+        let (mut all, mut scales): (Vec<i16>, Vec<f32>) = Default::default();
+        for Mode { shape, range } in modes {
+            let top = shape.iter().fold(0.0, |top: f64, x| top.max(x.abs())).max(f64::MIN_POSITIVE);
+            let numbers: Vec<i16> = shape.iter().map(|x| (UNITS * x / top).round() as i16).collect();
+            // Packed modes are not quite orthogonal: a coefficient may come out a little larger than the mode's own.
+            let scale = (top / UNITS * 1.01 * range / UNITS).max(f64::from(f32::MIN_POSITIVE)) as f32;
+            all.extend(numbers);
+            scales.push(scale);
+        }
+        Self::of(all, scales)
+    }
+
+    /// Those of a table.
+    pub(crate) fn of_planes(planes: &DisplacementPlanes<'_>) -> Self {
+        Self::of(planes.modes.to_vec(), planes.scale.to_vec())
+    }
+
+    fn of(numbers: Vec<i16>, scale: Vec<f32>) -> Self {
+        let length = numbers.len() / scale.len().max(1);
+        let whole = |(numbers, &scale): (&[i16], &f32)| -> Vec<f64> {
+            numbers.iter().map(|&n| f64::from(n) * f64::from(scale)).collect()
+        };
+        let unpacked: Vec<Vec<f64>> = numbers.chunks(length.max(1)).zip(&scale).map(whole).collect();
+        let squared = unpacked.iter().map(|mode| dot(mode, mode).max(f64::MIN_POSITIVE)).collect();
+        Self { numbers, scale, unpacked, squared }
+    }
+
+    /// Coefficients of a displacement, and what they leave of it.
+    pub(crate) fn coefficients(&self, displacement_m: &[f32]) -> (Vec<i16>, Vec<f64>) {
+        let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
+        let mut packed = Vec::with_capacity(self.scale.len());
+        for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
+            let number = (dot(mode, &left) / squared).round().clamp(-UNITS, UNITS);
+            left.iter_mut().zip(mode).for_each(|(x, m)| *x -= number * m);
+            packed.push(number as i16);
+        }
+        (packed, left)
+    }
+
+    /// Coefficients of a slope, times `step`; not rounded.
+    pub(crate) fn project(&self, slope: &[f32], step: f64) -> Vec<f64> {
+        let along = |mode: &[f64]| slope.iter().zip(mode).map(|(s, m)| f64::from(*s) * m).sum::<f64>();
+        self.unpacked.iter().zip(&self.squared).map(|(mode, squared)| step * along(mode) / squared).collect()
+    }
+
+    /// What is left of a displacement that has more modes than these, m, and by how much rounding the coefficients changes that, m.
+    pub(crate) fn left_and_rounded(&self, displacement_m: &[f32]) -> [Vec<f64>; 2] {
+        let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
+        for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
+            let along = dot(mode, &left) / squared;
+            left.iter_mut().zip(mode).for_each(|(x, m)| *x -= along * m);
+        }
+        let (_, rounded) = self.coefficients(displacement_m);
+        let apart = rounded.iter().zip(&left).map(|(rounded, left)| rounded - left).collect();
+        [left, apart]
+    }
+}
+
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_modes_leave_and_what_digits_change_are_apart() {
+        let mode = |shape: [f64; 4], range| Mode { shape: shape.to_vec(), range };
+        let modes = PackedModes::pack(&[mode([1.0, 0.0, 0.0, 0.0], 0.01), mode([0.0, 0.8, 0.6, 0.0], 0.02)]);
+        let [left, rounded] = modes.left_and_rounded(&[0.004_321, 0.008, 0.006, 0.003]);
+        assert!((left[3] - 0.003).abs() < 1e-9 && left[..3].iter().all(|x| x.abs() < 1e-7), "{left:?}");
+        // Half a unit of a coefficient, of which there are 32,767 in its range.
+        let largest = rounded.iter().fold(0.0f64, |top, x| top.max(x.abs()));
+        assert!(largest > 1e-9 && largest < 0.51 * 1.01 * 0.02 / UNITS, "{rounded:?}");
+        let again = PackedModes::of(modes.numbers.clone(), modes.scale.clone());
+        assert_eq!(again.unpacked, modes.unpacked);
+    }
+}
