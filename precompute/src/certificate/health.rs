@@ -232,7 +232,7 @@ impl Health {
         } else {
             say(
                 Verdict::Yellow,
-                "no independent position away from folds was solved: nothing is known of the errors".into(),
+                "no independent position away from folds was solved: of the errors nothing is known but what the search itself met".into(),
             );
         }
         let beyond = |m: &MethodCertificate| Some(1.0 - m.tolerated?.count as f64 / m.uniform.count as f64);

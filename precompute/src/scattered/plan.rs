@@ -104,7 +104,7 @@ impl ScatteredPlan {
                 self.verdict = Some(verdict);
                 if verdict == Verdict::Stalled {
                     let rest = self.rest.as_ref();
-                    self.switched = rest.and_then(|rest| Switched::new(self.wanted.radius_m, rest));
+                    self.switched = rest.and_then(|rest| Switched::new(self.wanted, rest));
                 }
             }
             Step::Solve(targets) => {
@@ -206,17 +206,17 @@ mod tests {
         }
     }
 
+    const ANYWHERE: Wanted = Wanted {
+        tolerance: Tolerance::CANNOT_BE_FELT,
+        radius_m: RADIUS_M,
+        max_force_n: 8.0,
+        push: None,
+        workspace_m: None,
+        most: 160,
+    };
+
     /// Solves to the end, `width` tasks at a time; what was solved, in the order of the points.
-    fn solved(jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
-        let tolerance = Tolerance::CANNOT_BE_FELT;
-        let wanted = Wanted {
-            tolerance,
-            radius_m: RADIUS_M,
-            max_force_n: 8.0,
-            push: None,
-            workspace_m: None,
-            most: 160,
-        };
+    fn solved(wanted: Wanted, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
         let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
         while !plan.is_done() {
             let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();
@@ -232,11 +232,11 @@ mod tests {
 
     #[test]
     fn a_lattice_takes_over_where_predictions_do_not_fall_and_it_finds_the_fold() {
-        let (smooth, few) = solved(0.0, 1);
+        let (smooth, few) = solved(ANYWHERE, 0.0, 1);
         assert_eq!((smooth.verdict(), smooth.switched().is_none()), (Some(Verdict::Passed), true));
         assert!(few.len() < 60, "{}", few.len());
 
-        let (plan, records) = solved(2.0, 1);
+        let (plan, records) = solved(ANYWHERE, 2.0, 1);
         assert_eq!(plan.verdict(), Some(Verdict::Stalled));
         let lattice = plan.switched().expect("a lattice");
         let jets = plan.search().expect("a search").jets().len();
@@ -260,7 +260,39 @@ mod tests {
             assert_ne!(beyond[0], beyond[1], "{fold:?}");
         }
         // Whoever solves how many at once.
-        let (_, again) = solved(2.0, 7);
+        let (_, again) = solved(ANYWHERE, 2.0, 7);
         assert_eq!(again, records);
+    }
+
+    #[test]
+    fn the_lattice_goes_no_further_than_a_step_beyond_the_tool_s_reach() {
+        let [low, high] = [[-0.004, -0.012, -0.02], [0.02, 0.03, 0.03]];
+        let push = Some([0.0, 0.0, -1.0]);
+        let (plan, records) = solved(Wanted { workspace_m: Some([low, high]), push, ..ANYWHERE }, 2.0, 1);
+        let lattice = plan.switched().expect("a lattice");
+        let own: HashMap<GridIndex, Record> =
+            lattice.records(&records).into_iter().map(|r| (r.index, r)).collect();
+        let points = own.len();
+        assert!((60..400).contains(&points), "{points} of 613");
+        let step_m = 1.001 * lattice.grid().spacing_m;
+        let (mut inside, mut pressing) = (0, 0);
+        for (index, record) in &own {
+            let at = lattice.grid().displacement_m(*index);
+            assert!((0..3).all(|i| at[i] >= low[i] - step_m && at[i] <= high[i] + step_m), "{at:?}");
+            let is_inside = (0..3).all(|i| at[i] >= low[i] && at[i] <= high[i]);
+            inside += usize::from(is_inside);
+            if is_inside && -record.force_n[2] <= 0.0 && lattice.grid().lattice.contains(*index) {
+                // All corners of its cells are there.
+                pressing += 1;
+                let beside = |code: i32| {
+                    std::array::from_fn(|axis| index[axis] + code / 3i32.pow(axis as u32) % 3 - 1)
+                };
+                let missing = (0..27).map(beside).find(|corner: &GridIndex| {
+                    lattice.grid().lattice.contains(*corner) && !own.contains_key(corner)
+                });
+                assert_eq!(missing, None, "beside {index:?}");
+            }
+        }
+        assert!(pressing > 10 && inside > pressing, "{inside} {pressing}");
     }
 }

@@ -42,6 +42,8 @@ const TOO_FAR: f64 = 1.15;
 /// Places where the linear body is held against the fit.
 const PLACES: u32 = 600;
 
+/// A pull of such a share of the force is near enough to pressing for a lattice to go on.
+const ALL_BUT_PRESSES: f64 = 0.25;
 /// A cheaper body is learned to so many times the force limit, and to this share of the tolerance.
 const BENEATH: f64 = 1.1;
 const FINER: f64 = 0.3;
@@ -73,6 +75,17 @@ impl Wanted {
         let Tolerance { relative, absolute_n } = self.tolerance;
         let tolerance = Tolerance { relative: FINER * relative, absolute_n: FINER * absolute_n };
         Self { tolerance, max_force_n: BENEATH * self.max_force_n, ..*self }
+    }
+
+    /// Whether a lattice goes on from a configuration: one that is in the workspace and, if the tool only pushes, presses or all but presses. Its
+    /// neighbours are solved, so that the cells at the rim of what can be reached have their corners.
+    pub fn lattice_goes_on_from(&self, displacement_m: [f64; 3], force_n: [f64; 3]) -> bool {
+        let inside = self.workspace_m.is_none_or(|[low, high]| {
+            (0..3).all(|axis| (low[axis]..=high[axis]).contains(&displacement_m[axis]))
+        });
+        let pull_n =
+            self.push.map_or(0.0, |normal| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>());
+        inside && pull_n <= ALL_BUT_PRESSES * norm(force_n)
     }
 }
 

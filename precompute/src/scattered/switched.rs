@@ -6,6 +6,9 @@
 
 use std::sync::Arc;
 
+use palpate_core::ConfigTag;
+
+use super::Wanted;
 use crate::configuration_space::plan::{Plan, TagCounts, Task};
 use crate::configuration_space::{Domain, GridIndex, Record, SpaceGrid};
 
@@ -15,6 +18,7 @@ const CELLS: i32 = 4;
 /// A lattice space whose points are counted in [`super::UNIT_M`].
 #[derive(Debug)]
 pub struct Switched {
+    wanted: Wanted,
     plan: Plan,
     grid: SpaceGrid,
     /// Spacing in units.
@@ -22,14 +26,14 @@ pub struct Switched {
 }
 
 impl Switched {
-    /// The lattice within `radius_m`, with its rest known. `None` if the radius is no ball of so many cells.
-    pub(super) fn new(radius_m: f64, rest: &Record) -> Option<Self> {
-        let (grid, spacing) = Self::within(radius_m)?;
+    /// The lattice of what is wanted, with its rest known. `None` if the radius is no ball of so many cells.
+    pub(super) fn new(wanted: Wanted, rest: &Record) -> Option<Self> {
+        let (grid, spacing) = Self::within(wanted.radius_m)?;
         let mut plan = Plan::new(Arc::new(Domain::new(&grid, true)), grid);
         // The first task is the rest, which the search has solved.
         plan.next_task()?;
         plan.decide(rest);
-        Some(Self { plan, grid, spacing })
+        Some(Self { wanted, plan, grid, spacing })
     }
 
     /// The lattice that would take over within `radius_m`, corners outside the ball included, and its spacing in units.
@@ -80,9 +84,13 @@ impl Switched {
     }
 
     pub(super) fn decide(&mut self, record: &Record) {
-        if let Some(record) = self.own(record) {
-            self.plan.decide(&record);
+        let Some(mut record) = self.own(record) else { return };
+        let at = self.grid.displacement_m(record.index);
+        if record.tag == ConfigTag::Expandable && !self.wanted.lattice_goes_on_from(at, record.force_n) {
+            // As at the force limit: solved, and nothing is solved from it.
+            record.tag = ConfigTag::Terminating;
         }
+        self.plan.decide(&record);
     }
 
     /// A record in steps of the lattice; `None` if its point is none of the lattice's: the search's own are not, but for rest.

@@ -46,7 +46,8 @@ pub(crate) struct Args {
     #[arg(long)]
     no_certificate: bool,
     /// Uniform positions away from folds that are solved for the certificate, an active node. If not given 299, which can certify 99 %
-    /// with 95 % confidence; of more than eight nodes 600 in all, which can certify 99.5 % of a random position of a random node
+    /// with 95 % confidence; of more than eight nodes 600 in all, which can certify 99.5 % of a random position of a random node. 0: the
+    /// blind loop's own verdict alone, at once; `palpate run` then wants to be told to trust the blob
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
     /// Measure what the blob leaves out and what that changes and saves (linear body, element order, mesh, f_max, modes, digits): so many of

@@ -454,7 +454,7 @@ fn check_certificate(
         if measured.is_none_or(|m| m.uniform.count == 0) {
             return Err(Failure::input(format!(
                 "{path_name}: its certificate has no position of {} away from folds for {}, so it says nothing about its forces; pack it \
-                 on a finer grid or a smaller radius, or run it with --uncertified",
+                 with --uniform 299, on a finer grid or a smaller radius, or run it with --uncertified",
                 space.active,
                 method.name()
             )));

@@ -153,7 +153,8 @@ pub(super) fn plan(
     if loop_.configurations > wanted.most as f64
         && let Some((grid, _)) = Switched::within(sampling.radius_m())
     {
-        let samples = truth.lattice(&Lattice { grid, complete_cells: true, increments: None }).samples;
+        let lattice = Lattice { grid, complete_cells: true, increments: None };
+        let samples = truth.lattice_that_takes_over(&lattice).samples;
         let methods = measure(&Tables::of(&grid, &samples, None));
         let first = &mut choices[0];
         first.configurations += samples.len() as f64;

@@ -132,8 +132,17 @@ impl Surrogate {
         }
     }
 
-    /// The lattice's plan on it.
+    /// The lattice's plan on it: as the scene asks for one, all of the ball within the force limit.
     pub(crate) fn lattice(&self, lattice: &Lattice) -> Expanded {
+        self.expanded(lattice, |_| true)
+    }
+
+    /// The lattice that takes over where the blind loop gives up: only where the tool gets to.
+    pub(super) fn lattice_that_takes_over(&self, lattice: &Lattice) -> Expanded {
+        self.expanded(lattice, |jet| self.wanted.lattice_goes_on_from(jet.displacement_m, jet.force_n))
+    }
+
+    fn expanded(&self, lattice: &Lattice, goes_on: impl Fn(&EnergyJet) -> bool) -> Expanded {
         let grid = lattice.grid;
         let domain = Arc::new(Domain::new(&grid, lattice.complete_cells));
         let mut plan = Plan::new(domain, grid);
@@ -142,7 +151,8 @@ impl Surrogate {
             let is_rest = task.target == [0; 3];
             let jet = if is_rest { self.rest } else { self.fit.jet(grid.displacement_m(task.target)) };
             let beyond = !is_rest && norm(jet.force_n) >= self.wanted.max_force_n;
-            let tag = if beyond { ConfigTag::Terminating } else { ConfigTag::Expandable };
+            let is_last = beyond || !goes_on(&jet);
+            let tag = if is_last { ConfigTag::Terminating } else { ConfigTag::Expandable };
             plan.decide(&Record {
                 index: task.target,
                 attempt: task.attempt,
