@@ -65,7 +65,7 @@ impl Line {
 /// How much is solved for it, and when to stop.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort<'s> {
-    /// Positions solved by each other body.
+    /// Positions solved by each other body; with none, only what the blob leaves out is measured.
     pub positions: usize,
     /// Threads.
     pub threads: usize,
@@ -96,13 +96,15 @@ pub fn ledger(
     }
     let mut lines = vec![linear(store, active, &positions, certificate)?];
     let some = &positions[..effort.positions.min(positions.len())];
-    let own = forces(scene, active, some, effort);
-    for (what, made, other) in others(scene) {
-        let there = forces(&other, active, some, effort);
-        if effort.stop.load(Ordering::Relaxed) {
-            return Ok(None);
+    if !some.is_empty() {
+        let own = forces(scene, active, some, effort);
+        for (what, made, other) in others(scene) {
+            let there = forces(&other, active, some, effort);
+            if effort.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            lines.push(discretised(what, made, &own, &there));
         }
-        lines.push(discretised(what, made, &own, &there));
     }
     let answers: Vec<Compared> =
         answered(space, method, &positions).iter().map(|answer| answer.compared).collect();
@@ -254,8 +256,15 @@ fn of_the_blob(
             lines.push(line(format!("modes beyond {}", surface.modes), "bytes", bytes, left));
             let digits = "digits of their coefficients (int16)".into();
             lines.push(line(digits, "bytes a number", [2.0, 4.0], rounded));
+            let eye = "displacements for the eye (a blob of forces alone)";
+            lines.push(Line::new(eye, false, "bytes", [0.0, bytes[0]]));
         }
-        None => lines.push(Line::new("displacements for the eye", true, "nodes moved", [0.0, nodes[0]])),
+        None => lines.push(Line::new(
+            "displacements for the eye (a blob of forces alone)",
+            true,
+            "nodes moved",
+            [0.0, nodes[0]],
+        )),
     }
     lines
 }

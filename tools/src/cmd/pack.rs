@@ -50,8 +50,9 @@ pub(crate) struct Args {
     /// blind loop's own verdict alone, at once; `palpate run` then wants to be told to trust the blob
     #[arg(long, value_name = "N")]
     uniform: Option<u32>,
-    /// Measure what the blob leaves out and what that changes and saves (linear body, element order, mesh, f_max, modes, digits): so many of
-    /// the certificate's positions are solved by each other body, the finer of which take seconds each. Of more than eight nodes, the first
+    /// Add element order and mesh to the ledger (which tells what the blob leaves out and what that changes and saves: linear body, f_max,
+    /// modes, digits): so many of the certificate's positions are solved by each other body, the finer of which take seconds each. Of more
+    /// than eight nodes the first has a ledger
     #[arg(long, value_name = "POSITIONS", num_args = 0..=1, default_missing_value = "8")]
     ledger: Option<usize>,
     /// Leave states between grid points, which a scene with `increments` keeps, out of the radial basis functions
@@ -92,9 +93,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         solve_truth(args, nodes)?;
         let store = Store::open(&args.space)?;
         let (mut packed, mut made) = certified(&store, &options)?;
-        if let Some(positions) = args.ledger {
-            measure_ledger(&store, (&mut packed, &mut made), positions, options.threads)?;
-        }
+        measure_ledger(&store, (&mut packed, &mut made), args.ledger.unwrap_or(0), options.threads)?;
         (packed, Some(made))
     };
     for name in &packed.left_out {
@@ -137,7 +136,7 @@ pub(crate) fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Pac
     Ok((packed, certificate))
 }
 
-/// Adds the ledgers to a certificate.
+/// Adds the ledgers to a certificate: without `positions` what the blob itself leaves out, with them what the discretisation does, too.
 fn measure_ledger(
     store: &Store,
     (packed, made): (&mut Packed, &mut Certificate),
@@ -147,12 +146,14 @@ fn measure_ledger(
     let file = BlobFile::of(&packed.bytes()?);
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let (bench, stop) = (Workbench::of_store(store)?, stop_flag()?);
-    let effort = Effort { positions: positions.max(1), threads, stop: &stop };
+    let effort = Effort { positions, threads, stop: &stop };
     let wanted = if made.spaces.len() > FEW { 1 } else { made.spaces.len() };
     let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
     for space in &mut made.spaces[..wanted] {
         let Some(active) = names.iter().position(|name| *name == space.active) else { continue };
-        eprintln!("palpate: ledger of {}: {positions} positions by each other body", space.active);
+        if positions > 0 {
+            eprintln!("palpate: ledger of {}: {positions} positions by each other body", space.active);
+        }
         space.ledger = ledger(store, active, (&organ, space), &bench.scene, effort)?;
         if stop.load(Ordering::Relaxed) {
             return Err(Failure::work(

@@ -26,6 +26,10 @@ use crate::workbench::{Workbench, stop_flag, threads};
 /// parent is tried from its other neighbours; neighbours that seem to lie on different branches are solved again, and the
 /// lower energy is kept.
 ///
+/// With a tolerance in the grid instead of a spacing (`cannot_be_felt = true`, `tolerance_n`, `tolerance_relative`) positions are chosen by the
+/// error: each is predicted before it is solved, and solving ends when the predictions hold. Where they do not fall the space folds, and a lattice
+/// takes over. `palpate plan` says beforehand what either takes.
+///
 /// With `complete_cells` in the grid (the default) the corners outside the radius of the cells that reach into it are solved too.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {

@@ -304,10 +304,14 @@ fn second_line(method: &MethodCertificate) -> String {
 
 /// One line an omission: what it changes, and what it saves.
 fn of_ledger(ledger: &Ledger) -> String {
+    let bodies = match ledger.positions {
+        0 => "element order and mesh: `pack --ledger`".to_owned(),
+        positions => format!("{positions} positions by each other body in {:.1} s", ledger.seconds),
+    };
     let mut text = format!(
-        "  ledger: what is left out (-) or could be (o), and what that changes and costs; {} positions by each other body in {:.1} s\n    \
+        "  ledger: what is left out (-) or could be (o), and what that changes and costs; {bodies}\n    \
          {:<62} force, mN: mean      max   relative  not felt   surface, mm: rms      max   cost with   without\n",
-        ledger.positions, ledger.seconds, ""
+        ""
     );
     for line in &ledger.lines {
         let Line { what, made, force, relative, surface, unit, cost } = line;

@@ -28,6 +28,9 @@ use crate::workbench::Workbench;
 /// Of a space: points by tag, failures by reason, retries, folds (neighbours on different branches), inverted and unstable
 /// states, forces, iterations and seconds.
 ///
+/// Of a blob: what it holds, and its certificate: verdict (green, yellow, red) with the reasons, errors at positions that no fit has seen, and
+/// the ledger of what was left out.
+///
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
 /// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their smallest

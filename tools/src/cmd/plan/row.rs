@@ -99,6 +99,13 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let row = &mut rows[chosen];
     row.recommended = true;
     let (mn, share) = (1e3 * row.p99_n, 100.0 * row.within);
+    // The errors are against the finite elements of the same model.
+    let beside = row.stiffer.filter(|stiffer| stiffer.abs() > FAR).map_or_else(String::new, |stiffer| {
+        format!(
+            " of that model, which itself is {:+.0} % stiffer at rest than quadratic elements",
+            100.0 * stiffer
+        )
+    });
     let why = match cheapest {
         Some(_) if row.model == LINEAR => {
             format!(
@@ -107,7 +114,7 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
         }
         Some(_) => {
             format!(
-                "of the scene's own model the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99"
+                "of the scene's own model the fewest seconds of solving within {tolerance}: {mn:.1} mN at p99{beside}"
             )
         }
         None => format!(
@@ -117,6 +124,9 @@ pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     };
     (chosen, why)
 }
+
+/// A model this much stiffer than quadratic elements is worth a word.
+const FAR: f64 = 0.1;
 
 /// The name of the row with the linear law.
 pub(super) const LINEAR: &str = "linear law";
