@@ -156,7 +156,7 @@ impl Health {
         say(
             BRANCHES.of(found.folded_volume),
             format!(
-                "{:.1} % of the ball lies at folds ({} pairs of neighbours on different branches): the force there depends on the way; \
+                "{:.1} % of the volume lies at folds ({} pairs of neighbours on different branches): the force there depends on the way; \
                  take a smaller radius_m",
                 100.0 * found.folded_volume,
                 found.fold_pairs

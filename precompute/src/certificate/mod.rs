@@ -76,7 +76,7 @@ pub struct SpaceCertificate {
     pub cost: Cost,
     /// Neighbours on different branches.
     pub fold_pairs: usize,
-    /// Share of the ball's volume within a cell of such a pair.
+    /// Share of the ball's volume within a cell of such a pair; of the part in reach, where a workspace or pushing alone limits it.
     pub folded_volume: f64,
     /// Points where two stable solutions were found.
     #[serde(default)]
@@ -259,8 +259,13 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let methods: Vec<MethodCertificate> =
             methods.map(|method| measure(space, method, &truths, tolerance)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
-        let folded_volume = probes::share_of_ball(space, |at| is_folded(space, at));
         let search = scattered.as_ref().and_then(|plan| Some((plan.search()?, plan.verdict())));
+        // What a workspace or pushing alone keeps the tool from is nothing to be judged.
+        let kept_in = search
+            .filter(|(search, _)| search.wanted().is_kept_in())
+            .map(|(search, _)| search.within_reach());
+        let in_reach = |at: [f32; 3]| kept_in.as_ref().is_none_or(|reach| reach.has(at.map(f64::from)));
+        let folded_volume = probes::share_of_part(space, in_reach, |at| is_folded(space, at));
         let fold_pairs = folded.len();
         let findings =
             Findings { cost: &cost, fold_pairs, folded_volume, two_solutions, methods: &methods, search };

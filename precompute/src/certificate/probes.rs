@@ -60,8 +60,18 @@ pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> 
 
 /// Share of the ball's volume where `is` holds.
 pub(super) fn share_of_ball(space: &Space<'_>, is: impl Fn([f32; 3]) -> bool) -> f64 {
-    let hits = (0..CROSSINGS).filter(|&n| is(in_ball(space, n))).count();
-    hits as f64 / f64::from(CROSSINGS)
+    share_of_part(space, |_| true, is)
+}
+
+/// Share of a part of the ball where `is` holds; zero of an empty one.
+pub(super) fn share_of_part(
+    space: &Space<'_>,
+    part: impl Fn([f32; 3]) -> bool,
+    is: impl Fn([f32; 3]) -> bool,
+) -> f64 {
+    let inside: Vec<[f32; 3]> = (0..CROSSINGS).map(|n| in_ball(space, n)).filter(|&at| part(at)).collect();
+    let hits = inside.iter().filter(|&&at| is(at)).count();
+    hits as f64 / inside.len().max(1) as f64
 }
 
 /// Number `n` of a low-discrepancy sequence in the unit cube (powers of the plastic number's kin in three dimensions).

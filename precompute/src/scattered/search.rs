@@ -77,12 +77,15 @@ impl Wanted {
         Self { tolerance, max_force_n: BENEATH * self.max_force_n, ..*self }
     }
 
+    /// Whether more than radius and force keep the tool in.
+    pub fn is_kept_in(&self) -> bool {
+        self.push.is_some() || self.workspace_m.is_some()
+    }
+
     /// Whether a lattice goes on from a configuration: one that is in the workspace and, if the tool only pushes, presses or all but presses. Its
     /// neighbours are solved, so that the cells at the rim of what can be reached have their corners.
     pub fn lattice_goes_on_from(&self, displacement_m: [f64; 3], force_n: [f64; 3]) -> bool {
-        let inside = self.workspace_m.is_none_or(|[low, high]| {
-            (0..3).all(|axis| (low[axis]..=high[axis]).contains(&displacement_m[axis]))
-        });
+        let inside = self.workspace_m.is_none_or(|workspace| is_within(&workspace, &displacement_m));
         let pull_n =
             self.push.map_or(0.0, |normal| force_n.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>());
         inside && pull_n <= ALL_BUT_PRESSES * norm(force_n)
