@@ -277,7 +277,7 @@ impl Plan {
         }
         if forked > 0 {
             signs.push(format!(
-                "{forked} of {again} have another solution when they are solved from elsewhere"
+                "{forked} of {again} probes have another solution when they are solved from elsewhere"
             ));
         }
         if !signs.is_empty() {

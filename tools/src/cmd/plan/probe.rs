@@ -161,7 +161,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
     // The farthest first: that is where a space folds.
     solved.sort_by(|a, b| norm(b.at.displacement_m).total_cmp(&norm(a.at.displacement_m)));
     for (n, probe) in solved.iter().enumerate() {
-        if begun.elapsed() > order.patience + order.patience / 2 {
+        if begun.elapsed() > order.patience {
             break;
         }
         let from = if probe.is_from_rest { nearest(&solved, n) } else { seeds.first() };
