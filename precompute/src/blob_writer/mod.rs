@@ -147,8 +147,12 @@ impl Packed {
         assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
     }
 
-    /// Adds a certificate of the tables, as JSON. They keep their bits.
+    /// Adds a certificate of the tables, as JSON, in place of an earlier one. They keep their bits.
     pub fn certify(&mut self, certificate: &str) -> Result<(), PackError> {
+        // It is the last plane.
+        if let Some(earlier) = self.preamble.certificate.take() {
+            self.planes.bytes.truncate(earlier.offset as usize);
+        }
         self.preamble.certificate = Some(self.planes.push(certificate.as_bytes())?);
         Ok(())
     }
