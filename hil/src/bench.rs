@@ -22,7 +22,7 @@ pub mod strike;
 
 pub use ask::{Ask, Told};
 pub use order::{Order, Report};
-pub use rig::Rig;
+pub use rig::{HOMING_MOVES, Rig};
 pub use serve::{Options, serve};
 pub use stepped::Stepped;
 pub use strike::Strike;

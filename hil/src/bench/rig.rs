@@ -18,8 +18,10 @@ use palpate_core::vec3;
 use palpate_host::device::falcon::Ftdi;
 use std::time::Duration;
 
-/// The hand moves on while the guest does, whose time is not real: this long after the last command, us.
-const HAND_WAITS_US: u64 = 3_000;
+/// The grip moves on while the guest does, whose time is not real: a tick of the driver's loop for each command.
+const HAND_MOVES: Duration = Duration::from_millis(1);
+/// The same while it is homed, which no force depends on, and no time of a loop: sooner done.
+pub const HOMING_MOVES: Duration = Duration::from_millis(3);
 /// How long the cable is out, us: long enough for a guest to notice.
 const OUT_US: u64 = 400_000;
 /// Bytes of a request that reach the board before the cable is pulled.
@@ -61,11 +63,8 @@ impl Rig {
         let wrong =
             (strike == Some(Strike::WrongEcho)).then_some((LoaderFault::WrongEcho { at: WRONG_AT }, 1));
         let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: wrong };
-        let mut falcon = EmulatedFalcon::new(FalconConfig {
-            loader,
-            hand_waits_us: Some(HAND_WAITS_US),
-            ..FalconConfig::default()
-        });
+        let mut falcon = EmulatedFalcon::new(FalconConfig { loader, ..FalconConfig::default() });
+        falcon.stand_without_commands(HOMING_MOVES);
         falcon.unplug();
         Self {
             link: FaultyFtdi::new(MemoryFtdi::in_real_time(falcon), seed),
@@ -106,7 +105,7 @@ impl Rig {
     pub fn obey(&mut self, order: Order) -> String {
         match order {
             Order::Plug { seed } => *self = Self::new(seed),
-            Order::Home => self.link.inner().falcon().follow(homing_path()),
+            Order::Home => self.moves(homing_path(), HOMING_MOVES),
             Order::Press => self.stroke(BELOW_M),
             Order::Lift => self.stroke(ABOVE_M),
             // Where there is none it is the host that something happens to, now.
@@ -125,9 +124,14 @@ impl Rig {
 
     /// From wherever the grip is, so that it never leaps.
     fn stroke(&self, to_m: f32) {
+        let from = Waypoint { t_us: 0, position_m: self.link.inner().falcon().position_m() };
+        self.moves(vec![from, Waypoint { t_us: STROKE_US, position_m: [0.0, 0.0, to_m] }], HAND_MOVES);
+    }
+
+    fn moves(&self, path: Vec<Waypoint>, each_command: Duration) {
         let mut falcon = self.link.inner().falcon();
-        let from = Waypoint { t_us: 0, position_m: falcon.position_m() };
-        falcon.follow(vec![from, Waypoint { t_us: STROKE_US, position_m: [0.0, 0.0, to_m] }]);
+        falcon.stand_without_commands(each_command);
+        falcon.follow(path);
     }
 
     /// The truth.

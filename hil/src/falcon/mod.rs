@@ -36,6 +36,7 @@ use image::Image;
 use loader::Loader;
 use palpate_core::Vec3;
 use palpate_host::device::hand::{Drag, HandConfig};
+use std::time::Duration;
 use uart::WireByte;
 
 /// Time from the last byte of a request to the first of its reply, ns. Assumed; the wire takes five times as long.
@@ -58,8 +59,6 @@ pub struct FalconConfig {
     pub loader: LoaderOptions,
     /// The firmware runs already, as after an earlier session.
     pub firmware_runs: bool,
-    /// The hand stays where it is while no command has come for so long, us; never if `None`.
-    pub hand_waits_us: Option<u64>,
 }
 
 impl Default for FalconConfig {
@@ -73,7 +72,6 @@ impl Default for FalconConfig {
             raw_offset: [1_234, -4_321, 77],
             loader: LoaderOptions::default(),
             firmware_runs: false,
-            hand_waits_us: None,
         }
     }
 }
@@ -106,17 +104,8 @@ impl EmulatedFalcon {
     /// A device that was just plugged in, at time 0.
     #[must_use]
     pub fn new(config: FalconConfig) -> Self {
-        let FalconConfig {
-            hand,
-            drag,
-            path,
-            nm_per_motor_count,
-            raw_offset,
-            loader,
-            firmware_runs,
-            hand_waits_us,
-        } = config;
-        let grip = Grip::new(hand, drag, path).with_motors(nm_per_motor_count).with_waiting(hand_waits_us);
+        let FalconConfig { hand, drag, path, nm_per_motor_count, raw_offset, loader, firmware_runs } = config;
+        let grip = Grip::new(hand, drag, path).with_motors(nm_per_motor_count);
         Self {
             chip: Chip::new(0),
             loader: Loader::new(loader),
@@ -260,6 +249,11 @@ impl EmulatedFalcon {
     /// The hand leaves what it does for another path, whose times count from now.
     pub fn follow(&mut self, path: Vec<Waypoint>) {
         self.grip.follow(path);
+    }
+
+    /// From now on hand and grip stand still while no command has come for so long.
+    pub const fn stand_without_commands(&mut self, after: Duration) {
+        self.grip.stand_without_commands(after);
     }
 
     /// The hand holds these buttons: plus, forward, centre, minus from bit 0.
