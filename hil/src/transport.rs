@@ -46,16 +46,22 @@ impl PtyTransport {
     /// What was written at the other end is handed on by a worker of the kernel, on a busy machine much later, and the count of bytes that
     /// can be read knows nothing of it. A poll lets that worker finish first (`n_tty_poll` of Linux), and a read of the port begins with one.
     pub fn look(&mut self) -> io::Result<bool> {
-        let mut chunk = [0; 256];
-        loop {
-            match self.port.read(&mut chunk) {
-                Ok(0) => break,
-                Ok(count) => self.seen.extend(&chunk[..count]),
-                Err(error) if error.kind() == io::ErrorKind::TimedOut => break,
-                Err(error) => return Err(error),
-            }
-        }
+        drain(&mut self.port, &mut self.seen)?;
         Ok(!self.seen.is_empty())
+    }
+}
+
+/// Takes all that can be read now. A signal, Ctrl-C for example, may end the wait of a read before it began: then there is another look.
+fn drain(port: &mut impl Read, seen: &mut Vec<u8>) -> io::Result<()> {
+    let mut chunk = [0; 256];
+    loop {
+        match port.read(&mut chunk) {
+            Ok(0) => return Ok(()),
+            Ok(count) => seen.extend(&chunk[..count]),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => return Ok(()),
+            Err(error) => return Err(error),
+        }
     }
 }
 
@@ -134,6 +140,27 @@ mod tests {
         let count = one.receive(0, &mut buffer).expect("memory");
         assert_eq!(&buffer[..count], b"back");
         assert_eq!(one.receive(0, &mut buffer).expect("memory"), 0);
+    }
+
+    /// A read that a signal interrupts, as Ctrl-C once ended `palpate-hil emulate` with an error in place of its summary.
+    #[test]
+    fn a_signal_is_no_fault_of_the_terminal() {
+        struct Signalled(Vec<Result<Vec<u8>, io::ErrorKind>>);
+        impl Read for Signalled {
+            fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+                let bytes = self.0.remove(0)?;
+                buffer[..bytes.len()].copy_from_slice(&bytes);
+                Ok(bytes.len())
+            }
+        }
+        let signal = || Err(io::ErrorKind::Interrupted);
+        let (mut seen, some) = (Vec::new(), Ok(b"some".to_vec()));
+        let mut port = Signalled(vec![signal(), some, signal(), signal(), Err(io::ErrorKind::TimedOut)]);
+        drain(&mut port, &mut seen).expect("no fault");
+        assert!(seen == b"some" && port.0.is_empty(), "{seen:?}, {} reads to go", port.0.len());
+        let mut gone = Signalled(vec![signal(), Err(io::ErrorKind::BrokenPipe)]);
+        let fault = drain(&mut gone, &mut seen).expect_err("gone");
+        assert_eq!(fault.kind(), io::ErrorKind::BrokenPipe);
     }
 
     /// Every byte value: a terminal that is not raw would swallow or change some.
