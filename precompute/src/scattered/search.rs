@@ -8,7 +8,9 @@
 //!
 //! Early predictions were made by fits that knew less. What the present fit would say of a configuration if it knew only the others has not
 //! seen its answer either: where all of those are within the tolerance, ten at least, the last [`BATCH`] predictions are enough; where more than
-//! one in [`ONE_IN`] is beyond it, none are. The same left-out errors choose the kernel's length.
+//! one in [`ONE_IN`] is beyond it, none are. Between the two they are enough where the fit is [`SURE`]: those at the edge of what is known are
+//! said by extrapolation and may be beyond, and what that says of the present fit its deviation tells, which the left-out errors scale. The same
+//! errors choose the kernel's length.
 //!
 //! Beside the fit the linear body is tested, at no cost. Where every prediction of it, ten at least, is within the tolerance too, it is what is
 //! stored: the cheapest model within tolerance wins.
@@ -33,6 +35,9 @@ pub const PASSES: usize = 10;
 /// Of the configurations no more than one in so many may be beyond the tolerance as the others say it. Those at the edge of what is known are
 /// said by extrapolation and may be; where a body is too rough for its data they are more, and ten good predictions in a row are chance.
 const ONE_IN: usize = 5;
+/// The fit is sure of itself where the deviation of its force is within this share of the tolerance wherever the tool gets: twice the deviation within
+/// the tolerance.
+const SURE: f64 = 0.5;
 /// Lengths of the kernel that are tried side by side, as shares of the reach at first sight.
 const LENGTHS: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
 /// What comes out beyond this share of the limit is not learned from, nor does it count as a test: the fit is for the other side. The rim
@@ -150,7 +155,8 @@ pub struct LeftOut {
 pub enum Verdict {
     /// All predictions of the linear body, ten or more, were within tolerance: nothing else is needed.
     Linear,
-    /// The last ten predictions were within tolerance and few configurations beyond it as the others say, or the last four and none.
+    /// The last ten predictions were within tolerance and few configurations beyond it as the others say, or the last four, and either none is or the
+    /// fit is sure of itself.
     Passed,
     /// They ceased to fall before they were: the space folds, and a lattice has taken over.
     Stalled,
@@ -181,6 +187,8 @@ pub struct Search {
     /// Square root of the metric in which distances count.
     metric: Matrix3<f64>,
     tests: Vec<Test>,
+    /// The largest deviation of the fit's force by the tolerance there, over places within reach; none where the stop does not ask.
+    deviation: Option<f64>,
     /// The linear body, beside the fits.
     linear: Linear,
     /// Positions nearer to rest than one that came out too far.
@@ -239,6 +247,7 @@ impl Search {
             chosen: 1,
             metric,
             tests: Vec::new(),
+            deviation: None,
             linear: Linear::new(stiffness),
             pulled_back: Vec::new(),
             out: Vec::new(),
@@ -298,13 +307,37 @@ impl Search {
     fn short_of_passing(&self) -> usize {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
         let short = PASSES.saturating_sub(passes);
-        if beyond == 0 {
+        if beyond == 0 || self.deviation.is_some_and(|largest| largest <= SURE) {
             short.min(PASSES.saturating_sub(configurations).max(BATCH.saturating_sub(passes)))
         } else if beyond * ONE_IN <= configurations {
             short
         } else {
             short.max(BATCH)
         }
+    }
+
+    /// The largest deviation of the fit's force by the tolerance there, over places within reach: asked where nothing else is between the loop and its
+    /// end, and costly enough not to be asked before.
+    fn asked_deviation(&self) -> Option<f64> {
+        let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
+        let is_asked =
+            passes >= BATCH && configurations >= PASSES && (1..=configurations / ONE_IN).contains(&beyond);
+        is_asked.then(|| {
+            let places = self.places(PLACES);
+            let deviations = self.fit().deviation_n(&places).into_iter();
+            let by_tolerance =
+                |(n, at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(*at));
+            // No number is not sure either.
+            deviations
+                .zip(&places)
+                .map(by_tolerance)
+                .fold(0.0, |most, share| if share <= most { most } else { share })
+        })
+    }
+
+    /// The largest deviation of the fit's force by the tolerance there, over places within reach; none where the stop did not ask.
+    pub fn deviation(&self) -> Option<f64> {
+        self.deviation
     }
 
     /// All predictions so far.
@@ -440,6 +473,7 @@ impl Search {
         let best = (0..self.fits.len())
             .min_by(|&a, &b| self.fits[a].mean_left_out().total_cmp(&self.fits[b].mean_left_out()));
         self.chosen = best.unwrap_or(0);
+        self.deviation = self.asked_deviation();
     }
 
     fn score(&mut self, target: &Target, jet: &EnergyJet) {
@@ -564,6 +598,12 @@ mod tests {
         assert_eq!(search.short_of_passing(), 0);
         search.fits[chosen].left_out[3] = 1.1;
         assert_eq!(search.short_of_passing(), PASSES - passes);
+        // Unless the fit is sure of itself.
+        for (deviation, short) in [(SURE, 0), (1.01 * SURE, PASSES - passes), (f64::NAN, PASSES - passes)] {
+            search.deviation = Some(deviation);
+            assert_eq!(search.short_of_passing(), short, "{deviation}");
+        }
+        search.deviation = None;
         search.fits[chosen].left_out.truncate(PASSES - 1);
         assert_eq!(search.short_of_passing(), PASSES - passes);
         search.fits[chosen].left_out[3] = 0.9;
@@ -576,6 +616,30 @@ mod tests {
         assert_eq!(search.short_of_passing(), 0);
         search.fits[chosen].left_out[4] = f64::NAN;
         assert_eq!(search.short_of_passing(), BATCH);
+    }
+
+    /// Asked only between the loop and its end, and then it is the fit's own, at the worst place.
+    #[test]
+    fn the_deviation_is_asked_where_it_decides() {
+        let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
+        let (mut search, _) = searched(Wanted { tolerance, ..WANTED }, solved);
+        assert_eq!(search.asked_deviation(), None, "nothing is beyond, so four are enough");
+        let chosen = search.chosen;
+        search.fits[chosen].left_out[3] = 1.1;
+        let largest = search.asked_deviation().expect("one of many is beyond");
+        let places = search.places(PLACES);
+        let shares: Vec<f64> = (search.fit().deviation_n(&places).iter().zip(&places))
+            .map(|(n, &at)| n / tolerance.at(search.fit().force_n(at)))
+            .collect();
+        assert_eq!(largest, shares.iter().copied().fold(0.0, f64::max));
+        assert!(largest > 2.0 * shares.iter().sum::<f64>() / shares.len() as f64, "{largest}");
+        // Many beyond, too few in a row, and nobody asks.
+        let left_out = search.fits[chosen].left_out.clone();
+        search.fits[chosen].left_out = vec![1.1; left_out.len()];
+        assert_eq!(search.asked_deviation(), None);
+        search.fits[chosen].left_out = left_out;
+        search.tests.push(Test { index: [0; 3], error_n: 1.0, tolerance_n: 0.5, within: true });
+        assert_eq!(search.asked_deviation(), None);
     }
 
     #[test]

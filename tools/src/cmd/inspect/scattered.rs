@@ -19,11 +19,16 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let LeftOut { configurations: left_out, beyond, worst } = search.left_out();
     let verdict = match plan.verdict() {
         Some(Verdict::Linear) => in_words(&search.linear()),
-        Some(Verdict::Passed) => format!(
-            "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say",
-            search.passes().min(PASSES),
-            left_out - beyond
-        ),
+        Some(Verdict::Passed) => {
+            let sure = search.deviation().map_or_else(String::new, |largest| {
+                format!("; deviation of the force at most {:.0} % of tolerance", 100.0 * largest)
+            });
+            format!(
+                "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say{sure}",
+                search.passes().min(PASSES),
+                left_out - beyond
+            )
+        }
         Some(Verdict::Stalled) => {
             let on = plan.switched().map_or_else(String::new, |lattice| {
                 let (counts, spacing_mm) = (lattice.counts(), 1e3 * lattice.grid().spacing_m);
@@ -61,6 +66,7 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
     let figures = json!({
         "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
         "left_out": { "configurations": left_out, "beyond": beyond, "worst": worst },
+        "deviation": search.deviation(),
         "linear": search.linear(), "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
     });
     (words, figures)
