@@ -35,8 +35,7 @@ pub const PASSES: usize = 10;
 /// Of the configurations no more than one in so many may be beyond the tolerance as the others say it. Those at the edge of what is known are
 /// said by extrapolation and may be; where a body is too rough for its data they are more, and ten good predictions in a row are chance.
 const ONE_IN: usize = 5;
-/// The fit is sure of itself where the deviation of its force is within this share of the tolerance wherever the tool gets: twice the deviation within
-/// the tolerance.
+/// The fit is sure of itself where the deviation of its force, as far as it can be estimated, is within this share of the tolerance wherever the tool gets.
 const SURE: f64 = 0.5;
 /// Lengths of the kernel that are tried side by side, as shares of the reach at first sight.
 const LENGTHS: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
@@ -320,18 +319,13 @@ impl Search {
     /// end, and costly enough not to be asked before.
     fn asked_deviation(&self) -> Option<f64> {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
-        let is_asked =
-            passes >= BATCH && configurations >= PASSES && (1..=configurations / ONE_IN).contains(&beyond);
-        is_asked.then(|| {
+        let is_between = (BATCH..PASSES).contains(&passes) && configurations >= PASSES;
+        (is_between && (1..=configurations / ONE_IN).contains(&beyond)).then(|| {
             let places = self.places(PLACES);
             let deviations = self.fit().deviation_n(&places).into_iter();
             let by_tolerance =
-                |(n, at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(*at));
-            // No number is not sure either.
-            deviations
-                .zip(&places)
-                .map(by_tolerance)
-                .fold(0.0, |most, share| if share <= most { most } else { share })
+                |(n, &at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(at));
+            deviations.zip(&places).map(by_tolerance).fold(0.0, f64::max)
         })
     }
 

@@ -12,7 +12,8 @@
 //! sigma(x)^2 = s^2 (3 - sum_i |L^-1 k_i(x)|^2) / l^2,   K = L L',   k_i the kernel between all data and dW/dx_i at x
 //!
 //! A configuration at the edge of what is known is said by extrapolation by the others, and missed; with it the fit may know all there is to know. The
-//! left-out errors alone cannot tell that, sigma can: what they are too large by its B_n^-1 is large by too.
+//! left-out errors alone cannot tell that, sigma can: what they are too large by its B_n^-1 is large by too. It is an estimate of the size of an error, no
+//! bound of it: the body is no sample of the process, and the largest errors are some times what sigma is (docs/theory.md, section 10).
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -35,7 +36,8 @@ impl KernelFit {
         self.left_out().map(|(missed_n, _)| missed_n)
     }
 
-    /// Standard deviation of the force, all three components together, at these places, N. The first configuration, which is rest, does not count for s.
+    /// Standard deviation of the force, all three components together, at these places, N; infinite where there is none to be told, as of rest alone. The
+    /// first configuration, which is rest, does not count for s.
     ///
     /// Cost: with N configurations (20 N)^2 operations for each of three right-hand sides a place.
     ///
@@ -45,7 +47,8 @@ impl KernelFit {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
         let shares: Vec<f64> = self.left_out().skip(1).map(by_its_own).collect();
         let variance = shares.iter().sum::<f64>() / shares.len() as f64;
-        self.variances(places).into_iter().map(|own| (variance * own).sqrt()).collect()
+        let deviation_n = |own: f64| Some((variance * own).sqrt()).filter(|n| !n.is_nan());
+        self.variances(places).into_iter().map(|own| deviation_n(own).unwrap_or(f64::INFINITY)).collect()
     }
 
     /// What the others miss, and the variance of it where s = 1, 1/m^2.
@@ -86,7 +89,7 @@ impl KernelFit {
             }
             solve_lower_triangular_in_place(self.factor.as_ref(), across.as_mut(), Par::Seq);
             let known = |p: usize| across.subcols(3 * p, 3).squared_norm_l2();
-            found.extend((0..places.len()).map(|p| (3.0 - known(p)).max(0.0) / self.length_m.powi(2)));
+            found.extend((0..places.len()).map(|p| (3.0 - known(p)).clamp(0.0, 3.0) / self.length_m.powi(2)));
         }
         found
     }
@@ -125,6 +128,7 @@ mod tests {
                 whole.add(batch).expect("apart");
             }
             let (left_out, mut largest): (Vec<_>, f64) = (whole.left_out().collect(), 0.0);
+            let mut shares = Vec::new();
             assert_eq!(left_out.len(), jets.len());
             for (left, (missed, variance)) in left_out.into_iter().enumerate() {
                 let mut fit = empty();
@@ -137,12 +141,17 @@ mod tests {
                 let size = apart(expected, [0.0; 3]);
                 assert!(apart(missed, expected) < 1e-6 + 1e-4 * size, "{left}: {missed:?} {expected:?}");
                 largest = size.max(largest);
+                shares.push(size * size / variance);
                 // The left-out datum carries its own nugget, which nobody else's variance has.
                 let [others, own] = [fit.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
                 let nugget = 3.0 * NUGGET[1];
                 assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
             }
             assert!(largest > 0.01, "nothing is missed: {largest} N");
+            // Far from all data the deviation is that of the process, whose scale these errors make, without that of rest.
+            let process_n = (shares[1..].iter().sum::<f64>() / (shares.len() - 1) as f64 * 3.0).sqrt() / 0.03;
+            let far_n = whole.deviation_n(&[[0.5; 3]])[0];
+            assert!((far_n / process_n - 1.0).abs() < 1e-3, "{far_n} {process_n} N");
         }
     }
 
@@ -157,10 +166,23 @@ mod tests {
         assert!((by_far - 3.0).abs() < 1e-9 && (0.0..1e-6).contains(&by_near), "{by_far} {by_near}");
         let places: Vec<[f64; 3]> = (1000..1100).map(|n| spread(n, 0.045)).collect();
         let few = fit.variances(&places);
+        assert!(places.len() > TOGETHER && few.iter().any(|v| (v / few[0] - 1.0).abs() > 0.1));
+        for (&at, together) in places.iter().zip(&few) {
+            let alone = fit.variances(&[at])[0];
+            assert!((alone - together).abs() < 1e-9 * (3.0 / 0.03f64.powi(2)), "{at:?}: {alone} {together}");
+        }
         fit.add(&jets[8..]).expect("apart");
         let many = fit.variances(&places);
         assert!(few.iter().zip(&many).all(|(few, many)| many <= few), "more data say less");
         assert!(many.iter().sum::<f64>() < 0.1 * few.iter().sum::<f64>());
+    }
+
+    #[test]
+    fn rest_alone_says_nothing_of_its_errors() {
+        let rest = jets(1);
+        let mut fit = KernelFit::new(0.03, rest[0].stiffness_n_m);
+        fit.add(&rest).expect("the first");
+        assert_eq!(fit.deviation_n(&[[0.0; 3], [0.01; 3]]), [f64::INFINITY; 2]);
     }
 
     /// From ten configurations on it is no less than half of the errors, and no more than ten times them; with six it is less than a third.

@@ -21,7 +21,10 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
         Some(Verdict::Linear) => in_words(&search.linear()),
         Some(Verdict::Passed) => {
             let sure = search.deviation().map_or_else(String::new, |largest| {
-                format!("; deviation of the force at most {:.0} % of tolerance", 100.0 * largest)
+                format!(
+                    "; the fit is sure: deviation of its force estimated at {:.0} % of tolerance or less",
+                    100.0 * largest
+                )
             });
             format!(
                 "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say{sure}",
