@@ -1,4 +1,4 @@
-//! Frames of the device link a second, one core: what docs/link.md quotes.
+//! Frames of the device link per second on one core.
 //!
 //! `cargo run --release -p palpate-core --example link_speed`
 

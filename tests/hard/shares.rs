@@ -112,7 +112,7 @@ fn share(law: Material) -> (usize, usize) {
 }
 
 #[test]
-#[ignore = "some minutes on two cores; run by hand after a change of the solver, as docs/hard-cases.md says, for its table of shares"]
+#[ignore = "some minutes on two cores; run by hand after a change of the solver, for the table of shares in docs/measurements.md, section 7"]
 fn share_of_non_convergent_paths() {
     let (bad_stvk, all) = share(st_venant_kirchhoff());
     assert_eq!(all, 104);

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Reads a .blob with numpy alone, as docs/blob.md describes it: an example for readers in other languages.
+"""Reads a .blob with numpy alone, as docs/formats.md, section 4, describes it: an example for readers in other languages.
 
     read_blob.py FILE.blob                                    what is in it
     read_blob.py FILE.blob --points IN.csv --csv OUT.csv [--active A1] [--method energy] [--displacements]

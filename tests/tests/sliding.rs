@@ -128,7 +128,7 @@ fn strokes_over_the_liver_do_not_jump() {
 /// A stroke from every node of a whole organ to one that is 2 to 4 cm away: `PALPATE_BLOB=organ.blob cargo test --release --workspace --test sliding
 /// -- --ignored --nocapture`.
 #[test]
-#[ignore = "wants a blob of many nodes in PALPATE_BLOB; run by hand after a change of packing, as docs/gallery.md says, for its table"]
+#[ignore = "wants a blob of many nodes in PALPATE_BLOB; run by hand after a change of packing, for the strokes over a whole organ"]
 fn strokes_over_a_whole_organ_do_not_jump() {
     let path = std::env::var_os("PALPATE_BLOB").expect("PALPATE_BLOB names a blob");
     let file = BlobFile::of(&std::fs::read(path).expect("the blob is there"));

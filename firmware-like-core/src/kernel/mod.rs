@@ -14,7 +14,7 @@
 //! A sum of Gaussians goes to zero where it has no data, and may do anything on the way. So a kernel speaks within its [`Reach`] alone;
 //! beyond it the force goes on as every method's does beyond the ball ([`crate::continuation`]), and is `Extrapolated`.
 //!
-//! Terms are thousands of times their sum, so all of it is f64: in f32 it costs newtons (docs/theory.md, section 11).
+//! Terms are thousands of times their sum, so all of it is f64: in f32 it costs newtons (docs/theory.md, section 12).
 
 mod exponential;
 mod reach;

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Both ends are here: the codec, and the rules that a device keeps. A firmware links [`Device`] and
-//! [`FrameReader`]; so does the emulated device that the host is tested with. `docs/link.md` has the bytes.
+//! [`FrameReader`]; so does the emulated device that the host is tested with. `docs/formats.md`, section 7, has the bytes.
 //!
 //! - [`message`]: the messages, [`frame`]: their bytes on the wire;
 //! - [`device`]: the device's state machine, [`guard`]: what it checks a command and its own motion with.

@@ -6,7 +6,7 @@ use super::{PackError, PackOptions, Packed, pack};
 use crate::configuration_space::Store;
 use crate::fit::{Form, FormNeeds};
 
-/// Methods by what their ticks cost, the cheapest first (docs/theory.md, section 11).
+/// Methods by what their ticks cost, the cheapest first (docs/measurements.md, section 4).
 const BY_TICK: [Method; 2] = [Method::Energy, Method::Kernel];
 
 /// The method whose tables the scene of a store needs. Packs what it must to know sizes: nothing where there is no limit.

@@ -1,4 +1,4 @@
-//! Driver for the device link: postcard, COBS and CRC-32 over a serial port (docs/link.md), for a mechanism of three axes.
+//! Driver for the device link: postcard, COBS and CRC-32 over a serial port (docs/formats.md, section 7), for a mechanism of three axes.
 //!
 //! ```text
 //! open      Hello -> HelloAck: session, limits            blocks, before the loop

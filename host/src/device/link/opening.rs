@@ -53,7 +53,7 @@ impl fmt::Display for LinkError {
                     "the device speaks version {theirs} of the link, this program version {VERSION}; update one of them"
                 )
             }
-            Self::Info(error) => write!(f, "{error}; correct the firmware (docs/link.md)"),
+            Self::Info(error) => write!(f, "{error}; correct the firmware (docs/formats.md, section 7)"),
             Self::Axes { dof } => write!(f, "the device has {dof} axes; only mechanisms of 3 can be driven"),
         }
     }

@@ -13,7 +13,7 @@
 //!
 //! A configuration at the edge of what is known is said by extrapolation by the others, and missed; with it the fit may know all there is to know. The
 //! left-out errors alone cannot tell that, sigma can: what they are too large by its B_n^-1 is large by too. It is an estimate of the size of an error, no
-//! bound of it: the body is no sample of the process, and the largest errors are some times what sigma is (docs/theory.md, section 10).
+//! bound of it: the body is no sample of the process, and the largest errors are some times what sigma is (docs/theory.md, section 11).
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;

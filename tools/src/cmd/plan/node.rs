@@ -16,7 +16,7 @@ const CELLS: [f64; 4] = [5.0, 7.0, 10.0, 15.0];
 const MOST_POINTS: usize = 2500;
 /// Positions where tables are compared with the surrogate.
 const PLACES: u32 = 600;
-/// The order of rbf-cubic on a lattice, where only one was fitted (measured, docs/plan.md).
+/// The order of rbf-cubic on a lattice, where only one was fitted (measured).
 const RBF_ORDER: f64 = 3.0;
 /// What is believed of an order that two lattices show.
 const ORDERS: [f64; 2] = [1.0, 6.0];

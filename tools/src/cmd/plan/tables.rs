@@ -165,7 +165,7 @@ pub(super) struct Eye {
     pub outliers: f64,
 }
 
-/// Bytes of a space's planes (docs/blob.md): flags, the tables of `methods`, and what the eye sees.
+/// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and what the eye sees.
 pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], eye: Option<&Eye>) -> usize {
     let slots = grid.lattice.slots();
     let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
