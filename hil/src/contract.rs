@@ -131,7 +131,7 @@ fn kind_of(exchanged: Result<Option<Sample>, DeviceError>) -> Option<DeviceError
 fn ask(session: &mut Session<'_>, force_n: Vec3, ticks: u32) -> Result<(), Broken> {
     for _ in 0..ticks {
         match session.tick(force_n) {
-            Err(error) if !error.kind().is_passing() => return Err(error.into()),
+            Err(error) if !error.kind().is_transient() => return Err(error.into()),
             _ => {}
         }
     }

@@ -7,12 +7,12 @@
 //!
 //! The real one ([`palpate_host::supervisor`]) exchanges when an order comes, and reports what the exchange brought; the loop reads the report
 //! with its next tick. So forces are as early as without it, and samples, errors and states a tick late. That this is so for the real one, counted in
-//! exchanges, a test of the host shows (`a_supervisor_costs_one_tick_and_no_more`). Its watch on silence is not in here: a loop on virtual
+//! exchanges, a test of the host shows (`a_supervisor_delays_samples_by_exactly_one_tick`). Its watch on silence is not in here: a loop on virtual
 //! time is never silent.
 
 use palpate_core::{Sample, Vec3};
 use palpate_host::device::profile::Profile;
-use palpate_host::device::{Around, DeviceState};
+use palpate_host::device::{DeviceState, DeviceWrapper};
 use palpate_host::{Device, DeviceError};
 
 /// Who holds the device.
@@ -54,7 +54,7 @@ struct Handed {
     state: DeviceState,
 }
 
-impl Around for Handed {
+impl DeviceWrapper for Handed {
     type Inner = dyn Device;
 
     fn inner(&self) -> &(dyn Device + 'static) {
@@ -65,13 +65,13 @@ impl Around for Handed {
         &mut *self.device
     }
 
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.state = self.device.state();
         let brought = self.device.exchange(now_us, hand_force_n);
         core::mem::replace(&mut self.brought, brought)
     }
 
-    fn state_around(&self) -> DeviceState {
+    fn wrapped_state(&self) -> DeviceState {
         self.state
     }
 }

@@ -128,7 +128,8 @@ impl Handle {
             let (from_m, before_m) = (self.wanted_m(t_us), self.hand.position_m());
             t_us += step_us;
             let to_m = self.wanted_m(t_us);
-            let drag_j = self.hand.push(from_m, to_m, self.felt.force_n, &self.drag, step_us as f32 * 1e-6);
+            let drag_j =
+                self.hand.integrate(from_m, to_m, self.felt.force_n, &self.drag, step_us as f32 * 1e-6);
             self.felt.moved(vec3::sub(self.hand.position_m(), before_m), drag_j);
         }
         self.now_us = Some(now_us);

@@ -6,7 +6,7 @@ use crate::rig::{OpenError, Rig};
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
-use palpate_host::device::{Around, DeviceState};
+use palpate_host::device::{DeviceState, DeviceWrapper};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::{BlobFile, Device, DeviceError};
 use std::sync::Arc;
@@ -53,7 +53,7 @@ pub fn settings(organ: &Organ<'_>, profile: &Profile, workspace: Workspace, meth
     let profile = Profile { workspace, ..profile.clone() };
     let mut config = Config::new(method);
     config.limits.max_force_n = config.limits.max_force_n.min(organ.max_force_n);
-    profile.tighten(&mut config.limits);
+    profile.lower_limits(&mut config.limits);
     config.limits.max_position_m = profile.largest_position_m();
     let scale = workspace.scale;
     config.passivity.workspace_scale = scale;
@@ -183,7 +183,7 @@ struct Mined {
     fuse: Arc<AtomicBool>,
 }
 
-impl Around for Mined {
+impl DeviceWrapper for Mined {
     type Inner = dyn Device;
 
     fn inner(&self) -> &(dyn Device + 'static) {
@@ -194,7 +194,7 @@ impl Around for Mined {
         &mut *self.inner
     }
 
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         assert!(!self.fuse.load(Ordering::Relaxed), "planted");
         self.inner.exchange(now_us, hand_force_n)
     }
@@ -289,13 +289,13 @@ pub fn with_loop_held<T>(
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
     let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
     let (producer, records) = rtrb::RingBuffer::new(4);
-    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let outputs = Outputs { records: producer, latest };
     let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
     let mined = Mined { inner: holder.hold(device), fuse: Arc::clone(&fuse) };
-    let carried_n = Profile { workspace, ..profile }.carried_n();
+    let compensation_n = Profile { workspace, ..profile }.gravity_compensation_n();
     let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
-        .carrying(carried_n);
+        .with_gravity_compensation(compensation_n);
     let index = now_us.div_ceil(TICK_US);
     let mut bench = Bench {
         rig,

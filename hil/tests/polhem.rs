@@ -11,7 +11,7 @@ use palpate_hil::{EmulatedPolhem, Faults, Faulty, Handle, PtyTransport, Waypoint
 use palpate_host::device::EmergencyStop;
 use palpate_host::device::polhem::{Polhem, PolhemConfig};
 use palpate_host::device::workspace::Workspace;
-use palpate_host::rt::watchdog::Look;
+use palpate_host::rt::watchdog::WatchdogStatus;
 use palpate_host::rt::{
     Clock, Controls, HapticLoop, Heartbeat, LoopConfig, Outputs, TickRecord, VirtualClock, Watchdog,
 };
@@ -97,13 +97,13 @@ impl<'l, 'o> Bench<'l, 'o> {
         });
         let controller = Controller::new(organ, Config::new(Method::Hybrid)).expect("has the method");
         let (producer, records) = rtrb::RingBuffer::new(10_000);
-        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let outputs = Outputs { records: producer, latest };
         // As a session does it: through whatever boxes the driver is in.
         let second_path = (&mut polhem as &mut dyn Device).emergency_stop();
         let mut haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
         if let Some(heartbeat) = heartbeat {
-            haptic = haptic.watched(heartbeat);
+            haptic = haptic.with_heartbeat(heartbeat);
         }
         Self { haptic, clock, records, device, link, driver_end, second_path, index: 0 }
     }
@@ -240,7 +240,7 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
     controls.arm();
     for _ in 0..1_400 {
         bench.step().expect("the device is there");
-        assert_eq!(watchdog.look(clock.now_ns()), Look::Well);
+        assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
     }
     assert!(bench.device.force_n()[2] > 1.0, "the hand leans on the organ");
 
@@ -248,7 +248,7 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
     for ms in 1..=60 {
         bench.index += 1;
         clock.wait_until(bench.now_us() * 1_000, 0);
-        if watchdog.look(clock.now_ns()) == Look::Zeroed {
+        if watchdog.check(clock.now_ns()) == WatchdogStatus::Zeroed {
             bench.serve();
             zeroed_after_ms.get_or_insert(ms);
         }
@@ -271,7 +271,7 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
     let again = bench.run(900);
     assert_safe(&again);
     assert!(again.iter().all(|record| record.phase == Phase::Active));
-    assert_eq!(watchdog.look(clock.now_ns()), Look::Well);
+    assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
 }
 
 /// One frame is struck every 50 ms or so, a request and a reply in turn. Two faults within a few milliseconds may well end in zero: they are

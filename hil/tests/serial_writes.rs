@@ -3,7 +3,7 @@
 
 #![cfg(target_os = "linux")]
 
-use palpate_host::device::prompt::PromptPort;
+use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::sys::{RtRequest, enter_real_time, monotonic_ns, sleep_until_ns};
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
@@ -45,7 +45,7 @@ impl Waits {
 
 /// The far end: answers whatever comes, above the thread that is measured, as a device of its own would.
 fn answer(mut far: TTYPort, over: &AtomicBool) {
-    let _ = enter_real_time(&RtRequest { fifo_priority: Some(52), ..RtRequest::nothing() });
+    let _ = enter_real_time(&RtRequest { fifo_priority: Some(52), ..RtRequest::none() });
     far.set_timeout(Duration::from_millis(20)).expect("a time limit");
     let mut bytes = [0; 256];
     while !over.load(Ordering::Relaxed) {
@@ -60,7 +60,7 @@ fn answer(mut far: TTYPort, over: &AtomicBool) {
 fn writes_beside_busy_cpus() {
     let (far_polled, mut polled) = TTYPort::pair().expect("a pseudo terminal");
     let (far_prompt, prompt) = TTYPort::pair().expect("a pseudo terminal");
-    let mut prompt = PromptPort::around(prompt).expect("it has a name");
+    let mut prompt = NonBlockingPort::from_port(prompt).expect("it has a name");
     let over = AtomicBool::new(false);
     let [mut by_serialport, mut by_driver] = [Waits::default(), Waits::default()];
     std::thread::scope(|scope| {

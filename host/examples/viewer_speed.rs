@@ -1,10 +1,11 @@
-//! How long a picture of the live viewer takes on one core, and where the time goes.
+//! Measures the time to draw a picture of the live viewer on one core, by stage.
 //!
 //!     cargo run --release -p palpate-host --example viewer_speed            # a synthetic organ
 //!     cargo run --release -p palpate-host --example viewer_speed FILE.blob
 //!
-//! Without a file: an ellipsoid of 10,242 vertices and 20,480 triangles, pressed and pulled. Medians over the frames, in ms, after
-//! the process has been pinned to one core. A window at 30 Hz has 33 ms a frame.
+//! Without a file: an ellipsoid of 10,242 vertices and 20,480 triangles, pressed and pulled. It prints
+//! medians over the frames, in ms, with the process pinned to one core. A window at 30 Hz has 33 ms per
+//! frame.
 
 #[path = "../tests/common/synthetic.rs"]
 mod synthetic;
@@ -17,7 +18,7 @@ use palpate_host::viewer::renderer::FrameTimes;
 use palpate_host::viewer::{Live, Renderer, RendererConfig};
 use std::path::Path;
 
-/// Frames measured of each picture.
+/// Number of measured frames per picture.
 const FRAMES: u32 = 151;
 
 fn main() -> Result<(), Box<dyn core::error::Error>> {
@@ -50,7 +51,7 @@ fn measure(organ: &Organ<'_>) {
         organ.scene,
         organ.spaces.len()
     );
-    println!("1280 x 720, ms    deformation  raster  shading  overlay    all  least  most");
+    println!("1280 x 720, ms    deformation  raster  shading  overlay    all    min   max");
     for (name, engaged, depth_m) in
         [("at rest", None, 0.0), ("pressed", Some(0), -0.012), ("pulled", Some(0), 0.025)]
     {
@@ -59,10 +60,10 @@ fn measure(organ: &Organ<'_>) {
         let mut times: Vec<FrameTimes> = Vec::new();
         for frame in 0..FRAMES + 3 {
             for tick in 33 * u64::from(frame)..33 * u64::from(frame + 1) {
-                live.take(&record(organ, engaged, depth_m, tick));
+                live.push(&record(organ, engaged, depth_m, tick));
             }
             renderer.render(organ, &record(organ, engaged, depth_m, 33 * u64::from(frame)), &mut live);
-            // The first ones make buffers and background.
+            // The first frames allocate buffers and draw the background.
             if frame >= 3 {
                 times.push(renderer.times());
             }
@@ -76,15 +77,15 @@ fn measure(organ: &Organ<'_>) {
         });
         let mut all: Vec<Duration> = times.iter().map(FrameTimes::total).collect();
         all.sort();
-        let [least, most] = [all[0], all[all.len() - 1]].map(|time| 1e3 * time.as_secs_f64());
+        let [min, max] = [all[0], all[all.len() - 1]].map(|time| 1e3 * time.as_secs_f64());
         let [deformation, raster, shading, overlay, all] = medians;
         println!(
-            "{name:<17} {deformation:11.2}  {raster:6.2}  {shading:7.2}  {overlay:7.2}  {all:5.1}  {least:5.1}  {most:4.0}"
+            "{name:<17} {deformation:11.2}  {raster:6.2}  {shading:7.2}  {overlay:7.2}  {all:5.1}  {min:5.1}  {max:4.0}"
         );
     }
 }
 
-/// A hand that trembles, so that no two frames are alike.
+/// A hand with tremor, so that every frame differs.
 fn record(organ: &Organ<'_>, engaged: Option<u16>, depth_m: f32, tick: u64) -> TickRecord {
     let space = &organ.spaces[0];
     let tremble = 1.0 + 0.05 * (tick as f32 * 0.05).sin();
@@ -98,6 +99,6 @@ fn record(organ: &Organ<'_>, engaged: Option<u16>, depth_m: f32, tick: u64) -> T
         reaction_n: vec3::scale(displacement_m, 250.0),
         hand_force_n: vec3::scale(displacement_m, -250.0),
         lateness_ns: 3_000 + 500 * (tick % 7),
-        ..TickRecord::NOTHING
+        ..TickRecord::EMPTY
     }
 }

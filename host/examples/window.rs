@@ -1,9 +1,9 @@
-//! A window on a synthetic organ: what `palpate run` opens, without a blob.
+//! Opens a window on a synthetic organ, like `palpate run` without a blob.
 //!
 //!     cargo run --release -p palpate-host --example window -- [sim|mouse] [SECONDS] [FOLDER]
 //!
-//! A simulated hand or the mouse as the device; screenshots and films go into the folder. tests/viewer/check-window drives it under
-//! a virtual X server.
+//! The device is a simulated hand or the mouse. Screenshots and films are written to the folder.
+//! tests/viewer/check-window runs it on a virtual X server.
 
 #[path = "../tests/common/synthetic.rs"]
 mod synthetic;

@@ -1,7 +1,7 @@
-//! Judges what tests/viewer/check-window has left in a folder: the program's own screenshots, the X server's screen at the same
-//! moments, and a film.
+//! Checks the files that tests/viewer/check-window has written to a folder: the program's screenshots, dumps
+//! of the X server's screen at the same times, and a film.
 //!
-//! One line a check; exit code 1 if one fails.
+//! Prints one line per check; the exit code is 1 if a check fails.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -9,9 +9,9 @@ use std::path::Path;
 
 type Failure = Box<dyn core::error::Error>;
 
-/// The part of the picture with the organ and without what moves by itself: charts and timing.
+/// The area of the picture with the organ, without charts and timing, which change continuously.
 const ORGAN: [usize; 4] = [300, 30, 900, 550];
-/// The part with the keys.
+/// The area with the help.
 const HELP: [usize; 4] = [28, 106, 250, 420];
 
 fn main() -> Result<(), Failure> {
@@ -27,7 +27,7 @@ fn main() -> Result<(), Failure> {
     let size = |picture: &Picture| format!("{} x {}", picture.width, picture.pixels.len() / picture.width);
     check("size of the screenshot", size(&rest), size(&rest) == "1280 x 720");
 
-    // What the program drew is what the screen shows.
+    // The screen shows the picture of the program.
     for (name, own, most) in [("rest", &rest, 0), ("pressed", &pressed, 3_000)] {
         let screen = xwd(&folder.join(format!("{name}.xwd")))?;
         let off = own.differing(&screen, ORGAN, if most == 0 { 0 } else { 8 });
@@ -43,14 +43,14 @@ fn main() -> Result<(), Failure> {
     check("rest: no force", found.to_string(), found < 50);
     let found = [&rest, &pressed].map(|picture| picture.count(ORGAN, yellow));
     check(
-        "pressed: pixels that glow",
+        "pressed: bright pixels",
         format!("{} (at rest {})", found[1], found[0]),
         found[1] > found[0] + 1_000,
     );
     let found = pressed.count(ORGAN, cyan);
     check("pressed: pixels of the force", found.to_string(), found > 300);
     let found = pressed.differing(&without, HELP, 8);
-    check("H: pixels that change where the keys are", found.to_string(), found > 5_000);
+    check("H: pixels that change in the area of the help", found.to_string(), found > 5_000);
 
     let (frames, length_cs) = film(&folder.join("film_000.gif"))?;
     check("V: frames of the film", format!("{frames} in {} s", f64::from(length_cs) / 100.0), frames >= 4);
@@ -91,7 +91,8 @@ fn png(path: &Path) -> Result<Picture, Failure> {
     Ok(Picture { width: info.width as usize, pixels })
 }
 
-/// The dump of a screen: a big-endian header (XWDFile.h), then colours, then blue, green, red, unused for each pixel.
+/// Parses the dump of a screen: a big-endian header (XWDFile.h), then colours, then blue, green, red, unused
+/// for each pixel.
 fn xwd(path: &Path) -> Result<Picture, Failure> {
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let field = |index: usize| -> Result<usize, Failure> {
@@ -108,7 +109,7 @@ fn xwd(path: &Path) -> Result<Picture, Failure> {
     Ok(Picture { width, pixels: rows.flat_map(|row| row[..4 * width].chunks_exact(4).map(pixel)).collect() })
 }
 
-/// Frames of a film and how long they stand, in hundredths of a second.
+/// Number of frames of a film and their total duration in hundredths of a second.
 fn film(path: &Path) -> Result<(usize, u32), Failure> {
     let file = File::open(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let mut decoder = gif::DecodeOptions::new().read_info(BufReader::new(file))?;

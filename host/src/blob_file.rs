@@ -1,13 +1,13 @@
-//! Loads a blob into memory that is aligned as the reader wants it.
+//! Loads a blob into memory with the alignment that the reader requires.
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// Bytes of one blob at an address divisible by eight, to be borrowed by an `Organ`.
+/// Bytes of one blob at an address divisible by eight, for an `Organ` to borrow.
 ///
-/// Read, not mapped: a page fault in the haptic loop costs more than the memory, and a file changed under a mapping would
-/// change checked data.
+/// The file is read, not memory-mapped: a page fault in the haptic loop costs more than the memory, and a
+/// change of the file would change data that is already checked.
 #[derive(Debug, Clone)]
 pub struct BlobFile {
     words: Vec<u64>,
@@ -24,7 +24,7 @@ impl BlobFile {
         Ok(Self { words, len })
     }
 
-    /// A copy of bytes that are in memory already.
+    /// Copies bytes that are in memory.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
         let mut words = vec![0_u64; bytes.len().div_ceil(8)];
@@ -32,7 +32,7 @@ impl BlobFile {
         Self { words, len: bytes.len() }
     }
 
-    /// BLAKE3 of the file, hexadecimal: what a recording knows its blob by.
+    /// BLAKE3 hash of the file, hexadecimal. Recordings identify their blob by it.
     #[must_use]
     pub fn blake3(&self) -> String {
         blake3::hash(self.bytes()).to_hex().to_string()
@@ -63,14 +63,14 @@ mod tests {
     }
 
     #[test]
-    fn a_loaded_blob_opens_and_a_cut_one_says_so() {
+    fn a_loaded_blob_opens_and_a_truncated_one_is_refused() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("organ.blob");
         let blob = crate::synthetic::organ(&crate::synthetic::Shape::default());
         let bytes: &[u8] = bytemuck::cast_slice(&blob);
         std::fs::write(&path, bytes).expect("writable");
         let file = BlobFile::load(&path).expect("readable");
-        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
         assert_eq!(organ.spaces.len(), 3);
         std::fs::write(&path, &bytes[..bytes.len() - 5]).expect("writable");
         let file = BlobFile::load(&path).expect("readable");

@@ -3,11 +3,11 @@
 use glam::Vec3;
 use palpate_core::{Organ, Share, vec3};
 
-/// Surface of an organ as it is now; buffers are reused from frame to frame.
+/// Current surface of an organ. Buffers are reused from frame to frame.
 #[derive(Debug, Clone)]
 pub struct Deformation {
     displacement_m: Vec<[f32; 3]>,
-    /// Of one space, before it is blended with others.
+    /// Displacement of one space, before blending.
     one_m: Vec<[f32; 3]>,
     rest_m: Vec<Vec3>,
     position_m: Vec<Vec3>,
@@ -31,9 +31,11 @@ impl Deformation {
         surface
     }
 
-    /// Moves to the configuration with these shares of spaces at this displacement of the tool; without any to the rest shape.
+    /// Moves the surface to the configuration given by the weights of the spaces (`shares`) and the tool
+    /// displacement d.
     ///
-    /// u = sum w_i u_i(d), as the force is. A blob packed without displacements leaves the surface at rest.
+    /// u = sum w_i u_i(d), with the weights of the force. Without a positive weight the surface is at rest. A
+    /// blob packed without displacements leaves the surface at rest.
     pub fn update<const N: usize>(
         &mut self,
         organ: &Organ<'_, N>,
@@ -61,7 +63,7 @@ impl Deformation {
         for triangle in triangles {
             let corners = triangle.map(|corner| corner as usize);
             let [a, b, c] = corners.map(|corner| self.position_m[corner]);
-            // Twice the area times the unit normal: large triangles weigh more.
+            // Twice the area times the unit normal, so the mean is weighted by area.
             let area = (b - a).cross(c - a);
             for corner in corners {
                 self.normal[corner] += area;
@@ -78,13 +80,13 @@ impl Deformation {
         &self.rest_m
     }
 
-    /// Position of each surface vertex now, m.
+    /// Current position of each surface vertex, m.
     #[must_use]
     pub fn position_m(&self) -> &[Vec3] {
         &self.position_m
     }
 
-    /// Outward unit normal of each surface vertex now; zero where it belongs to no triangle.
+    /// Current outward unit normal of each surface vertex; zero for a vertex without triangles.
     #[must_use]
     pub fn normal(&self) -> &[Vec3] {
         &self.normal
@@ -109,21 +111,22 @@ mod tests {
     use crate::synthetic::{self, Shape};
 
     #[test]
-    fn the_active_node_moves_as_told_and_the_rest_shape_comes_back() {
+    fn the_active_node_moves_by_the_displacement_and_returns_to_rest() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let mut surface = Deformation::at_rest(&organ);
         let node = organ.spaces[1].node as usize;
         let d = [0.004, -0.013, 0.006];
         let whole = [Share { space: 1, weight: 1.0 }, Share::default(), Share::default()];
         surface.update(&organ, &whole, d);
         let moved = surface.position_m()[node] - surface.rest_m()[node];
-        // The dent is linear in d, so interpolation between lattice points is exact; the scale is the fall-off at the node.
+        // The dent is linear in d, so interpolation between lattice points is exact. The scale is the
+        // fall-off at the node.
         let held = moved.length() / vec3::norm(d);
         assert!(held > 0.5 && held <= 1.0 + 1e-4, "{held}");
         assert!((moved.normalize() - Vec3::from_array(vec3::normalize_or_zero(d))).length() < 1e-3);
         assert!((surface.largest_m() - moved.length()).abs() < 2e-3);
-        // Half of it, and half of a node that is not displaced by much there: in between.
+        // Half of this space and half of one that displaces this node little: the result lies between.
         let half = [Share { weight: 0.5, ..whole[0] }, Share { space: 2, weight: 0.5 }, Share::default()];
         surface.update(&organ, &half, d);
         let blended = surface.position_m()[node] - surface.rest_m()[node];
@@ -136,7 +139,7 @@ mod tests {
     #[test]
     fn normals_point_outwards() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let surface = Deformation::at_rest(&organ);
         for (position, normal) in surface.position_m().iter().zip(surface.normal()) {
             assert!(position.dot(*normal) > 0.0 && (normal.length() - 1.0).abs() < 1e-4);

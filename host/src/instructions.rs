@@ -1,8 +1,9 @@
-//! Which vector instructions the force is interpolated with: asked of the processor once, before the loop runs.
+//! Run-time choice of the vector instructions that evaluate the force, made once before the loop runs.
 //!
-//! The program is built for any x86-64. The core's interpolants are inlined here into functions that are compiled for AVX2 and
-//! AVX-512 as well, one for each method, and an [`Interpolator`] points at the one to call. All give the same bits: the core
-//! fuses nothing and writes out the order of its sums, and a test compares them.
+//! The program is built for any x86-64. The core's interpolants are inlined into functions that are also
+//! compiled for AVX2 and AVX-512, one per method. An [`Interpolator`] holds a pointer to one of them. All
+//! give the same bits: the core uses no fused multiply-add and fixes the order of its sums. A test compares
+//! them.
 
 use core::fmt;
 use palpate_core::lanes::Baseline;
@@ -10,7 +11,7 @@ use palpate_core::{ForceSample, Method, Space, Vec3};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::{V3, V4};
 
-/// The instance of a function for a method; its parameter is the place in [`Method::ALL`].
+/// Instantiates a function for a method. Its const parameter is the index in [`Method::ALL`].
 macro_rules! of_method {
     ($method:expr, $function:ident) => {
         match $method {
@@ -29,32 +30,32 @@ macro_rules! of_method {
 /// A set of vector instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Instructions {
-    /// What the program is built for.
+    /// The target that the program is built for.
     Baseline,
-    /// x86-64-v3: 256 bits wide.
+    /// x86-64-v3: 256-bit registers.
     Avx2,
-    /// x86-64-v4: 256 bits wide here too, with twice as many registers.
+    /// x86-64-v4: also 256-bit registers, and twice as many.
     Avx512,
 }
 
 impl Instructions {
-    /// All of them, the best last.
+    /// All instruction sets, in ascending order of preference.
     pub const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
 
-    /// Whether this processor has them.
+    /// Whether this processor supports them.
     #[must_use]
     pub fn are_available(self) -> bool {
         self.force(Method::Trilinear).is_some()
     }
 
-    /// The best that this processor has.
+    /// The best set that this processor supports.
     #[must_use]
     pub fn best() -> Self {
         let best = Self::ALL.into_iter().rfind(|instructions| instructions.are_available());
         best.unwrap_or(Self::Baseline)
     }
 
-    /// What the program is built for: more than x86-64 asks only where it was compiled so.
+    /// The target of the build, for reports.
     #[must_use]
     pub const fn built_for() -> &'static str {
         if cfg!(all(target_arch = "x86_64", target_feature = "avx512vl")) {
@@ -78,7 +79,7 @@ impl Instructions {
         }
     }
 
-    /// The function for a method; `None` if the processor would not understand it.
+    /// The function for a method; `None` if the processor does not support the instructions.
     fn force(self, method: Method) -> Option<Force> {
         match self {
             Self::Baseline => Some(of_method!(method, baseline)),
@@ -98,10 +99,10 @@ impl fmt::Display for Instructions {
     }
 }
 
-/// By reference, or the displacement would be copied once more.
+/// Takes the displacement by reference to avoid a copy.
 type Force = fn(&Space<'_>, &Vec3) -> Option<ForceSample>;
 
-/// One method on one set of instructions.
+/// One method with one set of instructions.
 #[derive(Debug, Clone, Copy)]
 pub struct Interpolator {
     method: Method,
@@ -110,16 +111,16 @@ pub struct Interpolator {
 }
 
 impl Interpolator {
-    /// With the best instructions there are.
+    /// Uses the best instructions available.
     #[must_use]
     pub fn new(method: Method) -> Self {
         let (instructions, force) = (Instructions::Baseline, of_method!(method, baseline));
-        Self::on(Instructions::best(), method).unwrap_or(Self { method, instructions, force })
+        Self::with_instructions(Instructions::best(), method).unwrap_or(Self { method, instructions, force })
     }
 
-    /// With these, if the processor has them.
+    /// Uses the given instructions; `None` if the processor lacks them.
     #[must_use]
-    pub fn on(instructions: Instructions, method: Method) -> Option<Self> {
+    pub fn with_instructions(instructions: Instructions, method: Method) -> Option<Self> {
         Some(Self { method, instructions, force: instructions.force(method)? })
     }
 
@@ -161,7 +162,7 @@ mod x86_64 {
     use pulp::x86::{V3, V4};
 
     pub(super) fn avx2<const METHOD: usize>(space: &Space<'_>, displacement_m: &Vec3) -> Option<ForceSample> {
-        // One load of what was found out before; the pointer to this function is given out only where it is there.
+        // `try_new` is one load of the cached detection. This function is called only where AVX2 is present.
         let Some(simd) = V3::try_new() else { return baseline::<METHOD>(space, displacement_m) };
         simd.vectorize(Query::<METHOD> { machine: Wide(simd), space, displacement_m })
     }
@@ -174,7 +175,7 @@ mod x86_64 {
         simd.vectorize(Query::<METHOD> { machine: Wide(*simd), space, displacement_m })
     }
 
-    /// What is inlined into code compiled for the wider registers.
+    /// The query that pulp inlines into code compiled for the wider registers.
     struct Query<'q, 'a, const METHOD: usize> {
         machine: Wide,
         space: &'q Space<'a>,
@@ -190,7 +191,7 @@ mod x86_64 {
         }
     }
 
-    /// Registers of 256 bits; the token says that they are there.
+    /// 256-bit registers. The token proves that the processor has them.
     #[derive(Clone, Copy)]
     struct Wide(V3);
 

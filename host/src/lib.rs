@@ -2,16 +2,18 @@
 //!
 //! ```text
 //! device <-> haptic thread (core's controller, 1 kHz) -> latest value -> viewer (30 Hz)
-//!                                                     -> bounded queue -> caller (reports) -> recorder -> FILE.mcap
+//!                                                     -> bounded queue -> caller -> recorder -> FILE.mcap
 //! FILE.mcap -> the same loop on a virtual clock (replay): the same forces, bit for bit
 //! ```
 //!
-//! In: a blob, a device, a configuration. Out: forces to the hand, pictures, one record a tick, and what the timing came to.
+//! Inputs: a blob, a device, a configuration. Outputs: forces for the hand, pictures, one record per tick,
+//! timing statistics.
 //!
 //! Invariants:
-//! - the haptic thread allocates, locks, formats and writes nothing once it runs; it never waits for the viewer or the caller;
-//! - on every way out (done, stopped, device lost, panic) the device gets zero force;
-//! - the host knows blobs only: no finite-element code is in this process.
+//! - After start-up the haptic thread does not allocate, lock, format or write. It never waits for the viewer
+//!   or the caller.
+//! - On every exit (completed, stopped, device lost, panic) the device receives zero force.
+//! - The host reads blobs only: this process contains no finite-element code.
 //!
 //! Depends on palpate-core only. `unsafe` is allowed in [`sys`] alone.
 #![deny(unsafe_code)]

@@ -1,20 +1,20 @@
-//! What a session renders: one organ, or several models of it of which one is under the hand, with its surface ready to be touched.
+//! The models that a session renders: one organ, or several models of one body, each with its touch surface.
 
-use crate::rt::controls::MOST_MODELS;
+use crate::rt::controls::MAX_MODELS;
 use core::fmt;
 use palpate_core::controller::ControllerError;
 use palpate_core::{Config, Controller, Organ, TouchSurface};
 
-/// Memory for the surfaces of some organs; the lists of [`TouchSurface`] live here.
+/// Backing memory for the [`TouchSurface`] of each organ.
 #[derive(Debug, Default)]
 pub struct TouchMemory(Vec<Vec<u32>>);
 
-/// Why some organs cannot be rendered together.
+/// Reason why some organs cannot be rendered together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelError {
-    /// None, or more than the loop takes.
+    /// No organ, or more than the loop accepts.
     Count,
-    /// The one with this index is of another body, or has other active nodes.
+    /// The organ with this index has another surface or other active nodes.
     OtherNodes(usize),
     /// The controller refused an organ or the configuration.
     Controller(ControllerError),
@@ -23,10 +23,10 @@ pub enum ModelError {
 impl fmt::Display for ModelError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Count => write!(f, "a session needs 1 to {MOST_MODELS} organs"),
+            Self::Count => write!(f, "a session needs 1 to {MAX_MODELS} organs"),
             Self::OtherNodes(index) => write!(
                 f,
-                "blob {} has another surface or other active nodes than the first: take models of one mesh with the same active nodes",
+                "blob {} differs from the first in its surface or its active nodes: use models of one mesh with the same active nodes",
                 index + 1
             ),
             Self::Controller(error) => error.fmt(f),
@@ -36,21 +36,21 @@ impl fmt::Display for ModelError {
 
 impl core::error::Error for ModelError {}
 
-/// Whether a touch of one organ means the same on another.
+/// Whether two organs have the same surface and the same active nodes.
 fn same_nodes<const N: usize>(one: &Organ<'_, N>, other: &Organ<'_, N>) -> bool {
-    let places = |organ: &Organ<'_, N>| -> Vec<_> {
+    let nodes = |organ: &Organ<'_, N>| -> Vec<_> {
         organ.spaces.iter().map(|space| (space.node, space.rest_position_m, space.outward_normal)).collect()
     };
-    places(one) == places(other) && one.surface == other.surface
+    nodes(one) == nodes(other) && one.surface == other.surface
 }
 
-/// A controller for each organ, all with the same settings; the organs are models of one body with the same active nodes.
+/// Makes one controller per organ, all with the same settings. The organs are models of one body.
 pub fn controllers<'o, 'a, const N: usize>(
     organs: &[&'o Organ<'a, N>],
     config: Config,
     memory: &'o mut TouchMemory,
 ) -> Result<Vec<Controller<'o, 'a, N>>, ModelError> {
-    if organs.is_empty() || organs.len() > MOST_MODELS {
+    if organs.is_empty() || organs.len() > MAX_MODELS {
         return Err(ModelError::Count);
     }
     if let Some(index) = organs.iter().position(|organ| !same_nodes(organs[0], organ)) {

@@ -1,16 +1,17 @@
-//! Replays a recording: the very tick of the haptic loop, at the recorded times, with the recorded samples and requests, its forces
-//! compared with the recorded ones bit for bit.
+//! Replays a recording through the haptic loop, at the recorded times and with the recorded samples and
+//! requests. The forces are compared with the recorded ones bit for bit.
 //!
-//! The loop is driven tick by tick on a virtual clock that is set to each recorded time, so the controller sees the same sequence of
-//! (now, sample, requests) as it did, and late and skipped ticks are late and skipped again. Nothing is in real time but a window.
-//! The samples are those of the recording whatever force comes out: with another method this is the same stroke under another hand's
-//! force, not what that hand would have done.
+//! A virtual clock, set to each recorded time, drives the loop tick by tick. The controller receives the same
+//! sequence of (now, sample, requests) as in the session; late and skipped ticks are reproduced. Only a
+//! window runs in real time. The samples are those of the recording, whatever force is computed: with another
+//! method the stroke is the same and the forces differ. The response of the hand to those forces is not
+//! modelled.
 
-use crate::device::replay::{Answer, ReplayDevice};
+use crate::device::replay::{RecordedReply, ReplayDevice};
 use crate::model::{self, ModelError, TouchMemory};
 use crate::recording::{Recording, RecordingError};
 use crate::rt::{Clock, Controls, HapticLoop, Outputs, TickRecord, VirtualClock};
-use crate::session::{Screen, TouchFigures, View};
+use crate::session::{Screen, TouchStatistics, View};
 use crate::viewer::{Live, ViewerError};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -19,21 +20,21 @@ use palpate_core::{Config, Method, Organ, Vec3, vec3};
 use std::io::Read;
 use std::time::Instant;
 
-/// Why a replay did not come about or did not end well.
+/// Reason why a replay did not start or failed.
 #[derive(Debug)]
 pub enum ReplayError {
     /// The recording was made with another blob.
     OtherBlob {
-        /// BLAKE3 of the recording's.
+        /// BLAKE3 of the recorded blobs.
         recorded: Vec<String>,
-        /// Its scene.
+        /// Scene of the recorded blobs.
         scene: String,
     },
-    /// These organs cannot be rendered, or not together, or not with this configuration.
+    /// The controller refuses these organs, their combination or the configuration.
     Model(ModelError),
     /// The recording is damaged.
     Recording(RecordingError),
-    /// Nothing to show on, or a frame was not written.
+    /// No display is available, or a frame could not be written.
     Viewer(ViewerError),
 }
 
@@ -44,7 +45,7 @@ impl fmt::Display for ReplayError {
                 let short: Vec<&str> = recorded.iter().map(|hash| hash.get(..12).unwrap_or(hash)).collect();
                 write!(
                     f,
-                    "recorded with another blob (scene {scene}, BLAKE3 {}...); replay it with the same, byte for byte and in the same order",
+                    "recorded with another blob (scene {scene}, BLAKE3 {}...); replay it with the same blobs, byte for byte and in the same order",
                     short.join("..., ")
                 )
             }
@@ -75,16 +76,16 @@ impl From<ViewerError> for ReplayError {
     }
 }
 
-/// A tick that came out otherwise.
+/// A tick whose result differs from the recorded one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Difference {
-    /// Its number.
+    /// Number of the tick.
     pub tick: u64,
-    /// Its time, us.
+    /// Time of the tick, us.
     pub t_us: u64,
     /// Force for the hand as recorded, N.
     pub recorded_n: Vec3,
-    /// Force for the hand now, N.
+    /// Replayed force for the hand, N.
     pub replayed_n: Vec3,
 }
 
@@ -96,35 +97,35 @@ impl Difference {
     }
 }
 
-/// What a replay came to.
+/// Summary of a replay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplaySummary {
-    /// Method it was recorded with.
+    /// Method of the recording.
     pub recorded_method: Method,
-    /// Method it was replayed with.
+    /// Method of the replay.
     pub method: Method,
     /// Ticks replayed.
     pub ticks: u64,
-    /// Those that came out otherwise.
+    /// Ticks whose result differs from the recording.
     pub different: u64,
-    /// The first of them.
+    /// The first such tick.
     pub first: Option<Difference>,
-    /// The one whose force for the hand is furthest from the recorded one.
+    /// The tick with the largest difference of the force for the hand.
     pub largest: Option<Difference>,
-    /// Records missing where the replay had to end; 0 if it came to the end.
+    /// Number of missing records at which the replay ended; 0 if it reached the end.
     pub lost: u64,
-    /// Whether the file was cut.
+    /// Whether the file is truncated.
     pub is_cut: bool,
-    /// Whether the replay was stopped on its way.
+    /// Whether the replay was stopped before the end.
     pub is_stopped: bool,
-    /// Forces, displacements, contacts, as replayed.
-    pub touch: TouchFigures,
+    /// Replayed forces, displacements and contacts.
+    pub touch: TouchStatistics,
     /// Frames written.
     pub frames_written: u64,
 }
 
 impl ReplaySummary {
-    /// Whether every tick of the recording was replayed and gave the same bits.
+    /// Whether every tick of the recording was replayed with the same bits.
     #[must_use]
     pub const fn is_identical(&self) -> bool {
         self.different == 0 && self.lost == 0 && !self.is_stopped
@@ -170,12 +171,12 @@ impl fmt::Display for ReplaySummary {
         if self.lost > 0 {
             write!(
                 f,
-                "\nlosses       {} records are missing; what came after them cannot be replayed",
+                "\nlosses       {} records are missing; the ticks after them cannot be replayed",
                 self.lost
             )?;
         }
         if self.is_cut {
-            write!(f, "\nend          the recording was cut here")?;
+            write!(f, "\nend          the recording is truncated here")?;
         }
         if self.is_stopped {
             write!(f, "\nend          stopped before the end of the recording")?;
@@ -187,10 +188,11 @@ impl fmt::Display for ReplaySummary {
     }
 }
 
-/// Replays a recording on organs read from the blobs with these BLAKE3, with the recorded method or another one.
+/// Replays a recording on the organs whose blobs have these BLAKE3 hashes, with the recorded method or
+/// another one.
 ///
-/// As fast as the computing goes, frames by recorded time; a window shows it in real time. Of the window's keys only those that look
-/// and quit count. `stop` ends it from outside.
+/// The replay runs at full speed and takes frames by recorded time; with a window it runs in real time. The
+/// window accepts only its view and quit keys. `stop` ends the replay from outside.
 pub fn replay<R: Read, const N: usize>(
     organs: &[&Organ<'_, N>],
     blob_blake3: &[String],
@@ -209,10 +211,10 @@ pub fn replay<R: Read, const N: usize>(
     let first = organs[0];
     let mut show = Show::open(organs, &config, view)?;
     let (clock, controls) = (VirtualClock::default(), Controls::default());
-    let (mut answers, fed) = rtrb::RingBuffer::new(1);
+    let (mut replies, fed) = rtrb::RingBuffer::new(1);
     let (records, mut replayed) = rtrb::RingBuffer::new(1);
-    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
-    let mut haptic = HapticLoop::of_models(
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
+    let mut haptic = HapticLoop::with_models(
         &controllers,
         ReplayDevice::new(header.device, fed),
         &clock,
@@ -230,7 +232,7 @@ pub fn replay<R: Read, const N: usize>(
         lost: 0,
         is_cut: false,
         is_stopped: false,
-        touch: TouchFigures::default(),
+        touch: TouchStatistics::default(),
         frames_written: 0,
     };
     while let Some(recorded) = recording.next() {
@@ -245,13 +247,13 @@ pub fn replay<R: Read, const N: usize>(
         }
         controls.repeat(recorded.applied);
         controls.select(recorded.model);
-        let answer = Answer { sample: recorded.sample, state: recorded.device };
-        answers.push(answer).expect("every tick takes one");
+        let reply = RecordedReply { sample: recorded.sample, state: recorded.device };
+        replies.push(reply).expect("every tick consumes one");
         let start_ns = recorded.t_us.saturating_mul(1_000);
         clock.wait_until(start_ns, 0);
         haptic
             .tick(recorded.tick, 0, start_ns.saturating_sub(recorded.lateness_ns))
-            .expect("the device has an answer for every tick");
+            .expect("the device has an reply for every tick");
         let now = replayed.pop().expect("every tick leaves a record");
         summary.compare(&recorded, &now);
         show.take(
@@ -264,8 +266,8 @@ pub fn replay<R: Read, const N: usize>(
     Ok(summary)
 }
 
-/// The bits of all that a tick decides.
-fn decided(record: &TickRecord) -> impl PartialEq {
+/// The bits of all outputs of a tick.
+fn output_bits(record: &TickRecord) -> impl PartialEq {
     let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
     let shares = record.shares.map(|share| (share.space, share.weight.to_bits()));
     let (work, ramp) = (record.hand_work_j.to_bits(), record.ramp.to_bits());
@@ -276,8 +278,8 @@ fn decided(record: &TickRecord) -> impl PartialEq {
 impl ReplaySummary {
     fn compare(&mut self, recorded: &TickRecord, now: &TickRecord) {
         self.ticks += 1;
-        self.touch.take(now);
-        if decided(recorded) == decided(now) {
+        self.touch.add(now);
+        if output_bits(recorded) == output_bits(now) {
             return;
         }
         self.different += 1;
@@ -294,24 +296,24 @@ impl ReplaySummary {
     }
 }
 
-/// The viewer, and the pace it asks for.
+/// The viewer and its playback mode.
 struct Show {
     screen: Screen,
     live: Live,
-    pace: Pace,
-    /// Keys that would steer a session.
+    playback: Playback,
+    /// Controls whose requests the replay ignores.
     ignored: Controls,
     closed: AtomicBool,
 }
 
-enum Pace {
+enum Playback {
     Free,
-    /// A frame each so many us of recorded time.
+    /// One frame per interval of recorded time.
     Frames {
         interval_us: u64,
         due_us: u64,
     },
-    /// As it was, from here on.
+    /// In real time, from this instant.
     Real(Instant),
 }
 
@@ -321,16 +323,16 @@ impl Show {
         config: &Config,
         view: &View,
     ) -> Result<Self, ViewerError> {
-        let pace = match view {
-            View::Nothing => Pace::Free,
+        let playback = match view {
+            View::Nothing => Playback::Free,
             View::Frames { rate_hz, .. } | View::Gif { rate_hz, .. } => {
-                Pace::Frames { interval_us: (1e6 / rate_hz.clamp(0.01, 1000.0)) as u64, due_us: 0 }
+                Playback::Frames { interval_us: (1e6 / rate_hz.clamp(0.01, 1000.0)) as u64, due_us: 0 }
             }
-            View::Window { .. } => Pace::Real(Instant::now()),
+            View::Window { .. } => Playback::Real(Instant::now()),
         };
         let screen = Screen::open(organs, config, view)?;
         let (live, ignored) = (Live::new(), Controls::default());
-        Ok(Self { screen, live, pace, ignored, closed: AtomicBool::new(false) })
+        Ok(Self { screen, live, playback, ignored, closed: AtomicBool::new(false) })
     }
 
     fn is_closed(&self) -> bool {
@@ -338,17 +340,17 @@ impl Show {
     }
 
     fn take<const N: usize>(&mut self, organ: &Organ<'_, N>, record: &TickRecord) -> Result<(), ViewerError> {
-        self.live.take(record);
-        let is_due = match &mut self.pace {
-            Pace::Free => false,
-            Pace::Frames { interval_us, due_us } => {
+        self.live.push(record);
+        let is_due = match &mut self.playback {
+            Playback::Free => false,
+            Playback::Frames { interval_us, due_us } => {
                 let is_due = record.t_us >= *due_us;
                 if is_due {
                     *due_us = record.t_us.saturating_add(*interval_us);
                 }
                 is_due
             }
-            Pace::Real(begun) => {
+            Playback::Real(begun) => {
                 std::thread::sleep(Duration::from_micros(record.t_us).saturating_sub(begun.elapsed()));
                 self.screen.is_due()
             }

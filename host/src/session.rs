@@ -1,7 +1,7 @@
-//! One session from start to report: haptic thread, viewer and record stream together.
+//! One session from start to report: haptic thread, viewer and record stream.
 
 use crate::device::{Device, DeviceInfo};
-use crate::doctor::{Probe, Surroundings};
+use crate::doctor::{Probe, SystemInfo};
 use crate::instructions::Instructions;
 use crate::model::{self, ModelError, TouchMemory};
 use crate::rt::thread::spawn;
@@ -22,26 +22,27 @@ use std::sync::{Arc, OnceLock};
 pub(crate) use crate::viewer::screen::Screen;
 pub use crate::viewer::screen::View;
 
-/// How a session runs.
+/// Options of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionOptions {
     /// Length of the session; `None` runs until stopped.
     pub seconds: Option<f64>,
     /// Timing of the loop and how it is armed.
     pub haptic: LoopConfig,
-    /// What to ask of the operating system.
+    /// Real-time rights to request from the operating system.
     pub real_time: RtRequest,
-    /// Records that may wait for the caller; the rest are dropped and counted.
+    /// Records that can wait for the caller. Further records are dropped and counted.
     pub queue_ticks: usize,
-    /// What to show.
+    /// What the viewer shows.
     pub view: View,
-    /// Go on to the next of several organs each time this has passed.
+    /// Interval after which the next of several organs is rendered.
     pub change_every: Option<Duration>,
-    /// Standstill of the loop after which the watchdog zeroes the device, ms; never less than the age at which a sample is a fault.
+    /// Time without a tick after which the watchdog zeroes the device, ms. The session raises it to the age
+    /// at which a sample becomes a fault.
     pub watchdog_ms: u32,
-    /// Force that carries the weight of the handle while the controller is active, model frame, N.
-    pub carried_n: Vec3,
-    /// What the operating system granted, as soon as it is known: before the first tick.
+    /// Force that compensates the weight of the handle while the controller is active, model frame, N.
+    pub gravity_compensation_n: Vec3,
+    /// What the operating system granted; set before the first tick.
     pub granted: Arc<OnceLock<RtReport>>,
 }
 
@@ -56,26 +57,26 @@ impl Default for SessionOptions {
             view: View::Nothing,
             change_every: None,
             watchdog_ms: DEFAULT_LIMIT_MS,
-            carried_n: vec3::ZERO,
+            gravity_compensation_n: vec3::ZERO,
             granted: Arc::default(),
         }
     }
 }
 
-/// Why a session did not come about or did not end well.
+/// Reason why a session did not start or failed.
 #[derive(Debug)]
 pub enum SessionError {
-    /// These organs cannot be rendered, or not together, or not with this configuration.
+    /// The controller refuses these organs, their combination or the configuration.
     Model(ModelError),
     /// The length is negative or not a number.
     Seconds(f64),
-    /// A SCHED_FIFO priority that leaves none for the watchdog.
+    /// The SCHED_FIFO priority leaves none for the watchdog.
     Priority(i32),
-    /// Nothing to show on, or a frame was not written.
+    /// No display is available, or a frame could not be written.
     Viewer(ViewerError),
-    /// No thread could be started.
+    /// A thread could not be started.
     Thread(std::io::Error),
-    /// The haptic loop panicked; the device was given zero force on the way out.
+    /// The haptic loop panicked. The device received zero force.
     LoopPanicked,
 }
 
@@ -83,15 +84,18 @@ impl fmt::Display for SessionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Model(error) => error.fmt(f),
-            Self::Seconds(seconds) => write!(f, "{seconds} is no length for a session, in seconds"),
+            Self::Seconds(seconds) => write!(
+                f,
+                "the length of the session is {seconds} s: give a number of seconds that is not negative"
+            ),
             Self::Priority(priority) => write!(
                 f,
-                "SCHED_FIFO {priority} leaves no priority for the watchdog below the kernel's 99; ask for at most {MAX_LOOP_FIFO_PRIORITY}"
+                "SCHED_FIFO {priority} leaves no priority between the loop and the kernel's 99 for the watchdog: request at most {MAX_LOOP_FIFO_PRIORITY}"
             ),
             Self::Viewer(error) => error.fmt(f),
             Self::Thread(error) => write!(f, "cannot start the haptic thread: {error}"),
             Self::LoopPanicked => {
-                f.write_str("the haptic loop panicked (a fault of this program); the device has zero force")
+                f.write_str("the haptic loop panicked (a defect of this program); the device has zero force")
             }
         }
     }
@@ -113,34 +117,34 @@ impl From<ViewerError> for SessionError {
 
 /// Largest values and counts over the records that reached the caller.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct TouchFigures {
+pub struct TouchStatistics {
     /// Largest |h| of the model, N.
     pub peak_reaction_n: f32,
     /// Largest force for the hand, N.
     pub peak_hand_force_n: f32,
     /// Largest displacement of an active node, m.
     pub peak_displacement_m: f32,
-    /// Times the tool touched.
+    /// Number of contacts.
     pub contacts: u64,
-    /// Ticks in touch.
+    /// Ticks in contact.
     pub engaged_ticks: u64,
-    /// Ticks in touch by coverage, in the order of `Coverage::ALL`.
+    /// Ticks in contact by coverage, in the order of `Coverage::ALL`.
     pub coverage_ticks: [u64; Coverage::ALL.len()],
-    /// Ticks in which the force limit cut the force.
+    /// Ticks in which the force limit reduced the force.
     pub clamped_ticks: u64,
-    /// Largest change of the force for the hand from one tick to the next while rendering, N. What a fault or an end takes away at once
-    /// is none.
+    /// Largest change of the force for the hand between consecutive ticks while rendering, N. The step to
+    /// zero at a fault or at the end is excluded.
     pub largest_step_n: f32,
-    /// Largest work on the hand since it touched, J: above 0 is more than a body can give.
+    /// Largest work on the hand since the start of a contact, J. A passive body cannot give more than 0.
     pub largest_work_j: f32,
-    /// Ticks in which the guard on energy added damping.
+    /// Ticks in which the energy guard added damping.
     pub damped_ticks: u64,
     before: Option<(u64, bool, Vec3)>,
 }
 
-impl TouchFigures {
-    /// Takes one record, in order.
-    pub fn take(&mut self, record: &TickRecord) {
+impl TouchStatistics {
+    /// Adds one record. Records come in order.
+    pub fn add(&mut self, record: &TickRecord) {
         self.peak_reaction_n = self.peak_reaction_n.max(vec3::norm(record.reaction_n));
         self.peak_hand_force_n = self.peak_hand_force_n.max(vec3::norm(record.hand_force_n));
         self.peak_displacement_m = self.peak_displacement_m.max(vec3::norm(record.displacement_m));
@@ -162,54 +166,55 @@ impl TouchFigures {
     }
 }
 
-/// What the watchdog of a session came to.
+/// Summary of the watchdog of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WatchdogFigures {
-    /// Standstill it allowed, ms.
+pub struct WatchdogSummary {
+    /// Time without a tick that it allows, ms.
     pub limit_ms: u32,
-    /// Policy it ran with.
+    /// Scheduling policy of its thread.
     pub policy: Policy,
-    /// Times it took the force away.
+    /// Number of times it zeroed the force.
     pub fired: u64,
 }
 
-impl fmt::Display for WatchdogFigures {
+impl fmt::Display for WatchdogSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "after {} ms, {}; fired {} times", self.limit_ms, self.policy, self.fired)
     }
 }
 
-/// What a session came to.
+/// Summary of a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SessionSummary {
     /// The device.
     pub device: DeviceInfo,
-    /// The instructions the force was interpolated with.
+    /// The instructions that evaluated the force.
     pub instructions: Instructions,
-    /// Largest stiffness of the organ as the hand would feel it, N/m.
+    /// Largest stiffness of the organ at the hand, N/m.
     pub stiffest_n_m: f32,
-    /// What every force was scaled by to stay within the device's stiffness; 1 where nothing had to be.
+    /// Factor on every force that keeps the stiffness within the device's limit; 1 if no reduction is
+    /// necessary.
     pub force_share: f32,
     /// What the operating system granted.
     pub real_time: RtReport,
     /// Kernel and CPUs.
-    pub surroundings: Surroundings,
-    /// The watchdog, where the device has a second way to its motors.
-    pub watchdog: Option<WatchdogFigures>,
-    /// Why it ended.
+    pub system: SystemInfo,
+    /// The watchdog; `None` if the device has no emergency-stop path.
+    pub watchdog: Option<WatchdogSummary>,
+    /// Reason of the end.
     pub end: LoopEnd,
     /// Phase at the end.
     pub phase: Phase,
-    /// Ticks that ran.
+    /// Number of ticks.
     pub ticks: u64,
     /// Timing.
     pub latency: LatencyReport,
-    /// Records that did not fit into the queue.
+    /// Records dropped because the queue was full.
     pub dropped_records: u64,
-    /// Exchanges that failed in passing.
+    /// Device exchanges that failed with a transient error.
     pub device_errors: u64,
     /// Forces, displacements, contacts.
-    pub touch: TouchFigures,
+    pub touch: TouchStatistics,
     /// Frames written.
     pub frames_written: u64,
     /// Mean time to draw a frame, ms; 0 without frames.
@@ -217,7 +222,7 @@ pub struct SessionSummary {
 }
 
 impl SessionSummary {
-    /// Share of the ticks in touch by the data behind their force.
+    /// Writes the share of the contact ticks by coverage.
     fn write_coverage(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "\ncoverage    ")?;
         for (kind, ticks) in Coverage::ALL.iter().zip(self.touch.coverage_ticks) {
@@ -239,16 +244,16 @@ impl fmt::Display for SessionSummary {
             let cap_n_m = self.force_share * self.stiffest_n_m;
             write!(
                 f,
-                ", held to {cap_n_m:.0} N/m: all forces times {:.2}, the organ feels softer",
+                ", limited to {cap_n_m:.0} N/m: all forces are multiplied by {:.2}, the organ feels softer",
                 self.force_share
             )?;
         }
         writeln!(f)?;
         writeln!(f, "{}", self.real_time)?;
-        writeln!(f, "{}", self.surroundings)?;
+        writeln!(f, "{}", self.system)?;
         match &self.watchdog {
             Some(watchdog) => writeln!(f, "watchdog     {watchdog}")?,
-            None => writeln!(f, "watchdog     none: the device has no second way to its motors")?,
+            None => writeln!(f, "watchdog     none: the device has no emergency-stop path")?,
         }
         writeln!(f, "{}", self.latency)?;
         let touch = &self.touch;
@@ -297,11 +302,12 @@ impl fmt::Display for SessionSummary {
     }
 }
 
-/// Runs a session: the loop on its own thread, viewer and records on the calling one.
+/// Runs a session: the loop on its own thread, viewer and records on the calling thread.
 ///
-/// The first organ is rendered until another is asked for; all by the same settings. `on_record` gets every record in order, a few
-/// milliseconds late; it may take its time, the queue holds seconds. `stop`, which the loop looks at in every tick whatever this thread is doing, ends the
-/// session from outside (Ctrl-C). A window that cannot be opened is an error before anything moves.
+/// The first organ is rendered until another is selected; all use the same settings. `on_record` receives
+/// every record in order, with a delay of a few milliseconds. It may block: the queue holds seconds. `stop`
+/// ends the session from outside (Ctrl-C); the loop reads it in every tick, whatever the calling thread does.
+/// A window that cannot be opened is an error before the device moves.
 pub fn run_session<D: Device, const N: usize>(
     organs: &[&Organ<'_, N>],
     config: Config,
@@ -312,36 +318,39 @@ pub fn run_session<D: Device, const N: usize>(
 ) -> Result<SessionSummary, SessionError> {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(organs, config, &mut memory)?;
-    // The stiffest of them, and the share of the one that is held back most.
+    // The stiffest organ, and the smallest force share of all.
     let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
     let felt = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
     let periods = periods(options)?;
-    if let Some(priority) = options.real_time.fifo_priority.filter(|asked| *asked > MAX_LOOP_FIFO_PRIORITY) {
+    if let Some(priority) =
+        options.real_time.fifo_priority.filter(|priority| *priority > MAX_LOOP_FIFO_PRIORITY)
+    {
         return Err(SessionError::Priority(priority));
     }
     let mut screen = Screen::open(organs, &config, &options.view)?;
     let info = device.info();
     let emergency_stop = device.emergency_stop();
     let heartbeat = Heartbeat::default();
-    // A loop that comes back after the watchdog has fired must find its sample stale.
+    // The watchdog limit is at least the stale limit: a loop that resumes after the watchdog has fired then
+    // finds its sample stale.
     let stale_ms = config.limits.stale_fault_us.div_ceil(1_000);
     let watchdog_ms = options.watchdog_ms.max(u32::try_from(stale_ms).unwrap_or(u32::MAX));
     let (producer, mut records) = rtrb::RingBuffer::new(options.queue_ticks.max(1));
-    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let controls = Controls::default();
     let ended_here = AtomicBool::new(false);
-    let mut touch = TouchFigures::default();
+    let mut touch = TouchStatistics::default();
     let mut live = Live::new();
 
     let joined = std::thread::scope(|scope| -> Result<_, SessionError> {
-        // Whatever happens on this side, the other one must end, or the scope would wait for ever.
+        // If this side fails, the loop must end as well, or the scope waits for ever.
         let _end = SetOnDrop(&ended_here);
         let outputs = Outputs { records: producer, latest };
         let haptic =
-            HapticLoop::of_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
-                .watched(&heartbeat)
-                .carrying(options.carried_n)
-                .stopped_by(stop);
+            HapticLoop::with_models(&controllers, device, MonotonicClock, options.haptic, &controls, outputs)
+                .with_heartbeat(&heartbeat)
+                .with_gravity_compensation(options.gravity_compensation_n)
+                .with_stop_flag(stop);
         let instructions = haptic.instructions();
         let (real_time, granted) = (options.real_time, &*options.granted);
         let handle = spawn(scope, haptic, real_time, &ended_here, periods, granted);
@@ -353,8 +362,8 @@ pub fn run_session<D: Device, const N: usize>(
         let watching = watching.transpose().map_err(SessionError::Thread)?;
         let mut drain = |live: &mut Live| {
             while let Ok(record) = records.pop() {
-                touch.take(&record);
-                live.take(&record);
+                touch.add(&record);
+                live.push(&record);
                 on_record(&record);
             }
         };
@@ -384,7 +393,7 @@ pub fn run_session<D: Device, const N: usize>(
     let (instructions, policy, (real_time, outcome)) = joined?;
     screen.finish()?;
     let fired = heartbeat.fired();
-    let watchdog = policy.map(|policy| WatchdogFigures { limit_ms: watchdog_ms, policy, fired });
+    let watchdog = policy.map(|policy| WatchdogSummary { limit_ms: watchdog_ms, policy, fired });
     Ok(SessionSummary { watchdog, ..summary(info, instructions, felt, real_time, outcome, touch, &screen) })
 }
 
@@ -404,7 +413,7 @@ fn summary(
     (stiffest_n_m, force_share): (f32, f32),
     real_time: RtReport,
     outcome: LoopOutcome,
-    touch: TouchFigures,
+    touch: TouchStatistics,
     screen: &Screen,
 ) -> SessionSummary {
     SessionSummary {
@@ -412,7 +421,7 @@ fn summary(
         instructions,
         stiffest_n_m,
         force_share,
-        surroundings: Surroundings::of(&Probe::system(), real_time.cpu),
+        system: SystemInfo::of(&Probe::system(), real_time.cpu),
         real_time,
         watchdog: None,
         end: outcome.end,
@@ -448,11 +457,7 @@ mod tests {
     use std::time::Instant;
 
     fn options(seconds: f64) -> SessionOptions {
-        SessionOptions {
-            seconds: Some(seconds),
-            real_time: RtRequest::nothing(),
-            ..SessionOptions::default()
-        }
+        SessionOptions { seconds: Some(seconds), real_time: RtRequest::none(), ..SessionOptions::default() }
     }
 
     fn run(
@@ -461,16 +466,16 @@ mod tests {
         mut on_record: impl FnMut(&TickRecord),
     ) -> Result<SessionSummary, SessionError> {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let mut config = SimulatedConfig::default();
-        // Quick strokes: this hand's time stands still while the machine is busy elsewhere.
+        // Quick strokes: this hand's time does not advance while the machine is busy.
         config.strokes.seconds_per_node = 1.0;
         let hand = SimulatedHand::new(&organ, config);
         run_session(&[&organ], Config::new(Method::Hybrid), hand, options, stop, |record| on_record(record))
     }
 
     #[test]
-    fn a_short_session_with_frames_gives_records_pictures_and_figures() {
+    fn a_short_session_writes_records_frames_and_statistics() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let view = View::Frames {
             directory: directory.path().join("frames"),
@@ -496,10 +501,10 @@ mod tests {
         );
     }
 
-    /// A hand whose device tells when its force was taken away.
-    struct Told<'z>(SimulatedHand, &'z AtomicBool);
+    /// A simulated hand that records when its force was zeroed.
+    struct ZeroObserved<'z>(SimulatedHand, &'z AtomicBool);
 
-    impl Device for Told<'_> {
+    impl Device for ZeroObserved<'_> {
         fn exchange(&mut self, now_us: u64, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
             self.0.exchange(now_us, force_n)
         }
@@ -513,18 +518,18 @@ mod tests {
         }
     }
 
-    /// A screen or a disk that hangs must not keep the force on after Ctrl-C.
+    /// A screen or disk that hangs must not keep the force on after Ctrl-C.
     #[test]
-    fn the_stop_flag_takes_the_force_away_while_the_caller_hangs() {
+    fn the_stop_flag_zeroes_the_force_while_the_caller_hangs() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let (stop, zeroed) = (AtomicBool::new(false), AtomicBool::new(false));
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         let endless = SessionOptions { seconds: None, ..options(0.0) };
-        let (mut asked, mut in_time) = (false, false);
+        let (mut requested, mut in_time) = (false, false);
         let config = Config::new(Method::Hybrid);
-        run_session(&[&organ], config, Told(hand, &zeroed), &endless, &stop, |_| {
-            if !core::mem::replace(&mut asked, true) {
+        run_session(&[&organ], config, ZeroObserved(hand, &zeroed), &endless, &stop, |_| {
+            if !core::mem::replace(&mut requested, true) {
                 stop.store(true, Ordering::Relaxed);
                 let begun = Instant::now();
                 while !zeroed.load(Ordering::SeqCst) && begun.elapsed() < Duration::from_secs(20) {
@@ -546,15 +551,15 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_run_is_refused_before_anything_moves() {
+    fn invalid_options_are_refused_before_the_first_tick() {
         let refused = run(&options(f64::NAN), &AtomicBool::new(false), |_| panic!("no tick may run"));
         assert!(matches!(refused, Err(SessionError::Seconds(_))));
         for priority in [98, 99] {
-            let real_time = RtRequest { fifo_priority: Some(priority), ..RtRequest::nothing() };
+            let real_time = RtRequest { fifo_priority: Some(priority), ..RtRequest::none() };
             let refused = run(&SessionOptions { real_time, ..options(1.0) }, &AtomicBool::new(false), |_| {
                 panic!("no tick may run")
             });
-            let refused = refused.expect_err("there is no room for the watchdog");
+            let refused = refused.expect_err("no priority is left for the watchdog");
             assert!(refused.to_string().contains("at most 97"), "{refused}");
         }
         if std::env::var_os("DISPLAY").is_none() {
@@ -567,7 +572,7 @@ mod tests {
         }
     }
 
-    /// Hangs in its 30th exchange until somebody takes the force away past it.
+    /// Hangs in its 30th exchange until the emergency stop zeroes the force.
     struct Hanging {
         calls: u64,
         zeros: Arc<AtomicU64>,
@@ -587,7 +592,7 @@ mod tests {
             self.calls += 1;
             let begun = Instant::now();
             while self.calls == 30 && self.zeros.load(Ordering::SeqCst) == 0 {
-                assert!(begun.elapsed() < Duration::from_secs(20), "nobody came");
+                assert!(begun.elapsed() < Duration::from_secs(20), "no emergency stop came");
                 std::thread::yield_now();
             }
             Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
@@ -610,11 +615,11 @@ mod tests {
         }
     }
 
-    /// In a box, as the command line has it.
+    /// The device is boxed, as on the command line.
     #[test]
-    fn a_session_watches_a_device_with_a_second_way() {
+    fn a_session_starts_a_watchdog_for_a_device_with_an_emergency_stop() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let zeros = Arc::new(AtomicU64::new(0));
         let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros: Arc::clone(&zeros) });
         let (config, options) = (Config::new(Method::Hybrid), options(0.2));
@@ -623,13 +628,13 @@ mod tests {
         let watchdog = summary.watchdog.expect("it was watched");
         assert!(watchdog.fired >= 1 && watchdog.limit_ms == DEFAULT_LIMIT_MS, "{watchdog}");
         assert!(zeros.load(Ordering::SeqCst) >= 1);
-        assert_eq!(summary.phase, Phase::SafeZero(Fault::Watchdog), "it does not go on by itself");
+        assert_eq!(summary.phase, Phase::SafeZero(Fault::Watchdog), "the fault stays latched");
         assert_eq!(options.granted.get(), Some(&summary.real_time));
         assert!(summary.to_string().contains("watchdog     after 20 ms"), "{summary}");
-        // Never before a sample is a fault: a loop that comes back must find its own.
+        // The limit is at least the stale limit, so a loop that resumes finds its sample stale.
         let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros });
-        let eager = SessionOptions { watchdog_ms: 1, ..self::options(0.05) };
-        let summary = run_session(&[&organ], config, device, &eager, &stop, |_| ()).expect("it runs");
+        let too_short = SessionOptions { watchdog_ms: 1, ..self::options(0.05) };
+        let summary = run_session(&[&organ], config, device, &too_short, &stop, |_| ()).expect("it runs");
         assert_eq!(summary.watchdog.map(|watchdog| watchdog.limit_ms), Some(10));
     }
 
@@ -637,7 +642,7 @@ mod tests {
     fn a_panic_of_the_caller_does_not_hang_the_session() {
         let caught = std::panic::catch_unwind(|| {
             let _ = run(&SessionOptions { seconds: None, ..options(0.0) }, &AtomicBool::new(false), |_| {
-                panic!("planted panic")
+                panic!("injected panic")
             });
         });
         assert!(caught.is_err());

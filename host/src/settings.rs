@@ -1,18 +1,20 @@
-//! The controller's settings for some organs on a device: what holds for all of them, in the metres of whoever it is about.
+//! The controller's settings for organs on a device.
 
 use crate::device::DeviceInfo;
 use crate::device::profile::Profile;
 use palpate_core::{Config, Method, Organ};
 
-/// Room for the hand round the organ, m.
+/// Margin of the workspace round the organ, m.
 const WORKSPACE_MARGIN_M: f32 = 0.3;
 
-/// Counts of the encoder that a pushing tool rises before it lets go: fewer, and contact chatters.
+/// Height, in encoder counts, by which a pushing tool rises before contact is released. A smaller value
+/// causes contact chatter.
 const HYSTERESIS_COUNTS: f32 = 4.0;
 
-/// Settings for organs on a device: the default, no limit above the device's, the organs' or the profile's.
+/// The default settings with every limit lowered to those of the device, the organs and the profile.
 ///
-/// Hand and encoder are the device's: with a profile, what is theirs (speed, steps, energy) is larger in the model by the workspace's scale.
+/// Hand and encoder values (speed, resolution, energy) are in device metres. With a profile they are
+/// multiplied by the workspace scale to model metres.
 #[must_use]
 pub fn controller_config<const N: usize>(
     organs: &[&Organ<'_, N>],
@@ -23,17 +25,17 @@ pub fn controller_config<const N: usize>(
     let mut config = Config::new(method);
     let (limits, contact, passivity) = (&mut config.limits, &mut config.contact, &mut config.passivity);
     limits.max_stiffness_n_m = limits.max_stiffness_n_m.min(device.max_stiffness_n_m);
-    // Neither a scene without a device nor an ideal simulated one lifts the default limit.
+    // A scene without a device and an ideal simulated device do not raise the default limit.
     let weakest_n = organs.iter().fold(f32::INFINITY, |least, organ| least.min(organ.max_force_n));
     limits.max_force_n = limits.max_force_n.min(device.max_force_n).min(weakest_n);
-    // The workspace is a box round the model's origin; an organ in scanner coordinates may be far from it.
+    // The workspace is a box round the model's origin. An organ in scanner coordinates may be far from it.
     let places = organs.iter().flat_map(|organ| organ.surface.position_m).flatten();
     let reach_m = places.fold(0.0f32, |most, x| most.max(x.abs()));
     limits.max_position_m = limits.max_position_m.max(reach_m + WORKSPACE_MARGIN_M);
     passivity.position_step_m = device.resolution_m;
     if let Some(profile) = profile {
-        profile.tighten(limits);
-        // Where its handle cannot be, a position is a fault.
+        profile.lower_limits(limits);
+        // A position that the handle cannot reach is a fault.
         limits.max_position_m = profile.largest_position_m();
         let scale = profile.workspace.scale;
         limits.max_speed_m_s *= scale;
@@ -54,11 +56,11 @@ mod tests {
     use crate::synthetic;
 
     #[test]
-    fn what_is_the_hand_s_grows_with_the_scale_and_what_is_the_device_s_limits() {
+    fn the_workspace_scale_multiplies_hand_values_and_the_device_limits_apply() {
         let blob = synthetic::organ(&synthetic::Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let config_for = |profile: Option<&Profile>| {
-            let simulated = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::on);
+            let simulated = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
             let info = SimulatedHand::new(&organ, simulated).info();
             controller_config(&[&organ], Method::Trilinear, &info, profile)
         };
@@ -73,7 +75,7 @@ mod tests {
         assert_eq!((falcon.passivity.workspace_scale, falcon.passivity.force_delay_us), (3.0, 107));
         assert!((falcon.limits.max_stiffness_n_m - 1_000.0 / 3.0).abs() < 1e-3);
         assert!((falcon.limits.max_position_m - 0.132).abs() < 1e-6);
-        // Four counts of 54 um, times three.
+        // Four counts of 54 um, times the scale of 3.
         assert!((falcon.contact.release_height_m - 648e-6).abs() < 1e-9);
         assert!((falcon.passivity.position_step_m - 162e-6).abs() < 1e-9);
         // A finer encoder does not lower the height below the default.
@@ -88,7 +90,7 @@ mod tests {
     fn scene_and_device_limit_the_force() {
         let soft = synthetic::Shape { max_force_n: 3.0, ..synthetic::Shape::default() };
         let blob = synthetic::organ(&soft);
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let info = SimulatedHand::new(&organ, SimulatedConfig::default()).info();
         let config = controller_config(&[&organ], Method::Trilinear, &info, None);
         assert_eq!(config.limits.max_force_n, 3.0);

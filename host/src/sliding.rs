@@ -1,33 +1,36 @@
-//! What sliding from node to node costs in smoothness and in energy, measured on the tables of an organ.
+//! Continuity and energy error of sliding from node to node, measured on the tables of an organ.
 //!
-//! A tool that slides is answered by h = sum w_i h_i(d), the w_i being its foot's barycentric weights. Over an edge the weights are continuous, so
-//! the force is: the **seam** is what rounding leaves of it. The force is not the gradient of the blended energy U = sum w_i W_i(d), though:
-//! dU = h . dd + sum W_i dw_i, and the second part is felt by nobody. Who presses at one node, slides to its neighbour and lifts there gets
-//! W_there - W_here for nothing: the **energy error** of the edge. Friction takes mu |h_n| along the same edge; as long as that is more, no
-//! way over the surface gives energy to the hand.
+//! While the tool slides, the force is h = sum w_i h_i(d), where w_i are the barycentric weights of the
+//! contact point. The weights are continuous across an edge, so the force is too. The **seam** is the
+//! rounding difference that remains. The force is not the gradient of the blended energy U = sum w_i W_i(d):
+//! dU = h . dd + sum W_i dw_i, and the force omits the second term. A tool that presses at one node, slides
+//! to its neighbour and lifts there gains or loses W_b - W_a. This is the **energy error** of the edge.
+//! Friction dissipates mu |h_n| per unit length of the edge. While it dissipates more than the energy error,
+//! no path over the surface gives energy to the hand.
 
 use core::fmt;
 use palpate_core::surface::{Foot, TouchSurface};
 use palpate_core::{Method, Organ, Share, Vec3, vec3};
 use std::collections::BTreeMap;
 
-/// Steps of a press along the normal.
+/// Load steps of a press along the normal.
 const STEPS: usize = 40;
 
-/// What sliding over an organ costs.
+/// Result of sliding over an organ.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SlidingReport {
-    /// Triangles whose corners are all active nodes.
+    /// Triangles whose three corners are active nodes.
     pub triangles: usize,
     /// Triangles of the surface.
     pub all_triangles: usize,
-    /// Edges between two of them, over which a tool may slide.
+    /// Edges of these triangles: a tool can slide along them.
     pub edges: usize,
-    /// Largest difference of the force from both sides of an edge, N.
+    /// Largest difference of the force between the two sides of an edge, N.
     pub seam_n: f32,
-    /// Largest |W_there - W_here| of two neighbours at the same displacement within the force limit, J.
+    /// Largest |W_b - W_a| of two neighbours at equal displacement within the force limit, J.
     pub energy_j: f32,
-    /// Largest share that error is of what friction takes on the way; below 1 sliding gives no energy.
+    /// Largest ratio of this energy error to the work of friction along the edge. Below 1, sliding gives no
+    /// energy.
     pub friction_share: f32,
 }
 
@@ -35,7 +38,7 @@ impl fmt::Display for SlidingReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "over {} of {} triangles; seam {:.4} mN at most; neighbours differ by up to {:.2} mJ, {:.2} of what friction takes on the way",
+            "over {} of {} triangles; seam at most {:.4} mN; energies of neighbours differ by at most {:.2} mJ, {:.2} of the work of friction",
             self.triangles,
             self.all_triangles,
             self.seam_n * 1e3,
@@ -45,7 +48,8 @@ impl fmt::Display for SlidingReport {
     }
 }
 
-/// Presses at both ends of every edge that a tool may slide along, and at its middle from both sides, until the force limit.
+/// Presses up to the force limit at both ends of every edge that a tool can slide along, and at its middle
+/// from both sides.
 #[must_use]
 pub fn report<const N: usize>(
     organ: &Organ<'_, N>,
@@ -55,7 +59,7 @@ pub fn report<const N: usize>(
 ) -> SlidingReport {
     let triangles = organ.surface.triangles;
     let mut report = SlidingReport { all_triangles: triangles.len(), ..SlidingReport::default() };
-    // The feet at the middle of each edge, one a triangle that has it.
+    // Contact points at the middle of each edge, one per adjacent triangle.
     let mut edges: BTreeMap<[u32; 2], Vec<Foot>> = BTreeMap::new();
     for (triangle, corners) in (0..).zip(triangles) {
         let middle = |weights| Foot { triangle, weights };
@@ -83,20 +87,21 @@ pub fn report<const N: usize>(
         for step in 1..=STEPS {
             let d = vec3::scale(normal, -step_m * step as f32);
             let at = |space: &palpate_core::Space<'_>| space.force(method, d).map(|answer| answer.force_n);
-            let (Some(here_n), Some(there_n)) = (at(one), at(other)) else { break };
-            if vec3::norm(here_n).max(vec3::norm(there_n)) > organ.max_force_n {
+            let (Some(first_n), Some(second_n)) = (at(one), at(other)) else { break };
+            if vec3::norm(first_n).max(vec3::norm(second_n)) > organ.max_force_n {
                 break;
             }
             report.seam_n = report.seam_n.max(seam_n(organ, surface, feet, method, d));
-            let pressing = [here_n, there_n].map(|force_n| -vec3::dot(force_n, normal));
+            let pressing = [first_n, second_n].map(|force_n| -vec3::dot(force_n, normal));
             for ((work, before), now) in work_j.iter_mut().zip(&mut before).zip(pressing) {
                 *work += 0.5 * (*before + now) * step_m;
                 *before = now;
             }
-            let apart_j = (work_j[0] - work_j[1]).abs();
-            let taken_j = friction * 0.5 * (pressing[0] + pressing[1]) * length_m;
-            report.energy_j = report.energy_j.max(apart_j);
-            report.friction_share = report.friction_share.max(apart_j / taken_j.max(f32::MIN_POSITIVE));
+            let difference_j = (work_j[0] - work_j[1]).abs();
+            let friction_j = friction * 0.5 * (pressing[0] + pressing[1]) * length_m;
+            report.energy_j = report.energy_j.max(difference_j);
+            report.friction_share =
+                report.friction_share.max(difference_j / friction_j.max(f32::MIN_POSITIVE));
         }
     }
     report

@@ -1,4 +1,4 @@
-//! The files of `host/deploy`: no key that systemd, udev or PAM would skip with a warning that nobody reads.
+//! Checks the files of `host/deploy`: systemd, udev and PAM skip an unknown key with only a warning in a log.
 
 use palpate_host::sys::DEFAULT_FIFO_PRIORITY;
 use std::collections::BTreeMap;
@@ -7,7 +7,8 @@ const SERVICE: &str = include_str!("../deploy/palpate@.service");
 const RULES: &str = include_str!("../deploy/70-palpate.rules");
 const LIMITS: &str = include_str!("../deploy/palpate-limits.conf");
 
-/// The keys of systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and systemd.resource-control(5) that are used.
+/// The keys used from systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
+/// systemd.resource-control(5).
 const KEYS: [(&str, &[&str]); 3] = [
     ("Unit", &["Description", "Documentation", "After", "ConditionPathExists"]),
     (
@@ -48,7 +49,7 @@ const KEYS: [(&str, &[&str]); 3] = [
     ("Install", &["WantedBy"]),
 ];
 
-/// Keys and values by section; what is wrong with a line otherwise.
+/// Parses keys and values by section; an error names the invalid line.
 fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
     let mut section = String::new();
     let mut entries: BTreeMap<_, Vec<String>> = BTreeMap::new();
@@ -69,7 +70,7 @@ fn unit(text: &str) -> Result<BTreeMap<(String, String), Vec<String>>, String> {
 }
 
 #[test]
-fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
+fn the_service_has_the_rights_for_loop_and_watchdog_and_does_not_restart() {
     let entries = unit(SERVICE).expect("every line is known");
     let one = |key: &str| entries[&("Service".to_string(), key.to_string())].join(" ");
     assert_eq!((one("Restart").as_str(), one("KillSignal").as_str()), ("no", "SIGINT"));
@@ -79,9 +80,9 @@ fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
             && one("Environment").contains(&format!("FIFO={DEFAULT_FIFO_PRIORITY}"))
     );
     assert_eq!(one("LimitMEMLOCK"), "infinity");
-    // Pictures nobody looks at would fill the disk.
+    // Unused pictures would fill the disk.
     assert!(one("ExecStart").contains("--headless --frame-rate 0 "));
-    // The options are those of the command line.
+    // All options exist on the command line.
     for command in [one("ExecStart"), one("ExecStartPre")] {
         for option in command.split_whitespace().filter(|word| word.starts_with("--")) {
             assert!(
@@ -97,7 +98,7 @@ fn the_service_asks_for_what_loop_and_watchdog_need_and_never_restarts() {
 /// Key, operator and value.
 type Token<'t> = (&'t str, &'t str, &'t str);
 
-/// One `KEY{attribute}operator"value"` of a rule; what is wrong with it otherwise.
+/// Parses one `KEY{attribute}operator"value"` of a rule; an error names the invalid token.
 fn token(text: &str) -> Result<Token<'_>, String> {
     let wrong = || format!("no match or assignment: {text}");
     let at = text.find(['=', '!', '+']).ok_or_else(wrong)?;
@@ -126,7 +127,7 @@ fn rules(text: &str) -> Result<Vec<Vec<Token<'_>>>, String> {
 }
 
 #[test]
-fn every_rule_matches_something_and_assigns_something() {
+fn every_rule_has_a_match_and_an_assignment() {
     let rules_read = rules(RULES).expect("every token is known");
     assert_eq!(rules_read.len(), 5);
     for rule in &rules_read {
@@ -143,7 +144,7 @@ fn every_rule_matches_something_and_assigns_something() {
 }
 
 #[test]
-fn the_limits_are_four_columns_and_reach_the_watchdogs_priority() {
+fn the_limits_have_four_columns_and_include_the_watchdog_s_priority() {
     let lines: Vec<Vec<&str>> = LIMITS
         .lines()
         .filter(|line| !line.starts_with('#'))

@@ -1,4 +1,4 @@
-//! The same bits of every method on every set of instructions that this processor has.
+//! Every method gives the same bits with every instruction set of this processor.
 
 #[path = "../../firmware-like-core/tests/common/mod.rs"]
 mod common;
@@ -7,7 +7,7 @@ use common::{Random, Recipe};
 use palpate_core::{ForceSample, Method, Organ, Vec3};
 use palpate_host::{Instructions, Interpolator};
 
-/// Nodes, faces, the rim, beyond it, and numbers without sense, in every combination.
+/// Nodes, faces, the rim, points beyond it, and values that are not finite, in all combinations.
 fn odd_queries(spacing_m: f32, radius_m: f32) -> impl Iterator<Item = Vec3> {
     let values = [
         0.0,
@@ -31,8 +31,8 @@ fn bits(sample: ForceSample) -> ([u32; 3], palpate_core::Coverage) {
 }
 
 #[test]
-fn instructions_change_no_bit() {
-    // With holes and a fold, so that both methods of every blend answer, and the way between them.
+fn instructions_do_not_change_the_result() {
+    // With holes and a fold, so that both methods of every blend and the transition are evaluated.
     let recipe = Recipe {
         radius_m: 0.04,
         solved: |ijk| ijk != [2, 1, 0] && ijk != [-1, -3, 1],
@@ -40,18 +40,18 @@ fn instructions_change_no_bit() {
         ..Recipe::default()
     };
     let blob = recipe.blob();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a valid blob");
     let space = &organ.spaces[0];
     let mut random = Random(21);
     let queries: Vec<Vec3> =
         (0..20_000).map(|_| random.point(0.045)).chain(odd_queries(0.01, 0.04)).collect();
     let kernel = common::kernel::blob();
-    let with_kernel: Organ<'_> = Organ::read(kernel.bytes()).expect("a sound blob");
+    let with_kernel: Organ<'_> = Organ::read(kernel.bytes()).expect("a valid blob");
     let (mut compared, lattice) = (0, Method::OF_LATTICE.map(|method| (method, space)));
     for (method, space) in lattice.into_iter().chain([(Method::Kernel, &with_kernel.spaces[0])]) {
         let others: Vec<Interpolator> = Instructions::ALL
             .into_iter()
-            .filter_map(|instructions| Interpolator::on(instructions, method))
+            .filter_map(|instructions| Interpolator::with_instructions(instructions, method))
             .collect();
         assert!(!others.is_empty(), "the baseline is always there");
         for query in &queries {
@@ -69,7 +69,7 @@ fn instructions_change_no_bit() {
 }
 
 #[test]
-fn what_is_chosen_is_the_best_there_is() {
+fn the_best_available_instructions_are_chosen() {
     let chosen = Interpolator::new(Method::Energy);
     assert_eq!((chosen.instructions(), chosen.method()), (Instructions::best(), Method::Energy));
     assert!(Instructions::Baseline.are_available() && chosen.instructions().are_available());

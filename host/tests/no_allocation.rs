@@ -1,4 +1,5 @@
-//! Nothing in the tick's path allocates: exchange, controller, histogram, queue and hand-over, over more than 10^6 ticks, 150,000 a method.
+//! The path of the tick does not allocate: exchange, controller, histogram, queue and hand-over, over more
+//! than 10^6 ticks, 150,000 per method.
 
 #[path = "../../firmware-like-core/tests/common/mod.rs"]
 mod common;
@@ -33,23 +34,23 @@ fn a_million_ticks_without_an_allocation() {
     let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
     let mut words = vec![0_u64; blob.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a valid blob");
     for method in Method::OF_LATTICE {
-        // With the surface, and two models that take turns.
+        // With the surface, and two alternating models.
         let mut memory = TouchMemory::default();
         let controllers = model::controllers(&[&organ, &organ], Config::new(method), &mut memory);
         let controllers = controllers.expect("has the method");
-        // Both ways of the queue: it fills up, and then every push is refused.
+        // Both states of the queue: it fills up, and then every push fails.
         let (records, mut drained) = rtrb::RingBuffer::new(60_000);
-        let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let controls = Controls::default();
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         let clock = VirtualClock::default();
         let outputs = Outputs { records, latest };
         let heartbeat = Heartbeat::default();
         let config = LoopConfig::default();
-        let haptic = HapticLoop::of_models(&controllers, hand, &clock, config, &controls, outputs);
-        let mut haptic = haptic.watched(&heartbeat);
+        let haptic = HapticLoop::with_models(&controllers, hand, &clock, config, &controls, outputs);
+        let mut haptic = haptic.with_heartbeat(&heartbeat);
         let mut engaged = 0;
         assert_no_alloc(|| {
             for index in 0..150_000_u64 {
@@ -69,11 +70,12 @@ fn a_million_ticks_without_an_allocation() {
     }
 }
 
-/// The kernel has no lattice, so a blob of its own; of any numbers: what latches is reset and armed again.
+/// The kernel method has no lattice, so it has its own blob. The forces are arbitrary: faults are reset and
+/// the controller armed again.
 #[test]
 fn a_kernel_without_an_allocation() {
     let blob = common::kernel::blob();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Kernel)).expect("it has a kernel");
     let (node, mut state) = (&organ.spaces[0], State::new());
     let (mut engaged, mut forced) = (0, 0);
@@ -83,7 +85,7 @@ fn a_kernel_without_an_allocation() {
                 state.reset();
                 state.arm();
             }
-            // In and out, twice a second.
+            // In and out, twice per second.
             let height_m = 0.003 + 0.006 * (tick as f32 * 4.0 * core::f32::consts::PI / 1e3).cos();
             let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
             let t_us = 1_000 * tick;
@@ -100,20 +102,22 @@ fn a_kernel_without_an_allocation() {
 #[test]
 fn sliding_on_a_mechanism_without_an_allocation() {
     let blob = synthetic::organ(&synthetic::Shape { patch: 60, ..synthetic::Shape::default() });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let profile = Profile::bundled("falcon").expect("bundled");
     let random = Some(RandomConfig::new(2));
-    let hand = SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::on(&profile) });
+    let hand =
+        SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::for_profile(&profile) });
     let config = controller_config(&[&organ], Method::Trilinear, &hand.info(), Some(&profile));
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(&[&organ], config, &mut memory).expect("has the method");
     let (records, mut drained) = rtrb::RingBuffer::new(1_000);
-    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, mut newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (controls, clock, heartbeat) = (Controls::default(), VirtualClock::default(), Heartbeat::default());
     let outputs = Outputs { records, latest };
-    let haptic = HapticLoop::of_models(&controllers, hand, &clock, LoopConfig::default(), &controls, outputs);
-    let mut haptic = haptic.watched(&heartbeat);
-    let (mut blended, mut moved, mut before) = (0_u64, 0_u64, TickRecord::NOTHING);
+    let haptic =
+        HapticLoop::with_models(&controllers, hand, &clock, LoopConfig::default(), &controls, outputs);
+    let mut haptic = haptic.with_heartbeat(&heartbeat);
+    let (mut blended, mut moved, mut before) = (0_u64, 0_u64, TickRecord::EMPTY);
     assert_no_alloc(|| {
         for index in 0..150_000_u64 {
             let deadline_ns = index * 1_000_000;
@@ -133,14 +137,15 @@ fn sliding_on_a_mechanism_without_an_allocation() {
     assert_eq!(core::iter::from_fn(|| drained.pop().ok()).count(), 1_000);
 }
 
-/// A chip in front of a device that is homed after its first reply, and whose grip goes round; it answers what it is asked and keeps nothing else.
+/// A chip whose device is homed after its first reply and whose grip moves back and forth. It replies to
+/// every request and stores no history.
 #[derive(Default)]
 struct Echo {
-    asked: AtomicU32,
+    requested: AtomicU32,
     answered: AtomicU32,
 }
 
-/// Grip going round by a count or two a reply, never faster than a hand.
+/// A grip that moves by one count per reply, slower than a hand.
 fn encoders(reply: u32) -> [i16; 3] {
     let middle = Kinematics::default().counts([0.0, 0.0, 0.12]).expect("within reach");
     let away = (reply % 400).abs_diff(200) as i16;
@@ -153,13 +158,13 @@ impl Ftdi for Echo {
     }
 
     fn write(&self, bytes: &[u8], _timeout: Duration) -> Result<usize, DeviceError> {
-        self.asked.fetch_add(1, Ordering::Relaxed);
+        self.requested.fetch_add(1, Ordering::Relaxed);
         Ok(bytes.len())
     }
 
     fn read(&self, buffer: &mut [u8], _timeout: Duration) -> Result<usize, DeviceError> {
         let reply = self.answered.load(Ordering::Relaxed);
-        if reply == self.asked.load(Ordering::Relaxed) {
+        if reply == self.requested.load(Ordering::Relaxed) {
             return Err(DeviceError::new(DeviceErrorKind::Timeout));
         }
         self.answered.store(reply + 1, Ordering::Relaxed);
@@ -172,7 +177,7 @@ impl Ftdi for Echo {
 }
 
 #[test]
-fn a_falcon_is_exchanged_with_without_an_allocation() {
+fn a_falcon_exchange_without_an_allocation() {
     let config = FalconConfig { mode: Mode::Polled, ..FalconConfig::default() };
     let mut falcon = Falcon::start(Arc::new(Echo::default()), config, None).expect("it answers");
     let mut samples = 0;
@@ -186,19 +191,19 @@ fn a_falcon_is_exchanged_with_without_an_allocation() {
     assert!(samples > 199_000, "{samples}");
 }
 
-/// Not a test of its own: what the next one runs in a process of its own, because the trap ends the process.
+/// Run by the next test in a separate process, because the trap ends the process.
 #[test]
-#[ignore = "started by the_trap_is_armed, ends its process"]
-fn planted_allocation() {
+#[ignore = "started by allocation_in_the_tick_ends_the_process, ends its process"]
+fn injected_allocation() {
     let grown = assert_no_alloc(|| vec![1_u8; 64]);
     assert_eq!(grown.len(), 64);
 }
 
 #[test]
-fn the_trap_is_armed() {
+fn allocation_in_the_tick_ends_the_process() {
     let this = std::env::current_exe().expect("a test has a file");
     let status = std::process::Command::new(this)
-        .args(["--ignored", "--exact", "planted_allocation"])
+        .args(["--ignored", "--exact", "injected_allocation"])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .status()

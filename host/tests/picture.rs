@@ -1,7 +1,8 @@
-//! The whole picture of an organ at rest, pressed, pulled and in a fault: right things in the right places.
+//! Pictures of an organ at rest, pressed, pulled and in a fault: the expected objects are at the expected
+//! places.
 //!
-//! With PALPATE_PICTURES set to a directory the pictures are left there to be looked at; with PALPATE_WRITE_REFERENCE set too, the
-//! reference picture is written anew.
+//! If PALPATE_PICTURES is set to a directory, the pictures are written there. If PALPATE_WRITE_REFERENCE is
+//! set too, the reference picture is rewritten.
 
 #[path = "common/synthetic.rs"]
 mod synthetic;
@@ -16,7 +17,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// What led to a picture.
+/// Records that lead to a picture.
 struct Shot {
     record: TickRecord,
     live: Live,
@@ -39,11 +40,11 @@ fn shots(organ: &Organ<'_>, at: &[u64]) -> Vec<Shot> {
             t_us: now_us,
             sample,
             compute_ns: 2_400,
-            // A calm machine with a hiccup now and then.
+            // A mostly idle machine with an occasional delay.
             lateness_ns: if tick % 700 == 300 { 180_000 } else { 2_000 + 40 * (tick % 13) },
             ..TickRecord::of(&command)
         };
-        live.take(&record);
+        live.push(&record);
         if at.contains(&tick) {
             found.push(Shot { record, live: live.clone() });
         }
@@ -55,7 +56,7 @@ fn draw(organ: &Organ<'_>, picture: RendererConfig, shot: &mut Shot) -> Image {
     Renderer::new(organ, Method::Tricubic, picture).render(organ, &shot.record, &mut shot.live).clone()
 }
 
-fn leave(image: &Image, name: &str) {
+fn save(image: &Image, name: &str) {
     if let Some(directory) = std::env::var_os("PALPATE_PICTURES") {
         write_still(image, &Path::new(&directory).join(name)).expect("the directory is writable");
     }
@@ -65,7 +66,7 @@ fn blob() -> Vec<u64> {
     synthetic::organ(&synthetic::Shape { subdivisions: 4, ..synthetic::Shape::default() })
 }
 
-/// Pixels that are clearly of one hue: the channel stands out from both others.
+/// Counts the pixels of one hue: its channel is clearly larger than the others.
 fn count(image: &Image, is: impl Fn(i32, i32, i32) -> bool) -> usize {
     image
         .pixels()
@@ -87,14 +88,14 @@ fn cyan(r: i32, g: i32, b: i32) -> bool {
 }
 
 #[test]
-fn the_organ_glows_where_it_is_displaced_and_the_force_is_drawn() {
+fn displacement_and_force_are_visible() {
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let mut found = shots(&organ, &[100, 1_050, 4_900]);
     let images: Vec<Image> =
         found.iter_mut().map(|shot| draw(&organ, RendererConfig::still(), shot)).collect();
     for (image, name) in images.iter().zip(["free.png", "pressed.png", "pulled.png"]) {
-        leave(image, name);
+        save(image, name);
     }
     let engaged: Vec<Option<u16>> = found.iter().map(|shot| shot.record.engaged).collect();
     assert_eq!(engaged, [None, Some(0), Some(0)]);
@@ -106,52 +107,60 @@ fn the_organ_glows_where_it_is_displaced_and_the_force_is_drawn() {
     }
 }
 
-/// What each key of the window adds to the picture, and a fault, by the pixels that change.
+/// Counts the pixels that each key of the window, and a fault, changes in the picture.
 #[test]
-fn every_layer_is_to_be_seen() {
+fn every_layer_is_visible() {
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let mut shot = shots(&organ, &[1_050]).pop().expect("one");
     let mut renderer = Renderer::new(&organ, Method::Tricubic, RendererConfig::live());
     let plain = renderer.render(&organ, &shot.record, &mut shot.live).clone();
     let differing = |image: &Image| image.pixels().iter().zip(plain.pixels()).filter(|(a, b)| a != b).count();
-    assert_eq!(differing(renderer.render(&organ, &shot.record, &mut shot.live)), 0, "drawing repeats itself");
+    assert_eq!(
+        differing(renderer.render(&organ, &shot.record, &mut shot.live)),
+        0,
+        "drawing is deterministic"
+    );
 
     renderer.layers_mut().ghost = false;
     let without = differing(renderer.render(&organ, &shot.record, &mut shot.live));
-    assert!(without > 1_000, "no ghost to be seen: {without}");
+    assert!(without > 1_000, "the ghost is not visible: {without}");
     renderer.layers_mut().ghost = true;
 
     renderer.layers_mut().reach = true;
     let reach = renderer.render(&organ, &shot.record, &mut shot.live).clone();
-    leave(&reach, "reach.png");
-    assert!(differing(&reach) > 2_000, "no reachable region to be seen: {}", differing(&reach));
+    save(&reach, "reach.png");
+    assert!(differing(&reach) > 2_000, "the reachable region is not visible: {}", differing(&reach));
     renderer.layers_mut().reach = false;
 
     renderer.layers_mut().help = Help::KeysAndHand;
     let help = renderer.render(&organ, &shot.record, &mut shot.live).clone();
-    leave(&help, "help.png");
-    assert!(differing(&help) > 20_000, "no help to be seen: {}", differing(&help));
+    save(&help, "help.png");
+    assert!(differing(&help) > 20_000, "the help is not visible: {}", differing(&help));
     renderer.layers_mut().help = Help::Absent;
 
     let fault = TickRecord { phase: Phase::SafeZero(Fault::Overspeed), ..shot.record };
     let fault = renderer.render(&organ, &fault, &mut shot.live).clone();
-    leave(&fault, "fault.png");
+    save(&fault, "fault.png");
     let warning = |r: i32, g: i32, b: i32| r > 220 && (90..140).contains(&g) && (80..130).contains(&b);
-    assert!(count(&fault, warning) > count(&plain, warning) + 100, "no warning to be seen");
+    assert!(count(&fault, warning) > count(&plain, warning) + 100, "the warning is not visible");
 
     renderer.camera_mut().orbit(0.8, 0.3);
     renderer.camera_mut().pan(glam::Vec2::new(60.0, 20.0), 720);
     assert!(differing(renderer.render(&organ, &shot.record, &mut shot.live)) > 50_000);
     renderer.reset_view();
-    assert_eq!(differing(renderer.render(&organ, &shot.record, &mut shot.live)), 0, "back at the first view");
+    assert_eq!(
+        differing(renderer.render(&organ, &shot.record, &mut shot.live)),
+        0,
+        "the initial view is restored"
+    );
 }
 
-/// A surface with 200 active nodes: they are all drawn, none is named, and the organ is still to be seen.
+/// A surface with 200 active nodes: all are drawn, none is named, and the organ stays visible.
 #[test]
 fn many_active_nodes_do_not_cover_the_organ() {
     let blob = blob();
-    let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let few = shots(&organ, &[100]).pop().expect("one");
     let mut few_image = Shot { record: few.record, live: few.live.clone() };
     let few_image = draw(&organ, RendererConfig::live(), &mut few_image);
@@ -170,9 +179,10 @@ fn many_active_nodes_do_not_cover_the_organ() {
     assert!(organ.spaces.len() > 150);
     let mut shot = Shot { record: few.record, live: few.live };
     let image = draw(&organ, RendererConfig::live(), &mut shot);
-    leave(&image, "many.png");
+    save(&image, "many.png");
     let white = |r: i32, g: i32, b: i32| r > 150 && g > 145 && b > 135;
-    // Where the organ is (the figures are white too): each mark begins a white run on several rows, the highlight one on each.
+    // In the area of the organ (the text is white too), each marker begins a white run on several rows; the
+    // highlight begins one per row.
     let runs = |image: &Image| -> usize {
         let is_white =
             |pixel: &u32| white((pixel >> 16 & 255) as i32, (pixel >> 8 & 255) as i32, (pixel & 255) as i32);
@@ -183,12 +193,12 @@ fn many_active_nodes_do_not_cover_the_organ() {
     assert!(count(&image, red) > 40_000, "{}", count(&image, red));
 }
 
-/// Where the reference picture is: a pressed organ, small enough for a repository.
+/// Path of the reference picture: a pressed organ, small enough for a repository.
 fn reference() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference/pressed.png")
 }
 
-/// Mean difference of a channel, of 255, over the worst of 8 by 6 tiles.
+/// Mean difference per channel, of 255, in the worst of 8 by 6 tiles.
 fn worst_tile(a: &Image, b: &Image) -> f32 {
     let (columns, rows) = (8, 6);
     let mut sums = vec![(0.0_f32, 0_u32); columns * rows];
@@ -201,12 +211,13 @@ fn worst_tile(a: &Image, b: &Image) -> f32 {
     sums.iter().map(|(sum, count)| sum / *count as f32).fold(0.0, f32::max)
 }
 
-/// Against a picture that a person has looked at. Drawing is deterministic but for the last bits of the instructions at hand.
+/// Compares with a picture checked by a person. Drawing is deterministic up to the last bits of the vector
+/// instructions.
 #[test]
-fn the_picture_is_the_one_that_was_looked_at() {
+fn the_picture_matches_the_reference() {
     const TOLERANCE: f32 = 0.4;
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let small = RendererConfig { width: 640, height: 360, samples: 2 };
     let mut found = shots(&organ, &[100, 1_050]);
     let image = draw(&organ, small, &mut found[1]);
@@ -218,7 +229,7 @@ fn the_picture_is_the_one_that_was_looked_at() {
     let off = worst_tile(&image, &expected);
     assert!(off < TOLERANCE, "{off} of 255 in the worst tile");
 
-    // The comparison sees what it must: another state of the organ, the legend gone, two colours exchanged.
+    // The comparison must detect another state of the organ, a missing legend, and two exchanged colours.
     let elsewhere = worst_tile(&draw(&organ, small, &mut found[0]), &expected);
     let mut bare = image.clone();
     bare.fill_rect(595, 215, 30, 105, 0x14_191f, 1.0);

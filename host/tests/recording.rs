@@ -1,4 +1,4 @@
-//! A session that has everything in it is recorded, and its replay gives the same bits.
+//! A session with all kinds of events is recorded; its replay gives the same bits.
 
 use core::sync::atomic::AtomicBool;
 use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3};
@@ -14,7 +14,7 @@ use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo, R
 const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
 const TICKS: u64 = 4_000;
 
-/// A hand over a bad link: silence, errors, a press of the arming button, a position that is no number.
+/// A hand on a bad link: silence, errors, a press of the arming button, a position that is not finite.
 struct BadLink {
     hand: SimulatedHand,
     calls: u64,
@@ -26,7 +26,7 @@ impl Device for BadLink {
         self.calls += 1;
         let sample = sample.map(|sample| Sample {
             t_us: now_us.saturating_sub(137),
-            // The button that arms, on and off again.
+            // The arming button, pressed and released.
             buttons: sample.buttons & !2 | u32::from((20..40).contains(&self.calls)) << 1,
             ..sample
         });
@@ -58,17 +58,17 @@ struct Session {
 
 fn with_organ<T>(then: impl FnOnce(&Organ<'_>, &str) -> T) -> T {
     let file = BlobFile::of(BLOB);
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     then(&organ, &file.blake3())
 }
 
-/// Late ticks, skipped deadlines, requests from outside.
+/// A session with late ticks, skipped deadlines and external requests.
 fn session(organ: &Organ<'_>, blob: &str, method: Method) -> Session {
     let mut config = Config::new(method);
     config.limits.max_force_n = 3.3;
     let haptic_config = LoopConfig { arm_button: 2, ..LoopConfig::default() };
     let mut hand_config = SimulatedConfig::default();
-    // Quick strokes: many touches between the faults.
+    // Quick strokes: many contacts between the faults.
     hand_config.strokes.seconds_per_node = 1.0;
     let device = BadLink { hand: SimulatedHand::new(organ, hand_config), calls: 0 };
     let header = Header::new(
@@ -82,13 +82,13 @@ fn session(organ: &Organ<'_>, blob: &str, method: Method) -> Session {
     let mut memory = TouchMemory::default();
     let controllers = model::controllers(&[organ], config, &mut memory).expect("has the method");
     let (producer, mut records) = rtrb::RingBuffer::new(TICKS as usize);
-    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
-    let mut haptic = HapticLoop::of_models(&controllers, device, &clock, haptic_config, &controls, outputs);
+    let mut haptic = HapticLoop::with_models(&controllers, device, &clock, haptic_config, &controls, outputs);
     let mut skipped = 0;
     for index in 0..TICKS {
-        // The deadlines that a stall of 3.4 ms runs over.
+        // The deadlines during a stall of 3.4 ms.
         if [2_001, 2_002, 2_003].contains(&index) {
             skipped += 1;
             continue;
@@ -106,9 +106,9 @@ fn session(organ: &Organ<'_>, blob: &str, method: Method) -> Session {
         }
         let deadline_ns = index * 1_000_000;
         clock.wait_until(deadline_ns, 0);
-        // Not a whole number of us, never the same.
+        // Not a whole number of us, and always different.
         clock.advance_ns(index * 7_919 % 40_000 + if index == 2_000 { 3_400_000 } else { 0 });
-        haptic.tick(index, 0, deadline_ns).expect("the link is bad but there");
+        haptic.tick(index, 0, deadline_ns).expect("the errors of the link are transient");
     }
     let records = core::iter::from_fn(|| records.pop().ok())
         .map(|record| TickRecord { skipped_periods: if record.tick > 2_000 { skipped } else { 0 }, ..record })
@@ -125,7 +125,7 @@ impl Session {
 
     fn replay(&self, organ: &Organ<'_>, blob: &str, method: Option<Method>) -> ReplaySummary {
         let file = self.file();
-        let mut recording = Recording::open(file.as_slice()).expect("sound");
+        let mut recording = Recording::open(file.as_slice()).expect("valid");
         let go = AtomicBool::new(false);
         replay(&[organ], &[blob.into()], &mut recording, method, &View::Nothing, &go)
             .expect("it can be replayed")
@@ -138,7 +138,7 @@ fn every_method_is_replayed_with_the_same_bits() {
         for method in Method::OF_LATTICE {
             let session = session(organ, blob, method);
             let records = &session.records;
-            // The session has all that can go wrong in it.
+            // The session contains every kind of fault.
             let count = |is: fn(&TickRecord) -> bool| records.iter().filter(|record| is(record)).count();
             assert_eq!(records.len() as u64, TICKS - 3);
             assert!(count(|r| r.phase == Phase::Disarmed) > 100);
@@ -157,15 +157,15 @@ fn every_method_is_replayed_with_the_same_bits() {
 }
 
 #[test]
-fn one_bit_of_one_sample_one_request_or_one_force_is_seen() {
+fn a_changed_bit_of_a_sample_request_or_force_is_detected() {
     with_organ(|organ, blob| {
         let mut session = session(organ, blob, Method::Energy);
         let touched =
             session.records.iter().position(|r| r.tick > 2_200 && r.engaged.is_some() && !r.clamped);
-        let at = touched.expect("it touches after the stall");
+        let at = touched.expect("a contact after the stall");
         let good = session.records[at];
 
-        let sample = session.records[at].sample.as_mut().expect("it stands on one");
+        let sample = session.records[at].sample.as_mut().expect("the tick has a sample");
         sample.position_m[2] = f32::from_bits(sample.position_m[2].to_bits() ^ 1);
         let summary = session.replay(organ, blob, None);
         assert_eq!(summary.first.map(|first| first.tick), Some(good.tick), "{summary}");
@@ -185,7 +185,7 @@ fn one_bit_of_one_sample_one_request_or_one_force_is_seen() {
 }
 
 #[test]
-fn another_method_is_the_same_stroke_with_other_forces() {
+fn another_method_replays_the_same_stroke_with_other_forces() {
     with_organ(|organ, blob| {
         let session = session(organ, blob, Method::Energy);
         let summary = session.replay(organ, blob, Some(Method::Trilinear));
@@ -198,7 +198,7 @@ fn another_method_is_the_same_stroke_with_other_forces() {
 }
 
 #[test]
-fn a_replay_ends_at_a_hole_and_says_so() {
+fn a_replay_ends_at_missing_records_and_reports_them() {
     with_organ(|organ, blob| {
         let mut session = session(organ, blob, Method::Hybrid);
         session.records.drain(1_800..1_805);
@@ -212,7 +212,7 @@ fn a_replay_ends_at_a_hole_and_says_so() {
 }
 
 #[test]
-fn a_cut_recording_is_replayed_up_to_its_end() {
+fn a_truncated_recording_is_replayed_up_to_its_end() {
     with_organ(|organ, blob| {
         let file = session(organ, blob, Method::Hybrid).file();
         let mut recording = Recording::open(&file[..file.len() / 2]).expect("a beginning");
@@ -220,7 +220,7 @@ fn a_cut_recording_is_replayed_up_to_its_end() {
         let summary = replay(&[organ], &[blob.into()], &mut recording, None, &View::Nothing, &go)
             .expect("it can be replayed");
         assert!(summary.is_cut && summary.different == 0 && summary.ticks > TICKS / 3, "{summary}");
-        assert!(summary.to_string().contains("was cut here"), "{summary}");
+        assert!(summary.to_string().contains("is truncated here"), "{summary}");
     });
 }
 
@@ -228,7 +228,7 @@ fn a_cut_recording_is_replayed_up_to_its_end() {
 fn another_blob_is_refused() {
     with_organ(|organ, blob| {
         let file = session(organ, blob, Method::Hybrid).file();
-        let mut recording = Recording::open(file.as_slice()).expect("sound");
+        let mut recording = Recording::open(file.as_slice()).expect("valid");
         let go = AtomicBool::new(false);
         let refused = replay(&[organ], &["00".repeat(32)], &mut recording, None, &View::Nothing, &go);
         let error = refused.expect_err("not the blob");

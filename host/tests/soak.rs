@@ -1,4 +1,4 @@
-//! Half an hour of palpation at random on a simulated device, in virtual time: nothing drifts and nothing grows.
+//! Half an hour of random palpation on a simulated device, in virtual time: no drift and no growth of memory.
 //!
 //! The same in real time: `palpate run FILE.blob --device sim:random:1 --profile falcon --headless --seconds 1800`.
 
@@ -14,10 +14,10 @@ use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::settings::controller_config;
 
-/// 1.8 million ticks; without optimisation a sixth of it.
+/// 1.8 million ticks; a sixth of that without optimisation.
 const MINUTES: u64 = if cfg!(debug_assertions) { 5 } else { 30 };
 
-/// What a minute came to.
+/// Statistics of a minute.
 #[derive(Debug, Clone, Copy, Default)]
 struct Minute {
     contacts: u64,
@@ -27,10 +27,10 @@ struct Minute {
     peak_n: f32,
 }
 
-/// One of them.
-type Figure = fn(&Minute) -> f64;
+/// Selects one statistic.
+type Statistic = fn(&Minute) -> f64;
 
-/// Resident memory of this process, kB; `None` where the system does not say.
+/// Resident memory of this process, kB; `None` if the system does not report it.
 fn resident_kb() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
@@ -38,25 +38,26 @@ fn resident_kb() -> Option<u64> {
 }
 
 #[test]
-fn half_an_hour_neither_drifts_nor_grows() {
+fn half_an_hour_without_drift_or_memory_growth() {
     let shape = synthetic::Shape { stiffness_n_m: 400.0, patch: 40, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let profile = Profile::bundled("falcon").expect("bundled");
     let random = Some(RandomConfig::new(1));
-    let mut hand = SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::on(&profile) });
+    let mut hand =
+        SimulatedHand::new(&organ, SimulatedConfig { random, ..SimulatedConfig::for_profile(&profile) });
     let config = controller_config(&[&organ], Method::Trilinear, &hand.info(), Some(&profile));
     let mut memory = TouchMemory::default();
     let controller = model::controllers(&[&organ], config, &mut memory).expect("has the method")[0];
     let (records, mut drained) = rtrb::RingBuffer::new(1_024);
-    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let loop_config = LoopConfig { period_us: profile.period_us(), ..LoopConfig::default() };
     let outputs = Outputs { records, latest };
     let mut haptic = HapticLoop::new(controller, &mut hand, &clock, loop_config, &controls, outputs);
 
     let mut minutes = Vec::with_capacity(MINUTES as usize);
-    let mut before = TickRecord::NOTHING;
+    let mut before = TickRecord::EMPTY;
     let mut resident_after_a_minute = None;
     for minute in 0..MINUTES {
         let mut sum = Minute::default();
@@ -87,24 +88,29 @@ fn half_an_hour_neither_drifts_nor_grows() {
         hand.work()
     );
 
-    // The hand works on the organ in every minute, and the organ gives back less than it takes: it is let go while it is displaced.
+    // The hand works on the organ in every minute, and gets back less than it gives: some grasps release a
+    // displaced organ.
     for sum in &minutes {
         assert!(sum.contacts >= 8 && sum.engaged_ticks > 10_000, "{sum:?}");
-        // A touch that lasts from one minute into the next gives back in the second what it took in the first: a few mJ.
+        // A contact across the boundary of two minutes returns in the second what it stored in the first: a
+        // few mJ.
         assert!(sum.work_j < 2e-3 && sum.work_j > -1.0, "{sum:?}");
     }
-    assert!(minutes.iter().map(|sum| sum.work_j).sum::<f64>() < -0.1, "what a grasp let go is lost");
-    // Nothing has a trend: both halves are alike within what chance does to some three hundred touches.
+    assert!(
+        minutes.iter().map(|sum| sum.work_j).sum::<f64>() < -0.1,
+        "energy is lost when a grasp is released"
+    );
+    // There is no trend: both halves agree within the random variation of some three hundred contacts.
     let halves = minutes.split_at(minutes.len() / 2);
-    let mean = |half: &[Minute], of: Figure| half.iter().map(of).sum::<f64>() / half.len() as f64;
-    let of: [(&str, Figure); 3] = [
+    let mean = |half: &[Minute], of: Statistic| half.iter().map(of).sum::<f64>() / half.len() as f64;
+    let of: [(&str, Statistic); 3] = [
         ("contacts", |m| m.contacts as f64),
-        ("ticks in touch", |m| m.engaged_ticks as f64),
+        ("ticks in contact", |m| m.engaged_ticks as f64),
         ("work", |m| m.work_j),
     ];
     for (what, of) in of {
         let (first, second) = (mean(halves.0, of), mean(halves.1, of));
-        println!("{what} a minute: {first:.4} in the first half, {second:.4} in the second");
+        println!("{what} per minute: {first:.4} in the first half, {second:.4} in the second");
         assert!((second / first - 1.0).abs() < 0.3, "{what}: {first}, then {second}");
     }
     if let (Some(early_kb), Some(late_kb)) = (resident_after_a_minute, resident_kb_at_the_end) {

@@ -1,4 +1,4 @@
-//! The state machine from the first byte of a device to its force, and several models under one hand.
+//! The state machine from opening a device to its force, and several models in one session.
 
 #[path = "common/synthetic.rs"]
 mod synthetic;
@@ -11,15 +11,15 @@ use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{
     Clock, Controls, HapticLoop, LoopConfig, Outputs, SessionState, TickRecord, VirtualClock,
 };
-use palpate_host::session::{SessionOptions, TouchFigures};
+use palpate_host::session::{SessionOptions, TouchStatistics};
 use palpate_host::sys::RtRequest;
 use palpate_host::{Device, DeviceError, DeviceInfo, run_session};
 use synthetic::Shape;
 
-/// A hand on a device that goes through all its states, and loses its homing now and then.
+/// A hand on a device that passes through all its states and sometimes loses its homing.
 struct Starting {
     hand: SimulatedHand,
-    /// Its button is pressed and let go every other tick.
+    /// Whether its button is pressed and released in alternating ticks.
     clicks: bool,
     calls: u64,
     state: fn(u64) -> DeviceState,
@@ -55,7 +55,7 @@ fn play(
     config.limits.max_stiffness_n_m = f32::MAX;
     let controllers = model::controllers(organs, config, &mut memory).expect("has the method");
     let (producer, mut records) = rtrb::RingBuffer::new(ticks as usize);
-    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let mut hand = SimulatedConfig::default();
     hand.strokes.seconds_per_node = 2.0;
     let hand = SimulatedHand::new(organs[0], hand);
@@ -63,7 +63,7 @@ fn play(
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
     let haptic = LoopConfig { arm_button, ..LoopConfig::default() };
-    let mut haptic = HapticLoop::of_models(&controllers, device, &clock, haptic, &controls, outputs);
+    let mut haptic = HapticLoop::with_models(&controllers, device, &clock, haptic, &controls, outputs);
     for index in 0..ticks {
         request(index, &controls);
         clock.wait_until(index * 1_000_000, 0);
@@ -72,11 +72,12 @@ fn play(
     core::iter::from_fn(|| records.pop().ok()).collect()
 }
 
-/// Asked to arm at every tick, it is armed only once it is homed; losing the homing takes the force away and latches.
+/// With an arming request in every tick, it is armed only when homed. Losing the homing zeroes the force and
+/// latches.
 #[test]
-fn nothing_is_armed_before_it_is_homed() {
+fn an_unhomed_device_is_not_armed() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let state = |call| match call {
         0..100 => DeviceState::Open,
         100..200 => DeviceState::FirmwareLoaded,
@@ -98,7 +99,7 @@ fn nothing_is_armed_before_it_is_homed() {
     assert_eq!(
         of(0..2_400),
         ["open", "firmware-loaded", "unhomed", "armed", "active"],
-        "each state in its turn, and homed is armed at once"
+        "all states in order; homed is armed at once"
     );
     assert_eq!(of(2_400..4_000), ["active", "safe zero: not-ready", "homed, not armed", "armed", "active"]);
     for record in &records {
@@ -111,25 +112,25 @@ fn nothing_is_armed_before_it_is_homed() {
     assert!(touched > 300, "{touched}");
 }
 
-/// The button is the only way to arm without a window: it must not arm what is not homed either.
+/// Without a window only the button arms: it must not arm an unhomed device either.
 #[test]
-fn no_button_arms_before_it_is_homed() {
+fn the_button_does_not_arm_an_unhomed_device() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let state = |call| if call <= 300 { DeviceState::Unhomed } else { DeviceState::Homed };
     let records = play(&[&organ], (state, 1 << 7), 400, |_, _| ());
     let armed = records.iter().position(|record| record.phase != Phase::Disarmed);
     assert!(armed.is_some_and(|tick| (300..304).contains(&tick)), "{armed:?}");
 }
 
-/// One after the other onto the heap: an array of them, and what moves it, is more than a test's stack.
+/// Allocates the organs one by one: an array of them, and the code that moves it, exceeds a test's stack.
 fn read(blobs: &[Vec<u64>]) -> Vec<Organ<'_>> {
-    blobs.iter().map(|blob| Organ::read(bytemuck::cast_slice(blob)).expect("a sound blob")).collect()
+    blobs.iter().map(|blob| Organ::read(bytemuck::cast_slice(blob)).expect("a valid blob")).collect()
 }
 
-/// Two models of one organ, one of them twice as stiff, changed every 50 ms under the pressing hand.
+/// Two models of one organ, one twice as stiff, that alternate every 50 ms under the pressing hand.
 #[test]
-fn models_change_under_the_hand_without_a_step() {
+fn models_change_under_the_hand_without_a_force_step() {
     let blobs =
         [250.0, 500.0].map(|stiffness_n_m| synthetic::organ(&Shape { stiffness_n_m, ..Shape::default() }));
     let organs = read(&blobs);
@@ -138,23 +139,23 @@ fn models_change_under_the_hand_without_a_step() {
     let changed = play(&both, (|_| DeviceState::Homed, 0), 6_000, |tick, controls| {
         controls.arm();
         if tick % 50 == 49 {
-            // One beyond the last is the first again.
+            // The index after the last one wraps round to the first.
             controls.select(if tick % 100 == 49 { 1 } else { 2 });
         }
     });
-    let figures = |records: &[TickRecord]| {
-        let mut figures = TouchFigures::default();
+    let statistics = |records: &[TickRecord]| {
+        let mut figures = TouchStatistics::default();
         records.iter().for_each(|record| figures.take(record));
         figures
     };
-    let (steady, mixed) = (figures(&steady), figures(&changed));
+    let (steady, mixed) = (statistics(&steady), statistics(&changed));
     let switches = changed.windows(2).filter(|pair| pair[0].model != pair[1].model).count();
     let under_force =
         changed.windows(2).filter(|p| p[0].model != p[1].model && vec3::norm(p[0].reaction_n) > 2.0);
     assert_eq!(switches, 120);
-    assert!(under_force.count() > 20, "most of them while it presses or pulls");
-    // What a model's own strokes do, and a thirtieth of the difference (up to 4 N) besides, and the hand's answer to it. Without the fade
-    // it is the slew limit's 1 N.
+    assert!(under_force.count() > 20, "most changes happen while it presses or pulls");
+    // The step of a model's own strokes, plus a thirtieth of the difference (up to 4 N), plus the response of
+    // the hand. Without the fade it is the 1 N of the slew limit.
     assert!(
         mixed.largest_step_n < steady.largest_step_n + 0.2,
         "{} {}",
@@ -162,10 +163,10 @@ fn models_change_under_the_hand_without_a_step() {
         steady.largest_step_n
     );
     assert!(changed.iter().all(|record| record.phase == Phase::Active));
-    assert_eq!(mixed.contacts, steady.contacts, "no touch was lost to a change");
+    assert_eq!(mixed.contacts, steady.contacts, "no contact was lost by a change");
 }
 
-/// What is not the same body is refused before anything moves: a picture, a touch and a name would mean something else.
+/// Models of another body are refused before the device moves: picture, contact and names would not match.
 #[test]
 fn models_of_another_body_are_refused() {
     let shapes = [Shape::default(), Shape { subdivisions: 2, ..Shape::default() }];
@@ -176,19 +177,19 @@ fn models_of_another_body_are_refused() {
     let both: Vec<&Organ<'_>> = organs.iter().collect();
     let stop = AtomicBool::new(false);
     let refused =
-        run_session(&both, Config::new(Method::Hybrid), hand, &options, &stop, |_| panic!("it moves"));
-    let said = refused.expect_err("another surface").to_string();
-    assert!(said.contains("blob 2 has another surface or other active nodes"), "{said}");
+        run_session(&both, Config::new(Method::Hybrid), hand, &options, &stop, |_| panic!("no tick may run"));
+    let error = refused.expect_err("another surface").to_string();
+    assert!(error.contains("blob 2 differs from the first in its surface"), "{error}");
 }
 
-/// The same from a session, by time.
+/// The same in a session, by time.
 #[test]
-fn a_session_goes_round_its_models() {
+fn a_session_cycles_through_its_models() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let options = SessionOptions {
         seconds: Some(0.5),
-        real_time: RtRequest::nothing(),
+        real_time: RtRequest::none(),
         change_every: Some(core::time::Duration::from_millis(50)),
         ..SessionOptions::default()
     };

@@ -1,6 +1,7 @@
-//! A supervisor in a thread, with a scripted device: what passes over the socket and what does not.
+//! A supervisor on a thread with a scripted device: effects of valid and invalid datagrams.
 //!
-//! The limit is long where silence is not the question, so that a busy machine trips nothing; time is real.
+//! The limit is long in tests that are not about silence, so that a busy machine does not trigger it; time is
+//! real.
 
 #[path = "common/synthetic.rs"]
 mod synthetic;
@@ -10,7 +11,7 @@ use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3
 use palpate_host::device::{DeviceState, EmergencyStop};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
 use palpate_host::supervisor::wire::{Numbered, Order, Report};
-use palpate_host::supervisor::{Served, StartError, Supervised, serve};
+use palpate_host::supervisor::{ServeSummary, StartError, Supervised, serve};
 use palpate_host::sys::{self, Policy};
 use palpate_host::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
 use std::os::fd::AsFd;
@@ -27,15 +28,15 @@ const LONG_MS: u32 = 5_000;
 const CERTAIN: Duration = Duration::from_secs(20);
 const FORCE_N: Vec3 = [0.5, 0.0, -1.0];
 
-/// What was done to the device, and what it is to do.
+/// Record of the device's inputs, and its scripted behaviour.
 #[derive(Debug, Default)]
 struct Script {
     forces: Vec<Vec3>,
     stops: usize,
     zeros: usize,
-    /// Zeros past the driver that the line refuses from now on.
+    /// Number of coming zeros on the emergency path that fail.
     refusals: u32,
-    /// The next exchange hangs until this is false again.
+    /// Whether the next exchange hangs, until this is false again.
     hangs: bool,
     panics: bool,
     fails: Option<DeviceErrorKind>,
@@ -49,15 +50,15 @@ fn lock(script: &Shared) -> std::sync::MutexGuard<'_, Script> {
     script.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Answers each request with the next exchange, as a real one does.
+/// Replies to each request in the next exchange, like a real device.
 struct Scripted {
     script: Shared,
-    asked_us: Option<u64>,
+    requested_us: Option<u64>,
 }
 
-struct Past(Shared);
+struct EmergencyPath(Shared);
 
-impl EmergencyStop for Past {
+impl EmergencyStop for EmergencyPath {
     fn zero(&mut self) -> Result<(), DeviceError> {
         let mut script = lock(&self.0);
         if let Some(fewer) = script.refusals.checked_sub(1) {
@@ -78,14 +79,14 @@ impl Device for Scripted {
         let mut script = lock(&self.script);
         if script.panics {
             drop(script);
-            panic!("planted panic");
+            panic!("injected panic");
         }
         script.forces.push(force_n);
         if let Some(kind) = script.fails {
             return Err(DeviceError::new(kind));
         }
         let position_m = script.position_m;
-        let answered = self.asked_us.replace(now_us);
+        let answered = self.requested_us.replace(now_us);
         Ok(answered.map(|t_us| Sample { t_us, position_m, buttons: 1 }))
     }
 
@@ -110,17 +111,17 @@ impl Device for Scripted {
     }
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
-        Some(Box::new(Past(Arc::clone(&self.script))))
+        Some(Box::new(EmergencyPath(Arc::clone(&self.script))))
     }
 }
 
-/// Both ends.
+/// Both ends of the socket.
 struct Bench {
     device: Supervised,
     script: Shared,
-    thread: JoinHandle<std::io::Result<Served>>,
-    /// A second handle of the host's end: a stranger's way to the supervisor.
-    stranger: UnixDatagram,
+    thread: JoinHandle<std::io::Result<ServeSummary>>,
+    /// A second handle of the host's end, for datagrams that are not from the host.
+    foreign: UnixDatagram,
     begun: Instant,
 }
 
@@ -128,18 +129,18 @@ impl Bench {
     fn new(limit_ms: u32) -> Self {
         let script = Shared::default();
         let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
-        let stranger = ours.try_clone().expect("a second handle");
-        let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+        let foreign = ours.try_clone().expect("a second handle");
+        let scripted = Scripted { script: Arc::clone(&script), requested_us: None };
         let thread = std::thread::spawn(move || serve(&theirs, Policy::Fifo(51), || Ok(scripted)));
         let device = Supervised::with_socket(ours, limit_ms).expect("it opens");
-        Self { device, script, thread, stranger, begun: Instant::now() }
+        Self { device, script, thread, foreign, begun: Instant::now() }
     }
 
     fn now_us(&self) -> u64 {
         self.begun.elapsed().as_micros() as u64
     }
 
-    /// One tick, and as long as it takes until the device has had it.
+    /// One tick; waits until the device has exchanged.
     fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (before, now_us) = (lock(&self.script).forces.len(), self.now_us());
         let sample = self.device.exchange(now_us, force_n)?;
@@ -151,10 +152,10 @@ impl Bench {
         lock(&self.script).forces.last().copied().unwrap_or_default()
     }
 
-    /// Ends the host's part.
-    fn end(self) -> (Served, Shared) {
-        drop((self.device, self.stranger));
-        (self.thread.join().expect("no panic").expect("it was spoken to"), self.script)
+    /// Ends the host's side.
+    fn end(self) -> (ServeSummary, Shared) {
+        drop((self.device, self.foreign));
+        (self.thread.join().expect("no panic").expect("a host"), self.script)
     }
 }
 
@@ -167,7 +168,7 @@ fn wait(what: &str, mut done: impl FnMut() -> bool) {
 }
 
 #[test]
-fn forces_go_there_and_samples_come_back_with_the_time_of_their_request() {
+fn forces_arrive_and_samples_have_the_time_of_their_request() {
     let mut bench = Bench::new(LONG_MS);
     assert_eq!(bench.device.info().name, "scripted");
     assert_eq!((bench.device.info().max_force_n, bench.device.state()), (4.0, DeviceState::Homed));
@@ -178,7 +179,7 @@ fn forces_go_there_and_samples_come_back_with_the_time_of_their_request() {
     for i in 0..200 {
         lock(&bench.script).position_m = [i as f32, 0.0, 0.0];
         ticks_us.push(bench.now_us());
-        if let Some(sample) = bench.device.exchange(ticks_us[i], FORCE_N).expect("it is there") {
+        if let Some(sample) = bench.device.exchange(ticks_us[i], FORCE_N).expect("connected") {
             samples_us.push(sample.t_us);
         }
         wait("exchange", || lock(&bench.script).forces.len() > i);
@@ -186,60 +187,61 @@ fn forces_go_there_and_samples_come_back_with_the_time_of_their_request() {
         std::thread::sleep(Duration::from_micros(300));
     }
     assert!(samples_us.len() > 150, "{}", samples_us.len());
-    assert!(samples_us.windows(2).all(|pair| pair[1] > pair[0]), "each later than the last");
-    assert!(samples_us.iter().all(|t_us| ticks_us.contains(t_us)), "of ticks, to the microsecond");
-    let (served, script) = bench.end();
-    assert_eq!((served.exchanges, served.silences, served.strays, served.abandoned), (200, 0, 0, false));
+    assert!(samples_us.windows(2).all(|pair| pair[1] > pair[0]), "in ascending order");
+    assert!(samples_us.iter().all(|t_us| ticks_us.contains(t_us)), "equal to times of ticks");
+    let (summary, script) = bench.end();
+    assert_eq!((summary.exchanges, summary.silences, summary.strays, summary.abandoned), (200, 0, 0, false));
     assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
     assert!(lock(&script).stops >= 1);
 }
 
-/// Counted in exchanges, whatever the clock says: the force of a tick is at the device in that tick, and a sample, which without a supervisor comes
-/// with the exchange after its request, comes with the one after that.
+/// Counted in exchanges, independent of the clock: a tick's force reaches the device in that tick. A sample
+/// arrives one exchange later than without a supervisor.
 #[test]
-fn a_supervisor_costs_one_tick_and_no_more() {
+fn a_supervisor_delays_samples_by_exactly_one_tick() {
     let lags = |device: &mut dyn Device, settle: &dyn Fn(u64)| -> Vec<u64> {
         let lag = |tick: u64, device: &mut dyn Device| {
-            let sample = device.exchange(1_000 * tick, [tick as f32, 0.0, 0.0]).expect("it is there");
+            let sample = device.exchange(1_000 * tick, [tick as f32, 0.0, 0.0]).expect("connected");
             settle(tick);
             sample.map(|sample| tick - sample.t_us / 1_000)
         };
         (0..200).filter_map(|tick| lag(tick, device)).collect()
     };
     let script = Shared::default();
-    let direct = lags(&mut Scripted { script, asked_us: None }, &|_| ());
+    let direct = lags(&mut Scripted { script, requested_us: None }, &|_| ());
     assert_eq!(direct, vec![1; 199]);
 
-    let Bench { mut device, script, thread, stranger, .. } = Bench::new(LONG_MS);
+    let Bench { mut device, script, thread, foreign, .. } = Bench::new(LONG_MS);
     let settle = |tick: u64| {
         wait("report", || {
-            sys::wait_readable(stranger.as_fd(), Duration::from_millis(50))
+            sys::wait_readable(foreign.as_fd(), Duration::from_millis(50))
                 && lock(&script).forces.len() > tick as usize
         });
-        assert_eq!(lock(&script).forces.last(), Some(&[tick as f32, 0.0, 0.0]), "with its own tick");
-        // So that no two exchanges are of one microsecond.
+        assert_eq!(lock(&script).forces.last(), Some(&[tick as f32, 0.0, 0.0]), "in its own tick");
+        // No two exchanges may have the same time in microseconds.
         std::thread::sleep(Duration::from_micros(50));
     };
     let supervised = lags(&mut device, &settle);
     assert_eq!(supervised, vec![2; 198]);
     drop(device);
-    thread.join().expect("no panic").expect("it was spoken to");
+    thread.join().expect("no panic").expect("a host");
 }
 
-/// The device's reply is held up, the report comes after many ticks: it is as old as its request.
+/// The device's reply is delayed and the report arrives many ticks later: the sample has the time of its
+/// request.
 #[test]
-fn a_late_report_never_passes_for_a_fresh_one() {
+fn a_late_report_is_not_taken_for_a_recent_one() {
     let mut bench = Bench::new(LONG_MS);
-    bench.tick(FORCE_N).expect("it is there");
-    bench.tick(FORCE_N).expect("it is there");
-    let asked_us = bench.now_us();
-    bench.device.exchange(asked_us, FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("connected");
+    bench.tick(FORCE_N).expect("connected");
+    let requested_us = bench.now_us();
+    bench.device.exchange(requested_us, FORCE_N).expect("connected");
     std::thread::sleep(Duration::from_millis(5));
     lock(&bench.script).hangs = true;
-    bench.device.exchange(bench.now_us(), FORCE_N).expect("it is there");
+    bench.device.exchange(bench.now_us(), FORCE_N).expect("connected");
     std::thread::sleep(Duration::from_millis(50));
-    // Reports of before the hang are taken out of the way.
-    while bench.device.exchange(bench.now_us(), FORCE_N).expect("it is there").is_some() {}
+    // Discard the reports from before the hang.
+    while bench.device.exchange(bench.now_us(), FORCE_N).expect("connected").is_some() {}
     lock(&bench.script).hangs = false;
     let mut late = None;
     wait("late report", || {
@@ -248,17 +250,17 @@ fn a_late_report_never_passes_for_a_fresh_one() {
     });
     let late = late.expect("a sample");
     assert!(
-        late.t_us <= asked_us + 40_000 && bench.now_us() - late.t_us > 10_000,
-        "{late:?} asked at {asked_us}"
+        late.t_us <= requested_us + 40_000 && bench.now_us() - late.t_us > 10_000,
+        "{late:?} asked at {requested_us}"
     );
     bench.end();
 }
 
 #[test]
-fn silence_zeroes_the_device_and_only_a_reset_brings_a_force_back() {
+fn silence_zeroes_the_device_until_a_reset() {
     let mut bench = Bench::new(10);
     for _ in 0..20 {
-        bench.tick(FORCE_N).expect("it is there");
+        bench.tick(FORCE_N).expect("connected");
         if bench.device.was_zeroed() {
             bench.device.reset();
         }
@@ -267,31 +269,32 @@ fn silence_zeroes_the_device_and_only_a_reset_brings_a_force_back() {
     let since = Instant::now();
     wait("zero", || lock(&bench.script).zeros > zeros);
     println!("silence: zero after {:.1} ms", since.elapsed().as_secs_f64() * 1e3);
-    assert!(since.elapsed() >= Duration::from_millis(9), "not before its limit");
-    // And again: a zero may be lost on the line.
+    assert!(since.elapsed() >= Duration::from_millis(9), "not before the limit");
+    // The zero is repeated, because it may be lost on the line.
     wait("zero again", || lock(&bench.script).zeros > zeros + 2);
     assert_eq!(bench.last_n(), vec3::ZERO);
 
     let mut told = false;
     for _ in 0..50 {
-        bench.tick(FORCE_N).expect("it is there");
+        bench.tick(FORCE_N).expect("connected");
         told |= bench.device.was_zeroed();
-        assert_eq!(bench.last_n(), vec3::ZERO, "a heartbeat and no more");
+        assert_eq!(bench.last_n(), vec3::ZERO, "only a heartbeat");
     }
     assert!(told && bench.device.supervision().zeroed() >= 1);
     wait("force after the reset", || {
         bench.device.reset();
-        bench.tick(FORCE_N).expect("it is there");
+        bench.tick(FORCE_N).expect("connected");
         bench.last_n() == FORCE_N
     });
     bench.end();
 }
 
-/// Another host's orders, numbers of the past, bytes of any kind and length: the device does not move, and the watch is not fed.
+/// Orders of another host, old numbers, arbitrary bytes of any length: the device does not move, and they do
+/// not count as heartbeats.
 #[test]
-fn strangers_change_nothing() {
+fn foreign_datagrams_have_no_effect() {
     let mut bench = Bench::new(LONG_MS);
-    bench.tick(FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("connected");
     let before = lock(&bench.script).forces.len();
     let zeros = lock(&bench.script).zeros;
     let order = |nonce, number, order| Numbered { nonce, number, sent_ns: u64::MAX, order }.encode();
@@ -310,29 +313,29 @@ fn strangers_change_nothing() {
         if round % 6 == 5 {
             bytes.truncate(round % 48);
         }
-        wait("room", || bench.stranger.send(&bytes).is_ok());
+        wait("room", || bench.foreign.send(&bytes).is_ok());
         sent += 1;
     }
-    // Behind them in the queue.
+    // After them in the queue.
     let mut done = false;
-    wait("force after the strangers", || {
+    wait("force after the foreign datagrams", || {
         done = bench.tick(FORCE_N).is_ok() && lock(&bench.script).forces.len() > before;
         done
     });
     assert_eq!(bench.last_n(), FORCE_N);
     assert!(lock(&bench.script).forces[before..].iter().all(|force_n| *force_n == FORCE_N));
     assert_eq!(lock(&bench.script).zeros, zeros);
-    let (served, _) = bench.end();
-    assert_eq!((served.strays, served.silences), (sent, 0));
+    let (summary, _) = bench.end();
+    assert_eq!((summary.strays, summary.silences), (sent, 0));
 }
 
-/// And the other way: what is no report of this supervisor is no sample.
+/// In the other direction: a datagram that is not a report of this supervisor gives no sample.
 #[test]
-fn a_host_believes_its_own_supervisor_only() {
+fn a_host_accepts_reports_of_its_own_supervisor_only() {
     let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
-    let stranger = theirs.try_clone().expect("a second handle");
+    let foreign = theirs.try_clone().expect("a second handle");
     let script = Shared::default();
-    let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+    let scripted = Scripted { script: Arc::clone(&script), requested_us: None };
     let thread = std::thread::spawn(move || serve(&theirs, Policy::Other, || Ok(scripted)));
     let mut device = Supervised::with_socket(ours, LONG_MS).expect("it opens");
     let lie = Report {
@@ -344,54 +347,54 @@ fn a_host_believes_its_own_supervisor_only() {
         error: Some(DeviceError::new(DeviceErrorKind::Disconnected)),
     };
     for nonce in 0..5 {
-        stranger.send(&lie.encode(nonce)).expect("room");
-        stranger.send(&[0x55; 64][..usize::try_from(nonce).expect("small") * 12]).expect("room");
-        let came = device.exchange(u64::from(nonce), FORCE_N).expect("no error of anybody's");
-        assert!(came.is_none_or(|sample| sample.t_us < u64::from(nonce)));
+        foreign.send(&lie.encode(nonce)).expect("room");
+        foreign.send(&[0x55; 64][..usize::try_from(nonce).expect("small") * 12]).expect("room");
+        let received = device.exchange(u64::from(nonce), FORCE_N).expect("no error");
+        assert!(received.is_none_or(|sample| sample.t_us < u64::from(nonce)));
         assert!(!device.was_zeroed() && device.state() == DeviceState::Homed);
         wait("exchange", || lock(&script).forces.len() > nonce as usize);
     }
     drop(device);
-    thread.join().expect("no panic").expect("it was spoken to");
+    thread.join().expect("no panic").expect("a host");
 }
 
 #[test]
-fn the_watchdogs_own_way_zeroes_past_the_loop_and_closes_the_session() {
+fn the_watchdog_s_path_zeroes_the_device_and_ends_the_session() {
     let mut bench = Bench::new(LONG_MS);
-    bench.tick(FORCE_N).expect("it is there");
-    let mut path = (&mut bench.device as &mut dyn Device).emergency_stop().expect("a second way");
+    bench.tick(FORCE_N).expect("connected");
+    let mut path = (&mut bench.device as &mut dyn Device).emergency_stop().expect("an emergency stop");
     path.zero().expect("room");
     wait("zero", || lock(&bench.script).zeros == 1);
     path.zero().expect("room");
     wait("zero", || lock(&bench.script).zeros == 2);
     for _ in 0..20 {
-        bench.tick(FORCE_N).expect("it is there");
+        bench.tick(FORCE_N).expect("connected");
         assert_eq!(bench.last_n(), vec3::ZERO);
     }
     assert!(bench.device.was_zeroed() && !bench.device.was_zeroed());
     assert_eq!(bench.device.supervision().zeroed(), 1, "two zeros end one session");
     bench.device.reset();
-    bench.tick(FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("connected");
     assert_eq!(bench.last_n(), FORCE_N);
     bench.end();
 }
 
 #[test]
-fn a_host_that_is_gone_is_noticed_and_the_device_stopped() {
+fn the_device_is_stopped_when_the_host_is_gone() {
     let mut bench = Bench::new(10);
-    bench.tick(FORCE_N).expect("it is there");
-    // Every handle of its socket is closed, and no word of farewell: as a killed process leaves it.
-    let Bench { device, script, thread, stranger, .. } = bench;
-    drop(stranger);
+    bench.tick(FORCE_N).expect("connected");
+    // Every handle of the socket is closed without a Leave order, as by a killed process.
+    let Bench { device, script, thread, foreign, .. } = bench;
+    drop(foreign);
     std::mem::forget(device);
-    // The socket that was forgotten is still open: silence it is.
+    // The socket of the forgotten device is still open: the host is silent.
     wait("zero", || lock(&script).zeros > 0);
     assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
     drop(thread);
 
     let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
     let script = Shared::default();
-    let scripted = Scripted { script: Arc::clone(&script), asked_us: None };
+    let scripted = Scripted { script: Arc::clone(&script), requested_us: None };
     let thread = std::thread::spawn(move || serve(&theirs, Policy::Other, || Ok(scripted)));
     let order = |number, order| {
         let sent_ns = palpate_host::sys::monotonic_ns();
@@ -400,25 +403,25 @@ fn a_host_that_is_gone_is_noticed_and_the_device_stopped() {
     ours.send(&order(1, Order::Hello { limit_us: 500_000 })).expect("room");
     ours.send(&order(2, Order::Tick { session: 0, force_n: FORCE_N })).expect("room");
     wait("force", || lock(&script).forces.last() == Some(&FORCE_N));
-    // The line takes nothing just then: nobody comes after the last zero, so it is tried until it goes.
+    // The line accepts nothing for a while: the last zero is retried until it is sent.
     lock(&script).refusals = 20;
     drop(ours);
-    let served = thread.join().expect("no panic").expect("it was spoken to");
-    assert!(served.abandoned, "{served:?}");
+    let summary = thread.join().expect("no panic").expect("a host");
+    assert!(summary.abandoned, "{summary:?}");
     let script = lock(&script);
     assert_eq!((script.refusals, script.zeros), (0, 1));
     assert_eq!((script.forces.last(), script.stops), (Some(&vec3::ZERO), 1));
 }
 
 #[test]
-fn a_supervisor_that_falls_takes_the_force_along_and_the_host_is_told() {
+fn a_panic_of_the_supervisor_zeroes_the_force_and_disconnects_the_host() {
     let mut bench = Bench::new(LONG_MS);
-    bench.tick(FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("connected");
     lock(&bench.script).panics = true;
     let mut end = None;
     wait("end", || {
         end = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).err();
-        end.is_some_and(|error| !error.kind().is_passing())
+        end.is_some_and(|error| !error.kind().is_transient())
     });
     assert_eq!(end.map(|error| error.kind()), Some(DeviceErrorKind::Disconnected));
     assert_eq!(bench.device.state(), DeviceState::Disconnected);
@@ -427,7 +430,7 @@ fn a_supervisor_that_falls_takes_the_force_along_and_the_host_is_told() {
 }
 
 #[test]
-fn errors_of_the_device_reach_the_loop_as_they_are() {
+fn errors_of_the_device_reach_the_loop_unchanged() {
     let mut bench = Bench::new(LONG_MS);
     for kind in [DeviceErrorKind::BadFrame, DeviceErrorKind::Timeout, DeviceErrorKind::Disconnected] {
         lock(&bench.script).fails = Some(kind);
@@ -449,13 +452,13 @@ fn errors_of_the_device_reach_the_loop_as_they_are() {
         matches!(&refused, Err(StartError::Refused(text)) if text == "no port; plug it in"),
         "{refused:?}"
     );
-    thread.join().expect("no panic").expect("it was spoken to");
+    thread.join().expect("no panic").expect("a host");
 }
 
 #[test]
-fn an_exchange_allocates_nothing_and_waits_for_nobody() {
+fn an_exchange_neither_allocates_nor_blocks() {
     let mut bench = Bench::new(LONG_MS);
-    bench.tick(FORCE_N).expect("it is there");
+    bench.tick(FORCE_N).expect("connected");
     let (begun, mut samples) = (bench.begun, 0);
     assert_no_alloc(|| {
         for _ in 0..2_000 {
@@ -467,14 +470,14 @@ fn an_exchange_allocates_nothing_and_waits_for_nobody() {
         }
     });
     assert!(samples > 100, "{samples}");
-    // Nobody answers, and the queue fills up: late, not held up.
+    // The supervisor does not reply and the queue fills up: exchanges fail, but do not block.
     lock(&bench.script).hangs = true;
     let mut longest = Duration::ZERO;
     let mut full = 0;
     for _ in 0..1_000 {
         let (at, now_us) = (Instant::now(), bench.now_us());
         full +=
-            u64::from(bench.device.exchange(now_us, FORCE_N).is_err_and(|error| error.kind().is_passing()));
+            u64::from(bench.device.exchange(now_us, FORCE_N).is_err_and(|error| error.kind().is_transient()));
         longest = longest.max(at.elapsed());
     }
     println!("longest of 1000 exchanges with a full queue: {longest:?}, {full} of them refused");
@@ -483,21 +486,22 @@ fn an_exchange_allocates_nothing_and_waits_for_nobody() {
     bench.end();
 }
 
-/// The core's controller behind it: a silence is the watchdog's fault, latched, whatever keys were pressed in it.
+/// With the core's controller: a silence latches the watchdog's fault, and keys pressed during it are
+/// ignored.
 #[test]
-fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
+fn a_loop_that_resumes_latches_the_watchdog_s_fault() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
-    let Bench { device, script, thread, stranger, .. } = Bench::new(50);
+    let Bench { device, script, thread, foreign, .. } = Bench::new(50);
     let normal = organ.spaces[0].outward_normal;
     let rest_m = organ.spaces[0].rest_position_m;
     let (records, mut drained) = rtrb::RingBuffer::new(100_000);
-    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records, latest };
-    // In a box, as the command line has it.
+    // The device is boxed, as on the command line.
     let device: Box<dyn Device> = Box::new(device);
     let mut haptic = HapticLoop::new(controller, device, &clock, LoopConfig::default(), &controls, outputs);
     let mut index = 0;
@@ -509,14 +513,14 @@ fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
             script.forces.len()
         };
         clock.wait_until(index * 1_000_000, 0);
-        haptic.tick(index, 0, index * 1_000_000).expect("it is there");
+        haptic.tick(index, 0, index * 1_000_000).expect("connected");
         wait("exchange", || lock(&script).forces.len() > before);
         // Its report too.
         std::thread::sleep(Duration::from_micros(300));
         drained.pop().expect("one record a tick")
     };
     assert_eq!(step(0.005).phase, Phase::Disarmed);
-    // On a busy machine this may itself come to a silence: anew then.
+    // On a busy machine this may itself cause a silence: then repeat it.
     let mut lean = || {
         loop {
             let phase = step(0.005).phase;
@@ -533,11 +537,11 @@ fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
     lean();
     assert!(
         vec3::norm(lock(&script).forces.last().copied().unwrap_or_default()) > 0.3,
-        "the organ pushes back"
+        "the organ exerts a force"
     );
     let zeros = lock(&script).zeros;
     wait("zero", || lock(&script).zeros > zeros);
-    // Keys that were pressed while it stood still.
+    // Keys pressed during the stall.
     controls.reset();
     controls.arm();
     let mut faulted = false;
@@ -548,6 +552,6 @@ fn a_loop_that_comes_back_latches_the_watchdogs_fault() {
         assert_eq!(lock(&script).forces.last(), Some(&vec3::ZERO));
     }
     assert!(faulted);
-    drop((haptic, stranger));
-    thread.join().expect("no panic").expect("it was spoken to");
+    drop((haptic, foreign));
+    thread.join().expect("no panic").expect("a host");
 }

@@ -1,6 +1,7 @@
-//! A session without a window that is made into a film: what `palpate run --headless --gif` does.
+//! A headless session recorded as a film, as by `palpate run --headless --gif`.
 //!
-//! With PALPATE_PICTURES set to a directory ten seconds are left there as `film.gif`, at the command's size and rate.
+//! If PALPATE_PICTURES is set to a directory, ten seconds are written there as `film.gif`, at the command's
+//! size and rate.
 
 #[path = "common/synthetic.rs"]
 mod synthetic;
@@ -16,9 +17,9 @@ use std::fs::File;
 use std::path::PathBuf;
 
 #[test]
-fn a_headless_session_becomes_a_film_in_its_own_time() {
+fn a_headless_session_becomes_a_film_of_its_duration() {
     let blob = synthetic::organ(&synthetic::Shape { subdivisions: 4, ..synthetic::Shape::default() });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let directory = tempfile::tempdir().expect("a temporary directory");
     let (file, seconds, picture) = match std::env::var_os("PALPATE_PICTURES") {
         Some(kept) => {
@@ -32,7 +33,7 @@ fn a_headless_session_becomes_a_film_in_its_own_time() {
     let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
     let options = SessionOptions {
         seconds: Some(seconds),
-        real_time: RtRequest::nothing(),
+        real_time: RtRequest::none(),
         view: View::Gif { file: file.clone(), rate_hz: 12.5, picture },
         ..SessionOptions::default()
     };
@@ -47,11 +48,12 @@ fn a_headless_session_becomes_a_film_in_its_own_time() {
         (picture.width, picture.height)
     );
     let mut delays_cs = Vec::new();
-    while let Some(frame) = decoder.read_next_frame().expect("sound") {
+    while let Some(frame) = decoder.read_next_frame().expect("valid") {
         delays_cs.push(u32::from(frame.delay));
     }
     assert!(delays_cs.len() >= 3 && delays_cs.len() as u64 == summary.frames_written, "{delays_cs:?}");
-    // The last frame stands for half a second; the others together as long as there were ticks between first and last.
+    // The delay of the last frame is half a second. The others sum to the time between the first and the last
+    // tick.
     let between_cs: u32 = delays_cs[..delays_cs.len() - 1].iter().sum();
     assert!(f64::from(between_cs) <= 100.0 * seconds + 2.0 * delays_cs.len() as f64, "{delays_cs:?}");
 }

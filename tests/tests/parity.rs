@@ -33,7 +33,7 @@ fn the_core_rounds_as_little_as_the_certificate_says() {
         let measured = certificate.spaces[0].methods.iter().find(|m| m.method == method.name());
         let bound_n = measured.expect("certified").probe.rounding_bound_n;
         for instructions in Instructions::ALL {
-            let Some(interpolator) = Interpolator::on(instructions, method) else { continue };
+            let Some(interpolator) = Interpolator::with_instructions(instructions, method) else { continue };
             let mut largest_n = 0.0_f64;
             for d in positions(space.lattice.radius_m()).take(100_000) {
                 let exact_n = reference::force_n(space, method, d).expect("packed");

@@ -6,7 +6,7 @@ use std::time::Instant;
 use palpate_core::{
     Config, ContactConfig, Controller, Method, Organ, Phase, Sample, State, TouchSurface, Vec3, vec3,
 };
-use palpate_host::session::TouchFigures;
+use palpate_host::session::TouchStatistics;
 use palpate_host::{BlobFile, TickRecord, sliding};
 use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::mesh::Surface;
@@ -22,7 +22,7 @@ const SPEED_M_S: f32 = 0.1;
 
 /// What a stroke came to.
 struct Stroke {
-    figures: TouchFigures,
+    figures: TouchStatistics,
     /// Largest force of the first tick in touch, N.
     first_n: f32,
     work_j: f64,
@@ -34,7 +34,7 @@ struct Stroke {
 fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(usize) -> u32) -> Stroke {
     let mut state = State::new();
     state.arm();
-    let (figures, tick_ns) = (TouchFigures::default(), Vec::new());
+    let (figures, tick_ns) = (TouchStatistics::default(), Vec::new());
     let mut stroke = Stroke { figures, first_n: 0.0, work_j: 0.0, tick_ns };
     let (mut tick, mut before) = (0_u64, (vec3::ZERO, through[0]));
     let mut was_engaged = false;
@@ -49,7 +49,7 @@ fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(us
             let command = controller.tick(&mut state, tick * 1_000, Some(&sample));
             stroke.tick_ns.push(began.elapsed().as_nanos() as u64);
             assert_eq!(command.phase, Phase::Active, "{command:?}");
-            stroke.figures.take(&TickRecord { tick, ..TickRecord::of(&command) });
+            stroke.figures.add(&TickRecord { tick, ..TickRecord::of(&command) });
             if command.engaged.is_some() && !was_engaged {
                 stroke.first_n = stroke.first_n.max(vec3::norm(command.reaction_n));
             }
@@ -91,8 +91,9 @@ fn strokes_over_the_liver_do_not_jump() {
         config.limits.ramp_s = 0.0;
         config.contact.friction = friction;
         let controller = Controller::new(&organ, config).expect("packed").on_surface(Some(touch_surface));
-        let (mut worst, mut first_n, mut work_j, mut contacts) = (TouchFigures::default(), 0.0_f32, 0.0, 0);
-        let mut most_given_j = f64::MIN;
+        let (mut worst, mut first_n, mut work_j, mut contacts) =
+            (TouchStatistics::default(), 0.0_f32, 0.0, 0);
+        let mut max_given_j = f64::MIN;
         for (i, from) in organ.spaces.iter().enumerate() {
             let to = &organ.spaces[(i + 3) % organ.spaces.len()];
             let at = |space: &palpate_core::Space<'_>, height_m: f32| {
@@ -106,7 +107,7 @@ fn strokes_over_the_liver_do_not_jump() {
             contacts += found.figures.contacts;
             first_n = first_n.max(found.first_n);
             work_j += found.work_j;
-            most_given_j = most_given_j.max(found.work_j);
+            max_given_j = max_given_j.max(found.work_j);
         }
         println!(
             "{name:16} {:8.1} {:9.1} {:7.2} {contacts:9} {:8.2} {:9.3}",
@@ -114,14 +115,14 @@ fn strokes_over_the_liver_do_not_jump() {
             1e3 * first_n,
             worst.peak_hand_force_n,
             1e3 * work_j,
-            1e3 * most_given_j
+            1e3 * max_given_j
         );
         // 0.1 mm a tick at what the liver is at its stiffest, and what a release fades by.
         assert!(worst.peak_hand_force_n > 1.0 && worst.largest_step_n < 0.3, "{name}: {worst:?}");
         // The first tick below the surface: at most 0.1 mm deep.
         assert!(first_n < 0.15, "{name}: {first_n} N");
         assert!(contacts as usize >= organ.spaces.len() / 2, "{name}: {contacts}");
-        assert!(work_j < 0.0 && most_given_j < 5e-3, "{name}: {work_j} J, {most_given_j} J");
+        assert!(work_j < 0.0 && max_given_j < 5e-3, "{name}: {work_j} J, {max_given_j} J");
     }
 }
 
@@ -155,7 +156,7 @@ fn strokes_over_a_whole_organ_do_not_jump() {
     }
     found.sort_by(|a, b| b.2.figures.largest_step_n.total_cmp(&a.2.figures.largest_step_n));
     for (from, to, stroke) in found.iter().take(5) {
-        let TouchFigures { largest_step_n, peak_hand_force_n, .. } = stroke.figures;
+        let TouchStatistics { largest_step_n, peak_hand_force_n, .. } = stroke.figures;
         println!("{from} to {to}: step {:.1} mN, peak {peak_hand_force_n:.2} N", 1e3 * largest_step_n);
     }
     let given_j = found.iter().map(|(.., stroke)| stroke.work_j).fold(f64::MIN, f64::max);

@@ -9,7 +9,7 @@ mod closed_loop;
 
 use std::path::{Path, PathBuf};
 
-use closed_loop::{Cap, Knock, MOST_GIVEN_J, RELAXED, frictionless, hold, palpate};
+use closed_loop::{Cap, Disturbance, MAX_GIVEN_J, RELAXED, frictionless, hold, palpate};
 use palpate_core::{Method, Organ, Phase};
 use palpate_host::BlobFile;
 use palpate_host::device::hand::HandConfig;
@@ -57,8 +57,8 @@ fn does_not_shake(organ: &Organ<'_>, device: &str, profile: &Profile) {
             (0..organ.spaces.len()).flat_map(|space| DEPTHS_M.map(|depth_m| (space, depth_m)))
         {
             let run = |cap, knock| hold(organ, METHOD, space, depth_m, (RELAXED, &profile), cap, knock);
-            let (quiet, knocked) = (run(Cap::On, Knock::Never), run(Cap::On, Knock::Once));
-            let free = run(Cap::Off, Knock::Once);
+            let (quiet, knocked) = (run(Cap::On, Disturbance::Never), run(Cap::On, Disturbance::Once));
+            let free = run(Cap::Off, Disturbance::Once);
             let case =
                 || format!("{} on {device}{friction}, space {space}, {depth_m} m", organ.scene.as_str());
             // The energy that a step of the encoder is worth at the largest force.
@@ -106,12 +106,12 @@ fn every_bundled_scene_is_stable_in_every_hand_that_rests_on_the_handle() {
                 organ.scene.as_str(),
                 found.contacts,
                 found.peak_n,
-                found.most_given_j
+                found.max_given_j
             );
             assert_eq!(found.phase, Phase::Active, "{device}: {found:?}");
             assert!(found.contacts >= 10 && found.engaged_ticks > 10_000, "{device}: {found:?}");
             assert!(found.peak_n <= profile.max_force_n, "{device}: {found:?}");
-            assert!(found.most_given_j < MOST_GIVEN_J, "{device}: {found:?}");
+            assert!(found.max_given_j < MAX_GIVEN_J, "{device}: {found:?}");
         }
         if organ.scene.as_str() == "liver-small" {
             shakes_without_the_cap(&organ);
@@ -124,7 +124,7 @@ fn shakes_without_the_cap(organ: &Organ<'_>) {
     let mut profile = frictionless(&Profile::bundled("touch").expect("bundled"));
     profile.workspace.scale *= 4.0;
     let quantum_m = profile.mechanism.encoder_quantum_m.expect("it is stated");
-    let run = |cap| hold(organ, METHOD, 0, 0.008, (HandConfig::LIGHT, &profile), cap, Knock::Once);
+    let run = |cap| hold(organ, METHOD, 0, 0.008, (HandConfig::LIGHT, &profile), cap, Disturbance::Once);
     let (with, without) = (run(Cap::On), run(Cap::Off));
     println!(
         "liver-small, four times as large, two fingers on touch: {:.0} N/m at the hand; {:.3} mm with the cap (forces x {:.2}), {:.3} mm \

@@ -44,12 +44,12 @@ mod tests {
     fn a_line_says_where_and_what_with_signs() {
         let sample = Sample { t_us: 0, position_m: [0.012, -0.0034, 0.0], buttons: 0b101 };
         let record =
-            TickRecord { sample: Some(sample), hand_force_n: [0.0, 1.25, -0.5], ..TickRecord::NOTHING };
+            TickRecord { sample: Some(sample), hand_force_n: [0.0, 1.25, -0.5], ..TickRecord::EMPTY };
         let shown = line(&record, record.sample);
         assert!(
             shown.ends_with(": x +12.0 y -3.4 z +0.0 mm, buttons 0101; not sent +0.00 +1.25 -0.50 N"),
             "{shown}"
         );
-        assert!(line(&TickRecord::NOTHING, None).contains("no position"));
+        assert!(line(&TickRecord::EMPTY, None).contains("no position"));
     }
 }

@@ -2,11 +2,11 @@
 
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};
-use palpate_host::doctor::Surroundings;
+use palpate_host::doctor::SystemInfo;
 use palpate_host::recording::End;
 use palpate_host::replay::{Difference, ReplaySummary};
 use palpate_host::rt::{LatencyReport, Miss, Percentiles};
-use palpate_host::session::TouchFigures;
+use palpate_host::session::TouchStatistics;
 use palpate_host::sys::RtReport;
 use palpate_host::{DeviceInfo, SessionSummary};
 use serde_json::{Map, Value, json};
@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 /// A session.
 pub(crate) fn session(summary: &SessionSummary) -> Value {
     let DeviceInfo { name, self_arming, max_force_n, max_stiffness_n_m, resolution_m } = &summary.device;
-    let Surroundings { kernel, governor, isolated } = &summary.surroundings;
+    let SystemInfo { kernel, governor, isolated } = &summary.system;
     let fault = match summary.phase {
         Phase::SafeZero(fault) => Some(fault.name()),
         Phase::Disarmed | Phase::Active => None,
@@ -70,7 +70,7 @@ pub(crate) fn percentiles(of: &Percentiles) -> Value {
     json!({ "count": of.count, "mean": of.mean_ns, "p50": of.p50_ns, "p99": of.p99_ns, "p999": of.p999_ns, "max": of.max_ns })
 }
 
-fn touch(figures: &TouchFigures) -> Value {
+fn touch(figures: &TouchStatistics) -> Value {
     let coverage: Map<String, Value> = Coverage::ALL
         .iter()
         .zip(figures.coverage_ticks)

@@ -154,7 +154,7 @@ pub(crate) fn run<D: Device>(
         haptic: show.timing.haptic(show.profile),
         real_time: show.timing.request(),
         watchdog_ms: show.watchdog_ms,
-        carried_n: show.profile.map_or(vec3::ZERO, Profile::carried_n),
+        gravity_compensation_n: show.profile.map_or(vec3::ZERO, Profile::gravity_compensation_n),
         ..SessionOptions::default()
     };
     if options.haptic.spin_us >= options.haptic.period_us {
@@ -181,7 +181,7 @@ pub(crate) fn run<D: Device>(
             }
             moved = true;
             if let Some(recorder) = &mut recorder {
-                recorder.take(record);
+                recorder.push(record);
             }
             on_record(record);
         });

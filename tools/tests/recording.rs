@@ -126,7 +126,10 @@ fn a_session_is_recorded_inspected_and_replayed() {
     let (code, told) = said(&["inspect", text(&cut)]);
     assert!(code == Some(0) && told.contains("cut: the file ends"), "{told}");
     let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&cut)], &shown[..]].concat());
-    assert!(code == Some(0) && told.contains("bit-identical") && told.contains("was cut here"), "{told}");
+    assert!(
+        code == Some(0) && told.contains("bit-identical") && told.contains("is truncated here"),
+        "{told}"
+    );
 }
 
 /// One object on standard output whatever else is asked for, and the same exit codes.
@@ -213,7 +216,7 @@ fn what_cannot_be_replayed_is_refused_in_one_line() {
     };
     refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "check the name"]);
     std::fs::write(&other, "not an MCAP file").expect("writable");
-    refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "no recording of Palpate"]);
+    refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap", "not a recording of Palpate"]);
     let replay = device(&recording);
     refused(
         &["run", BLOB, "--device", &replay, "--seconds", "1"],

@@ -82,7 +82,7 @@ impl Device {
                 position_m: [0.0, 0.0, if i.is_multiple_of(2) { 0.006 } else { -0.010 }],
             };
             let mut device = EmulatedPolhem::new(Handle::new((0..200).map(at).collect()));
-            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::nothing() };
+            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::none() };
             let (_, _held) = sys::enter_real_time(&above);
             let mut begun = None;
             while !stop.load(Ordering::Relaxed) {

@@ -267,7 +267,7 @@ impl UsbDevice for Rig {
                 self.note(is_whole(&buffer));
                 Ok(Some(buffer))
             }
-            Err(error) if error.kind().is_passing() => Ok(None),
+            Err(error) if error.kind().is_transient() => Ok(None),
             Err(_) => Err(Stall),
         }
     }

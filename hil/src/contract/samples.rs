@@ -66,7 +66,7 @@ fn stamps_under(kind: Kind, seed: u64, to_device: Faults, to_host: Faults) -> Re
     let mut seen = 0;
     for _ in 0..600 {
         let sample = match session.tick(vec3::ZERO) {
-            Err(error) if !error.kind().is_passing() => return Err(error.into()),
+            Err(error) if !error.kind().is_transient() => return Err(error.into()),
             exchanged => exchanged.unwrap_or(None),
         };
         let Some(sample) = sample else { continue };

@@ -88,7 +88,7 @@ impl<F: Link> FaultyFtdi<F> {
         while let Some(frame) = state.to_device.take(now_us) {
             // What does not fit is lost, as it is where nobody waits for room.
             match self.inner.write(&frame, Duration::ZERO) {
-                Err(error) if !error.kind().is_passing() => return Err(error),
+                Err(error) if !error.kind().is_transient() => return Err(error),
                 Ok(_) | Err(_) => {}
             }
         }

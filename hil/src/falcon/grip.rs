@@ -143,7 +143,7 @@ impl Grip {
         let from_m = self.wanted_m(self.now_us);
         let to_m = self.wanted_m(next_us);
         let (force_n, before_m) = (self.felt.force_n, self.hand.position_m());
-        let drag_j = self.hand.push(from_m, to_m, force_n, &self.drag, STEP_US as f32 * 1e-6);
+        let drag_j = self.hand.integrate(from_m, to_m, force_n, &self.drag, STEP_US as f32 * 1e-6);
         let held_m = within_reach(self.hand.position_m());
         if held_m != self.hand.position_m() {
             self.hand.stop_at(held_m);

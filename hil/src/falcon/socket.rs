@@ -70,7 +70,7 @@ pub fn serve(mut stream: UnixStream, chip: &MemoryFtdi) -> io::Result<()> {
         };
         match answer {
             Ok(body) => send(&mut stream, DONE, &body)?,
-            Err(error) if error.kind().is_passing() => send(&mut stream, NOTHING, &[])?,
+            Err(error) if error.kind().is_transient() => send(&mut stream, NOTHING, &[])?,
             Err(_) => send(&mut stream, GONE, &[])?,
         }
     }

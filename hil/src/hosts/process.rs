@@ -190,7 +190,7 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
         sys::sleep_until_ns(begun + tick * 1_000_000);
         let now_us = (sys::monotonic_ns() - begun) / 1_000;
         match device.exchange(now_us, force_n) {
-            Err(error) if !error.kind().is_passing() => {
+            Err(error) if !error.kind().is_transient() => {
                 println!("end {:?}", error.kind());
                 assert_eq!(error.kind(), DeviceErrorKind::Disconnected);
                 return;

@@ -175,7 +175,7 @@ impl Stage {
         let (served, stop) = (Arc::clone(&watched), Arc::clone(&ends));
         let serve = move || {
             // A real device owes this machine's scheduler nothing: above hosts and supervisors where that is allowed.
-            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::nothing() };
+            let above = RtRequest { fifo_priority: Some(52), ..RtRequest::none() };
             let (_, _held) = sys::enter_real_time(&above);
             let (mut now_us, mut looked) = (0, Instant::now());
             while !stop.load(Ordering::Relaxed) {

@@ -8,7 +8,7 @@ use crate::fault::{FaultCounts, Faults};
 use crate::felt::Felt;
 use crate::mechanism::Waypoint;
 use palpate_core::{Sample, Vec3};
-use palpate_host::device::Around;
+use palpate_host::device::DeviceWrapper;
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::{self as driver, Falcon, Image, Mode};
 use palpate_host::device::profile::Profile;
@@ -127,7 +127,7 @@ struct Stepwise {
     link: FalconLink,
 }
 
-impl Around for Stepwise {
+impl DeviceWrapper for Stepwise {
     type Inner = Falcon<FaultyFtdi<MemoryFtdi>>;
 
     fn inner(&self) -> &Self::Inner {
@@ -138,9 +138,9 @@ impl Around for Stepwise {
         &mut self.inner
     }
 
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
-        self.inner.wait_tried(CERTAIN);
+        self.inner.wait_attempted(CERTAIN);
         exchanged
     }
 }

@@ -10,8 +10,8 @@ use crate::transport::{MemoryTransport, PtyTransport, Transport};
 use palpate_core::Vec3;
 use palpate_host::Device;
 use palpate_host::device::hand::HandConfig;
+use palpate_host::device::nonblocking_port::NonBlockingPort;
 use palpate_host::device::profile::Profile;
-use palpate_host::device::prompt::PromptPort;
 use palpate_host::device::workspace::Workspace;
 use serialport::{SerialPort, TTYPort};
 use std::io;
@@ -238,7 +238,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
             Wire::Pty => {
                 let (line, driver) = PtyTransport::pair()?;
                 self.driver_end = Some(driver.try_clone_native()?);
-                let port = Box::new(PromptPort::around(driver)?);
+                let port = Box::new(NonBlockingPort::from_port(driver)?);
                 self.connect(Box::new(line));
                 let woken = AtomicBool::new(false);
                 std::thread::scope(|scope| {

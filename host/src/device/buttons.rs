@@ -1,34 +1,35 @@
-//! Buttons of a reply without a checksum: a press that one damaged reply tells of is none.
+//! Debouncer for the buttons in replies without a checksum: a damaged reply must not count as a press.
 //!
-//! The first button arms, grasps and lets go, so what is believed here moves a hand.
+//! The first button arms, grasps and releases, so a wrong value here would move a hand.
 
-/// Replies in a row that say the same before it is believed, as for positions.
-const SAME: u32 = super::motion::REFUSALS;
+/// Number of consecutive equal replies after which a new value is accepted, as for positions.
+const STABLE_REPLIES: u32 = super::position_check::MAX_REJECTIONS;
 
-/// What the buttons are believed to be. The first reply is believed: what is held from the beginning is no press.
+/// Debounced state of the buttons. The first reply is accepted: a button held from the start is not a press.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Buttons {
-    believed: Option<u32>,
-    /// What the last reply said, if it was something else, and how many have said so on end.
-    said: u32,
+pub(super) struct ButtonDebouncer {
+    stable: Option<u32>,
+    /// Value of the last reply and the number of consecutive replies with it, if it differs from the stable
+    /// value.
+    candidate: u32,
     count: u32,
 }
 
-impl Buttons {
-    /// A reply says what they are: what to believe.
-    pub(super) fn hear(&mut self, buttons: u32) -> u32 {
-        let believed = *self.believed.get_or_insert(buttons);
+impl ButtonDebouncer {
+    /// Takes the buttons of a reply and returns the stable value.
+    pub(super) fn update(&mut self, buttons: u32) -> u32 {
+        let stable = *self.stable.get_or_insert(buttons);
         self.count = match buttons {
-            same if same == believed => 0,
-            again if again == self.said => self.count + 1,
+            value if value == stable => 0,
+            value if value == self.candidate => self.count + 1,
             _ => 1,
         };
-        self.said = buttons;
-        if self.count >= SAME {
-            (self.believed, self.count) = (Some(buttons), 0);
+        self.candidate = buttons;
+        if self.count >= STABLE_REPLIES {
+            (self.stable, self.count) = (Some(buttons), 0);
             return buttons;
         }
-        believed
+        stable
     }
 }
 
@@ -36,15 +37,15 @@ impl Buttons {
 mod tests {
     use super::*;
 
-    fn heard(said: &[u32]) -> Vec<u32> {
-        let mut buttons = Buttons::default();
-        said.iter().map(|buttons_said| buttons.hear(*buttons_said)).collect()
+    fn filtered(samples: &[u32]) -> Vec<u32> {
+        let mut buttons = ButtonDebouncer::default();
+        samples.iter().map(|sample| buttons.update(*sample)).collect()
     }
 
     #[test]
-    fn a_press_is_told_by_three_replies_and_damage_by_none() {
-        assert_eq!(heard(&[0, 1, 1, 1, 1, 0, 0, 0]), [0, 0, 0, 1, 1, 1, 1, 0]);
-        assert_eq!(heard(&[0, 1, 1, 0, 1, 2, 1, 4, 1]), [0; 9]);
-        assert_eq!(heard(&[1, 1, 0, 1]), [1; 4], "held from the beginning");
+    fn a_press_needs_three_equal_replies() {
+        assert_eq!(filtered(&[0, 1, 1, 1, 1, 0, 0, 0]), [0, 0, 0, 1, 1, 1, 1, 0]);
+        assert_eq!(filtered(&[0, 1, 1, 0, 1, 2, 1, 4, 1]), [0; 9]);
+        assert_eq!(filtered(&[1, 1, 0, 1]), [1; 4], "held from the start");
     }
 }

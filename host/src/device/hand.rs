@@ -1,26 +1,26 @@
-//! The hand: a mass on a spring and damper whose neutral point is where it wants to be, with tremor.
+//! Model of the user's hand: a mass on a spring and damper with a moving neutral point, plus tremor.
 //!
-//! It knows nothing of encoders, motors or links: [`super::impedance`] is what it holds.
+//! It is independent of encoders, motors and links; [`super::impedance`] models the device that it holds.
 
 use super::script::SplitMix;
 use palpate_core::{Vec3, vec3};
 
-/// What a hand is like.
+/// Parameters of a hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HandConfig {
     /// Seed of the tremor.
     pub seed: u64,
-    /// Effective mass of the hand and, where no mechanism says its own, of the handle, kg.
+    /// Effective mass of the hand and, without a mechanism, of the handle, kg.
     pub mass_kg: f32,
     /// Stiffness of the arm, N/m.
     pub stiffness_n_m: f32,
-    /// Damping ratio of the arm with that mass; 1 is critical.
+    /// Damping ratio of the arm with this mass; 1 is critical.
     pub damping_ratio: f32,
-    /// Share of a lasting resistance that the hand makes up for by pushing on, below 1.
+    /// Share of a lasting resistance that the hand compensates by pushing harder; below 1.
     ///
-    /// A person told to press 15 mm deep presses harder in stiffer tissue. 0 is a purely passive arm.
+    /// A person instructed to press 15 mm deep presses harder in stiffer tissue. 0 is a purely passive arm.
     pub persistence: f32,
-    /// Largest force the hand adds that way, N.
+    /// Largest force of this compensation, N.
     pub max_effort_n: f32,
     /// Amplitude of the tremor (8 to 11 Hz), m.
     pub tremor_m: f32,
@@ -41,9 +41,9 @@ impl Default for HandConfig {
 }
 
 impl HandConfig {
-    /// Two fingers that hardly hold the handle: what keeps a loop from shaking is then the device's, and little of it the hand's.
+    /// A light grip with two fingers: the damping of the loop then comes mainly from the device.
     ///
-    /// A firm grip brings 5 to 20 N s/m; this one 1.1, and it neither pushes on nor trembles.
+    /// A firm grip has a damping of 5 to 20 N s/m; this one has 1.1, without compensation and without tremor.
     pub const LIGHT: Self = Self {
         seed: 1,
         mass_kg: 0.05,
@@ -55,7 +55,7 @@ impl HandConfig {
     };
 }
 
-/// What a mechanism adds to the hand that holds it. Zero everywhere is an ideal one.
+/// Inertia, damping and friction that a mechanism adds to the hand. All zero is an ideal mechanism.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Drag {
     /// Effective mass, kg.
@@ -66,25 +66,25 @@ pub struct Drag {
     pub coulomb_n: f32,
 }
 
-/// Time in which the hand notices a resistance and leans into it, s: the order of a voluntary reaction.
+/// Time constant of the compensation of a resistance, s: the order of a voluntary reaction.
 const REACTION_TIME_S: f32 = 0.2;
-/// Sines of the tremor an axis.
+/// Number of sines of the tremor per axis.
 const TREMOR_SINES: usize = 3;
 
-/// Sinusoid of the tremor.
+/// One sine of the tremor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sine {
     rad_per_s: f32,
     phase_rad: f32,
 }
 
-/// The hand, and what it moves.
+/// State of the hand with the mechanism that it moves.
 #[derive(Debug, Clone)]
 pub struct Hand {
     config: HandConfig,
     position_m: Vec3,
     velocity_m_s: Vec3,
-    /// Extra push that makes up for a lasting resistance.
+    /// Force that compensates a lasting resistance.
     effort_n: Vec3,
     tremor: [[Sine; TREMOR_SINES]; 3],
 }
@@ -103,33 +103,34 @@ impl Hand {
         Self { config, position_m, velocity_m_s: vec3::ZERO, effort_n: vec3::ZERO, tremor }
     }
 
-    /// What it is like.
+    /// Its parameters.
     #[must_use]
     pub const fn config(&self) -> &HandConfig {
         &self.config
     }
 
-    /// Where it is, without tremor.
+    /// Position without tremor.
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
         self.position_m
     }
 
-    /// How fast it moves.
+    /// Velocity.
     #[must_use]
     pub const fn velocity_m_s(&self) -> Vec3 {
         self.velocity_m_s
     }
 
-    /// Moves on by one step of integration under a constant force, while the neutral point goes from one place to another.
+    /// Integrates one step under a constant force while the neutral point moves from `from_m` to `to_m`.
     ///
     /// m a = k (target - x) + c (target' - x') + effort + F - b x' - f_c x' / |x'|
     ///
-    /// Semi-implicit Euler: v first, then x with the new v. Stable for k dt^2 / m far below 4; at 0.1 ms it is 2e-5, and 2e-4 with
-    /// an organ of 3000 N/m in parallel. The drag is taken fully implicitly: damping divides, and friction takes at most the speed
-    /// there is, so that it holds still what is slower than one step of it and never pushes back.
-    /// Returns the energy that the drag took, J.
-    pub fn push(&mut self, from_m: Vec3, to_m: Vec3, force_n: Vec3, drag: &Drag, dt_s: f32) -> f32 {
+    /// Semi-implicit Euler: v first, then x with the new v. It is stable for k dt^2 / m far below 4. At 0.1
+    /// ms the value is 2e-5, and 2e-4 with an organ of 3000 N/m in parallel. The drag is fully implicit:
+    /// damping divides the speed, and friction reduces it at most to zero, so a hand slower than one step of
+    /// friction stops and does not reverse.
+    /// Returns the energy dissipated by the drag, J.
+    pub fn integrate(&mut self, from_m: Vec3, to_m: Vec3, force_n: Vec3, drag: &Drag, dt_s: f32) -> f32 {
         let HandConfig { mass_kg, stiffness_n_m, damping_ratio, .. } = self.config;
         let damping_n_s_m = 2.0 * damping_ratio * (stiffness_n_m * mass_kg).sqrt();
         let moved_kg = mass_kg + drag.mass_kg;
@@ -139,13 +140,13 @@ impl Hand {
         let hand_n = vec3::add(vec3::add(spring_n, damper_n), self.effort_n);
         let push = vec3::scale(vec3::add(hand_n, force_n), dt_s / moved_kg);
         let free_m_s = vec3::add(self.velocity_m_s, push);
-        self.velocity_m_s = slowed(free_m_s, drag, dt_s / moved_kg);
+        self.velocity_m_s = velocity_after_drag(free_m_s, drag, dt_s / moved_kg);
         self.position_m = vec3::add(self.position_m, vec3::scale(self.velocity_m_s, dt_s));
-        self.lean_in(force_n, dt_s);
+        self.adapt_effort(force_n, dt_s);
         moved_kg * vec3::dot(vec3::sub(free_m_s, self.velocity_m_s), self.velocity_m_s)
     }
 
-    /// Puts the hand where something hard holds it, and takes the speed into that away.
+    /// Moves the hand to a hard stop at `held_m` and removes the velocity component into the stop.
     pub fn stop_at(&mut self, held_m: Vec3) {
         let wall = vec3::normalize_or_zero(vec3::sub(held_m, self.position_m));
         let into_m_s = vec3::dot(self.velocity_m_s, wall).min(0.0);
@@ -153,8 +154,9 @@ impl Hand {
         self.position_m = held_m;
     }
 
-    /// First-order low-pass of the resistance, bounded: slow enough that it cannot take part in an oscillation.
-    fn lean_in(&mut self, force_n: Vec3, dt_s: f32) {
+    /// First-order low-pass of the resistance, bounded. It is slow, so that it does not take part in an
+    /// oscillation.
+    fn adapt_effort(&mut self, force_n: Vec3, dt_s: f32) {
         let wanted_n = vec3::scale(force_n, -self.config.persistence);
         let change = vec3::scale(vec3::sub(wanted_n, self.effort_n), dt_s / REACTION_TIME_S);
         self.effort_n = vec3::add(self.effort_n, change);
@@ -164,10 +166,10 @@ impl Hand {
         }
     }
 
-    /// Tremor at a time, to be added to the position.
+    /// Offset of the position by tremor at a time.
     #[must_use]
     pub fn tremor_m(&self, time_s: f64) -> Vec3 {
-        // f64 time: in f32 the phase of an hour-long run would step.
+        // f64 time: in f32 the phase of an hour-long run would advance in steps.
         self.tremor.map(|sines| {
             let sum: f32 = sines
                 .iter()
@@ -178,8 +180,8 @@ impl Hand {
     }
 }
 
-/// What drag leaves of a speed after a step; `step` is its duration over the mass.
-fn slowed(free_m_s: Vec3, drag: &Drag, step: f32) -> Vec3 {
+/// Velocity after a step with drag. `step` is its duration divided by the mass.
+fn velocity_after_drag(free_m_s: Vec3, drag: &Drag, step: f32) -> Vec3 {
     let viscous_m_s = vec3::scale(free_m_s, (1.0 + drag.damping_n_s_m * step).recip());
     if drag.coulomb_n <= 0.0 {
         return viscous_m_s;
@@ -198,50 +200,50 @@ mod tests {
 
     const DT_S: f32 = 1e-4;
 
-    /// Moves a hand that wants to stay where it is, or to have no arm at all.
+    /// Moves a hand whose target is its own position.
     fn slide(hand: &mut Hand, force_n: f32, drag: &Drag, seconds: f32) -> f32 {
         let before_m = hand.position_m()[0];
         for _ in 0..(seconds / DT_S) as usize {
-            hand.push(vec3::ZERO, vec3::ZERO, [force_n, 0.0, 0.0], drag, DT_S);
+            hand.integrate(vec3::ZERO, vec3::ZERO, [force_n, 0.0, 0.0], drag, DT_S);
         }
         hand.position_m()[0] - before_m
     }
 
-    fn loose() -> Hand {
+    fn without_arm() -> Hand {
         Hand::new(HandConfig { stiffness_n_m: 0.0, persistence: 0.0, ..HandConfig::default() }, vec3::ZERO)
     }
 
     #[test]
-    fn friction_sticks_below_its_force_and_lets_go_above_it() {
+    fn friction_sticks_below_its_force_and_slides_above_it() {
         let drag = Drag { mass_kg: 0.1, damping_n_s_m: 0.0, coulomb_n: 0.5 };
-        let mut hand = loose();
-        assert_eq!(slide(&mut hand, 0.49, &drag, 1.0), 0.0, "it sticks, and does not creep");
+        let mut hand = without_arm();
+        assert_eq!(slide(&mut hand, 0.49, &drag, 1.0), 0.0, "it sticks and does not creep");
         let moved_m = slide(&mut hand, 0.8, &drag, 0.1);
         // 0.3 N on 0.3 kg for 0.1 s: 5 mm.
         assert!((moved_m - 0.005).abs() < 5e-5, "{moved_m}");
-        // It coasts to a stop, 0.1 m/s against 0.5 N: 3 mm in 60 ms, and then not a bit more nor back.
+        // It coasts to a stop: 0.1 m/s against 0.5 N is 3 mm in 60 ms. Then it neither advances nor reverses.
         let moved_m = slide(&mut hand, 0.0, &drag, 0.1);
         assert!((moved_m - 0.003).abs() < 3e-5 && hand.velocity_m_s() == vec3::ZERO, "{moved_m}");
         assert_eq!(slide(&mut hand, 0.0, &drag, 1.0), 0.0);
     }
 
     #[test]
-    fn damping_gives_the_speed_of_the_balance_and_any_amount_of_drag_is_stable() {
+    fn damping_gives_the_terminal_speed_and_any_drag_is_stable() {
         let drag = Drag { mass_kg: 0.0, damping_n_s_m: 2.0, coulomb_n: 0.0 };
-        let mut hand = loose();
+        let mut hand = without_arm();
         slide(&mut hand, 1.0, &drag, 2.0);
         assert!((hand.velocity_m_s()[0] - 0.5).abs() < 1e-3, "1 N against 2 N s/m");
-        // A thousand times what an explicit step could bear.
+        // A thousand times the drag at which an explicit step is unstable.
         let stiff = Drag { mass_kg: 0.0, damping_n_s_m: 4e6, coulomb_n: 1e6 };
         slide(&mut hand, 1.0, &stiff, 0.01);
         assert_eq!(hand.velocity_m_s(), vec3::ZERO);
     }
 
     #[test]
-    fn a_hard_stop_takes_the_speed_into_it_and_no_other() {
-        let mut hand = loose();
+    fn a_hard_stop_removes_only_the_speed_into_it() {
+        let mut hand = without_arm();
         for _ in 0..100 {
-            hand.push(vec3::ZERO, vec3::ZERO, [2.0, 1.0, 0.0], &Drag::default(), DT_S);
+            hand.integrate(vec3::ZERO, vec3::ZERO, [2.0, 1.0, 0.0], &Drag::default(), DT_S);
         }
         let [along, across, _] = hand.velocity_m_s();
         assert!(along > 0.0);
@@ -249,7 +251,7 @@ mod tests {
         hand.stop_at([at_m[0] - 1e-6, at_m[1], at_m[2]]);
         assert_eq!(hand.velocity_m_s()[0], 0.0);
         assert!((hand.velocity_m_s()[1] - across).abs() < 1e-7);
-        // Away from the wall it is free.
+        // Away from the stop it is free.
         let before = hand.velocity_m_s();
         let at_m = hand.position_m();
         hand.stop_at([at_m[0], at_m[1] + 1e-6, at_m[2]]);

@@ -1,49 +1,49 @@
-//! The mechanism of an impedance device, simulated: mass, damping, friction, a position read in steps and late, a force that comes in
-//! steps and late.
+//! Model of an impedance device's mechanism: mass, damping, friction, a position that is quantised and
+//! delayed, a force that is quantised and delayed.
 //!
 //! ```text
-//! force of a tick -> delay -> saturation, steps of the motor -> hand and mechanism -> steps of the encoder -> delay -> sample
+//! force of a tick -> delay -> saturation, quantisation -> hand and mechanism -> quantisation -> delay -> sample
 //! ```
 //!
-//! Everything is in the device's frame. Delays are kept in rings that are allocated once.
+//! Everything is in the device frame. The delays are ring buffers that are allocated once.
 
 use super::hand::Drag;
 use super::profile::Profile;
 use super::workspace::Reach;
 use palpate_core::{Vec3, vec3};
 
-/// How an encoder turns a position into counts.
+/// Rounding of positions to encoder counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Counting {
-    /// The count whose step the position is in: what a wheel with slots does.
+    /// Round down, as an optical encoder does.
     Floor,
-    /// The nearest count.
+    /// Round to the nearest count.
     Round,
 }
 
-/// What a mechanism is like.
+/// Parameters of a mechanism.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImpedanceConfig {
     /// Mass, damping and friction at the handle.
     pub drag: Drag,
-    /// Step of the position, m; 0 for none.
+    /// Resolution of the position, m; 0 for none.
     pub encoder_quantum_m: f32,
-    /// How positions become steps.
+    /// Rounding of positions.
     pub counting: Counting,
-    /// How long a position is on its way, us.
+    /// Delay of the position, us.
     pub position_delay_us: u32,
-    /// How long a force is on its way, us.
+    /// Delay of the force, us.
     pub force_delay_us: u32,
-    /// Largest force of the motors together, N.
+    /// Largest force of the motors, vector sum, N.
     pub max_force_n: f32,
-    /// Step of the force, N; 0 for none.
+    /// Resolution of the force, N; 0 for none.
     pub motor_quantum_n: f32,
-    /// Where the handle can go, from the middle of the workspace.
+    /// Range of the handle, from the middle of the workspace.
     pub reach: Reach,
 }
 
 impl ImpedanceConfig {
-    /// The mechanism of a profile: what is known, and what is assumed where nothing is.
+    /// The mechanism of a profile, with the profile's assumptions for missing values.
     #[must_use]
     pub fn of(profile: &Profile) -> Self {
         let Profile { mechanism, assumed, .. } = profile;
@@ -64,7 +64,7 @@ impl ImpedanceConfig {
     }
 }
 
-/// Holds values back for a fixed number of steps.
+/// Delays values by a fixed number of steps.
 #[derive(Debug, Clone)]
 struct DelayLine<T> {
     slots: Box<[T]>,
@@ -76,7 +76,7 @@ impl<T: Copy> DelayLine<T> {
         Self { slots: vec![filled_with; steps].into_boxed_slice(), next: 0 }
     }
 
-    /// Takes the value of this step; gives the one of so many steps ago.
+    /// Takes the value of this step and returns the value of `steps` steps ago.
     fn pass(&mut self, value: T) -> T {
         let Some(slot) = self.slots.get_mut(self.next) else { return value };
         let oldest = core::mem::replace(slot, value);
@@ -85,22 +85,22 @@ impl<T: Copy> DelayLine<T> {
     }
 }
 
-/// Where a handle was, and what was pressed.
+/// Position of a handle and its buttons.
 pub type Reading = (Vec3, u32);
 
-/// The mechanism.
+/// State of the mechanism.
 #[derive(Debug, Clone)]
 pub struct Impedance {
     config: ImpedanceConfig,
     positions: DelayLine<Reading>,
     forces: DelayLine<Vec3>,
-    /// Held until the next tick sends another.
+    /// Force of the last command; held until the next one.
     command_n: Vec3,
     reading: Reading,
 }
 
 impl Impedance {
-    /// A mechanism without force, its handle at `from_middle_m`. Delays are rounded to steps of `step_s`.
+    /// A mechanism without force whose handle is at `from_middle_m`. Delays are rounded to steps of `step_s`.
     #[must_use]
     pub fn new(config: ImpedanceConfig, from_middle_m: Vec3, step_s: f32) -> Self {
         let steps = |delay_us: u32| (delay_us as f32 * 1e-6 / step_s).round() as usize;
@@ -114,33 +114,34 @@ impl Impedance {
         }
     }
 
-    /// What it is like.
+    /// Its parameters.
     #[must_use]
     pub const fn config(&self) -> &ImpedanceConfig {
         &self.config
     }
 
-    /// Sends the motors another force, which they hold from when it arrives until the next arrives.
+    /// Commands a force. It acts after the delay and is held until the next one acts.
     pub fn command(&mut self, force_n: Vec3) {
-        // What is no number gives no force, as a driver's conversion to an integer does.
+        // A value that is not finite gives no force, like the integer conversion of a driver.
         self.command_n = if vec3::is_finite(force_n) { force_n } else { vec3::ZERO };
     }
 
-    /// What the motors give in this step of integration.
+    /// Force of the motors in this integration step.
     pub fn motor_n(&mut self) -> Vec3 {
         let arrived_n = self.forces.pass(self.command_n);
         let (held_n, _) = palpate_core::limit::clamp_force(arrived_n, self.config.max_force_n);
-        // Towards zero, so that a step never lifts the force over the limit.
+        // Round towards zero, so that a step never raises the force above the limit.
         let quantum_n = self.config.motor_quantum_n;
         if quantum_n > 0.0 { held_n.map(|newtons| (newtons / quantum_n).trunc() * quantum_n) } else { held_n }
     }
 
-    /// Takes note of where the handle is after this step, and what is pressed.
-    pub fn note(&mut self, from_middle_m: Vec3, buttons: u32) {
+    /// Records the position of the handle after this step, and the buttons.
+    pub fn record(&mut self, from_middle_m: Vec3, buttons: u32) {
         self.reading = self.positions.pass((from_middle_m, buttons));
     }
 
-    /// What the device says now: steps of the encoder, some time ago. Tremor is no part of the motion and comes undelayed.
+    /// Current reading of the device: quantised and delayed. Tremor is not part of the simulated motion and
+    /// is not delayed.
     #[must_use]
     pub fn reading(&self, tremor_m: Vec3) -> Reading {
         let (true_m, buttons) = self.reading;
@@ -149,7 +150,7 @@ impl Impedance {
     }
 }
 
-/// Position in steps of a quantum.
+/// Position rounded to a quantum.
 pub(super) fn counted(seen_m: Vec3, quantum_m: f32, counting: Counting) -> Vec3 {
     if quantum_m <= 0.0 {
         return seen_m;
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn forces_and_positions_arrive_after_their_delay_and_not_before() {
+    fn forces_and_positions_arrive_after_their_delay() {
         let mut device = Impedance::new(config(), vec3::ZERO, STEP_S);
         device.command([1.0, 0.0, 0.0]);
         // 107 us are two steps of 50 us.
@@ -193,33 +194,33 @@ mod tests {
         device.command(vec3::ZERO);
         let arrived: Vec<f32> = (0..4).map(|_| device.motor_n()[0]).collect();
         assert_eq!(arrived, [1.0, 1.0, 0.0, 0.0]);
-        // 1107 us are 22 steps; a button comes with its position.
+        // 1107 us are 22 steps. A button has the delay of its position.
         let mut seen = Vec::new();
         for step in 1..=40_u16 {
-            device.note([1e-3 * f32::from(step), 0.0, 0.0], u32::from(step));
+            device.record([1e-3 * f32::from(step), 0.0, 0.0], u32::from(step));
             seen.push(device.reading(vec3::ZERO));
         }
         assert_eq!(seen[21], ([0.0; 3], 0));
         for (index, (position_m, buttons)) in seen.iter().enumerate().skip(22) {
             assert_eq!(*buttons as usize, index - 21);
-            // The last bit of a whole count may be on either side.
+            // The last bit of a whole count can round either way.
             let late_m = 1e-3 * (index - 21) as f32 - position_m[0];
             assert!((-1e-8..=50.1e-6).contains(&late_m), "{late_m}");
         }
     }
 
     #[test]
-    fn without_a_delay_nothing_is_late() {
+    fn without_a_delay_values_arrive_at_once() {
         let prompt = ImpedanceConfig { position_delay_us: 0, force_delay_us: 0, ..config() };
         let mut device = Impedance::new(prompt, vec3::ZERO, STEP_S);
         device.command([0.0, 2.0, 0.0]);
         assert_eq!(device.motor_n(), [0.0, 2.0, 0.0]);
-        device.note([0.0, 1.0, 0.0], 7);
+        device.record([0.0, 1.0, 0.0], 7);
         assert_eq!(device.reading(vec3::ZERO).1, 7);
     }
 
     #[test]
-    fn motors_saturate_together_and_step_towards_zero() {
+    fn motors_saturate_together_and_quantise_towards_zero() {
         let prompt = ImpedanceConfig { force_delay_us: 0, ..config() };
         let mut device = Impedance::new(prompt, vec3::ZERO, STEP_S);
         device.command([30.0, -40.0, 0.0]);
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn encoders_count_down_or_to_the_nearest() {
+    fn encoders_round_down_or_to_the_nearest() {
         let at = |metres: f32, counting| counted([metres, 0.0, 0.0], 1e-3, counting)[0];
         assert_eq!((at(1.9e-3, Counting::Floor), at(1.9e-3, Counting::Round)), (1e-3, 2e-3));
         assert_eq!((at(-0.1e-3, Counting::Floor), at(-0.1e-3, Counting::Round)), (-1e-3, 0.0));

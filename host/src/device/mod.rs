@@ -1,30 +1,31 @@
-//! Haptic devices behind one small trait: the loop gives a force, the device gives back where the hand is.
+//! Haptic devices behind one small trait: the loop sends a force, the device returns the position of the
+//! hand.
 //!
-//! A device is owned by the haptic thread. [`Device::exchange`] never waits for a reply and never allocates; what can
-//! block (opening, homing, waking) happens before the loop, in the constructor.
+//! The haptic thread owns the device. [`Device::exchange`] never waits for a reply and never allocates. Steps
+//! that can block (opening, homing, waking) run in the constructor, before the loop.
 
-mod around;
 mod buttons;
 pub mod falcon;
 pub mod hand;
 pub mod impedance;
 pub mod link;
-mod motion;
 pub mod motors_off;
 pub mod mouse;
+#[cfg(unix)]
+pub mod nonblocking_port;
 pub mod palpation;
 mod pending;
 pub mod polhem;
+mod position_check;
 pub mod profile;
-#[cfg(unix)]
-pub mod prompt;
 pub mod replay;
 pub mod script;
 pub mod serial;
 pub mod simulated;
 pub mod workspace;
+mod wrapper;
 
-pub use around::Around;
+pub use wrapper::DeviceWrapper;
 
 use core::fmt;
 use palpate_core::link::DeviceFault;
@@ -32,29 +33,29 @@ use palpate_core::{Sample, Vec3};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// What went wrong, as far as the caller's decision goes.
+/// Kind of an error, for the decision of the caller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DeviceErrorKind {
     /// No reply in time.
     Timeout,
-    /// A reply that is no frame; the driver has resynchronised.
+    /// A reply that is not a valid frame; the driver has resynchronised.
     BadFrame,
-    /// The device or its port is gone: open it again.
+    /// The device or its port is disconnected: open it again.
     Disconnected,
     /// Not permitted, or in use by another process.
     Denied,
-    /// Not a device of this kind, or a setting it cannot do.
+    /// Not a device of this kind, or a setting that it does not support.
     Unsupported,
-    /// The device has latched a fault: nothing moves before [`Device::reset`].
+    /// The device has latched a fault: it renders no force before [`Device::reset`].
     Faulted(DeviceFault),
-    /// Anything else the operating system says.
+    /// Any other error of the operating system.
     Io,
 }
 
 impl DeviceErrorKind {
-    /// Whether the next exchange may well succeed.
+    /// Whether the error is transient: the next exchange may succeed.
     #[must_use]
-    pub const fn is_passing(self) -> bool {
+    pub const fn is_transient(self) -> bool {
         matches!(self, Self::Timeout | Self::BadFrame | Self::Faulted(_))
     }
 
@@ -62,7 +63,7 @@ impl DeviceErrorKind {
         match self {
             Self::Timeout => "no reply in time",
             Self::BadFrame => "a damaged frame",
-            Self::Disconnected => "the device is gone",
+            Self::Disconnected => "the device is disconnected",
             Self::Denied => "not permitted or in use",
             Self::Unsupported => "not supported by this device",
             Self::Faulted(DeviceFault::Watchdog) => "the device has latched `watchdog`",
@@ -89,18 +90,18 @@ impl DeviceError {
         Self { kind, os_code: None }
     }
 
-    /// An error with the OS code that came with it, if one did.
+    /// An error with its OS code, if there is one.
     pub(crate) const fn with_os_code(kind: DeviceErrorKind, os_code: Option<i32>) -> Self {
         Self { kind, os_code }
     }
 
-    /// What the caller should decide by.
+    /// The kind, for the decision of the caller.
     #[must_use]
     pub const fn kind(&self) -> DeviceErrorKind {
         self.kind
     }
 
-    /// `errno`, where the operating system gave one.
+    /// `errno`, if the operating system gave one.
     #[must_use]
     pub const fn os_code(&self) -> Option<i32> {
         self.os_code
@@ -119,7 +120,7 @@ impl From<std::io::Error> for DeviceError {
             | ErrorKind::ConnectionAborted => DeviceErrorKind::Disconnected,
             ErrorKind::PermissionDenied | ErrorKind::ResourceBusy => DeviceErrorKind::Denied,
             ErrorKind::Unsupported | ErrorKind::InvalidInput => DeviceErrorKind::Unsupported,
-            // EIO and ENXIO are what a tty says after its cable was pulled.
+            // A tty reports EIO or ENXIO after its cable was pulled.
             _ if matches!(error.raw_os_error(), Some(5 | 6 | 19)) => DeviceErrorKind::Disconnected,
             _ => DeviceErrorKind::Io,
         };
@@ -139,27 +140,27 @@ impl fmt::Display for DeviceError {
 
 impl core::error::Error for DeviceError {}
 
-/// How far a device is from being usable (DEVICES: Disconnected -> Open -> FirmwareLoaded -> Unhomed -> Homed).
+/// Readiness of a device (Disconnected -> Open -> FirmwareLoaded -> Unhomed -> Homed).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum DeviceState {
-    /// Not there.
+    /// Not connected.
     Disconnected,
-    /// There, but silent until its firmware is loaded.
+    /// Connected, but silent until its firmware is loaded.
     Open,
-    /// Speaks, but nothing is known of its position.
+    /// Replies, but its position is unknown.
     FirmwareLoaded,
-    /// Waits to be moved to where its coordinates begin.
+    /// Waits to be moved to its reference position.
     Unhomed,
-    /// Its position means something: it may be armed. The state of every device that needs none of the others.
+    /// Its position is valid and it may be armed. Devices without homing are always in this state.
     Homed,
 }
 
 impl DeviceState {
-    /// All of them, in order.
+    /// All states, in order.
     pub const ALL: [Self; 5] =
         [Self::Disconnected, Self::Open, Self::FirmwareLoaded, Self::Unhomed, Self::Homed];
 
-    /// The name used in logs and recordings.
+    /// Name in logs and recordings.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -172,76 +173,81 @@ impl DeviceState {
     }
 }
 
-/// What a device is and can do.
+/// Identity and limits of a device.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceInfo {
-    /// Name for people.
+    /// Name for the user.
     pub name: String,
-    /// Whether it arms itself: only where no real motor can move.
+    /// Whether it arms itself: only if it has no real motors.
     pub self_arming: bool,
     /// Largest force it renders, N.
     pub max_force_n: f32,
-    /// Largest stiffness of the model that it renders stably, N/m: its own, divided by the workspace's scale.
+    /// Largest stiffness of the model that it renders stably, N/m: its own limit divided by the workspace
+    /// scale.
     pub max_stiffness_n_m: f32,
-    /// Smallest step of its position, m.
+    /// Resolution of its position, m.
     pub resolution_m: f32,
 }
 
-/// A haptic device of the impedance kind: position out, force in.
+/// A haptic device of impedance type: it measures position and renders force.
 pub trait Device: Send {
-    /// Sends the force for the hand (model frame) and returns the newest sample if one came since the last call.
+    /// Sends the force for the hand (model frame) and returns the newest sample if one arrived since the last
+    /// call.
     ///
-    /// Does not wait for a reply: a late one is returned by a later call, and the controller's stale-sample policy
-    /// judges the gap. `now_us` is the time of this tick, and what the sample is stamped with.
+    /// Does not wait for a reply: a later call returns a late reply, and the controller's stale-sample policy
+    /// handles the gap. `now_us` is the time of this tick and the clock of the sample's time stamp.
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError>;
 
-    /// Takes the force away, now. Called on every way out of the loop, also while a panic unwinds: must not panic.
+    /// Sets the force to zero immediately. Called on every exit from the loop, also while a panic unwinds:
+    /// must not panic.
     fn stop(&mut self);
 
-    /// What this device is.
+    /// Identity and limits.
     fn info(&self) -> DeviceInfo;
 
-    /// How far it is. The loop arms nothing before it is homed, and takes the force away when it no longer is.
+    /// Its readiness. The loop arms only a homed device, and sets the force to zero when the device is no
+    /// longer homed.
     fn state(&self) -> DeviceState {
         DeviceState::Homed
     }
 
-    /// A second way to the motors, for the watchdog. Asked for once, before the loop begins.
+    /// A second path to the motors, for the watchdog. The session requests it once, before the loop begins.
     ///
-    /// `None` for what has no motors, and for a device that cannot be reached past an exchange that hangs.
+    /// `None` for a device without motors, and for one that cannot be reached while an exchange hangs.
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
         None
     }
 
-    /// Whether something beside the loop (a supervisor, the device itself) has taken the force away since the last call, and will obey no force
-    /// before [`Device::reset`]. Asked after every exchange.
+    /// Whether something other than the loop (a supervisor, the device itself) has zeroed the force since the
+    /// last call and ignores forces before [`Device::reset`]. Called after every exchange.
     fn was_zeroed(&mut self) -> bool {
         false
     }
 
-    /// The user has reset what was latched, or there was nothing to latch because nothing was armed: forces are meant again.
+    /// Clears such a latch: after the user's reset, or while the controller is disarmed.
     fn reset(&mut self) {}
 }
 
-/// Takes the force away from another thread than the one that exchanges, and whatever that one is doing.
+/// Zeroes the force from another thread, independently of the thread that exchanges.
 pub trait EmergencyStop: Send {
-    /// Sends zero force, now, without waiting for the device or for its owner.
+    /// Sends zero force immediately, without waiting for the device or its owner.
     fn zero(&mut self) -> Result<(), DeviceError>;
 }
 
-/// Between two exchanges while a device is homed.
+/// Pause between two exchanges during homing.
 const HOMING_PAUSE: Duration = Duration::from_millis(1);
 
-/// Exchanges without a force until the user has homed the device, or until `stop`. Before the loop: may block.
+/// Exchanges without a force until the user has homed the device, or until `stop`. It may block, so it runs
+/// before the loop.
 fn wait_homed(device: &mut impl Device, stop: &AtomicBool) -> Result<(), DeviceError> {
     let begun = Instant::now();
     while device.state() != DeviceState::Homed && !stop.load(Ordering::Relaxed) {
         match device.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
-            Err(error) if !error.kind().is_passing() => return Err(error),
+            Err(error) if !error.kind().is_transient() => return Err(error),
             _ => std::thread::sleep(HOMING_PAUSE),
         }
         if device.was_zeroed() {
-            // Nothing is armed yet: there is no force that could come back.
+            // The controller is disarmed: a reset cannot restore a force.
             device.reset();
         }
     }
@@ -253,7 +259,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn os_errors_keep_their_code_and_find_their_kind() {
+    fn os_errors_keep_their_code_and_map_to_a_kind() {
         for (code, kind) in [
             (5, DeviceErrorKind::Disconnected),
             (13, DeviceErrorKind::Denied),
@@ -264,6 +270,6 @@ mod tests {
             let error = DeviceError::from(std::io::Error::from_raw_os_error(code));
             assert_eq!((error.kind(), error.os_code()), (kind, Some(code)));
         }
-        assert!(DeviceErrorKind::Timeout.is_passing() && !DeviceErrorKind::Disconnected.is_passing());
+        assert!(DeviceErrorKind::Timeout.is_transient() && !DeviceErrorKind::Disconnected.is_transient());
     }
 }

@@ -1,15 +1,16 @@
 //! The mouse of the viewer's window as a device.
 //!
-//! A mouse gives no force back, so the tool does: it hangs on the cursor by a virtual coupling and is pushed away from it by
-//! force / stiffness of the coupling, smoothly and never faster than a hand. The window says where the cursor wants the tool; the
-//! haptic thread takes the newest wish without waiting. No motor can move: the device arms itself.
+//! A mouse has no force feedback, so the tool gives way instead: a virtual coupling connects it to the
+//! cursor, and a force displaces it by force / stiffness of the coupling, smoothly and no faster than a hand.
+//! The window sets the target from the cursor; the haptic thread reads the newest target without waiting. The
+//! device has no motors and arms itself.
 
 use super::{Device, DeviceError, DeviceInfo};
 use core::fmt;
 use palpate_core::{Sample, Vec3, vec3};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Longest time one exchange stands for: a stalled computer must not make the tool jump.
+/// Longest step of one exchange: a stalled computer must not make the tool jump.
 const MAX_STEP_US: u64 = 5_000;
 
 /// How the tool follows the cursor.
@@ -19,7 +20,8 @@ pub struct MouseConfig {
     pub coupling_n_m: f32,
     /// Time constant of the tool's motion, s.
     ///
-    /// Stable while K / coupling x 1 ms < time constant: with these numbers up to an organ of 20,000 N/m.
+    /// The motion is stable while K / coupling x 1 ms < time constant: with these values up to an organ of
+    /// 20,000 N/m.
     pub time_constant_s: f32,
     /// Largest speed of the tool, m/s.
     pub max_speed_m_s: f32,
@@ -31,21 +33,21 @@ impl Default for MouseConfig {
     }
 }
 
-/// Where the cursor wants the tool.
+/// Target of the tool, from the cursor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MouseTarget {
-    /// Place, model frame, m.
+    /// Position, model frame, m.
     pub position_m: Vec3,
-    /// Buttons as a device has them; the first grasps.
+    /// Buttons as of a device; the first one grasps.
     pub buttons: u32,
 }
 
-/// The window's end. Its lock is never taken by the haptic thread.
+/// The window's end. The haptic thread never takes its lock.
 #[derive(Clone)]
 pub struct MouseHandle(Arc<Mutex<triple_buffer::Input<MouseTarget>>>);
 
 impl MouseHandle {
-    /// Says where the tool is to go. A place that is not finite is not passed on.
+    /// Sets the target of the tool. A position that is not finite is ignored.
     pub fn set(&self, target: MouseTarget) {
         if vec3::is_finite(target.position_m) {
             self.0.lock().unwrap_or_else(PoisonError::into_inner).write(target);
@@ -60,7 +62,7 @@ impl fmt::Debug for MouseHandle {
 }
 
 impl PartialEq for MouseHandle {
-    /// The same mouse.
+    /// Whether both belong to the same mouse.
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0)
     }
@@ -75,7 +77,7 @@ pub struct Mouse {
     last_us: Option<u64>,
 }
 
-/// Both ends; the tool begins at `start_m`.
+/// Makes both ends; the tool starts at `start_m`.
 #[must_use]
 pub fn mouse(start_m: Vec3, config: MouseConfig) -> (MouseHandle, Mouse) {
     let (input, wanted) = triple_buffer::triple_buffer(&MouseTarget { position_m: start_m, buttons: 0 });
@@ -84,7 +86,7 @@ pub fn mouse(start_m: Vec3, config: MouseConfig) -> (MouseHandle, Mouse) {
 }
 
 impl Mouse {
-    /// Moves the tool for so long under a constant force.
+    /// Moves the tool for `dt_s` under a constant force.
     ///
     /// tau x' = target + F / k - x, with |x'| bounded.
     fn follow(&mut self, target_m: Vec3, force_n: Vec3, dt_s: f32) {
@@ -110,7 +112,7 @@ impl Device for Mouse {
     }
 
     fn stop(&mut self) {
-        // Nothing is driven.
+        // There is no motor.
     }
 
     fn info(&self) -> DeviceInfo {
@@ -130,7 +132,7 @@ mod tests {
 
     const START_M: Vec3 = [0.1, 0.0, 0.0];
 
-    /// Moves the mouse for so many ticks; the force is a function of where the tool is.
+    /// Moves the mouse for a range of ticks; the force is a function of the tool's position.
     fn run(device: &mut Mouse, ticks: core::ops::Range<u64>, force: impl Fn(Vec3) -> Vec3) -> Vec<Vec3> {
         let mut force_n = vec3::ZERO;
         ticks
@@ -144,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tool_arrives_at_the_cursor_and_is_never_faster_than_a_hand() {
+    fn the_tool_reaches_the_cursor_at_a_limited_speed() {
         let (handle, mut device) = mouse(START_M, MouseConfig::default());
         assert_eq!(run(&mut device, 0..50, |_| vec3::ZERO)[49], START_M);
         let target_m = [0.0, 0.3, -0.2];
@@ -152,8 +154,8 @@ mod tests {
         let trace = run(&mut device, 50..1_500, |_| vec3::ZERO);
         assert!(vec3::distance(trace[trace.len() - 1], target_m) < 1e-5);
         let fastest = trace.windows(2).map(|pair| vec3::distance(pair[0], pair[1])).fold(0.0, f32::max);
-        assert!(fastest < 0.601e-3 && fastest > 0.59e-3, "{fastest} m a tick");
-        // A step of the cursor is a slope, and without overshoot.
+        assert!(fastest < 0.601e-3 && fastest > 0.59e-3, "{fastest} m per tick");
+        // A step of the cursor becomes a ramp without overshoot.
         assert!(
             trace.windows(2).all(|pair| {
                 vec3::distance(pair[1], target_m) <= vec3::distance(pair[0], target_m) + 1e-7
@@ -164,14 +166,15 @@ mod tests {
     }
 
     #[test]
-    fn the_tool_yields_to_a_force_by_the_coupling() {
+    fn a_force_displaces_the_tool_by_the_coupling() {
         let (_handle, mut device) = mouse(START_M, MouseConfig::default());
         let trace = run(&mut device, 0..1_000, |_| [0.0, 4.0, 0.0]);
         let yields_m = vec3::sub(trace[999], START_M);
         assert!(vec3::distance(yields_m, [0.0, 4.0 / 800.0, 0.0]) < 1e-5, "{yields_m:?}");
     }
 
-    /// In balance the organ's force and the coupling's are the same; no organ a device may render makes the tool swing.
+    /// At equilibrium the organ's force equals the coupling's. The tool does not oscillate with any organ
+    /// that a device may render.
     #[test]
     fn the_tool_comes_to_rest_in_soft_and_stiff_organs() {
         for stiffness_n_m in [100.0, 800.0, 3_000.0, 10_000.0] {
@@ -190,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_is_not_finite_reaches_the_controller_and_a_pause_is_no_jump() {
+    fn samples_are_finite_and_a_pause_does_not_make_the_tool_jump() {
         let (handle, mut device) = mouse(START_M, MouseConfig::default());
         handle.set(MouseTarget { position_m: [f32::NAN, 0.0, 0.0], buttons: 0 });
         run(&mut device, 0..10, |_| [f32::INFINITY, 0.0, f32::NAN]);

@@ -1,22 +1,23 @@
-//! What a simulated hand does: the tour of a [`Script`], or palpation at random, without end and the same for a seed.
+//! Motion of the simulated hand: the tour of a [`Script`], or endless random palpation that depends only on a
+//! seed.
 
 use super::script::{GRASP_BUTTON, GRIP_HEIGHT_M, Script, Segment, SplitMix, surface_centre, tangents};
 use palpate_core::{Organ, Vec3, vec3};
 
-/// Sizes and speeds of palpation at random; each is drawn anew between its two ends.
+/// Ranges of random palpation. Each value is drawn uniformly from its range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RandomConfig {
-    /// Seed of everything that is drawn.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Largest angle between the way in and the surface's normal, rad.
+    /// Largest angle between the approach and the surface normal, rad.
     pub cone_rad: f32,
-    /// Depth of a press along the way in, m.
+    /// Depth of a press along the approach, m.
     pub depth_m: [f32; 2],
     /// Sideways drag, m.
     pub drag_m: [f32; 2],
     /// Length of a pull, m.
     pub pull_m: [f32; 2],
-    /// Rest at the far end, s.
+    /// Rest at the end of a press or pull, s.
     pub rest_s: [f32; 2],
     /// Largest speed of a motion, m/s.
     pub speed_m_s: [f32; 2],
@@ -27,7 +28,7 @@ pub struct RandomConfig {
 }
 
 impl RandomConfig {
-    /// The usual sizes with a seed.
+    /// The default ranges with a seed.
     #[must_use]
     pub const fn new(seed: u64) -> Self {
         Self {
@@ -44,32 +45,34 @@ impl RandomConfig {
     }
 }
 
-/// Peak speed of a minimum-jerk motion in lengths a duration: s'(1/2) = 15 / 8.
+/// Peak speed of a minimum-jerk motion, in units of length / duration: s'(1/2) = 15 / 8.
 const PEAK_SPEED: f32 = 1.875;
 
-/// Shortest motion, s.
-const SHORTEST_S: f32 = 0.1;
+/// Shortest duration of a motion, s.
+const MIN_DURATION_S: f32 = 0.1;
 
-/// Motions of one touch, at most: there, in, aside, rest, out; or there, down, grip, up, aside, rest, down, let go, away.
-const MOST_MOTIONS: usize = 9;
+/// Largest number of motions of one touch: approach, in, aside, rest, out; or approach, down, grip, up,
+/// aside, rest, down, release, away.
+const MAX_MOTIONS: usize = 9;
 
-/// Touch after touch: any active node, from any direction within a cone, to any depth, dragged, pulled or left alone.
+/// Endless sequence of touches: any active node, any direction within a cone, any depth, with drags and
+/// pulls.
 ///
-/// Planned one touch ahead in an array that is allocated once, so that it runs in the tick, without end.
+/// It plans one touch ahead in an array that is allocated once, so it can run inside the tick.
 #[derive(Debug, Clone)]
 pub struct RandomPalpation {
     config: RandomConfig,
     nodes: Box<[(Vec3, Vec3)]>,
     centre_m: Vec3,
     random: SplitMix,
-    motions: Box<[Segment; MOST_MOTIONS]>,
+    motions: Box<[Segment; MAX_MOTIONS]>,
     planned: usize,
     current: usize,
     elapsed_s: f32,
 }
 
 impl RandomPalpation {
-    /// A hand above the first active node; at the origin, and there it stays, without any.
+    /// A hand above the first active node. Without active nodes it stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: RandomConfig) -> Self {
         let nodes = organ.spaces.iter().map(|space| (space.rest_position_m, space.outward_normal)).collect();
@@ -84,12 +87,12 @@ impl RandomPalpation {
             from_m: start_m,
             to_m: start_m,
             bow_m: vec3::ZERO,
-            duration_s: 2.0 * SHORTEST_S,
+            duration_s: 2.0 * MIN_DURATION_S,
             buttons: 0,
         };
         Self {
             random: SplitMix(config.seed),
-            motions: Box::new([still; MOST_MOTIONS]),
+            motions: Box::new([still; MAX_MOTIONS]),
             planned: 1,
             current: 0,
             elapsed_s: 0.0,
@@ -99,19 +102,19 @@ impl RandomPalpation {
         }
     }
 
-    /// Where the hand wants to be now.
+    /// Current target of the hand.
     #[must_use]
     pub fn target_m(&self) -> Vec3 {
         self.motions[self.current].at(self.elapsed_s)
     }
 
-    /// Buttons held now.
+    /// Buttons held at present.
     #[must_use]
     pub fn buttons(&self) -> u32 {
         self.motions[self.current].buttons
     }
 
-    /// Moves on by less than the shortest motion lasts.
+    /// Advances the time by less than the shortest duration of a motion.
     pub fn advance(&mut self, by_s: f32) {
         self.elapsed_s += by_s;
         let duration_s = self.motions[self.current].duration_s;
@@ -129,21 +132,21 @@ impl RandomPalpation {
         low + (high - low) * self.random.unit()
     }
 
-    /// Uniform over the cap of directions within the cone.
+    /// A direction drawn uniformly from the spherical cap of the cone.
     fn direction(&mut self, normal: Vec3) -> Vec3 {
         let cosine = 1.0 - self.random.unit() * (1.0 - self.config.cone_rad.cos());
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         vec3::add(vec3::scale(normal, cosine), vec3::scale(self.sideways(normal), sine))
     }
 
-    /// Any unit vector square to another.
+    /// A random unit vector perpendicular to another.
     fn sideways(&mut self, normal: Vec3) -> Vec3 {
         let (first, second) = tangents(normal);
         let (sine, cosine) = (core::f32::consts::TAU * self.random.unit()).sin_cos();
         vec3::add(vec3::scale(first, cosine), vec3::scale(second, sine))
     }
 
-    /// The next touch, from where the last one ended.
+    /// Plans the next touch from the end of the last one.
     fn plan(&mut self) {
         let here_m = self.motions[self.planned - 1].to_m;
         (self.planned, self.current) = (0, 0);
@@ -188,13 +191,14 @@ impl RandomPalpation {
         self.push(Segment { from_m, to_m, bow_m: vec3::ZERO, duration_s, buttons });
     }
 
-    /// To another node, bowed away from the organ's centre by half the length of the way: never through it.
+    /// Moves to another node on a path that is bowed away from the organ's centre by half its length, so that
+    /// it does not pass through the organ.
     fn travel(&mut self, from_m: Vec3, to_m: Vec3) {
         let middle = vec3::scale(vec3::add(from_m, to_m), 0.5);
         let outward = vec3::normalize_or_zero(vec3::sub(middle, self.centre_m));
         let length_m = vec3::distance(from_m, to_m);
         let bow_m = vec3::scale(outward, 0.5 * length_m);
-        // Along the way and along the bow together they are never faster than the straight way and four bows would be.
+        // The combined speed along path and bow is at most that of the straight path plus four bows.
         let duration_s = PEAK_SPEED * (length_m + 4.0 * vec3::norm(bow_m)) / self.config.speed_m_s[1];
         self.push(Segment { from_m, to_m, bow_m, duration_s, buttons: 0 });
     }
@@ -204,23 +208,23 @@ impl RandomPalpation {
     }
 
     fn push(&mut self, motion: Segment) {
-        self.motions[self.planned] = Segment { duration_s: motion.duration_s.max(SHORTEST_S), ..motion };
+        self.motions[self.planned] = Segment { duration_s: motion.duration_s.max(MIN_DURATION_S), ..motion };
         self.planned += 1;
     }
 }
 
-/// What the hand follows.
+/// Motion that the hand follows.
 #[derive(Debug, Clone)]
-#[allow(clippy::large_enum_variant, reason = "one hand, one of them: a box would be a detour")]
+#[allow(clippy::large_enum_variant, reason = "there is one per hand, so boxing saves nothing")]
 pub enum Palpation {
-    /// A closed tour.
+    /// A closed tour of strokes.
     Tour(Script),
-    /// Touch after touch.
+    /// Random touches.
     Random(RandomPalpation),
 }
 
 impl Palpation {
-    /// Where the hand wants to be now.
+    /// Current target of the hand.
     #[must_use]
     pub fn target_m(&self) -> Vec3 {
         match self {
@@ -229,7 +233,7 @@ impl Palpation {
         }
     }
 
-    /// Buttons held now.
+    /// Buttons held at present.
     #[must_use]
     pub fn buttons(&self) -> u32 {
         match self {
@@ -238,7 +242,7 @@ impl Palpation {
         }
     }
 
-    /// Moves on by a step of integration.
+    /// Advances the time by an integration step.
     pub fn advance(&mut self, by_s: f32) {
         match self {
             Self::Tour(script) => script.advance(by_s),
@@ -262,7 +266,7 @@ mod tests {
     ];
 
     #[test]
-    fn ten_minutes_touch_every_node_smoothly_and_without_haste() {
+    fn ten_minutes_touch_every_node_smoothly_within_the_speed_limit() {
         let mut hand = over(&NODES, 7);
         let dt_s = 1e-3;
         let (mut before_m, mut slowest_step, mut longest_step) = (hand.target_m(), vec3::ZERO, 0.0_f32);
@@ -274,7 +278,7 @@ mod tests {
             let now_m = hand.target_m();
             let step = vec3::sub(now_m, before_m);
             longest_step = longest_step.max(vec3::norm(step));
-            // No jump of the speed: at most 10 m/s^2.
+            // No jump of the velocity: at most 10 m/s^2.
             assert!(vec3::distance(step, slowest_step) < 1e-5, "{step:?} after {slowest_step:?}");
             (before_m, slowest_step) = (now_m, step);
             nearest_m = nearest_m.min(vec3::norm(now_m));
@@ -294,11 +298,11 @@ mod tests {
         assert!(fastest_m_s > 0.2 && fastest_m_s < 0.251, "{fastest_m_s} m/s");
         assert!(deepest_m.iter().all(|m| (-0.025..-0.015).contains(m)), "{deepest_m:?}");
         assert!(highest_held_m.iter().all(|m| (0.015..0.026).contains(m)), "{highest_held_m:?}");
-        assert!(nearest_m > 0.025, "never through the middle: {nearest_m}");
+        assert!(nearest_m > 0.025, "not through the middle: {nearest_m}");
     }
 
     #[test]
-    fn a_seed_says_everything() {
+    fn a_seed_determines_the_motion() {
         let trace = |seed| {
             let mut hand = over(&NODES, seed);
             core::iter::repeat_with(move || {
@@ -319,7 +323,7 @@ mod tests {
         let cosines: Vec<f32> = (0..20_000).map(|_| vec3::dot(hand.direction(normal), normal)).collect();
         let edge = hand.config.cone_rad.cos();
         assert!(cosines.iter().all(|cosine| *cosine >= edge - 1e-5));
-        // Uniform over the cap: as many within the inner half of its area as outside.
+        // Uniform over the cap: the inner half of its area gets half of the directions.
         let inner = cosines.iter().filter(|cosine| **cosine > 0.5 * (1.0 + edge)).count();
         assert!((9_500..10_500).contains(&inner), "{inner}");
     }

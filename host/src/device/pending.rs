@@ -1,65 +1,73 @@
-//! Which reply answers which request, on a link whose packets have no numbers.
+//! Assigns replies to requests on a link whose packets have no sequence numbers.
 
-/// After this long without an answer the next request is sent all the same, us.
+/// Time without a reply after which the next request is sent, us.
 const REPLY_TIMEOUT_US: u64 = 2_000;
-/// Silence after which requests still open count as lost, us: longer than the pause between two requests, so that a link that is
-/// late all the time is not mistaken for one that loses.
+/// Silence after which open requests count as lost, us. It is longer than the pause between two requests, so
+/// that a link with constant delay is not mistaken for one with loss.
 const SILENCE_US: u64 = 3_000;
-/// Age of a reply from which on it is the link that is late, us: what one lost or late reply makes of those behind it is younger.
+/// Age of a reply above which the link itself is delayed, us. One lost or late reply makes the following
+/// replies appear younger than this.
 const LATE_US: u64 = 5_000;
-/// Age of a reply from which on it is of no use, us: such a sample is a fault to the loop. Whoever is so late may also send twice what was asked for once,
-/// and what is then taken for the answers to all that is open are those to half of it.
-const USELESS_US: u64 = 10_000;
-/// On a late link silence lasts longer than the reply was late, us: a link that became late both ways lets the reply through that was on its way, and
-/// needs twice as long for the next.
-const MORE_SILENCE_US: u64 = 2_000;
-/// Longest that silence has to last, us: a link that is later than this cannot be told from one that has lost everything for as long.
-const MOST_SILENCE_US: u64 = 50_000;
-/// How often a zero goes out in a pause that lasts, us: the one before may have been lost, and whoever disturbs the line may do so without end.
-const REPEAT_US: u64 = 6_000;
-/// After this long without silence the zero that was taken for arrived is sent again all the same, us: longer than it takes to empty a link that is
-/// later than any silence that is waited for.
-const DOUBTED_US: u64 = 200_000;
-/// Requests without an answer that are remembered. At one each 2 ms the oldest is three times the stale limit of 10 ms old.
+/// Age of a reply above which it is unusable, us: the loop treats such a sample as a fault. A link with this
+/// delay may also duplicate replies, so that the replies to half of the open requests look like replies to
+/// all of them.
+const UNUSABLE_US: u64 = 10_000;
+/// Extra silence required on a delayed link, beyond the delay of the last reply, us. When both directions
+/// become delayed, the reply under way still arrives, and the next one takes twice as long.
+const EXTRA_SILENCE_US: u64 = 2_000;
+/// Longest silence required, us. A link with a longer delay cannot be distinguished from one that has lost
+/// all requests.
+const MAX_SILENCE_US: u64 = 50_000;
+/// Period at which a zero is repeated in a lasting pause, us: the previous one may be lost, and the
+/// disturbance of the line may not end.
+const REPEAT_PERIOD_US: u64 = 6_000;
+/// Time without silence after which an acknowledged zero is sent again, us. It is longer than the largest
+/// delay that the pause allows for.
+const RECHECK_US: u64 = 200_000;
+/// Capacity for requests without a reply. At one request per 2 ms the oldest is three times as old as the
+/// stale limit of 10 ms.
 pub(super) const MAX_PENDING: usize = 16;
 
-/// Send times of the requests without an answer, oldest first.
+/// Send times of the requests without a reply, oldest first.
 ///
-/// One in the good case. The protocol has no numbers: after a reply that did not come it is not known whether it is lost or late, so its
-/// place is kept and the next reply counts for it. Samples may look older than they are, not younger. As soon as a reply leaves
-/// others open, sending pauses: either they come too, or there is silence and they were lost.
+/// Normally there is one. The protocol has no numbers: if a reply is missing, it is either lost or late. Its
+/// entry is kept and the next reply is assigned to it, so samples may appear older than they are, but not
+/// younger. When a reply leaves other requests open, sending pauses until the other replies arrive or a
+/// silence shows that they are lost.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Pending {
     sent_us: [u64; MAX_PENDING],
     len: usize,
-    /// Older ones that found no room: the next replies are theirs, and too old to be of any use.
-    forgotten: u32,
-    /// When the first of them was sent.
-    forgotten_us: u64,
-    /// While sending pauses: when something last came.
+    /// Number of older requests dropped for lack of room. The next replies belong to them and are too old to
+    /// use.
+    dropped: u32,
+    /// Send time of the first of them.
+    dropped_us: u64,
+    /// During a pause: time of the last arrival.
     pausing_since_us: Option<u64>,
-    /// When the pause began.
+    /// Start of the pause.
     paused_us: u64,
-    /// How long silence has to last after what came last, if something in this pause was older than a single fault explains.
+    /// Silence required after the last arrival, if a reply in this pause was older than a single fault
+    /// explains.
     late_us: u64,
-    /// When the newest request was sent.
+    /// Send time of the newest request.
     last_us: u64,
-    /// Since when nothing but zeros was sent, if the newest was one.
+    /// Send time of the first of the newest requests that are all zeros, if the newest is a zero.
     zeros_us: Option<u64>,
-    /// A zero was sent again in this pause.
+    /// Whether a zero was repeated in this pause.
     repeated: bool,
-    /// When a reply came in this pause that must be to one of them: now there can be silence.
-    arrived_us: Option<u64>,
+    /// Time of a reply in this pause that must belong to one of these zeros.
+    acknowledged_us: Option<u64>,
 }
 
 impl Pending {
     pub(super) fn sent(&mut self, now_us: u64, is_zero: bool) {
         if self.len == MAX_PENDING {
             let oldest_us = self.take_oldest();
-            if self.forgotten == 0 {
-                self.forgotten_us = oldest_us.unwrap_or(now_us);
+            if self.dropped == 0 {
+                self.dropped_us = oldest_us.unwrap_or(now_us);
             }
-            self.forgotten = self.forgotten.saturating_add(1);
+            self.dropped = self.dropped.saturating_add(1);
         }
         self.sent_us[self.len] = now_us;
         self.len += 1;
@@ -74,8 +82,9 @@ impl Pending {
         Some(oldest)
     }
 
-    /// The request after which `newer` others were sent has never left: no reply will be its own.
-    pub(super) fn never_left(&mut self, newer: u64) {
+    /// Removes the request that was sent before the `newer` last ones: it was never transmitted and has no
+    /// reply.
+    pub(super) fn not_transmitted(&mut self, newer: u64) {
         let place = usize::try_from(newer).ok().and_then(|newer| self.len.checked_sub(newer)?.checked_sub(1));
         if let Some(open) = place.and_then(|place| self.sent_us.get_mut(place..self.len)) {
             open.rotate_left(1);
@@ -83,88 +92,92 @@ impl Pending {
         }
     }
 
-    /// A reply, or what is left of one, has come: when its request was sent. Nothing if that is not known any more.
+    /// Assigns a reply, or the remains of one, to the oldest request and returns its send time. `None` if
+    /// that is unknown or not usable.
     pub(super) fn answered(&mut self, now_us: u64, damaged: bool) -> Option<u64> {
-        // The age of one that was forgotten is not known: at most this.
-        let first_us = if self.forgotten > 0 { self.forgotten_us } else { self.sent_us[0] };
+        // The exact age of a dropped request is unknown; this is an upper bound.
+        let first_us = if self.dropped > 0 { self.dropped_us } else { self.sent_us[0] };
         let age_us = now_us.saturating_sub(first_us);
         let is_late = self.len > 0 && age_us > LATE_US;
-        let late_us = if is_late { (age_us + MORE_SILENCE_US).min(MOST_SILENCE_US) } else { 0 };
+        let late_us = if is_late { (age_us + EXTRA_SILENCE_US).min(MAX_SILENCE_US) } else { 0 };
         self.late_us = if self.pausing_since_us.is_some() { self.late_us.max(late_us) } else { late_us };
-        let is_useless = self.late_us >= USELESS_US + MORE_SILENCE_US;
-        let oldest = if let Some(others) = self.forgotten.checked_sub(1) {
-            self.forgotten = others;
+        let is_unusable = self.late_us >= UNUSABLE_US + EXTRA_SILENCE_US;
+        let oldest = if let Some(others) = self.dropped.checked_sub(1) {
+            self.dropped = others;
             self.pause_from(now_us);
             None
         } else {
             let oldest = self.take_oldest();
-            if self.len > 0 || damaged || is_useless {
+            if self.len > 0 || damaged || is_unusable {
                 self.pause_from(now_us);
             } else {
                 self.pausing_since_us = None;
             }
             oldest
         };
-        // All before a zero are answered, or nothing but zeros went out for longer than anything is on its way.
+        // All requests before a zero are answered, or only zeros were sent for longer than the largest delay.
         let is_to_a_zero = self.zeros_us.is_some_and(|since_us| {
             oldest.is_some_and(|sent_us| sent_us >= since_us)
-                || now_us.saturating_sub(since_us) >= MOST_SILENCE_US
+                || now_us.saturating_sub(since_us) >= MAX_SILENCE_US
         });
         if !damaged && is_to_a_zero {
-            self.arrived_us = self.arrived_us.or(Some(now_us));
+            self.acknowledged_us = self.acknowledged_us.or(Some(now_us));
         }
-        // What comes between repeated zeros says that they arrive, and not how old it is: a loop that took it for a sample would flicker.
-        let is_trusted = !self.repeated && !is_useless;
+        // A reply between repeated zeros proves that one arrived, but its age is unknown. As a sample it
+        // would make the force flicker.
+        let is_trusted = !self.repeated && !is_unusable;
         self.repeated &= self.pausing_since_us.is_some();
         oldest.filter(|_| is_trusted)
     }
 
     const fn pause_from(&mut self, now_us: u64) {
         if self.pausing_since_us.is_none() {
-            (self.paused_us, self.repeated, self.arrived_us) = (now_us, false, None);
+            (self.paused_us, self.repeated, self.acknowledged_us) = (now_us, false, None);
         }
         self.pausing_since_us = Some(now_us);
     }
 
-    /// Ends the pause after silence; true if it just ended. Not while a zero is repeated: what is on its way then would answer for newer requests.
+    /// Ends the pause after silence; true if it just ended. A pause with repeated zeros ends only after one
+    /// is acknowledged: otherwise the replies under way would be assigned to newer requests.
     pub(super) fn ends_pause(&mut self, now_us: u64) -> bool {
         let silence_us = SILENCE_US.max(self.late_us);
         let is_silent =
             self.pausing_since_us.is_some_and(|since_us| now_us.saturating_sub(since_us) >= silence_us);
-        let ends = is_silent && (!self.repeated || self.arrived_us.is_some());
+        let ends = is_silent && (!self.repeated || self.acknowledged_us.is_some());
         if ends {
             *self = Self { zeros_us: self.zeros_us, ..Self::default() };
         }
         ends
     }
 
-    /// Whether the newest request has waited too long.
+    /// Whether the newest request has timed out.
     pub(super) fn is_overdue(&self, now_us: u64) -> bool {
         let newest_us = self.len.checked_sub(1).map(|last| self.sent_us[last]);
         newest_us.is_some_and(|sent_us| now_us.saturating_sub(sent_us) >= REPLY_TIMEOUT_US)
     }
 
-    /// Stops sending until there was silence.
+    /// Pauses sending until there is silence.
     pub(super) const fn pause(&mut self, now_us: u64) {
         self.pause_from(now_us);
         self.late_us = 0;
     }
 
-    /// Whether a zero may go once more: in a pause that lasts, until a reply says that one has arrived; and again where there is no silence after that.
+    /// Whether to repeat a zero: in a lasting pause until a reply acknowledges one, and again if no silence
+    /// follows.
     pub(super) fn may_repeat_zero(&mut self, now_us: u64) -> bool {
         let since = |us: u64| now_us.saturating_sub(us);
         if self.pausing_since_us.is_none()
-            || since(self.paused_us) < REPEAT_US
-            || since(self.last_us) < REPEAT_US
-            || self.arrived_us.is_some_and(|us| since(us) <= DOUBTED_US)
+            || since(self.paused_us) < REPEAT_PERIOD_US
+            || since(self.last_us) < REPEAT_PERIOD_US
+            || self.acknowledged_us.is_some_and(|us| since(us) <= RECHECK_US)
         {
             return false;
         }
-        (self.repeated, self.arrived_us) = (true, None);
+        (self.repeated, self.acknowledged_us) = (true, None);
         true
     }
 
-    /// Whether the next request may go: nothing is open, or what is open has been given up.
+    /// Whether the next request may be sent: none is open, or the open ones have timed out.
     pub(super) fn may_send(&self, now_us: u64) -> bool {
         self.pausing_since_us.is_none() && (self.len == 0 || self.is_overdue(now_us))
     }
@@ -175,47 +188,48 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reply_is_as_old_as_its_request() {
+    fn a_reply_has_the_time_of_its_request() {
         let mut pending = Pending::default();
         assert!(pending.may_send(0));
         pending.sent(0, true);
-        assert!(!pending.may_send(1_000), "one at a time");
+        assert!(!pending.may_send(1_000), "one request at a time");
         assert_eq!(pending.answered(1_500, false), Some(0));
         assert!(pending.may_send(2_000));
     }
 
-    /// The late reply counts for the request that was given up, and the next one for the next.
+    /// The late reply is assigned to the request that timed out, and the next reply to the next request.
     #[test]
-    fn a_late_reply_is_not_one_to_a_newer_request() {
+    fn a_late_reply_is_not_assigned_to_a_newer_request() {
         let mut pending = Pending::default();
         pending.sent(0, true);
         assert!(pending.is_overdue(2_000) && pending.may_send(2_000));
         pending.sent(2_000, true);
         assert_eq!(pending.answered(3_000, false), Some(0));
-        assert!(!pending.may_send(4_500), "another is open: silence first");
+        assert!(!pending.may_send(4_500), "another request is open: wait for silence");
         assert_eq!(pending.answered(5_000, false), Some(2_000));
         assert!(pending.may_send(5_000) && pending.answered(6_000, false).is_none());
     }
 
-    /// Without being told, the reply to the last would leave one open for ever, and sending would pause.
+    /// If the request stayed in the list, the reply to the last one would leave an entry open for ever and
+    /// sending would pause.
     #[test]
-    fn what_has_never_left_is_not_waited_for() {
+    fn a_request_that_was_not_transmitted_is_removed() {
         let sent = |times: &[u64]| {
             let mut pending = Pending::default();
             times.iter().for_each(|us| pending.sent(*us, true));
             pending
         };
         let mut pending = sent(&[0, 2_000, 3_000]);
-        pending.never_left(1);
+        pending.not_transmitted(1);
         assert_eq!([pending.answered(3_500, false), pending.answered(3_600, false)], [Some(0), Some(3_000)]);
         assert!(pending.may_send(3_600));
         let mut pending = sent(&[0, 2_000]);
-        pending.never_left(0);
+        pending.not_transmitted(0);
         assert_eq!(pending.answered(2_500, false), Some(0));
         assert!(pending.may_send(2_500));
-        for long_forgotten in [2, 15, u64::MAX] {
+        for long_dropped in [2, 15, u64::MAX] {
             let mut pending = sent(&[0, 2_000]);
-            pending.never_left(long_forgotten);
+            pending.not_transmitted(long_dropped);
             assert_eq!(
                 [pending.answered(2_500, false), pending.answered(2_600, false)],
                 [Some(0), Some(2_000)]
@@ -224,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_means_that_they_were_lost() {
+    fn after_silence_open_requests_count_as_lost() {
         let mut pending = Pending::default();
         pending.sent(0, true);
         pending.sent(2_000, true);
@@ -236,22 +250,26 @@ mod tests {
         assert!(!pending.may_send(9_000) && pending.ends_pause(10_000));
     }
 
-    /// The link becomes late by 22 ms both ways while a reply is on its way: that one comes after 22 ms, and the next after 44.
+    /// Both directions become delayed by 22 ms while a reply is under way: it arrives after 22 ms, and the
+    /// next after 44 ms.
     #[test]
-    fn a_link_that_became_late_both_ways_is_not_silent_in_between() {
+    fn a_link_with_a_new_delay_in_both_directions_is_not_taken_for_silent() {
         let mut pending = Pending::default();
         pending.sent(0, true);
         for tick in 1..12 {
             pending.sent(2_000 * tick, true);
         }
-        assert_eq!(pending.answered(23_000, false), None, "too old for any use");
+        assert_eq!(pending.answered(23_000, false), None, "too old to use");
         for ms in 24..46 {
             assert!(!pending.ends_pause(1_000 * ms) && !pending.may_send(1_000 * ms), "{ms}");
         }
         assert_eq!(pending.answered(46_000, false), None);
-        assert!(!pending.ends_pause(91_999) && pending.ends_pause(92_000), "44 ms late, and no more came");
+        assert!(
+            !pending.ends_pause(91_999) && pending.ends_pause(92_000),
+            "44 ms late, and no further reply"
+        );
 
-        // By 36 ms: the first ones are forgotten by then.
+        // By 36 ms: the first requests are dropped from the list by then.
         let mut pending = Pending::default();
         for tick in 0..18 {
             pending.sent(2_000 * tick, true);
@@ -260,20 +278,20 @@ mod tests {
         assert!(!pending.ends_pause(75_000) && pending.ends_pause(76_000));
     }
 
-    /// Requests arrive twice, and replies are 21 ms late: twice as many come as were asked for, and those that are not ours must not pass for the answers to
-    /// what is asked next.
+    /// Requests are duplicated and replies are 21 ms late: twice as many replies arrive as were requested.
+    /// The surplus must not be assigned to later requests.
     #[test]
-    fn twice_the_replies_of_a_late_link_make_none_look_younger() {
+    fn duplicated_replies_of_a_late_link_do_not_look_younger() {
         for late_ms in 1..45_u64 {
             let (mut pending, mut last) = (Pending::default(), None);
-            // Sent, and when both replies come.
+            // Send time, and arrival times of both replies.
             let mut under_way = std::collections::VecDeque::new();
             for ms in 0..600_u64 {
                 let now_us = 1_000 * ms;
                 while under_way.front().is_some_and(|(_, due_us)| *due_us <= now_us) {
                     let (sent_us, _) = under_way.pop_front().expect("looked at");
                     let stamp = pending.answered(now_us, false);
-                    let passes = |us: u64| now_us - us < USELESS_US;
+                    let passes = |us: u64| now_us - us < UNUSABLE_US;
                     let is_young = stamp.is_some_and(passes) && !passes(sent_us);
                     assert!(!is_young, "{late_ms}: {stamp:?} for {sent_us}");
                     last = stamp.or(last);
@@ -288,13 +306,14 @@ mod tests {
                     under_way.extend([(now_us, now_us + late_us)].repeat(copies));
                 }
             }
-            assert!(last > Some(590_000), "{late_ms}: and once it is sound again it is used, not {last:?}");
+            assert!(last > Some(590_000), "{late_ms}: after the fault the link is used again, not {last:?}");
         }
     }
 
-    /// Somebody talks without a pause while a zero is wanted: it goes out again and again, and once it is answered there is silence.
+    /// Another process writes without pause while a zero is required: the zero is repeated until it is
+    /// acknowledged. Then silence can follow.
     #[test]
-    fn a_zero_is_repeated_until_it_has_arrived() {
+    fn a_zero_is_repeated_until_it_is_acknowledged() {
         let mut pending = Pending::default();
         pending.sent(0, false);
         pending.sent(2_000, true);
@@ -311,20 +330,21 @@ mod tests {
         }
         assert_eq!(zeros[..3], [9, 15, 21]);
         assert!(zeros.windows(2).all(|pair| pair[1] - pair[0] == 6) && zeros.last() > Some(&190));
-        // The chatter ends; the zero on its way is answered.
-        assert!(!pending.ends_pause(260_000), "until then nobody knows what is on its way");
+        // The disturbance ends; the zero under way is answered.
+        assert!(!pending.ends_pause(260_000), "before that, the requests under way are unknown");
         pending.sent(260_000, true);
         pending.answered(261_000, false);
         assert!(!pending.may_repeat_zero(270_000));
         assert!(pending.may_send(270_000) || pending.ends_pause(270_000));
     }
 
-    /// Requests are lost, and replies 30 ms late: whatever is repeated meanwhile, no reply counts for a request that was sent after its own.
+    /// Requests are lost and replies are 30 ms late. In spite of repeated zeros, no reply is assigned to a
+    /// request sent after its own.
     #[test]
-    fn repeated_zeros_make_no_reply_look_younger() {
+    fn repeated_zeros_do_not_make_a_reply_look_younger() {
         for lost_ms in 1..80 {
             let mut pending = Pending::default();
-            // Sent, and when its reply comes.
+            // Send time, and arrival time of the reply.
             let mut under_way = std::collections::VecDeque::new();
             for ms in 0..600_u64 {
                 let now_us = 1_000 * ms;
@@ -346,9 +366,9 @@ mod tests {
         }
     }
 
-    /// A link that is late by more than what is remembered: no reply may count for a request that was sent long after its own.
+    /// The delay exceeds the capacity of the list: no reply is assigned to a request sent long after its own.
     #[test]
-    fn the_oldest_are_forgotten_and_their_replies_count_for_no_other() {
+    fn replies_to_dropped_requests_are_not_assigned_to_others() {
         let mut pending = Pending::default();
         for i in 0..100 {
             pending.sent(i, true);
@@ -362,6 +382,6 @@ mod tests {
             pending.sent(300 + i, true);
         }
         assert_eq!(pending.answered(500, false), None);
-        assert!(pending.ends_pause(3_500) && pending.may_send(3_500), "lost, all of them");
+        assert!(pending.ends_pause(3_500) && pending.may_send(3_500), "all lost");
     }
 }

@@ -1,19 +1,21 @@
 //! Driver for the Polhem / WoodenHaptics text protocol over a serial port: 64-byte lines, strict request and reply.
 //!
-//! Host to device: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Device to host: `x y z` in mm, four angles in
-//! rad, an info word. Both padded with spaces, newline as the last byte.
+//! Host to device: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Device to host: `x y z` in
+//! mm, four angles in rad, an info word. Both are padded with spaces; the last byte is a newline.
 //!
-//! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up. A sample
-//! is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
-//! A position that no hand can have brought about is no sample. One that stays is a device whose counters have miscounted, or begun anew with its power:
-//! its positions mean nothing then, and as there is no homing it has to be opened anew.
-//! Facts of the protocol: a Teensy on USB CDC, so the baud rate means nothing.
+//! An exchange never waits. It reads what has arrived, and sends the next request after the last one was
+//! answered or timed out. The time stamp of a sample is the send time of its request: the sample cannot be
+//! older, so a delayed link is detected.
+//! A position that no hand motion can reach is rejected. If such positions persist, the device's counters
+//! have miscounted, or restarted after a loss of power. Then its positions are invalid, and it must be opened
+//! again because it has no homing.
+//! The device is a Teensy on USB CDC, so the baud rate has no effect.
 
-use super::buttons::Buttons;
-use super::motion::{Motion, Verdict};
+use super::buttons::ButtonDebouncer;
 use super::pending::Pending;
+use super::position_check::{PositionCheck, Verdict};
 use super::profile::DEFAULT_CAP_N_M;
-use super::serial::{MOST_READS, from_serial, open, read_waiting};
+use super::serial::{MAX_READS, from_serial, open, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
 use palpate_core::link::DeviceFault;
@@ -24,24 +26,24 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Length of a line either way, newline included.
+/// Length of a line in both directions, newline included.
 pub const LINE_LEN: usize = 64;
-/// The command word of normal operation.
+/// The command word for normal operation.
 const NORMAL_OPERATION: i16 = 2;
-/// Furthest from where it was that the handle is believed after a silence, m: a hand from which a force was taken away gives way by less. A device
-/// that has had no power comes back with counters that began anew, and nothing in its replies says so.
+/// Largest deviation of the position accepted after a silence, m. When its force is zeroed, a hand moves by
+/// less. A device that has lost power restarts its counters, and its replies do not show it.
 const REACH_M: f32 = 0.03;
 /// Pause between two wake-up newlines.
 const WAKE_PAUSE: Duration = Duration::from_millis(100);
 
-/// How to open and use the device.
+/// Settings of the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PolhemConfig {
-    /// Where the device's workspace lies in the model.
+    /// Placement of the device's workspace in the model.
     pub workspace: Workspace,
-    /// Largest force of the mechanism, N: of the vector, and of each axis before it becomes an i16.
+    /// Largest force of the mechanism, N: of the vector, and of each axis before the conversion to i16.
     pub max_force_n: f32,
-    /// Largest stiffness that may be rendered, N/m of the device: the cap of its profile.
+    /// Largest stiffness that may be rendered, N/m in device metres: the cap of its profile.
     pub max_stiffness_n_m: f32,
     /// How long to try to wake the device.
     pub wake_timeout: Duration,
@@ -52,7 +54,7 @@ impl Default for PolhemConfig {
         Self {
             workspace: Workspace::default(),
             max_force_n: 8.0,
-            // As long as nobody has stated the mechanism's damping.
+            // Default for a mechanism whose damping is not stated.
             max_stiffness_n_m: DEFAULT_CAP_N_M,
             wake_timeout: Duration::from_secs(3),
         }
@@ -63,20 +65,20 @@ impl Default for PolhemConfig {
 pub struct Polhem {
     port: Box<dyn SerialPort>,
     config: PolhemConfig,
-    /// Bytes of a line not yet complete.
+    /// Bytes of an incomplete line.
     line: LineBuffer,
     pending: Pending,
-    motion: Motion,
-    buttons: Buttons,
-    /// It does not know where it is, for good.
-    has_lost_place: bool,
-    /// The last request carried a force.
+    motion: PositionCheck,
+    buttons: ButtonDebouncer,
+    /// Whether its reference is lost.
+    has_lost_reference: bool,
+    /// Whether the last request carried a force.
     rendering: bool,
-    /// Somebody else has sent a request on this line.
+    /// Whether the second handle has sent a request on this line.
     disturbed: Arc<AtomicBool>,
 }
 
-/// The same port on a second handle. The kernel does not mix the bytes of two writes of a line's length.
+/// A second handle of the same port. The kernel does not interleave two writes of the length of a line.
 struct SecondHandle {
     port: Box<dyn SerialPort>,
     disturbed: Arc<AtomicBool>,
@@ -86,17 +88,18 @@ impl EmergencyStop for SecondHandle {
     fn zero(&mut self) -> Result<(), DeviceError> {
         self.disturbed.store(true, Ordering::Release);
         let zero = request([0.0; 3], 0.0);
-        // Twice: should the loop hang in the middle of a line, the first one only resynchronises the device.
+        // Send it twice: if the loop hangs in the middle of a line, the first one only resynchronises the
+        // device.
         let first = self.port.write_all(&zero);
         self.port.write_all(&zero).and(first).map_err(DeviceError::from)
     }
 }
 
-/// What one look at the port brought.
+/// Result of reading the port.
 #[derive(Debug, Clone, Copy, Default)]
 struct Received {
     newest: Option<Reply>,
-    /// When the request of that reply was sent.
+    /// Send time of the request of that reply.
     sent_us: Option<u64>,
     damaged: bool,
 }
@@ -114,7 +117,7 @@ impl Polhem {
         Self::with_port(port, config)
     }
 
-    /// Wakes the device behind an open port and leaves it with zero force. Blocks for up to the wake timeout.
+    /// Wakes the device behind an open port and commands zero force. Blocks for at most the wake timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: PolhemConfig) -> Result<Self, DeviceError> {
         port.set_timeout(WAKE_PAUSE).map_err(from_serial)?;
         let mut device = Self {
@@ -122,19 +125,19 @@ impl Polhem {
             config,
             line: LineBuffer::default(),
             pending: Pending::default(),
-            motion: Motion::within(REACH_M),
-            buttons: Buttons::default(),
-            has_lost_place: false,
+            motion: PositionCheck::with_reach(REACH_M),
+            buttons: ButtonDebouncer::default(),
+            has_lost_reference: false,
             rendering: false,
             disturbed: Arc::default(),
         };
         device.wake()?;
-        // From here on what cannot go at once is a fault of the link, not something to wait for.
+        // From here on a write that does not complete immediately is a fault of the link.
         device.port.set_timeout(Duration::ZERO).map_err(from_serial)?;
         Ok(device)
     }
 
-    /// Newlines until something comes back, then a clean start.
+    /// Sends newlines until the device replies, then clears the input.
     fn wake(&mut self) -> Result<(), DeviceError> {
         let give_up = Instant::now() + self.config.wake_timeout;
         let mut scratch = [0; 256];
@@ -150,30 +153,31 @@ impl Polhem {
                 return Err(DeviceError::new(DeviceErrorKind::Timeout));
             }
         }
-        // The tail of the reply may still be on its way; it would look like an answer to the first request.
+        // The rest of the reply may still be under way; it would look like a reply to the first request.
         while let Ok(1..) = self.port.read(&mut scratch) {}
         self.port.clear(ClearBuffer::Input).map_err(from_serial)?;
         self.send([0.0; 3])?;
-        // Its reply is no answer to a later request: let it come, and forget it.
+        // Its reply belongs to no later request: read and discard it.
         while let Ok(1..) = self.port.read(&mut scratch) {}
         self.port.clear(ClearBuffer::Input).map_err(from_serial)
     }
 
     fn send(&mut self, device_n: Vec3) -> Result<(), DeviceError> {
-        // On the vector, whoever asks: three axes at the limit each would be 1.7 times as much. What is no number is no force.
+        // Clamp the vector: three axes at the limit would be 1.7 times as much. A value that is not finite
+        // gives zero.
         let (device_n, _) = limit::clamp_force(device_n, self.config.max_force_n);
         let request = request(device_n, self.config.max_force_n);
         let sent = self.port.write_all(&request).map_err(DeviceError::from);
-        // What may have gone is taken away again.
+        // A failed send may have transmitted a force, so the flag stays set.
         self.rendering = device_n != [0.0; 3] || (self.rendering && sent.is_err());
         sent
     }
 
-    /// Reads what is there.
+    /// Reads the bytes that have arrived.
     fn receive(&mut self, now_us: u64) -> Result<Received, DeviceError> {
         let mut received = Received::default();
         let mut chunk = [0; 4 * LINE_LEN];
-        for _ in 0..MOST_READS {
+        for _ in 0..MAX_READS {
             let count = read_waiting(&mut *self.port, &mut chunk)?;
             if count == 0 {
                 break;
@@ -195,40 +199,41 @@ impl Polhem {
         Ok(received)
     }
 
-    /// The sample of a reply; `None` from a device that does not know where it is.
+    /// The sample of a reply; `None` if the device has lost its reference.
     fn sample(&mut self, t_us: u64, now_us: u64, reply: &Reply) -> Result<Option<Sample>, DeviceError> {
-        if self.has_lost_place {
+        if self.has_lost_reference {
             return Ok(None);
         }
-        match self.motion.judge(t_us, now_us, Some(reply.position_m)) {
-            Verdict::Moved => {}
-            Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+        match self.motion.check(t_us, now_us, Some(reply.position_m)) {
+            Verdict::Accepted => {}
+            Verdict::Rejected => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
             Verdict::Lost => {
-                self.has_lost_place = true;
+                self.has_lost_reference = true;
                 return Err(DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost)));
             }
         }
         let position_m = self.config.workspace.to_model_m(reply.position_m);
-        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.hear(reply.info) }))
+        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(reply.info) }))
     }
 
     fn exchange_lines(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let received = self.receive(now_us)?;
-        // A reply to no request is part of the damage: its age is not known.
+        // A reply without a request counts as damage: its age is unknown.
         let sample = match (received.newest, received.sent_us) {
             (Some(reply), Some(t_us)) => self.sample(t_us, now_us, &reply),
             _ => Ok(None),
         };
-        let hand_force_n = if self.has_lost_place { [0.0; 3] } else { hand_force_n };
+        let hand_force_n = if self.has_lost_reference { [0.0; 3] } else { hand_force_n };
         if self.disturbed.swap(false, Ordering::Acquire) {
-            // Its replies are no answers to ours: silence first.
+            // The replies to its requests must not be assigned to ours: wait for silence.
             self.pending.pause(now_us);
         }
         if self.pending.ends_pause(now_us) {
             self.line = LineBuffer::default();
-            // What has come since the look above. Read and not flushed: to flush a terminal may wait for the kernel's worker that fills it.
+            // Discard what has arrived since the read above. Read it instead of flushing: flushing a terminal
+            // may wait for the kernel's worker.
             let mut late = [0; 4 * LINE_LEN];
-            for _ in 0..MOST_READS {
+            for _ in 0..MAX_READS {
                 if read_waiting(&mut *self.port, &mut late)? == 0 {
                     break;
                 }
@@ -236,7 +241,8 @@ impl Polhem {
         }
         let overdue = self.pending.is_overdue(now_us);
         let free = self.pending.may_send(now_us);
-        // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
+        // A release never waits for a pause or a reply: a fault ends in zero force, whatever the state of the
+        // link.
         let release = self.rendering && hand_force_n == [0.0; 3];
         let again = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
         if free || release || again {
@@ -254,15 +260,16 @@ impl Polhem {
 impl Device for Polhem {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.exchange_lines(now_us, hand_force_n).map_err(|error| match error.kind() {
-            // The crate does not pass the OS code on; on a port that was open an unnamed error means that it is gone.
+            // The crate does not pass on the OS code. On an open port an unnamed error means that the device
+            // is disconnected.
             DeviceErrorKind::Io => DeviceError { kind: DeviceErrorKind::Disconnected, ..error },
             _ => error,
         })
     }
 
     fn stop(&mut self) {
-        // Twice: should the device be in the middle of a damaged line, the first one only resynchronises it. A port that is gone
-        // cannot be helped, and there is nobody left to tell.
+        // Send it twice: in the middle of a damaged line the first one only resynchronises the device. If the
+        // port is gone, the error cannot be handled here.
         for _ in 0..2 {
             let _ = self.send([0.0; 3]);
         }
@@ -274,13 +281,13 @@ impl Device for Polhem {
             self_arming: false,
             max_force_n: self.config.max_force_n,
             max_stiffness_n_m: self.config.max_stiffness_n_m / self.config.workspace.scale,
-            // The protocol rounds to micrometres; the mechanism is coarser and not known.
+            // The protocol rounds to micrometres; the mechanism is coarser, but its resolution is unknown.
             resolution_m: 1e-6,
         }
     }
 
     fn state(&self) -> DeviceState {
-        if self.has_lost_place { DeviceState::Unhomed } else { DeviceState::Homed }
+        if self.has_lost_reference { DeviceState::Unhomed } else { DeviceState::Homed }
     }
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
@@ -295,11 +302,11 @@ impl Drop for Polhem {
     }
 }
 
-/// One request line. Written by hand: formatting into a buffer of the standard library may allocate.
+/// Formats one request line. Formatting with the standard library may allocate.
 fn request(device_n: Vec3, max_force_n: f32) -> [u8; LINE_LEN] {
     let mut line = [b' '; LINE_LEN];
     let [x, y, z] = device_n.map(|newtons| {
-        // A cast saturates and takes NaN to zero, so no value can wrap round to the other sign.
+        // The cast saturates and maps NaN to zero, so no value wraps round to the other sign.
         (newtons.clamp(-max_force_n, max_force_n) * 1000.0).round() as i16
     });
     let mut at = 0;
@@ -310,7 +317,8 @@ fn request(device_n: Vec3, max_force_n: f32) -> [u8; LINE_LEN] {
     line
 }
 
-/// Writes a number and returns where it ended. Seven of at most six characters and six spaces are 48 bytes: they fit.
+/// Writes a number and returns the end index. Seven numbers of at most six characters and six spaces are 48
+/// bytes: they fit.
 fn write_decimal(line: &mut [u8; LINE_LEN], mut at: usize, value: i16) -> usize {
     if value < 0 {
         line[at] = b'-';
@@ -334,7 +342,7 @@ fn write_decimal(line: &mut [u8; LINE_LEN], mut at: usize, value: i16) -> usize 
     at
 }
 
-/// What a reply says, in SI units.
+/// Values of a reply, in SI units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Reply {
     position_m: Vec3,
@@ -342,7 +350,7 @@ struct Reply {
 }
 
 impl Reply {
-    /// Reads one line; `None` if it is not exactly eight finite numbers.
+    /// Parses one line; `None` unless it has exactly eight finite numbers.
     fn parse(line: &[u8]) -> Option<Self> {
         let text = core::str::from_utf8(line).ok()?;
         let mut words = text.split_ascii_whitespace();
@@ -359,7 +367,7 @@ impl Reply {
     }
 }
 
-/// Assembles lines of exactly [`LINE_LEN`] bytes; anything else is dropped up to the next newline.
+/// Assembles lines of exactly [`LINE_LEN`] bytes; other lines are discarded.
 #[derive(Debug, Clone)]
 struct LineBuffer {
     bytes: [u8; LINE_LEN],
@@ -374,7 +382,7 @@ impl Default for LineBuffer {
 }
 
 impl LineBuffer {
-    /// Takes a byte. At a newline: the line, or `Some(None)` if it had the wrong length.
+    /// Takes a byte. At a newline it returns the line, or `Some(None)` if the length is wrong.
     fn push(&mut self, byte: u8) -> Option<Option<&[u8]>> {
         if byte != b'\n' {
             match self.bytes.get_mut(self.len) {

@@ -1,45 +1,46 @@
-//! A device that says again what a device said once: one recorded answer for each exchange.
+//! A device that repeats recorded replies: one for each exchange.
 //!
-//! It moves nothing and follows no clock. [`replay`](crate::replay()) feeds it and turns the clock.
+//! It has no motors and no clock. [`replay`](crate::replay()) supplies the replies and sets the clock.
 
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::{Sample, Vec3};
 
-/// What a device said in one exchange.
+/// Result of one recorded exchange.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Answer {
+pub struct RecordedReply {
     /// Its sample, if there was one.
     pub sample: Option<Sample>,
-    /// How far it was.
+    /// State of the device.
     pub state: DeviceState,
 }
 
 /// The device of a replay.
 #[derive(Debug)]
 pub struct ReplayDevice {
-    answers: rtrb::Consumer<Answer>,
+    replies: rtrb::Consumer<RecordedReply>,
     info: DeviceInfo,
     state: DeviceState,
 }
 
 impl ReplayDevice {
-    /// Gives what comes through `answers`, as the device of `info` once did: it arms itself if that one did.
+    /// A device that returns the replies from the queue, with the limits of the recorded device. It arms
+    /// itself if that device did.
     #[must_use]
-    pub const fn new(info: DeviceInfo, answers: rtrb::Consumer<Answer>) -> Self {
-        Self { answers, info, state: DeviceState::Disconnected }
+    pub const fn new(info: DeviceInfo, replies: rtrb::Consumer<RecordedReply>) -> Self {
+        Self { replies, info, state: DeviceState::Disconnected }
     }
 }
 
 impl Device for ReplayDevice {
-    /// The next answer, with the time it was recorded with. Without one the device counts as gone.
+    /// The next reply, with its recorded time. Without one the device counts as disconnected.
     fn exchange(&mut self, _now_us: u64, _hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        let answer = self.answers.pop().map_err(|_| DeviceError::new(DeviceErrorKind::Disconnected))?;
-        self.state = answer.state;
-        Ok(answer.sample)
+        let reply = self.replies.pop().map_err(|_| DeviceError::new(DeviceErrorKind::Disconnected))?;
+        self.state = reply.state;
+        Ok(reply.sample)
     }
 
     fn stop(&mut self) {
-        // Nothing is driven.
+        // There is no motor.
     }
 
     fn info(&self) -> DeviceInfo {
@@ -57,7 +58,7 @@ mod tests {
     use palpate_core::vec3;
 
     #[test]
-    fn it_answers_once_what_it_was_fed() {
+    fn it_repeats_each_recorded_reply_once() {
         let info = DeviceInfo {
             name: "a hand".into(),
             self_arming: true,
@@ -65,11 +66,11 @@ mod tests {
             max_stiffness_n_m: 1e3,
             resolution_m: 0.0,
         };
-        let (mut feed, answers) = rtrb::RingBuffer::new(2);
-        let mut device = ReplayDevice::new(info, answers);
+        let (mut feed, replies) = rtrb::RingBuffer::new(2);
+        let mut device = ReplayDevice::new(info, replies);
         let sample = Sample { t_us: 3, position_m: [1.0, 2.0, 3.0], buttons: 9 };
-        feed.push(Answer { sample: Some(sample), state: DeviceState::Homed }).expect("room");
-        feed.push(Answer { sample: None, state: DeviceState::Unhomed }).expect("room");
+        feed.push(RecordedReply { sample: Some(sample), state: DeviceState::Homed }).expect("room");
+        feed.push(RecordedReply { sample: None, state: DeviceState::Unhomed }).expect("room");
         assert_eq!(device.exchange(500, vec3::ZERO), Ok(Some(sample)));
         assert_eq!(device.state(), DeviceState::Homed);
         assert_eq!(device.exchange(501, vec3::ZERO), Ok(None));

@@ -1,11 +1,12 @@
-//! What the simulated hand wants to do: a closed tour of strokes over the active nodes.
+//! Scripted motion of the simulated hand: a closed tour of strokes over the active nodes.
 
 use palpate_core::{Organ, Vec3, vec3};
 
-/// Button bit the script holds while it grasps; matches the default of `ContactConfig::grasp_button`.
+/// Button bit that the script holds while grasping; equal to the default of `ContactConfig::grasp_button`.
 pub const GRASP_BUTTON: u32 = 1;
 
-/// Fastest the target ever moves: a brisk arm, far below the overspeed trip of 2 m/s that no script may set off.
+/// Largest speed of the target: a fast arm motion, far below the overspeed limit of 2 m/s, which no script
+/// may reach.
 pub const MAX_TARGET_SPEED_M_S: f32 = 0.8;
 
 /// Size and speed of the strokes.
@@ -19,7 +20,7 @@ pub struct StrokeConfig {
     pub pull_m: f32,
     /// Height of the hand above the surface between strokes, m.
     pub clearance_m: f32,
-    /// Time for everything done at one node, s; longer where a motion would exceed [`MAX_TARGET_SPEED_M_S`].
+    /// Time for all motions at one node, s. It is longer if a motion would exceed [`MAX_TARGET_SPEED_M_S`].
     pub seconds_per_node: f32,
 }
 
@@ -29,12 +30,12 @@ impl Default for StrokeConfig {
     }
 }
 
-/// One smooth motion of the target from rest to rest.
+/// One smooth motion of the target, from rest to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Segment {
     pub(super) from_m: Vec3,
     pub(super) to_m: Vec3,
-    /// Added at half-way, fading to both ends: bends a travel round the organ.
+    /// Offset at mid-path that fades to both ends: it bends the path round the organ.
     pub(super) bow_m: Vec3,
     pub(super) duration_s: f32,
     pub(super) buttons: u32,
@@ -49,7 +50,8 @@ impl Segment {
         vec3::add(straight, vec3::scale(self.bow_m, 4.0 * s * (1.0 - s)))
     }
 
-    /// Takes more time if the motion would be faster anywhere. Time and speed are in inverse proportion, so one look is enough.
+    /// Increases the duration if the speed exceeds the limit anywhere. Speed is inversely proportional to
+    /// duration, so one pass is enough.
     fn slow_down_to(&mut self, max_m_s: f32) {
         const STEPS: u16 = 200;
         let step_s = self.duration_s / f32::from(STEPS);
@@ -59,10 +61,10 @@ impl Segment {
     }
 }
 
-/// Height at which the hand closes its grip: above the surface, so that grasping is not pressing.
+/// Height above the surface at which the hand closes its grip, so that grasping does not press.
 pub(super) const GRIP_HEIGHT_M: f32 = 0.002;
 
-/// Closed tour: press, drag, release, grasp, pull, drag, let go at every active node in turn.
+/// Closed tour: press, drag, release, grasp, pull, drag and release at every active node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Script {
     segments: Vec<Segment>,
@@ -71,7 +73,7 @@ pub struct Script {
 }
 
 impl Script {
-    /// Plans the tour over an organ's active nodes. Without any, the hand stays at the origin.
+    /// Plans the tour over an organ's active nodes. Without active nodes the hand stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: &StrokeConfig) -> Self {
         let nodes: Vec<(Vec3, Vec3)> =
@@ -79,11 +81,11 @@ impl Script {
         Self::over_nodes(&nodes, surface_centre(organ), config)
     }
 
-    /// Height above the surface from which [`Script::press_and_hold`] comes, m.
+    /// Height above the surface at which [`Script::press_and_hold`] starts, m.
     pub const PRESS_FROM_M: f32 = 0.005;
 
-    /// Within a second from above an active node's surface to `depth_m` below it, stays there, and goes back within another; again and
-    /// again.
+    /// Moves within one second from above an active node to `depth_m` below its surface, holds, returns
+    /// within one second, and repeats.
     #[must_use]
     pub fn press_and_hold(rest_m: Vec3, normal: Vec3, depth_m: f32, hold_s: f32) -> Self {
         let height = |metres: f32| vec3::add(rest_m, vec3::scale(normal, metres));
@@ -138,25 +140,25 @@ impl Script {
         Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
     }
 
-    /// Where the hand wants to be now.
+    /// Current target of the hand.
     #[must_use]
     pub fn target_m(&self) -> Vec3 {
         self.segments[self.current].at(self.elapsed_s)
     }
 
-    /// Buttons held now.
+    /// Buttons held at present.
     #[must_use]
     pub fn buttons(&self) -> u32 {
         self.segments[self.current].buttons
     }
 
-    /// Duration of the whole tour, s.
+    /// Duration of the tour, s.
     #[must_use]
     pub fn duration_s(&self) -> f32 {
         self.segments.iter().map(|segment| segment.duration_s).sum()
     }
 
-    /// Moves on by less than a segment's duration; the tour starts again at its end.
+    /// Advances the time by less than a segment's duration; the tour repeats.
     pub fn advance(&mut self, by_s: f32) {
         self.elapsed_s += by_s;
         let duration_s = self.segments[self.current].duration_s;
@@ -182,7 +184,8 @@ impl Plan {
         self.push(self.here_m, vec3::ZERO, duration_s);
     }
 
-    /// To another node, bowed away from the organ's centre by the length of the way: never through it.
+    /// Moves to another node on a path bowed away from the organ's centre by its length, so that it does not
+    /// pass through the organ.
     fn travel(&mut self, to_m: Vec3, centre_m: Vec3, duration_s: f32) {
         let middle = vec3::scale(vec3::add(self.here_m, to_m), 0.5);
         let outward = vec3::normalize_or_zero(vec3::sub(middle, centre_m));
@@ -195,15 +198,15 @@ impl Plan {
     }
 }
 
-/// Two unit vectors square to a normal and to each other.
+/// Two unit vectors perpendicular to a normal and to each other.
 pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
-    // The axis least along the normal, so that the cross product is long.
+    // The axis with a small component along the normal, so that the cross product is long.
     let axis = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let first = vec3::normalize_or_zero(vec3::cross(axis, normal));
     (first, vec3::cross(normal, first))
 }
 
-/// Middle of the surface's bounding box; of the active nodes' where the blob has no surface.
+/// Middle of the surface's bounding box; without a surface in the blob, of the active nodes.
 pub(super) fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
     let surface = [0, 1, 2].map(|axis: usize| range(organ.surface.position_m[axis].iter().copied()));
     let nodes =
@@ -216,7 +219,7 @@ fn range(values: impl Iterator<Item = f32>) -> (f32, f32) {
     values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): a few numbers from a seed, the same on every machine.
+/// SplitMix64 (Steele, Lea and Flood 2014): a seeded generator with the same numbers on every machine.
 #[derive(Debug, Clone)]
 pub(super) struct SplitMix(pub(super) u64);
 
@@ -261,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tour_in_a_hurry_stays_below_the_speed_of_an_arm() {
+    fn a_short_tour_stays_below_the_speed_limit() {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([0.0, 0.0, 0.25], [0.0, 0.0, 1.0])];
         let hurry = StrokeConfig { seconds_per_node: 0.5, ..StrokeConfig::default() };
         let mut script = Script::over_nodes(&nodes, vec3::ZERO, &hurry);
@@ -275,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn it_presses_below_pulls_above_and_grasps_only_outside() {
+    fn it_presses_below_and_grasps_and_pulls_above_the_surface() {
         let mut script = two_nodes();
         let (mut lowest, mut highest_held, mut button_seen_below) = (f32::INFINITY, 0.0_f32, false);
         for _ in 0..6_300 {
@@ -293,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_between_nodes_goes_round_the_middle() {
+    fn the_path_between_nodes_goes_round_the_middle() {
         let nodes = [([0.05, 0.0, 0.0], [1.0, 0.0, 0.0]), ([-0.05, 0.001, 0.0], [-1.0, 0.0, 0.0])];
         let mut script = Script::over_nodes(&nodes, vec3::ZERO, &StrokeConfig::default());
         let mut nearest = f32::INFINITY;

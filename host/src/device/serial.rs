@@ -1,4 +1,4 @@
-//! What the drivers on a serial line share: errors of the port, and the latency timer of an adapter.
+//! Functions shared by the serial drivers: conversion of errors, and the latency timer of an adapter.
 
 use super::{DeviceError, DeviceErrorKind};
 use core::fmt;
@@ -6,7 +6,7 @@ use serialport::SerialPort;
 use std::io;
 use std::path::Path;
 
-/// The crate's error as one of ours.
+/// Converts an error of the crate.
 pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
     match error.kind() {
         serialport::ErrorKind::NoDevice => DeviceError::new(DeviceErrorKind::Disconnected),
@@ -16,19 +16,20 @@ pub(super) fn from_serial(error: serialport::Error) -> DeviceError {
     }
 }
 
-/// Opens a port whose writes do not wait, where the system has such.
+/// Opens a port with non-blocking writes, where the system supports it.
 pub(super) fn open(builder: serialport::SerialPortBuilder) -> Result<Box<dyn SerialPort>, DeviceError> {
     #[cfg(unix)]
-    let port = super::prompt::PromptPort::open(builder).map(|port| Box::new(port) as Box<dyn SerialPort>);
+    let port = super::nonblocking_port::NonBlockingPort::open(builder)
+        .map(|port| Box::new(port) as Box<dyn SerialPort>);
     #[cfg(not(unix))]
     let port = builder.open();
     port.map_err(from_serial)
 }
 
-/// Reads in one look at a port: a babbling device must not hold the tick.
-pub(super) const MOST_READS: usize = 4;
+/// Reads of a port per exchange: a device that sends continuously must not delay the tick.
+pub(super) const MAX_READS: usize = 4;
 
-/// What has come, as far as there is room for it, without waiting for more; 0 if nothing has.
+/// Reads the bytes that have arrived, up to the size of `chunk`, without waiting; 0 if there are none.
 pub(super) fn read_waiting(port: &mut dyn SerialPort, chunk: &mut [u8]) -> Result<usize, DeviceError> {
     if port.bytes_to_read().map_err(from_serial)? == 0 {
         return Ok(0);
@@ -39,44 +40,44 @@ pub(super) fn read_waiting(port: &mut dyn SerialPort, chunk: &mut [u8]) -> Resul
     }
 }
 
-/// Shortest time for which an adapter of FTDI holds bytes back, ms; 16 if nobody asks.
-const SHORTEST_MS: u32 = 1;
+/// Shortest latency timer of an FTDI adapter, ms. The default is 16.
+const MIN_LATENCY_MS: u32 = 1;
 
-/// What came of asking an adapter for its low-latency mode.
+/// Result of requesting an adapter's low-latency mode.
 #[derive(Debug, PartialEq, Eq)]
 pub enum LatencyTimer {
-    /// It has one, set to this, ms.
+    /// The timer is set to the shortest value.
     Granted {
-        /// What it was before.
+        /// The value before, ms.
         before_ms: u32,
     },
-    /// It has one that stays as it is.
+    /// The timer could not be changed.
     Refused {
-        /// As it is, ms.
+        /// Its value, ms.
         ms: u32,
-        /// Why.
+        /// Reason.
         why: io::ErrorKind,
     },
 }
 
 impl LatencyTimer {
-    /// Asks for the shortest latency timer of the adapter behind a port, where it has one: `ftdi_sio` of Linux shows it as
+    /// Requests the shortest latency timer of the adapter behind a port. Linux `ftdi_sio` exposes it as
     /// `latency_timer` of /dev/ttyUSBn. `None` for any other port.
     pub fn shorten(port: &str) -> Option<Self> {
         Self::shorten_in(Path::new("/sys/class/tty"), port)
     }
 
-    /// The same below another folder than /sys/class/tty.
+    /// The same with another class folder than /sys/class/tty.
     fn shorten_in(class: &Path, port: &str) -> Option<Self> {
-        // A link that a rule of udev has made leads to the name that the kernel knows.
+        // A udev symbolic link leads to the name that the kernel uses.
         let port = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
         let name = port.file_name()?.to_str().filter(|name| name.starts_with("ttyUSB"))?;
         let file = class.join(name).join("device/latency_timer");
         let ms = std::fs::read_to_string(&file).ok()?.trim().parse().ok()?;
-        if ms <= SHORTEST_MS {
+        if ms <= MIN_LATENCY_MS {
             return Some(Self::Granted { before_ms: ms });
         }
-        Some(match std::fs::write(&file, SHORTEST_MS.to_string()) {
+        Some(match std::fs::write(&file, MIN_LATENCY_MS.to_string()) {
             Ok(()) => Self::Granted { before_ms: ms },
             Err(error) => Self::Refused { ms, why: error.kind() },
         })
@@ -86,15 +87,15 @@ impl LatencyTimer {
 impl fmt::Display for LatencyTimer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Granted { before_ms } if *before_ms <= SHORTEST_MS => {
+            Self::Granted { before_ms } if *before_ms <= MIN_LATENCY_MS => {
                 write!(f, "latency timer of the adapter: {before_ms} ms")
             }
             Self::Granted { before_ms } => {
-                write!(f, "latency timer of the adapter: {SHORTEST_MS} ms, was {before_ms} ms")
+                write!(f, "latency timer of the adapter: {MIN_LATENCY_MS} ms, was {before_ms} ms")
             }
             Self::Refused { ms, why } => write!(
                 f,
-                "latency timer of the adapter: {ms} ms, not changed ({why}): answers come late; install host/deploy/70-palpate.rules and connect it again"
+                "latency timer of the adapter: {ms} ms, not changed ({why}): replies are delayed; install host/deploy/70-palpate.rules and reconnect the adapter"
             ),
         }
     }
@@ -105,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_latency_timer_is_set_where_there_is_one_and_said_otherwise() {
+    fn the_latency_timer_is_set_or_the_reason_is_reported() {
         let class = tempfile::tempdir().expect("a folder");
         let folder = class.path().join("ttyUSB3/device");
         std::fs::create_dir_all(&folder).expect("a folder");

@@ -1,8 +1,8 @@
-//! A simulated hand on a device: what `palpate demo` holds, and what the tests drive.
+//! A simulated hand on a device, for `palpate demo` and the tests.
 //!
-//! The hand follows a [`Palpation`]; the force of the controller acts on it, so the loop is closed as with a real arm: a soft organ
-//! yields, a stiff one stops the hand. Without a mechanism the device is ideal: no mass, no delay, only an encoder. With one it is the
-//! device of a [`Profile`].
+//! The hand follows a [`Palpation`], and the controller's force acts on it, so the loop is closed as with a
+//! real arm: a soft organ yields, a stiff one stops the hand. Without a mechanism the device is ideal: no
+//! mass, no delay, only an encoder. With one it is the device of a [`Profile`].
 
 use super::hand::{Drag, Hand, HandConfig};
 use super::impedance::{Counting, Impedance, ImpedanceConfig, counted};
@@ -18,17 +18,17 @@ use palpate_core::{Organ, Sample, Vec3, vec3};
 pub struct SimulatedConfig {
     /// The hand.
     pub hand: HandConfig,
-    /// Time that one exchange stands for, us.
+    /// Time step of one exchange, us.
     pub step_us: u32,
-    /// Integration steps an exchange.
+    /// Integration steps per exchange.
     pub substeps: u32,
-    /// Step of the position encoder of an ideal device, m.
+    /// Resolution of an ideal device's encoder, m.
     pub quantum_m: f32,
-    /// The mechanism; `None` is an ideal device in the model's own frame.
+    /// The mechanism; `None` is an ideal device in the model frame.
     pub mechanism: Option<SimulatedMechanism>,
     /// The strokes of the tour.
     pub strokes: StrokeConfig,
-    /// Palpation at random instead of the tour.
+    /// Random palpation instead of the tour.
     pub random: Option<RandomConfig>,
 }
 
@@ -47,9 +47,9 @@ impl Default for SimulatedConfig {
 }
 
 impl SimulatedConfig {
-    /// The usual hand on the device of a profile.
+    /// The default hand on the device of a profile.
     #[must_use]
-    pub fn on(profile: &Profile) -> Self {
+    pub fn for_profile(profile: &Profile) -> Self {
         Self {
             step_us: profile.period_us(),
             // 50 us at 1 kHz: delays are rounded to it.
@@ -60,19 +60,19 @@ impl SimulatedConfig {
     }
 }
 
-/// A mechanism and where it is in the model.
+/// A mechanism and its placement in the model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedMechanism {
-    /// What it is like.
+    /// Parameters of the mechanism.
     pub impedance: ImpedanceConfig,
-    /// Where its workspace lies in the model.
+    /// Placement of its workspace in the model.
     pub workspace: Workspace,
     /// Largest stiffness of the model that it renders, N/m.
     pub max_stiffness_n_m: f32,
 }
 
 impl SimulatedMechanism {
-    /// That of a profile.
+    /// The mechanism of a profile.
     #[must_use]
     pub fn of(profile: &Profile) -> Self {
         Self {
@@ -83,41 +83,41 @@ impl SimulatedMechanism {
     }
 }
 
-/// The energy that went through the handle, J. Positive goes to the hand.
+/// Energy that passed through the handle, J. Positive values go to the hand.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Work {
-    /// From the motors.
+    /// Work of the motors.
     pub motors_j: f64,
-    /// From damping and friction of the mechanism, never positive.
+    /// Work of damping and friction of the mechanism; never positive.
     pub drag_j: f64,
 }
 
 impl Work {
-    /// From the device as a whole.
+    /// Work of the whole device.
     #[must_use]
-    pub fn of_device_j(&self) -> f64 {
+    pub fn device_j(&self) -> f64 {
         self.motors_j + self.drag_j
     }
 }
 
-/// The simulated hand. A function of (organ, configuration, forces): every exchange is one step, whatever the clock.
+/// The simulated hand, a function of (organ, configuration, forces): every exchange is one step.
 ///
-/// It does not follow `now_us`: a stalled computer stops this hand's time instead of letting it jump, and a run can be repeated
-/// bit for bit.
+/// It ignores `now_us`: while the computer stalls, the hand's time does not advance, and a run can be
+/// repeated bit for bit.
 #[derive(Debug, Clone)]
 pub struct SimulatedHand {
     config: SimulatedConfig,
     palpation: Palpation,
     hand: Hand,
     mechanism: Option<Impedance>,
-    /// What an ideal device holds until the next force comes.
+    /// Force of an ideal device, held until the next force.
     held_n: Vec3,
     work: Work,
     step: u64,
 }
 
 impl SimulatedHand {
-    /// A hand over the first active node, about to press.
+    /// A hand above the first active node, before a press.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: SimulatedConfig) -> Self {
         let palpation = match config.random {
@@ -127,7 +127,7 @@ impl SimulatedHand {
         Self::with_palpation(palpation, config)
     }
 
-    /// A hand that does as it is told.
+    /// A hand that follows the given motion.
     #[must_use]
     pub fn with_palpation(palpation: Palpation, config: SimulatedConfig) -> Self {
         let mut wanted_m = palpation.target_m();
@@ -150,19 +150,19 @@ impl SimulatedHand {
         }
     }
 
-    /// True position of the hand in the model, before tremor and encoder.
+    /// True position of the hand in the model frame, without tremor and encoder.
     #[must_use]
     pub fn position_m(&self) -> Vec3 {
         self.frame().map_or(self.hand.position_m(), |frame| frame.to_model_m(self.hand.position_m()))
     }
 
-    /// True position of the hand in the device's frame; that of the model, where the device is ideal.
+    /// True position of the hand in the device frame; equal to the model frame for an ideal device.
     #[must_use]
     pub const fn device_position_m(&self) -> Vec3 {
         self.hand.position_m()
     }
 
-    /// Energy that went through the handle since the beginning.
+    /// Energy that passed through the handle since the start.
     #[must_use]
     pub const fn work(&self) -> Work {
         self.work
@@ -172,7 +172,7 @@ impl SimulatedHand {
         self.config.mechanism.map(|mechanism| mechanism.workspace)
     }
 
-    /// Moves the hand on by one step under the force that was sent before it.
+    /// Moves the hand by one step under the force of the previous exchange.
     fn integrate(&mut self) {
         let SimulatedConfig { substeps, step_us, .. } = self.config;
         let dt_s = step_us as f32 * 1e-6 / substeps.max(1) as f32;
@@ -190,7 +190,7 @@ impl SimulatedHand {
                 None => (self.held_n, Drag::default()),
             };
             let before_m = self.hand.position_m();
-            let taken_j = self.hand.push(from_m, to_m, given_n, &drag, dt_s);
+            let taken_j = self.hand.integrate(from_m, to_m, given_n, &drag, dt_s);
             let moved_m = vec3::sub(self.hand.position_m(), before_m);
             self.work.motors_j += f64::from(vec3::dot(given_n, moved_m));
             self.work.drag_j -= f64::from(taken_j);
@@ -200,7 +200,7 @@ impl SimulatedHand {
                 if held_m != from_middle_m {
                     self.hand.stop_at(vec3::add(frame.device_origin_m, held_m));
                 }
-                mechanism.note(held_m, self.palpation.buttons());
+                mechanism.record(held_m, self.palpation.buttons());
             }
         }
     }
@@ -209,8 +209,8 @@ impl SimulatedHand {
 impl Device for SimulatedHand {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.integrate();
-        // The loop sends a force with the exchange after the tick that found it: this one acts from now on, not during the step
-        // that led here.
+        // The loop sends the force of the previous tick: it acts from now on, not during the step that ends
+        // here.
         self.held_n = hand_force_n;
         self.step += 1;
         let time_s = self.step as f64 * f64::from(self.config.step_us) * 1e-6;
@@ -229,7 +229,7 @@ impl Device for SimulatedHand {
     }
 
     fn stop(&mut self) {
-        // Nothing drives this hand but its own spring: without a force it just goes on.
+        // The hand moves by its own spring; without a force it continues.
         if let Some(mechanism) = &mut self.mechanism {
             mechanism.command(vec3::ZERO);
         }

@@ -1,4 +1,5 @@
-//! Where the device's workspace lies in the model: rotation, scale and the two origins; and how far it reaches.
+//! Placement of the device's workspace in the model (rotation, scale, two origins), and the reach of the
+//! handle.
 
 use palpate_core::{Vec3, vec3};
 
@@ -6,7 +7,8 @@ use palpate_core::{Vec3, vec3};
 ///
 /// p_model = model_origin + scale * R (p_device - device_origin);   F_device = R^T F_model
 ///
-/// The force is turned, not scaled. A scale s above 1 therefore makes the hand feel s times the model's stiffness.
+/// The force is rotated, not scaled. With a scale s above 1 the hand therefore feels s times the model's
+/// stiffness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Workspace {
     /// Rows of R: the model's axes in device coordinates, orthonormal.
@@ -15,7 +17,7 @@ pub struct Workspace {
     pub scale: f32,
     /// Centre of the device's workspace, device frame, m.
     pub device_origin_m: Vec3,
-    /// Where that centre lies in the model, m.
+    /// Position of that centre in the model, m.
     pub model_origin_m: Vec3,
 }
 
@@ -31,21 +33,21 @@ impl Default for Workspace {
 }
 
 impl Workspace {
-    /// Position in the model.
+    /// Maps a position to the model frame.
     #[must_use]
     pub fn to_model_m(&self, device_m: Vec3) -> Vec3 {
         let offset = vec3::scale(vec3::sub(device_m, self.device_origin_m), self.scale);
         vec3::add(self.model_origin_m, self.axes.map(|axis| vec3::dot(axis, offset)))
     }
 
-    /// Position in the device's frame: the way back.
+    /// Maps a position to the device frame; the inverse.
     #[must_use]
     pub fn to_device_m(&self, model_m: Vec3) -> Vec3 {
         let offset = vec3::scale(vec3::sub(model_m, self.model_origin_m), self.scale.recip());
         vec3::add(self.device_origin_m, self.to_device_n(offset))
     }
 
-    /// Force in the device's frame.
+    /// Maps a force to the device frame.
     #[must_use]
     pub fn to_device_n(&self, model_n: Vec3) -> Vec3 {
         let [x, y, z] = self.axes;
@@ -56,15 +58,15 @@ impl Workspace {
     }
 }
 
-/// Where a handle can go, round the middle of its workspace.
+/// Range of a handle round the middle of its workspace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reach {
-    /// So far in every direction.
+    /// The same distance in every direction.
     Ball {
         /// Radius, m.
         radius_m: f32,
     },
-    /// So far along each axis of the device.
+    /// A distance along each axis of the device.
     Box {
         /// Half-widths, m.
         half_m: Vec3,
@@ -81,7 +83,7 @@ impl Reach {
         }
     }
 
-    /// The place within reach nearest to `from_middle_m`, which is that place itself if it is within reach.
+    /// The point within reach that is nearest to `from_middle_m`; that point itself if it is within reach.
     #[must_use]
     pub fn nearest_m(&self, from_middle_m: Vec3) -> Vec3 {
         match *self {
@@ -98,9 +100,9 @@ impl Reach {
 mod tests {
     use super::*;
 
-    /// The power at the device is the power in the model times 1/scale: no energy is made up by the map.
+    /// The power at the device equals the power in the model times 1 / scale: the map creates no energy.
     #[test]
-    fn power_is_the_same_on_both_sides_but_for_the_scale() {
+    fn power_is_equal_on_both_sides_up_to_the_scale() {
         let (sin, cos) = 0.6_f32.sin_cos();
         let workspace = Workspace {
             axes: [[cos, -sin, 0.0], [0.0, 0.0, 1.0], [-sin, -cos, 0.0]],
@@ -119,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handle_stops_at_the_end_of_its_reach() {
+    fn a_handle_stops_at_its_reach() {
         let ball = Reach::Ball { radius_m: 0.1 };
         assert_eq!(ball.nearest_m([0.03, -0.04, 0.05]), [0.03, -0.04, 0.05]);
         let held_m = ball.nearest_m([0.3, 0.0, 0.4]);

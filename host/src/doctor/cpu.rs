@@ -1,17 +1,17 @@
-//! The loop's CPU: its frequency, its sleep, and who else is on it.
+//! Checks of the loop's CPU: its frequency, its sleep states, and its other users.
 
 use super::Verdict::{Bad, Better, Good};
 use super::probe::{Probe, cpus, list_of};
 use super::{Check, Verdict};
 
-/// A sleep state that takes longer to leave is felt, us.
+/// Longest exit latency of a sleep state that does not disturb the loop, us.
 const LONG_EXIT_US: u64 = 20;
 
 fn folder(cpu: usize) -> String {
     format!("/sys/devices/system/cpu/cpu{cpu}")
 }
 
-/// Governor of a CPU, where it has one.
+/// Frequency governor of a CPU, if it has one.
 pub(super) fn governor_of(probe: &Probe, cpu: usize) -> Option<String> {
     probe.read(&format!("{}/cpufreq/scaling_governor", folder(cpu)))
 }
@@ -29,14 +29,14 @@ pub(super) fn governor(probe: &Probe, cpu: usize) -> Check {
     if own == "performance" && others.is_empty() {
         return Check::new(NAME, Good, "performance on every CPU");
     }
-    let mend = ["$ apt install linux-cpupower && cpupower frequency-set -g performance"];
+    let fix = ["$ apt install linux-cpupower && cpupower frequency-set -g performance"];
     if own == "performance" {
         let found = format!("performance on CPU {cpu}; not on CPU {}", list_of(&others));
         return Check::new(NAME, Good, found);
     }
     let found =
-        format!("{own} on CPU {cpu}: it runs slow after every sleep (not performance: {})", list_of(&others));
-    Check::new(NAME, Better, found).mend(mend)
+        format!("{own} on CPU {cpu}: it is slow after every sleep (not performance: {})", list_of(&others));
+    Check::new(NAME, Better, found).fix(fix)
 }
 
 pub(super) fn idle(probe: &Probe, cpu: usize) -> Check {
@@ -58,11 +58,11 @@ pub(super) fn idle(probe: &Probe, cpu: usize) -> Check {
     let found = format!("deepest state {name} takes {latency_us} us to leave");
     match probe.may_write(HOLD) {
         _ if *latency_us <= LONG_EXIT_US => Check::new(NAME, Good, found),
-        Some(true) => Check::new(NAME, Good, format!("{found}; the loop forbids it while it runs ({HOLD})")),
+        Some(true) => Check::new(NAME, Good, format!("{found}; the loop prevents it while it runs ({HOLD})")),
         may => {
-            let why = if may.is_none() { "is not there" } else { "may not be written" };
-            Check::new(NAME, Better, format!("{found}, and {HOLD} {why}")).mend([
-                "allow it to the loop (group realtime), or keep the CPU awake by hand:",
+            let why = if may.is_none() { "does not exist" } else { "is not writable" };
+            Check::new(NAME, Better, format!("{found}, and {HOLD} {why}")).fix([
+                "permit it (group realtime), or disable the sleep states:",
                 "$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/",
                 "$ udevadm control --reload",
                 "$ udevadm trigger --name-match=cpu_dma_latency",
@@ -76,15 +76,15 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
     const NAME: &str = "isolation";
     let online = probe.online();
     if online.len() == 1 {
-        return Check::new(NAME, Bad, "one CPU for loop, viewer and everything else")
-            .mend(["take a PC with two or more CPUs"]);
+        return Check::new(NAME, Bad, "one CPU for the loop, the viewer and all other processes")
+            .fix(["use a PC with two or more CPUs"]);
     }
     let (Some(line), true) = (probe.read("/proc/cmdline"), !online.is_empty()) else {
         return Check::unknown(NAME, "/proc/cmdline or the list of CPUs");
     };
     let parameter = |name: &str| {
         let value = line.split_whitespace().find_map(|word| word.strip_prefix(name)?.strip_prefix('='));
-        // isolcpus takes flags before its list.
+        // isolcpus has flags before its list.
         value.is_some_and(|value| value == "all" || cpus(value).contains(&cpu))
     };
     let isolated = probe.read("/sys/devices/system/cpu/isolated");
@@ -99,7 +99,7 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
         return Check::new(
             NAME,
             Good,
-            format!("CPU {cpu} is the loop's alone, if it is pinned (--cpu {cpu})"),
+            format!("CPU {cpu} is reserved for the loop if it is pinned (--cpu {cpu})"),
         );
     }
     let rest: Vec<usize> = online.iter().copied().filter(|other| *other != cpu).collect();
@@ -108,7 +108,7 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
         list_of(&rest)
     );
     let found = format!("CPU {cpu} is shared with the rest of the system: no {}", missing.join(", "));
-    Check::new(NAME, Better, found).mend([
+    Check::new(NAME, Better, found).fix([
         "add to GRUB_CMDLINE_LINUX in /etc/default/grub, then update-grub and reboot:",
         &wanted,
         &format!("and pin the loop: palpate run --cpu {cpu}"),
@@ -127,13 +127,13 @@ pub(super) fn interrupts(probe: &Probe, cpu: usize) -> Check {
         .into_iter()
         .any(|id| probe.read(&format!("/proc/{id}/comm")).as_deref() == Some("irqbalance"));
     if is_balanced {
-        return Check::new(NAME, Better, "irqbalance moves interrupts to any CPU, the loop's too").mend([
+        return Check::new(NAME, Better, "irqbalance can move interrupts to the loop's CPU").fix([
             "$ systemctl disable --now irqbalance",
             "or keep it off the loop's CPU, in /etc/default/irqbalance:",
             &format!("+ IRQBALANCE_BANNED_CPULIST={cpu}"),
         ]);
     }
-    // Where an interrupt goes now, which is one CPU of those it may go to.
+    // The effective affinity: the CPU that receives the interrupt now.
     let here: Vec<&String> = numbers
         .iter()
         .filter(|number| {
@@ -149,8 +149,8 @@ pub(super) fn interrupts(probe: &Probe, cpu: usize) -> Check {
     let found =
         format!("{} of {} go to CPU {cpu} (number {}{more})", here.len(), numbers.len(), names.join(", "));
     let elsewhere = probe.online().into_iter().find(|other| *other != cpu).unwrap_or(0);
-    Check::new(NAME, Better, found).mend([
-        "boot with irqaffinity= (see isolation), or move one that fires often in /proc/interrupts:",
+    Check::new(NAME, Better, found).fix([
+        "boot with irqaffinity= (see isolation), or move a frequent one (see /proc/interrupts):",
         &format!("$ echo {elsewhere} > /proc/irq/NUMBER/smp_affinity_list"),
     ])
 }
@@ -161,13 +161,13 @@ pub(super) fn siblings(probe: &Probe, cpu: usize) -> Check {
     let Some(list) = probe.read(&path) else { return Check::unknown(NAME, &path) };
     let others: Vec<usize> = cpus(&list).into_iter().filter(|other| *other != cpu).collect();
     if others.is_empty() {
-        return Check::new(NAME, Good, format!("CPU {cpu} is a core of its own"));
+        return Check::new(NAME, Good, format!("CPU {cpu} has a core to itself"));
     }
     let others_list = list_of(&others);
     let check = Check::new(NAME, Better, format!("CPU {cpu} shares its core with CPU {others_list}"));
     let lines = others.iter().map(|other| format!("$ echo 0 > {}/online", folder(*other)));
-    let mut check = check.mend(["switch the sibling off (or all of them, with nosmt at boot):"]);
-    check.mend.extend(lines);
+    let mut check = check.fix(["switch the sibling off (or all of them, with nosmt at boot):"]);
+    check.fix.extend(lines);
     check
 }
 
@@ -182,7 +182,7 @@ pub(super) fn load(probe: &Probe) -> Check {
     let found = format!("{load:.1} on {count} CPUs over the last minute");
     if load > 0.5 * count as f64 {
         return Check::new(NAME, Better, found)
-            .mend(["see what else runs; what was measured now was measured beside it", "$ top"]);
+            .fix(["find the other processes; the measurement was disturbed by them", "$ top"]);
     }
     Check::new(NAME, Good, found)
 }

@@ -1,10 +1,10 @@
-//! The kernel: preemption, timers, throttling, and whether there is another one below it.
+//! Checks of the kernel: preemption, timers, throttling, and virtualisation.
 
 use super::Check;
 use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 
-/// How far the kernel can be interrupted.
+/// Preemption model of the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Preemption {
     RealTime,
@@ -35,7 +35,7 @@ impl Preemption {
     }
 }
 
-/// `3.2.1-name` of `/proc/version`.
+/// The release, `3.2.1-name`, from `/proc/version`.
 pub(super) fn release(probe: &Probe) -> String {
     let version = probe.read("/proc/version").unwrap_or_default();
     version.split_whitespace().nth(2).unwrap_or("unknown release").into()
@@ -52,16 +52,17 @@ pub(super) fn preemption(probe: &Probe) -> Check {
         other => other,
     };
     let install = format!("$ apt install linux-image-rt-{architecture} && reboot");
-    let mended = |check: Check, why| check.mend([why, &install]);
+    let with_fix = |check: Check, why| check.fix([why, &install]);
     match preemption {
         Preemption::RealTime => Check::new(NAME, Good, found),
-        Preemption::Full => mended(
+        Preemption::Full => with_fix(
             Check::new(NAME, Better, found),
-            "a real-time kernel bounds the rare long delays (on Debian):",
+            "a real-time kernel limits rare long delays (on Debian):",
         ),
-        Preemption::Voluntary => {
-            mended(Check::new(NAME, Bad, found), "delays of milliseconds are ordinary here; on Debian:")
-        }
+        Preemption::Voluntary => with_fix(
+            Check::new(NAME, Bad, found),
+            "delays of milliseconds are normal on this kernel; on Debian:",
+        ),
     }
 }
 
@@ -73,9 +74,10 @@ pub(super) fn virtual_machine(probe: &Probe) -> Check {
             && line.split_whitespace().any(|flag| flag == "hypervisor")
     });
     if is_guest {
-        let check =
-            Check::new(NAME, Better, "a virtual machine: its host decides when this kernel runs at all");
-        return check.mend(["run the loop on the bare PC; nothing set in here bounds what the host does"]);
+        let check = Check::new(NAME, Better, "a virtual machine: its host schedules this kernel");
+        return check.fix([
+            "run the loop on the bare PC; settings of this system do not limit the delays by the host",
+        ]);
     }
     Check::new(NAME, Good, "no hypervisor")
 }
@@ -90,11 +92,11 @@ pub(super) fn timers(probe: &Probe) -> Check {
     let found = format!("resolution {resolution_ns} ns, clock source {source}");
     if resolution_ns > 1_000 {
         return Check::new(NAME, Bad, found)
-            .mend(["sleeps end on kernel ticks; boot without highres=off, with CONFIG_HIGH_RES_TIMERS"]);
+            .fix(["timers have the resolution of kernel ticks; boot without highres=off, with CONFIG_HIGH_RES_TIMERS"]);
     }
     match source.as_str() {
-        "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" => Check::new(NAME, Better, found).mend([
-            "reading this clock takes microseconds; see why the kernel gave the TSC up:",
+        "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" => Check::new(NAME, Better, found).fix([
+            "reading this clock takes microseconds; find out why the kernel rejected the TSC:",
             "$ dmesg | grep -i -e tsc -e clocksource",
         ]),
         _ => Check::new(NAME, Good, found),
@@ -107,12 +109,12 @@ pub(super) fn throttling(probe: &Probe) -> Check {
     let Some(runtime_us) = probe.number::<i64>(PATH) else { return Check::unknown(NAME, PATH) };
     let period_us = probe.number::<i64>("/proc/sys/kernel/sched_rt_period_us").unwrap_or(1_000_000).max(1);
     if runtime_us < 0 {
-        return Check::new(NAME, Good, "off: a loop that runs wild takes its CPU for good");
+        return Check::new(NAME, Good, "off: a runaway loop occupies its CPU for ever");
     }
     let share = runtime_us as f64 / period_us as f64;
     let found = format!("real-time threads get at most {:.0} % of a CPU", 100.0 * share);
     if share < 0.5 {
-        return Check::new(NAME, Bad, found).mend(["$ sysctl -w kernel.sched_rt_runtime_us=950000"]);
+        return Check::new(NAME, Bad, found).fix(["$ sysctl -w kernel.sched_rt_runtime_us=950000"]);
     }
-    Check::new(NAME, Good, format!("{found}; the loop needs a tenth, and the rest is a safety net"))
+    Check::new(NAME, Good, format!("{found}; the loop needs a tenth; the limit is a safeguard"))
 }

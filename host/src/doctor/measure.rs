@@ -1,29 +1,31 @@
-//! What counts in the end: how late the loop wakes on this PC, with what this user is granted.
+//! Measures the wake-up lateness of the loop on this PC, with the rights of this user.
 
 use super::Verdict;
-use crate::rt::{Clock, LatencyRecorder, LatencyReport, LoopConfig, MonotonicClock, Paced, TickTimes, pace};
+use crate::rt::{
+    Clock, LatencyRecorder, LatencyReport, LoopConfig, MonotonicClock, PeriodicTask, TickTimes, run_periodic,
+};
 use crate::sys::{self, RtReport, RtRequest};
 use core::sync::atomic::AtomicBool;
 use std::io;
 
-/// Beyond this p99 of the lateness 1 kHz is out of reach, ns.
+/// p99 of the lateness above which 1 kHz is not possible, ns.
 const OUT_OF_REACH_NS: u64 = 1_000_000;
-/// Within these p99 and p99.9 the lateness is lost in the millisecond, ns.
+/// p99 and p99.9 up to which the lateness is negligible against the period, ns.
 const GOOD_NS: (u64, u64) = (50_000, 200_000);
 
-/// The pace of the loop, measured.
+/// Result of a measurement of the periodic schedule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measurement {
     /// Period and spin.
     pub config: LoopConfig,
-    /// What was granted.
+    /// What the operating system granted.
     pub real_time: RtReport,
-    /// The lateness, and the deadlines missed.
+    /// Lateness and missed deadlines.
     pub latency: LatencyReport,
 }
 
 impl Measurement {
-    /// What it means for a hand.
+    /// Assessment of the lateness.
     #[must_use]
     pub fn verdict(&self) -> Verdict {
         let wake = &self.latency.wake;
@@ -36,13 +38,13 @@ impl Measurement {
     }
 }
 
-/// The loop with nothing to do.
+/// A loop without work.
 struct Idle<C> {
     clock: C,
     recorder: LatencyRecorder,
 }
 
-impl<C: Clock> Paced for Idle<C> {
+impl<C: Clock> PeriodicTask for Idle<C> {
     type Clock = C;
     type Error = core::convert::Infallible;
 
@@ -61,7 +63,7 @@ impl<C: Clock> Paced for Idle<C> {
     }
 }
 
-/// Paces an empty loop for that long, on a thread of its own, exactly as a session would.
+/// Runs an empty loop for `seconds` on its own thread, with the schedule of a session.
 pub fn measure(
     seconds: f64,
     config: LoopConfig,
@@ -73,16 +75,16 @@ pub fn measure(
         let thread = std::thread::Builder::new().name("palpate-haptic".into());
         let handle = thread.spawn_scoped(scope, move || {
             let (real_time, _held) = sys::enter_real_time(&request);
-            let latency = pace_idle(MonotonicClock, config, stop, periods);
+            let latency = run_idle(MonotonicClock, config, stop, periods);
             Measurement { config, real_time, latency }
         })?;
         handle.join().map_err(|_| io::Error::other("the measuring thread panicked"))
     })
 }
 
-fn pace_idle<C: Clock>(clock: C, config: LoopConfig, stop: &AtomicBool, periods: u64) -> LatencyReport {
+fn run_idle<C: Clock>(clock: C, config: LoopConfig, stop: &AtomicBool, periods: u64) -> LatencyReport {
     let mut idle = Idle { clock, recorder: LatencyRecorder::new() };
-    pace(&mut idle, config, stop, periods);
+    run_periodic(&mut idle, config, stop, periods);
     idle.recorder.report()
 }
 
@@ -92,7 +94,7 @@ mod tests {
     use crate::rt::VirtualClock;
     use core::sync::atomic::{AtomicU64, Ordering};
 
-    /// Every tenth wake-up is late by `late_ns`.
+    /// A clock on which every tenth wake-up is late by `late_ns`.
     struct Late {
         clock: VirtualClock,
         ticks: AtomicU64,
@@ -115,8 +117,8 @@ mod tests {
     fn measured(late_ns: u64) -> Measurement {
         let clock = Late { clock: VirtualClock::default(), ticks: AtomicU64::new(0), late_ns };
         let (config, stop) = (LoopConfig::default(), AtomicBool::new(false));
-        let latency = pace_idle(clock, config, &stop, 1_000);
-        let (real_time, _) = sys::enter_real_time(&RtRequest::nothing());
+        let latency = run_idle(clock, config, &stop, 1_000);
+        let (real_time, _) = sys::enter_real_time(&RtRequest::none());
         Measurement { config, real_time, latency }
     }
 
@@ -135,15 +137,14 @@ mod tests {
     }
 
     #[test]
-    fn the_real_pace_is_measured_and_can_be_stopped() {
+    fn the_real_schedule_is_measured_and_can_be_stopped() {
         let stop = AtomicBool::new(false);
         let measured =
-            measure(0.05, LoopConfig::default(), RtRequest::nothing(), &stop).expect("a thread starts");
+            measure(0.05, LoopConfig::default(), RtRequest::none(), &stop).expect("a thread starts");
         let LatencyReport { wake, skipped_periods, .. } = measured.latency;
         assert_eq!(wake.count + skipped_periods, 50);
         stop.store(true, Ordering::Relaxed);
-        let stopped =
-            measure(1e6, LoopConfig::default(), RtRequest::nothing(), &stop).expect("a thread starts");
+        let stopped = measure(1e6, LoopConfig::default(), RtRequest::none(), &stop).expect("a thread starts");
         assert_eq!(stopped.verdict(), Verdict::Unknown);
     }
 }

@@ -1,7 +1,8 @@
-//! `palpate doctor`: what of this PC stands in the way of 1 kHz, and how to mend it.
+//! `palpate doctor`: checks this PC for 1 kHz operation and says how to fix what is missing.
 //!
-//! Looks only; changes nothing. Every check is a function of a [`Probe`], so that tests ask about PCs that are made up. What counts in the
-//! end is the [measurement](measure()): the pace of the loop itself, with what this user is granted.
+//! It only reads; it changes nothing. Every check is a function of a [`Probe`], so tests can use simulated
+//! PCs. The decisive result is the [measurement](measure()): the schedule of the loop itself, with the rights
+//! of this user.
 
 mod cpu;
 mod kernel;
@@ -9,34 +10,34 @@ mod measure;
 mod ports;
 mod probe;
 mod rights;
-mod surroundings;
+mod system_info;
 #[cfg(all(test, unix))]
 mod tests;
 
 pub use measure::{Measurement, measure};
 pub use probe::Probe;
-pub use surroundings::Surroundings;
+pub use system_info::SystemInfo;
 
 use core::fmt;
 use serde::Serialize;
 
-/// What a check came to.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Nothing to do.
+    /// Nothing to fix.
     #[serde(rename = "ok")]
     Good,
-    /// The loop runs, but would run better.
+    /// The loop runs, but this setting makes it less reliable.
     Better,
-    /// In the way of 1 kHz, or of the device.
+    /// Prevents 1 kHz operation, or the use of the device.
     Bad,
-    /// Nothing to read it from.
+    /// The source cannot be read.
     Unknown,
 }
 
 impl Verdict {
-    /// As it is shown.
+    /// The displayed name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -48,38 +49,39 @@ impl Verdict {
     }
 }
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Check {
     /// Short name.
     pub name: &'static str,
-    /// What it came to.
+    /// Its result.
     pub verdict: Verdict,
-    /// What was found.
+    /// The finding.
     pub found: String,
-    /// How to mend it, line by line. A line that starts with `$ ` is a command (as root, unless it says otherwise), one with `+ ` a
-    /// line for a file.
-    pub mend: Vec<String>,
+    /// The fix, line by line. A line that starts with `$ ` is a command (as root, unless stated otherwise), a
+    /// line with `+ ` belongs into a file.
+    #[serde(rename = "mend")]
+    pub fix: Vec<String>,
 }
 
 impl Check {
     fn new(name: &'static str, verdict: Verdict, found: impl Into<String>) -> Self {
-        Self { name, verdict, found: found.into(), mend: Vec::new() }
+        Self { name, verdict, found: found.into(), fix: Vec::new() }
     }
 
     fn unknown(name: &'static str, path: &str) -> Self {
         Self::new(name, Verdict::Unknown, format!("{path} cannot be read"))
     }
 
-    fn mend<const N: usize>(mut self, lines: [&str; N]) -> Self {
-        self.mend.extend(lines.map(str::to_string));
+    fn fix<const N: usize>(mut self, lines: [&str; N]) -> Self {
+        self.fix.extend(lines.map(str::to_string));
         self
     }
 }
 
 /// Width of the table, characters.
 const WIDTH: usize = 100;
-/// Where the findings begin.
+/// Column of the findings.
 const INDENT: usize = 24;
 
 impl fmt::Display for Check {
@@ -90,7 +92,7 @@ impl fmt::Display for Check {
         for line in lines {
             write!(f, "\n{:INDENT$}{line}", "")?;
         }
-        for line in &self.mend {
+        for line in &self.fix {
             if line.starts_with("$ ") || line.starts_with("+ ") {
                 write!(f, "\n{:INDENT$}{line}", "")?;
                 continue;
@@ -104,7 +106,7 @@ impl fmt::Display for Check {
     }
 }
 
-/// Lines that fit right of the indent.
+/// Breaks text into lines that fit right of the indent.
 fn wrapped(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -121,18 +123,19 @@ fn wrapped(text: &str) -> Vec<String> {
     lines
 }
 
-/// The CPU the advice is for: the one asked for, an isolated one, or else the last one, where the kernel puts the least.
+/// The CPU for the advice: the requested one, else an isolated one, else the last allowed one, which the
+/// kernel loads least.
 #[must_use]
-pub fn loop_cpu(probe: &Probe, asked: Option<usize>) -> usize {
+pub fn loop_cpu(probe: &Probe, requested: Option<usize>) -> usize {
     let isolated = probe::cpus(&probe.read("/sys/devices/system/cpu/isolated").unwrap_or_default());
     let allowed = probe.value("/proc/self/status", "Cpus_allowed_list");
     let allowed = allowed.map_or_else(|| probe.online(), |list| probe::cpus(&list));
     let online = probe.online();
     let usable = || allowed.iter().filter(|cpu| online.is_empty() || online.contains(cpu));
-    asked.or_else(|| isolated.first().copied()).or_else(|| usable().next_back().copied()).unwrap_or(0)
+    requested.or_else(|| isolated.first().copied()).or_else(|| usable().next_back().copied()).unwrap_or(0)
 }
 
-/// Every check, in order of importance, for a loop on `cpu` with this priority.
+/// All checks in order of importance, for a loop on `cpu` with this priority.
 #[must_use]
 pub fn examine(probe: &Probe, cpu: usize, fifo_priority: i32) -> Vec<Check> {
     let mut checks = vec![

@@ -1,16 +1,16 @@
-//! Haptic devices on USB and serial ports: may this user open them, and do they answer at once?
+//! Checks of haptic devices on USB and serial ports: permission to open them, and latency of replies.
 
 use super::Check;
 use super::Verdict::{Bad, Better, Good};
 use super::probe::Probe;
 
-/// USB devices we know, by vendor and product.
+/// Known USB devices by vendor and product.
 const KNOWN: [(&str, &str, &str); 1] = [("0403", "cb48", "Novint Falcon")];
 
 const RULES: [&str; 2] =
     ["$ cp host/deploy/70-palpate.rules /etc/udev/rules.d/ && udevadm control --reload", "$ udevadm trigger"];
 
-/// One check for each known device; one that says so if there is none.
+/// One check per known device, or one that reports that there is none.
 pub(super) fn usb(probe: &Probe) -> Vec<Check> {
     const NAME: &str = "usb";
     const BASE: &str = "/sys/bus/usb/devices";
@@ -27,13 +27,13 @@ pub(super) fn usb(probe: &Probe) -> Vec<Check> {
         let sleeps = of("power/control").as_deref() == Some("auto");
         checks.push(match probe.may_write(&node) {
             Some(false) => {
-                Check::new(NAME, Bad, format!("{name} at {node}, which this user may not open")).mend(RULES)
+                Check::new(NAME, Bad, format!("{name} at {node}, which this user may not open")).fix(RULES)
             }
             None => Check::unknown(NAME, &node),
             Some(true) if sleeps => {
-                Check::new(NAME, Better, format!("{name} at {node} may be put to sleep (autosuspend)"))
-                    .mend([&format!("$ echo on > {BASE}/{device}/power/control"), "or for good:"])
-                    .mend(RULES)
+                Check::new(NAME, Better, format!("{name} at {node} may be suspended (autosuspend)"))
+                    .fix([&format!("$ echo on > {BASE}/{device}/power/control"), "or permanently:"])
+                    .fix(RULES)
             }
             Some(true) => Check::new(NAME, Good, format!("{name} at {node}")),
         });
@@ -45,7 +45,7 @@ pub(super) fn usb(probe: &Probe) -> Vec<Check> {
     checks
 }
 
-/// One check for each USB serial port; one that says so if there is none.
+/// One check per USB serial port, or one that reports that there is none.
 pub(super) fn serial(probe: &Probe) -> Vec<Check> {
     const NAME: &str = "serial";
     let ports = probe.list("/sys/class/tty").into_iter();
@@ -57,11 +57,11 @@ pub(super) fn serial(probe: &Probe) -> Vec<Check> {
             match (probe.may_write(&node), probe.number::<u32>(&timer)) {
                 (None, _) => Check::unknown(NAME, &node),
                 (Some(false), _) => Check::new(NAME, Bad, format!("{node}, which this user may not open"))
-                    .mend(["$ usermod -aG dialout USER", "then log in again"]),
+                    .fix(["$ usermod -aG dialout USER", "then log in again"]),
                 (Some(true), Some(ms)) if ms > 1 => {
-                    Check::new(NAME, Bad, format!("{node}: its FTDI chip holds replies back for {ms} ms"))
-                        .mend([&format!("$ echo 1 > {timer}"), "or for good:"])
-                        .mend(RULES)
+                    Check::new(NAME, Bad, format!("{node}: its FTDI chip delays replies by {ms} ms"))
+                        .fix([&format!("$ echo 1 > {timer}"), "or permanently:"])
+                        .fix(RULES)
                 }
                 (Some(true), Some(ms)) => {
                     Check::new(NAME, Good, format!("{node}, FTDI latency timer {ms} ms"))

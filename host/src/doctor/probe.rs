@@ -1,4 +1,4 @@
-//! How the doctor looks at the PC: everything is a file under a root, so that a test can make up a PC of its own.
+//! Access of the doctor to the PC: all data are files under a root folder, so a test can simulate a PC.
 
 use std::path::{Path, PathBuf};
 
@@ -9,11 +9,11 @@ pub(super) const CAP_IPC_LOCK: u32 = 14;
 /// Bit of CAP_SYS_NICE.
 pub(super) const CAP_SYS_NICE: u32 = 23;
 
-/// A PC to look at.
+/// The PC under examination.
 #[derive(Debug, Clone)]
 pub struct Probe {
     root: PathBuf,
-    /// Resolution of the clock that the loop sleeps by, ns; the one thing that is in no file.
+    /// Resolution of the clock that the loop sleeps on, ns; the only value that is not in a file.
     timer_resolution_ns: Option<u64>,
 }
 
@@ -24,9 +24,9 @@ impl Probe {
         Self { root: "/".into(), timer_resolution_ns: crate::sys::timer_resolution_ns() }
     }
 
-    /// The PC whose `/proc`, `/sys` and `/dev` are under `root`.
+    /// A PC whose `/proc`, `/sys` and `/dev` are under `root`.
     #[must_use]
-    pub const fn made_up(root: PathBuf, timer_resolution_ns: Option<u64>) -> Self {
+    pub const fn with_root(root: PathBuf, timer_resolution_ns: Option<u64>) -> Self {
         Self { root, timer_resolution_ns }
     }
 
@@ -38,18 +38,18 @@ impl Probe {
         self.root.join(path.trim_start_matches('/'))
     }
 
-    /// Contents of a file without the white space around; `None` if there is none or it cannot be read.
+    /// Trimmed contents of a file; `None` if it cannot be read.
     pub(super) fn read(&self, path: &str) -> Option<String> {
         let bytes = std::fs::read(self.at(path)).ok()?;
         Some(String::from_utf8_lossy(&bytes).trim().into())
     }
 
-    /// A file that holds one number.
+    /// Contents of a file with one number.
     pub(super) fn number<T: std::str::FromStr>(&self, path: &str) -> Option<T> {
         self.read(path)?.parse().ok()
     }
 
-    /// Names in a folder, sorted; empty if there is none.
+    /// Sorted names in a folder; empty if it does not exist.
     pub(super) fn list(&self, path: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.at(path)).into_iter().flatten().flatten();
         let mut names: Vec<String> =
@@ -58,7 +58,7 @@ impl Probe {
         names
     }
 
-    /// The value behind `key` at the start of a line, e.g. of `/proc/self/status`.
+    /// The value after `key` at the start of a line, for instance of `/proc/self/status`.
     pub(super) fn value(&self, path: &str, key: &str) -> Option<String> {
         let text = self.read(path)?;
         let value = text.lines().find_map(|line| line.strip_prefix(key))?;
@@ -79,8 +79,8 @@ impl Probe {
         }
     }
 
-    /// Whether this user may write to a file, by its owner, group and mode; `None` if it is not there. Nothing is opened: opening a
-    /// serial port resets some boards.
+    /// Whether this user may write to a file, from its owner, group and mode; `None` if it does not exist.
+    /// The file is not opened: opening a serial port resets some boards.
     #[cfg(unix)]
     pub(super) fn may_write(&self, path: &str) -> Option<bool> {
         use std::os::unix::fs::MetadataExt;
@@ -103,37 +103,37 @@ impl Probe {
         Some(metadata.mode() & bit != 0)
     }
 
-    /// Not known here.
+    /// Not available on this system.
     #[cfg(not(unix))]
     pub(super) fn may_write(&self, _path: &str) -> Option<bool> {
         None
     }
 
-    /// Whether there is a file or folder of that name.
+    /// Whether a file or folder exists.
     pub(super) fn is_there(&self, path: &str) -> bool {
         Path::exists(&self.at(path))
     }
 
-    /// CPUs that are switched on.
+    /// CPUs that are online.
     pub(super) fn online(&self) -> Vec<usize> {
         cpus(&self.read("/sys/devices/system/cpu/online").unwrap_or_default())
     }
 }
 
-/// A list of CPUs as the kernel writes it: `0-3,7`.
+/// Parses a kernel list of CPUs: `0-3,7`.
 pub(super) fn cpus(list: &str) -> Vec<usize> {
     let mut all = Vec::new();
     for part in list.split(',') {
         let (from, to) = part.split_once('-').unwrap_or((part, part));
         if let (Ok(from), Ok(to)) = (from.trim().parse::<usize>(), to.trim().parse::<usize>()) {
-            // No PC has more; a damaged file must not fill the memory.
+            // No PC has more CPUs; a damaged file must not exhaust the memory.
             all.extend((from..=to).take(4_096));
         }
     }
     all
 }
 
-/// The other way round.
+/// Formats a list of CPUs like the kernel.
 pub(super) fn list_of(cpus: &[usize]) -> String {
     let mut text = String::new();
     let mut rest = cpus;
@@ -156,10 +156,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_of_cpus_go_both_ways() {
+    fn lists_of_cpus_are_parsed_and_formatted() {
         assert_eq!(cpus("0-3,7"), [0, 1, 2, 3, 7]);
         assert_eq!(cpus(""), [0; 0]);
-        assert_eq!(cpus("rubbish,2-x,5"), [5]);
+        assert_eq!(cpus("text,2-x,5"), [5]);
         assert!(cpus("0-18446744073709551615").len() <= 4_096);
         for list in ["0-3,7", "0", "", "1,3,5-6"] {
             assert_eq!(list_of(&cpus(list)), list);
@@ -167,9 +167,9 @@ mod tests {
     }
 
     #[test]
-    fn a_pc_without_files_answers_nothing() {
+    fn a_pc_without_files_has_no_values() {
         let root = tempfile::tempdir().expect("a temporary directory");
-        let probe = Probe::made_up(root.path().into(), None);
+        let probe = Probe::with_root(root.path().into(), None);
         assert_eq!((probe.read("/proc/version"), probe.limit("Max realtime priority")), (None, None));
         assert_eq!(probe.may_write("/dev/cpu_dma_latency"), None);
         assert!(!probe.has_capability(CAP_SYS_NICE) && probe.list("/sys").is_empty());

@@ -1,11 +1,11 @@
-//! What this user may do: real-time priority, locked memory; and whether there is anything to swap to.
+//! Checks of this user's rights: real-time priority and locked memory; and of swap space.
 
 use super::Check;
 use super::Verdict;
 use super::Verdict::{Better, Good};
 use super::probe::{CAP_IPC_LOCK, CAP_SYS_NICE, Probe};
 
-/// Locked memory that is enough for a session with a large organ and the window, bytes.
+/// Locked memory for a session with a large organ and the window, bytes.
 const ENOUGH_MEMORY: u64 = 1 << 30;
 
 const LIMITS: [&str; 3] = [
@@ -21,22 +21,22 @@ pub(super) fn priority(probe: &Probe, fifo_priority: i32) -> Check {
         return Check::new(NAME, Good, "CAP_SYS_NICE: SCHED_FIFO of any priority");
     }
     let Some(limit) = limit else { return Check::unknown(NAME, "/proc/self/limits") };
-    // The watchdog runs one above the loop.
+    // The priority of the watchdog is one above the loop's.
     let wanted = u64::from(fifo_priority.unsigned_abs()) + 1;
     if limit >= wanted {
         return Check::new(
             NAME,
             Good,
-            format!("SCHED_FIFO up to {limit}; the loop asks for {fifo_priority}"),
+            format!("SCHED_FIFO up to {limit}; the loop requests {fifo_priority}"),
         );
     }
-    let found = format!("SCHED_FIFO up to {limit}; loop and watchdog ask for {fifo_priority} and {wanted}");
+    let found = format!("SCHED_FIFO up to {limit}; loop and watchdog request {fifo_priority} and {wanted}");
     Check::new(NAME, Verdict::Bad, found)
-        .mend(["without it every other process of the PC can delay the hand:"])
-        .mend(LIMITS)
+        .fix(["without it any other process of the PC can delay the loop:"])
+        .fix(LIMITS)
 }
 
-/// Whether every page of the process may stay in memory.
+/// Whether the process may lock all its memory.
 fn may_lock(probe: &Probe) -> Option<bool> {
     if probe.has_capability(CAP_IPC_LOCK) {
         return Some(true);
@@ -53,9 +53,8 @@ pub(super) fn memory(probe: &Probe) -> Check {
             Check::new(NAME, Good, format!("may be locked (limit {} MB, or CAP_IPC_LOCK)", limit >> 20))
         }
         (Some(false), Some(limit)) => {
-            let found =
-                format!("{} kB may be locked; a page that was taken away costs milliseconds", limit >> 10);
-            Check::new(NAME, Better, found).mend(LIMITS)
+            let found = format!("{} kB may be locked; a swapped page costs milliseconds", limit >> 10);
+            Check::new(NAME, Better, found).fix(LIMITS)
         }
     }
 }
@@ -67,8 +66,8 @@ pub(super) fn swap(probe: &Probe) -> Check {
     let areas = swaps.lines().skip(1).filter(|line| !line.trim().is_empty()).count();
     match (areas, may_lock(probe)) {
         (0, _) => Check::new(NAME, Good, "none"),
-        (_, Some(true)) => Check::new(NAME, Good, format!("{areas} in use, but the loop's memory is locked")),
+        (_, Some(true)) => Check::new(NAME, Good, format!("{areas} in use, and the loop's memory is locked")),
         _ => Check::new(NAME, Better, format!("{areas} in use and memory cannot be locked"))
-            .mend(["lock the memory (above), or", "$ swapoff -a"]),
+            .fix(["lock the memory (above), or", "$ swapoff -a"]),
     }
 }

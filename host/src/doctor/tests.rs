@@ -1,4 +1,4 @@
-//! The doctor on PCs that are made up: a good one, a bad one, an empty one.
+//! The doctor on simulated PCs: a good one, a bad one, an empty one.
 
 use super::*;
 use std::os::unix::fs::PermissionsExt;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 const PRIORITY: i32 = 50;
 
-/// A folder that looks like a PC.
+/// A folder with the files of a PC.
 struct Pc(tempfile::TempDir);
 
 impl Pc {
@@ -32,7 +32,7 @@ impl Pc {
     }
 
     fn probe(&self) -> Probe {
-        Probe::made_up(self.0.path().into(), Some(1))
+        Probe::with_root(self.0.path().into(), Some(1))
     }
 
     fn checks(&self) -> Vec<Check> {
@@ -40,7 +40,7 @@ impl Pc {
     }
 }
 
-/// The check of that name.
+/// The check with that name.
 fn named<'c>(checks: &'c [Check], name: &str) -> &'c Check {
     checks.iter().find(|check| check.name == name).unwrap_or_else(|| panic!("no check {name}"))
 }
@@ -53,11 +53,11 @@ fn limits(priority: &str, memory: &str) -> String {
     )
 }
 
-/// A user with few rights whose files these are not.
+/// A user with few rights who does not own these files.
 const STATUS: &str = "Name:\tpalpate\nUid:\t4242\t4242\t4242\t4242\nGid:\t4242\t4242\t4242\t4242\n\
                       Groups:\t4242 4243 \nCapEff:\t0000000000000000\nCpus_allowed_list:\t0-3\n";
 
-/// Four CPUs, a real-time kernel, CPU 3 to itself.
+/// Four CPUs and a real-time kernel; CPU 3 is isolated.
 fn good() -> Pc {
     let limits = limits("95", "unlimited");
     let pc = Pc::new(&[
@@ -106,23 +106,23 @@ fn good() -> Pc {
 }
 
 #[test]
-fn a_good_pc_has_nothing_to_mend() {
+fn a_good_pc_has_nothing_to_fix() {
     let checks = good().checks();
     assert_eq!(checks.len(), 15);
     for check in &checks {
-        assert_eq!((check.verdict, check.mend.len()), (Verdict::Good, 0), "{check}");
+        assert_eq!((check.verdict, check.fix.len()), (Verdict::Good, 0), "{check}");
     }
 }
 
-/// What is wrong, where it is written, which check sees it and how, and what its mend must name.
-type Ill = (&'static str, &'static str, &'static str, Verdict, &'static str);
+/// File, contents, affected check, its verdict, and a part of its fix.
+type Defect = (&'static str, &'static str, &'static str, Verdict, &'static str);
 
-/// One thing wrong at a time on the good PC, and no other check minds.
+/// Each defect alone on the good PC affects only its own check.
 #[test]
-fn each_ill_is_found_by_its_own_check() {
+fn each_defect_is_found_by_its_own_check() {
     let ordinary = "Linux version 6.1.0-44-amd64 (debian) #1 SMP PREEMPT_DYNAMIC Debian 6.1.1";
     let voluntary = "Linux version 6.1.0-44-amd64 (debian) #1 SMP Debian 6.1.1";
-    let ills: [Ill; 17] = [
+    let ills: [Defect; 17] = [
         ("/proc/version", ordinary, "kernel", Verdict::Better, "linux-image-rt-"),
         ("/proc/version", voluntary, "kernel", Verdict::Bad, "linux-image-rt-"),
         ("/proc/self/limits", "rtprio", "priority", Verdict::Bad, "palpate-limits.conf"),
@@ -165,7 +165,7 @@ fn each_ill_is_found_by_its_own_check() {
         ("/sys/bus/usb-serial/devices/ttyUSB0/latency_timer", "16", "serial", Verdict::Bad, "latency_timer"),
         ("/sys/devices/system/cpu/online", "3", "isolation", Verdict::Bad, "two"),
     ];
-    for (path, text, name, verdict, mend) in ills {
+    for (path, text, name, verdict, fix) in ills {
         let pc = good();
         match text {
             "rtprio" => pc.write(path, &limits("0", "unlimited")),
@@ -176,16 +176,16 @@ fn each_ill_is_found_by_its_own_check() {
             std::fs::remove_file(pc.path("/sys/kernel/realtime")).expect("it was there");
         }
         let checks = pc.checks();
-        let ill = named(&checks, name);
-        assert_eq!(ill.verdict, verdict, "{path} = {text}: {ill}");
-        assert!(ill.mend.iter().any(|line| line.contains(mend)), "{mend} in {ill}");
+        let defect = named(&checks, name);
+        assert_eq!(defect.verdict, verdict, "{path} = {text}: {defect}");
+        assert!(defect.fix.iter().any(|line| line.contains(fix)), "{fix} in {defect}");
         let others: Vec<&Check> =
             checks.iter().filter(|check| check.name != name && check.verdict != Verdict::Good).collect();
         assert!(others.is_empty(), "{path} = {text} makes {others:?}");
     }
 }
 
-/// Older kernels list no isolated CPUs; the command line has flags before its list.
+/// Older kernels do not list isolated CPUs. The command line has flags before its list.
 #[test]
 fn isolation_is_read_from_the_command_line_too() {
     let pc = good();
@@ -198,8 +198,8 @@ fn isolation_is_read_from_the_command_line_too() {
 }
 
 #[test]
-fn what_this_user_may_not_open_is_bad() {
-    for (path, name, verdict, mend) in [
+fn a_node_without_permission_is_reported() {
+    for (path, name, verdict, fix) in [
         ("/dev/cpu_dma_latency", "idle", Verdict::Better, "udev"),
         ("/dev/bus/usb/001/007", "usb", Verdict::Bad, "70-palpate.rules"),
         ("/dev/ttyUSB0", "serial", Verdict::Bad, "dialout"),
@@ -208,8 +208,8 @@ fn what_this_user_may_not_open_is_bad() {
         pc.mode(&pc.path(path), 0o660);
         let checks = pc.checks();
         assert_eq!(named(&checks, name).verdict, verdict, "{path}");
-        assert!(named(&checks, name).mend.iter().any(|line| line.contains(mend)), "{}", named(&checks, name));
-        // The owner's group may, and this user is in it.
+        assert!(named(&checks, name).fix.iter().any(|line| line.contains(fix)), "{}", named(&checks, name));
+        // The owner's group has permission, and this user is in it.
         use std::os::unix::fs::MetadataExt;
         let group = pc.path(path).metadata().expect("there").gid();
         pc.write("/proc/self/status", &STATUS.replace("4243", &group.to_string()));
@@ -218,7 +218,7 @@ fn what_this_user_may_not_open_is_bad() {
 }
 
 #[test]
-fn capabilities_stand_for_limits() {
+fn capabilities_replace_limits() {
     let pc = good();
     pc.write("/proc/self/limits", &limits("0", "65536"));
     assert_eq!(named(&pc.checks(), "priority").verdict, Verdict::Bad);
@@ -227,7 +227,7 @@ fn capabilities_stand_for_limits() {
     for name in ["priority", "memory", "swap"] {
         assert_eq!(named(&pc.checks(), name).verdict, Verdict::Good);
     }
-    // The watchdog must get one more than the loop.
+    // The watchdog needs one more than the loop.
     pc.write("/proc/self/status", STATUS);
     for (limit, verdict) in [("50", Verdict::Bad), ("51", Verdict::Good)] {
         pc.write("/proc/self/limits", &limits(limit, "unlimited"));
@@ -236,7 +236,7 @@ fn capabilities_stand_for_limits() {
 }
 
 #[test]
-fn swap_matters_only_where_memory_cannot_be_locked() {
+fn swap_matters_only_if_memory_cannot_be_locked() {
     let pc = good();
     pc.write("/proc/swaps", "Filename\tType\n/dev/sda2 partition 1 0 -2\n");
     assert_eq!(named(&pc.checks(), "swap").verdict, Verdict::Good);
@@ -245,20 +245,20 @@ fn swap_matters_only_where_memory_cannot_be_locked() {
 }
 
 #[test]
-fn where_nothing_can_be_read_nothing_is_claimed() {
+fn unreadable_sources_give_unknown_verdicts() {
     let pc = Pc::new(&[]);
-    let probe = Probe::made_up(pc.0.path().into(), None);
+    let probe = Probe::with_root(pc.0.path().into(), None);
     let checks = examine(&probe, loop_cpu(&probe, None), PRIORITY);
     assert_eq!(checks.len(), 15);
     for check in &checks {
-        // No USB and no serial port is nothing to mend.
+        // A missing USB or serial port needs no fix.
         let expected = if matches!(check.name, "usb" | "serial") { Verdict::Good } else { Verdict::Unknown };
-        assert_eq!((check.verdict, check.mend.len()), (expected, 0), "{check}");
+        assert_eq!((check.verdict, check.fix.len()), (expected, 0), "{check}");
     }
 }
 
 #[test]
-fn the_advice_is_for_the_cpu_asked_for_or_isolated_or_the_last_allowed() {
+fn the_advice_is_for_the_requested_isolated_or_last_allowed_cpu() {
     let pc = good();
     assert_eq!(loop_cpu(&pc.probe(), None), 3);
     assert_eq!(loop_cpu(&pc.probe(), Some(1)), 1);
@@ -284,15 +284,15 @@ fn the_table_fits_a_terminal() {
 }
 
 #[test]
-fn a_session_says_what_it_runs_in() {
+fn a_session_reports_its_system() {
     let pc = good();
     pc.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "schedutil\n");
-    let text = Surroundings::of(&pc.probe(), Some(3)).to_string();
+    let text = SystemInfo::of(&pc.probe(), Some(3)).to_string();
     assert_eq!(
         text,
         "kernel       6.1.0-44-rt-amd64, PREEMPT_RT\nCPUs         governor performance; isolated: 3"
     );
-    assert_eq!(Surroundings::of(&pc.probe(), None).governor, "performance, schedutil");
+    assert_eq!(SystemInfo::of(&pc.probe(), None).governor, "performance, schedutil");
     let nothing = Pc::new(&[]);
-    assert!(Surroundings::of(&nothing.probe(), None).to_string().contains("preemption unknown"));
+    assert!(SystemInfo::of(&nothing.probe(), None).to_string().contains("preemption unknown"));
 }

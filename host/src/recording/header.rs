@@ -1,4 +1,5 @@
-//! The metadata of a recording: what a replay must match, and how the session ended. Text by key, as MCAP has it.
+//! The metadata of a recording: the settings that a replay must match, and the end of the session. Text by
+//! key, as MCAP defines it.
 
 use super::{FORMAT, RecordingError};
 use crate::device::DeviceInfo;
@@ -12,18 +13,18 @@ use std::collections::BTreeMap;
 
 type Entries = BTreeMap<String, String>;
 
-/// What was recorded, and with which numbers.
+/// What was recorded, and the settings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// The program and its version.
     pub program: String,
-    /// BLAKE3 of the blob of each model, hexadecimal: a replay needs the very same tables.
+    /// BLAKE3 of the blob of each model, hexadecimal. A replay needs exactly these blobs.
     pub blob_blake3: Vec<String>,
     /// Scene of the blob.
     pub scene: String,
     /// Names of the active nodes; `engaged` of a tick is an index into them.
     pub active: Vec<String>,
-    /// Vector instructions of the interpolation. They change no bit; this is for the record.
+    /// Vector instructions of the interpolation, for information: they do not change the result.
     pub instructions: String,
     /// The device.
     pub device: DeviceInfo,
@@ -61,13 +62,13 @@ impl Header {
     pub(super) fn entries(&self) -> Entries {
         let Config { method, contact, limits, passivity } = self.config;
         let entry = |key: &str, value: &dyn Display| (key.to_string(), value.to_string());
-        // A float is written with as many digits as give it back.
+        // A float is written with enough digits to restore its bits.
         Entries::from([
             entry("format", &FORMAT),
             entry("program", &self.program),
             entry("blob_blake3", &self.blob_blake3.join(",")),
             entry("scene", &self.scene),
-            // No name of an active node holds a comma: a scene with such a name is refused.
+            // No name of an active node contains a comma: a scene with such a name is refused.
             entry("active", &self.active.join(",")),
             entry("instructions", &self.instructions),
             entry("device", &self.device.name),
@@ -169,25 +170,25 @@ impl Header {
     }
 }
 
-/// How a recorded session ended. Absent from a recording that was cut.
+/// End of a recorded session. Absent from a truncated recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct End {
-    /// Ticks that ran.
+    /// Number of ticks.
     pub ticks: u64,
-    /// Records dropped on the way out of the haptic thread.
+    /// Records dropped because the queue of the haptic thread was full.
     pub dropped_by_loop: u64,
     /// Records dropped because the disk did not keep up.
     pub dropped_by_recorder: u64,
-    /// Exchanges with the device that failed in passing.
+    /// Device exchanges that failed with a transient error.
     pub device_errors: u64,
-    /// Why it ended.
+    /// Reason of the end.
     pub reason: String,
     /// Phase at the end.
     pub phase: String,
 }
 
 impl End {
-    /// The end of a session; what the recorder dropped it adds itself.
+    /// The end of a session. The recorder adds the number of records that it dropped.
     #[must_use]
     pub fn of_session(summary: &SessionSummary) -> Self {
         Self {
@@ -240,7 +241,7 @@ fn get<T: FromStr>(entries: &Entries, key: &'static str) -> Result<T, RecordingE
 pub(super) mod tests {
     use super::*;
 
-    /// A header whose every number is odd.
+    /// A header in which no number has its default value.
     pub(in crate::recording) fn header() -> Header {
         Header {
             program: "palpate 0.0.1".into(),
@@ -292,13 +293,13 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn every_number_of_the_header_comes_back() {
+    fn the_header_survives_a_round_trip() {
         let header = header();
         assert_eq!(Header::of(&header.entries()).expect("complete"), header);
     }
 
     #[test]
-    fn whatever_is_missing_is_named() {
+    fn a_missing_entry_is_named() {
         let entries = header().entries();
         for key in entries.keys() {
             let mut fewer = entries.clone();

@@ -1,13 +1,13 @@
-//! One tick as a JSON message, and back with the same bits.
+//! One tick as a JSON message: encoding and decoding keep every bit.
 
 use crate::device::DeviceState;
 use crate::rt::{Applied, TickRecord};
 use palpate_core::{Coverage, Fault, Phase, Sample, Share, Vec3, vec3};
 use serde::{Deserialize, Serialize};
 
-/// A tick as it is in the file; `tick.schema.json` says what each field is.
+/// A tick as stored in the file. `tick.schema.json` documents the fields.
 ///
-/// What is not there is left out (`sample`, `coverage`, `fault`), because viewers know no null in a schema.
+/// Absent values (`sample`, `coverage`, `fault`) are omitted, because viewers support no null in a schema.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Message<'m> {
@@ -51,7 +51,7 @@ struct SampleMessage {
     buttons: u32,
 }
 
-/// A space that answered.
+/// An engaged space and its weight.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ShareMessage {
@@ -59,7 +59,7 @@ struct ShareMessage {
     weight: f32,
 }
 
-/// A vector; JSON has no NaN and no infinity, so one that holds any has its bits beside what is finite of it.
+/// A vector. JSON has no NaN and no infinity: a vector with such a component also stores its bits.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Vector {
@@ -137,7 +137,7 @@ pub(super) fn encode(record: &TickRecord, bytes: &mut Vec<u8>) -> serde_json::Re
     serde_json::to_writer(bytes, &message)
 }
 
-/// The tick of a message.
+/// Decodes the tick of a message.
 pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
     let message: Message<'_> = serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
     let vector = |vector: Vector, name: &str| {
@@ -148,14 +148,14 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         (ACTIVE, None) => Phase::Active,
         (SAFE_ZERO, Some(name)) => {
             let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
-            Phase::SafeZero(fault.ok_or_else(|| format!("no fault `{name}`"))?)
+            Phase::SafeZero(fault.ok_or_else(|| format!("unknown fault `{name}`"))?)
         }
-        (phase, _) => return Err(format!("no phase `{phase}`, with or without a fault")),
+        (phase, _) => return Err(format!("invalid phase `{phase}`, or an invalid combination with `fault`")),
     };
-    let coverage = |name| Coverage::from_name(name).ok_or_else(|| format!("no coverage `{name}`"));
+    let coverage = |name| Coverage::from_name(name).ok_or_else(|| format!("unknown coverage `{name}`"));
     let engaged = match message.engaged {
         -1 => None,
-        space => Some(u16::try_from(space).map_err(|_| format!("no space {space}"))?),
+        space => Some(u16::try_from(space).map_err(|_| format!("invalid space {space}"))?),
     };
     let sample = |sample: SampleMessage| -> Result<Sample, String> {
         let position_m = vector(sample.position_m, "sample.position_m")?;
@@ -168,7 +168,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         tick: message.tick,
         t_us: message.t_us,
         sample: message.sample.map(sample).transpose()?,
-        device: device.ok_or_else(|| format!("no state of a device `{}`", message.device))?,
+        device: device.ok_or_else(|| format!("unknown device state `{}`", message.device))?,
         applied: Applied {
             zeroed: message.zeroed,
             reset: message.reset,
@@ -179,7 +179,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<TickRecord, String> {
         hip_m: vector(message.hip_m, "hip_m")?,
         displacement_m: vector(message.displacement_m, "displacement_m")?,
         engaged,
-        shares: shares.try_into().map_err(|_| "`shares` has not three parts".to_owned())?,
+        shares: shares.try_into().map_err(|_| "`shares` does not have three elements".to_owned())?,
         reaction_n: vector(message.reaction_n, "reaction_n")?,
         hand_force_n: vector(message.hand_force_n, "hand_force_n")?,
         coverage: message.coverage.map(coverage).transpose()?,
@@ -200,7 +200,7 @@ pub(super) mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// A record with something in every field.
+    /// A record in which every field has a value.
     pub(in crate::recording) fn full() -> TickRecord {
         TickRecord {
             tick: 1_234,
@@ -238,7 +238,7 @@ pub(super) mod tests {
         String::from_utf8(bytes).expect("JSON is text")
     }
 
-    /// Every bit, of floats that are no numbers too.
+    /// Every bit, also of floats that are not finite.
     fn bits(record: &TickRecord) -> (Vec<u32>, String) {
         let vectors = [record.hip_m, record.displacement_m, record.reaction_n, record.hand_force_n];
         let position_m = record.sample.map_or([0.0; 3], |sample| sample.position_m);
@@ -247,8 +247,8 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn every_field_comes_back() {
-        let mut records = vec![full(), TickRecord::NOTHING];
+    fn every_field_survives_a_round_trip() {
+        let mut records = vec![full(), TickRecord::EMPTY];
         records.extend(Fault::ALL.map(|fault| TickRecord { phase: Phase::SafeZero(fault), ..full() }));
         records.extend(Coverage::ALL.map(|kind| TickRecord { coverage: Some(kind), ..full() }));
         for record in records {
@@ -256,9 +256,9 @@ pub(super) mod tests {
         }
     }
 
-    /// A whole period of an odd multiplier visits patterns of every exponent.
+    /// A full period of an odd multiplier visits patterns of every exponent.
     #[test]
-    fn any_float_comes_back_with_its_bits() {
+    fn every_float_keeps_its_bits() {
         let mut pattern = 1_u32;
         let mut next = || {
             pattern = pattern.wrapping_mul(0x9e37_79b1).wrapping_add(0x7f4a_7c15);
@@ -280,7 +280,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_no_number_but_has_its_bits() {
+    fn a_value_that_is_not_finite_is_stored_as_bits() {
         let nan = f32::from_bits(0x7fc0_1234);
         let sample = Sample { t_us: 7, position_m: [0.5, nan, f32::NEG_INFINITY], buttons: 0 };
         let message = text(&TickRecord { sample: Some(sample), ..full() });
@@ -292,7 +292,7 @@ pub(super) mod tests {
         assert_eq!(back.position_m.map(f32::to_bits), sample.position_m.map(f32::to_bits));
     }
 
-    /// Whether a value is what the schema says, as far as the schema goes (it keeps to these words).
+    /// Checks a value against the schema, for the keywords that our schema uses.
     fn fits(schema: &Value, value: &Value) -> Result<(), String> {
         let is = match schema["type"].as_str().expect("one plain type") {
             "object" => value.is_object(),
@@ -301,18 +301,19 @@ pub(super) mod tests {
             "number" => value.is_number(),
             "boolean" => value.is_boolean(),
             "string" => value.is_string(),
-            other => return Err(format!("a type that viewers do not know: {other}")),
+            other => return Err(format!("a type that viewers do not support: {other}")),
         };
         if !is {
-            return Err(format!("{value} is no {}", schema["type"]));
+            return Err(format!("{value} is not of type {}", schema["type"]));
         }
-        assert!(schema["description"].is_string(), "{schema} is explained");
+        assert!(schema["description"].is_string(), "{schema} has a description");
         for name in schema["required"].as_array().into_iter().flatten() {
             let name = name.as_str().expect("a name");
             value.get(name).ok_or_else(|| format!("`{name}` is missing"))?;
         }
         for (name, member) in value.as_object().into_iter().flatten() {
-            let part = schema["properties"].get(name).ok_or_else(|| format!("`{name}` is not foreseen"))?;
+            let part =
+                schema["properties"].get(name).ok_or_else(|| format!("`{name}` is not in the schema"))?;
             fits(part, member).map_err(|error| format!("{name}: {error}"))?;
         }
         for item in value.as_array().into_iter().flatten() {
@@ -320,7 +321,7 @@ pub(super) mod tests {
         }
         let allowed = schema["enum"].as_array();
         if allowed.is_some_and(|allowed| !allowed.contains(value)) {
-            return Err(format!("{value} is not among those allowed"));
+            return Err(format!("{value} is not an allowed value"));
         }
         Ok(())
     }
@@ -330,7 +331,7 @@ pub(super) mod tests {
         let schema: Value = serde_json::from_str(super::super::SCHEMA).expect("the schema is JSON");
         let value = |record: &TickRecord| -> Value { serde_json::from_str(&text(record)).expect("JSON") };
         let all = value(&full());
-        let mut records = vec![full(), TickRecord::NOTHING];
+        let mut records = vec![full(), TickRecord::EMPTY];
         records.extend(Fault::ALL.map(|fault| TickRecord { phase: Phase::SafeZero(fault), ..full() }));
         records.extend(Coverage::ALL.map(|kind| TickRecord { coverage: Some(kind), ..full() }));
         records.push(TickRecord { hip_m: [f32::NAN; 3], ..full() });
@@ -351,23 +352,23 @@ pub(super) mod tests {
         assert!(fits(&schema, &other).is_err());
     }
 
-    /// Recordings from before the device's time was kept apart.
+    /// Recordings made before the device's time was recorded separately.
     #[test]
     fn a_message_without_the_device_time_is_read() {
-        let older = text(&full()).replace(r#""device_ns":8000,"#, "");
-        assert!(!older.contains("device_ns"));
-        let record = decode(older.as_bytes()).expect("as good as ever");
+        let old = text(&full()).replace(r#""device_ns":8000,"#, "");
+        assert!(!old.contains("device_ns"));
+        let record = decode(old.as_bytes()).expect("an old message is valid");
         assert_eq!(record, TickRecord { device_ns: None, ..full() });
     }
 
     #[test]
-    fn nonsense_is_refused_with_its_reason() {
+    fn an_invalid_message_is_refused_with_its_reason() {
         let good = text(&full());
         for (from, to, reason) in [
             (r#""phase":"safe-zero""#, r#""phase":"active""#, "phase"),
             ("overspeed", "boredom", "boredom"),
             ("supercell", "hypercell", "hypercell"),
-            (r#""engaged":2"#, r#""engaged":-2"#, "no space -2"),
+            (r#""engaged":2"#, r#""engaged":-2"#, "invalid space -2"),
             (r#""y":-0.2,"#, "", "sample.position_m"),
             (r#""clamped":true,"#, "", "clamped"),
             (r#""tick":1234"#, r#""tick":-1"#, "invalid value"),

@@ -1,17 +1,19 @@
-//! Recordings of sessions: every tick in an MCAP file that robotics viewers plot and that can be replayed bit for bit.
+//! Recordings of sessions: every tick in an MCAP file that robotics viewers can plot and that can be replayed
+//! bit for bit.
 //!
 //! ```text
-//! haptic thread -> bounded queue -> calling thread -> Recorder (bounded queue) -> its thread -> TickWriter -> FILE.mcap
+//! haptic thread -> bounded queue -> calling thread -> Recorder (bounded queue) -> thread -> TickWriter -> FILE.mcap
 //! FILE.mcap -> Recording (header, ticks, end) -> replay | inspect
 //! ```
 //!
-//! In: [`TickRecord`](crate::TickRecord)s. Out: one channel of JSON messages with their schema inside, a metadata record of what a replay
-//! must match, and one of how the session ended. docs/formats.md, section 6, describes the file.
+//! Inputs: [`TickRecord`](crate::TickRecord)s. Output: one channel of JSON messages with their schema, a
+//! metadata record of the settings that a replay must match, and one of the end of the session.
+//! docs/formats.md, section 6, describes the file.
 //!
 //! Invariants:
-//! - nobody waits for the disk: a record that finds the queue full is dropped and counted;
-//! - what is read back has the bits that were written, of every float, finite or not;
-//! - a file is readable up to where it ends, whatever ended it; at most the last second is missing.
+//! - Writing never blocks the caller: if the queue is full, the record is dropped and counted.
+//! - Every float is read back with its bits, finite or not.
+//! - A truncated file is readable up to its end. At most the last second is missing.
 
 mod header;
 mod message;
@@ -30,9 +32,9 @@ use core::fmt;
 pub const TOPIC: &str = "/palpate/tick";
 /// Name of the schema of a tick.
 pub const SCHEMA_NAME: &str = "palpate.Tick";
-/// JSON schema of a tick. Plain types only (no unions, no references): viewers understand no more.
+/// JSON schema of a tick. Plain types only (no unions, no references): viewers support nothing else.
 pub const SCHEMA: &str = include_str!("tick.schema.json");
-/// Version of messages and metadata; another one is refused.
+/// Version of messages and metadata. The reader refuses other versions.
 pub const FORMAT: u32 = 3;
 
 /// Name of the metadata record that opens a recording.
@@ -40,27 +42,27 @@ const SESSION: &str = "palpate.session";
 /// Name of the metadata record that closes it.
 const END: &str = "palpate.end";
 
-/// Why a recording was not written or cannot be read.
+/// Reason why a recording could not be written or read.
 #[derive(Debug)]
 pub enum RecordingError {
     /// Reading or writing failed.
     Io(std::io::Error),
-    /// Damaged, or compressed in a way that is not read here.
+    /// Damaged, or compressed with a method that this reader does not support.
     Mcap(mcap::McapError),
-    /// No MCAP file, or none of Palpate's, or cut before it began.
+    /// Not an MCAP file, not a recording of Palpate, or truncated before the header.
     NotARecording,
-    /// Of another version.
+    /// Written in another format version.
     Format(String),
-    /// An entry of the metadata is missing or has no sense.
+    /// An entry of the metadata is missing or invalid.
     Entry(&'static str),
-    /// A message that is no tick.
+    /// An invalid message.
     Message {
-        /// Messages before it.
+        /// Number of messages before it.
         index: u64,
-        /// What is wrong.
+        /// What is wrong with it.
         what: String,
     },
-    /// The thread of the recorder panicked.
+    /// The recorder's thread panicked.
     Panicked,
 }
 
@@ -75,13 +77,15 @@ impl fmt::Display for RecordingError {
                 )
             }
             Self::Mcap(error) => write!(f, "damaged: {error}"),
-            Self::NotARecording => f.write_str("no recording of Palpate, or cut before its first second"),
+            Self::NotARecording => {
+                f.write_str("not a recording of Palpate, or truncated before its first second")
+            }
             Self::Format(version) => {
                 write!(f, "a recording of version {version}; this program reads version {FORMAT}")
             }
-            Self::Entry(key) => write!(f, "`{key}` is missing or has no sense in its metadata"),
-            Self::Message { index, what } => write!(f, "message {index} is no tick: {what}"),
-            Self::Panicked => f.write_str("the recorder panicked (a fault of this program)"),
+            Self::Entry(key) => write!(f, "`{key}` is missing or invalid in its metadata"),
+            Self::Message { index, what } => write!(f, "message {index} is not a valid tick: {what}"),
+            Self::Panicked => f.write_str("the recorder panicked (a defect of this program)"),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Reads a recording from its beginning, as far as it goes: no index and no footer are needed.
+//! Reads a recording from its beginning to its end. No index and no footer are needed.
 
 use super::header::{End, Header};
 use super::{END, RecordingError, SESSION, TOPIC, message};
@@ -8,12 +8,13 @@ use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::{ErrorKind, Read};
 
-/// Longest record that is believed: a damaged length must not ask for all memory.
-const LONGEST_RECORD: usize = 1 << 24;
+/// Largest accepted length of a record: a damaged length must not cause a huge allocation.
+const MAX_RECORD_LEN: usize = 1 << 24;
 
-/// A recording: its header, then its ticks as an iterator, then its end.
+/// A recording: its header, its ticks as an iterator, then its end.
 ///
-/// A file that was cut (the process was killed, the disk was full) gives its ticks up to there; [`Recording::is_cut`] says so.
+/// A truncated file (the process was killed, the disk was full) yields the ticks up to its end;
+/// [`Recording::is_cut`] reports it.
 pub struct Recording<R> {
     source: R,
     reader: LinearReader,
@@ -22,7 +23,7 @@ pub struct Recording<R> {
     channel: Option<u16>,
     state: Reading,
     ticks: u64,
-    /// Ticks that ran before the next record, if none is missing.
+    /// Number of ticks before the next record, if none is missing.
     expected: u64,
     lost: u64,
     t_us: u64,
@@ -32,16 +33,16 @@ pub struct Recording<R> {
 enum Reading {
     Ticks,
     Complete,
-    Cut,
+    Truncated,
     Failed,
 }
 
-/// What a record of the file means here.
+/// Meaning of a record of the file.
 enum Found {
     Metadata(mcap::records::Metadata),
     Channel(u16),
     Tick(TickRecord),
-    NoTick(String),
+    InvalidTick(String),
     Other,
     DataEnd,
 }
@@ -56,11 +57,11 @@ impl<R> core::fmt::Debug for Recording<R> {
 }
 
 impl<R: Read> Recording<R> {
-    /// Reads up to the header. `source` is best buffered.
+    /// Reads up to the header. `source` should be buffered.
     pub fn open(mut source: R) -> Result<Self, RecordingError> {
         let options = LinearReaderOptions::default()
             .with_validate_chunk_crcs(true)
-            .with_record_length_limit(LONGEST_RECORD);
+            .with_record_length_limit(MAX_RECORD_LEN);
         let mut reader = LinearReader::new_with_options(options);
         let header = loop {
             match next(&mut reader, &mut source, None) {
@@ -89,22 +90,22 @@ impl<R: Read> Recording<R> {
         })
     }
 
-    /// What was recorded.
+    /// The header.
     pub const fn header(&self) -> &Header {
         &self.header
     }
 
-    /// How the session ended; known after the last tick.
+    /// The end of the session; available after the last tick.
     pub const fn end(&self) -> Option<&End> {
         self.end.as_ref()
     }
 
-    /// Whether the file ended before the recording did; known after the last tick.
+    /// Whether the file ends before the recording does; known after the last tick.
     pub fn is_cut(&self) -> bool {
-        self.state == Reading::Cut
+        self.state == Reading::Truncated
     }
 
-    /// Ticks that ran before the last one read and whose record is missing.
+    /// Number of missing records before the last tick read.
     pub const fn lost(&self) -> u64 {
         self.lost
     }
@@ -117,17 +118,19 @@ impl<R: Read> Recording<R> {
                     self.end = Some(End::read(&metadata.metadata)?);
                 }
                 Ok(Found::Tick(record)) => return self.count(record).map(Some),
-                Ok(Found::NoTick(what)) => return Err(RecordingError::Message { index: self.ticks, what }),
+                Ok(Found::InvalidTick(what)) => {
+                    return Err(RecordingError::Message { index: self.ticks, what });
+                }
                 Ok(Found::DataEnd) => self.state = Reading::Complete,
                 Ok(Found::Metadata(_) | Found::Other) => {}
-                Err(RecordingError::Mcap(McapError::UnexpectedEof)) => self.state = Reading::Cut,
+                Err(RecordingError::Mcap(McapError::UnexpectedEof)) => self.state = Reading::Truncated,
                 Err(error) => return Err(error),
             }
         }
         Ok(None)
     }
 
-    /// A tick's number less the deadlines skipped before it is the number of ticks before it.
+    /// The number of ticks before a tick is its number minus the deadlines skipped before it.
     fn count(&mut self, record: TickRecord) -> Result<TickRecord, RecordingError> {
         let before = record.tick.checked_sub(record.skipped_periods);
         let missing = before.and_then(|before| before.checked_sub(self.expected));
@@ -155,7 +158,7 @@ impl<R: Read> Iterator for Recording<R> {
     }
 }
 
-/// The next record, chunks unpacked.
+/// The next record, from unpacked chunks.
 fn next(
     reader: &mut LinearReader,
     source: &mut impl Read,
@@ -163,7 +166,7 @@ fn next(
 ) -> Result<Found, RecordingError> {
     loop {
         match reader.next_event() {
-            // Behind the end of the data there is only the index.
+            // After the end of the data there is only the index.
             None => return Ok(Found::DataEnd),
             Some(Err(error)) => return Err(error.into()),
             Some(Ok(LinearReadEvent::ReadRequest(need))) => {
@@ -180,7 +183,7 @@ fn next(
                     Record::Metadata(metadata) => Found::Metadata(metadata),
                     Record::Channel(channel) if channel.topic == TOPIC => Found::Channel(channel.id),
                     Record::Message { header, data } if Some(header.channel_id) == ticks => {
-                        message::decode(&data).map_or_else(Found::NoTick, Found::Tick)
+                        message::decode(&data).map_or_else(Found::InvalidTick, Found::Tick)
                     }
                     Record::DataEnd(_) => Found::DataEnd,
                     _ => Found::Other,
@@ -210,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_file_is_read_up_to_where_it_ends() {
+    fn a_truncated_file_is_read_up_to_its_end() {
         let bytes = file();
         let complete = |bytes: &[u8]| {
             let mut recording = Recording::open(bytes)?;
@@ -221,15 +224,15 @@ mod tests {
             }
             Ok::<_, RecordingError>((ticks, recording.is_cut()))
         };
-        assert_eq!(complete(&bytes).expect("sound"), (TICKS, false));
+        assert_eq!(complete(&bytes).expect("valid"), (TICKS, false));
         let mut before = 0;
         for len in (2_000..bytes.len()).step_by(49_999).chain((bytes.len() - 200..bytes.len()).step_by(7)) {
-            let (ticks, _) = complete(&bytes[..len]).expect("a cut is no error");
+            let (ticks, _) = complete(&bytes[..len]).expect("truncation is not an error");
             assert!(ticks >= before, "{ticks} of {len} bytes, {before} of fewer");
             before = ticks;
         }
         assert_eq!(before, TICKS);
-        let cut = complete(&bytes[..bytes.len() / 2]).expect("a cut is no error");
+        let cut = complete(&bytes[..bytes.len() / 2]).expect("truncation is not an error");
         assert!(cut.1 && cut.0 > TICKS / 3, "{cut:?}");
         for len in [0, 5, 8, 40, 300] {
             assert!(matches!(complete(&bytes[..len]), Err(RecordingError::NotARecording)), "{len}");
@@ -237,15 +240,15 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_seen_and_other_files_are_refused() {
+    fn damage_is_detected_and_other_files_are_refused() {
         let bytes = file();
         let mut flipped = bytes.clone();
         let middle = bytes.len() / 2;
-        // A digit to another digit: still JSON, but not what was written.
+        // One digit replaced by another: valid JSON, but not the value that was written.
         let digit = middle + bytes[middle..].iter().position(u8::is_ascii_digit).expect("numbers");
         flipped[digit] ^= 1;
-        let errors = Recording::open(flipped.as_slice()).expect("its header is sound").filter(Result::is_err);
-        assert_eq!(errors.count(), 1, "and nothing after it");
+        let errors = Recording::open(flipped.as_slice()).expect("its header is valid").filter(Result::is_err);
+        assert_eq!(errors.count(), 1, "iteration ends at the damage");
         for other in [&b"solid text"[..], b"\x89PNG\r\n\x1a\n", b""] {
             assert!(matches!(Recording::open(other), Err(RecordingError::NotARecording)));
         }
@@ -256,11 +259,11 @@ mod tests {
         assert!(matches!(Recording::open(empty.as_slice()), Err(RecordingError::NotARecording)));
     }
 
-    /// What a viewer relies on, read by the library's own reader of whole files.
+    /// What viewers rely on, read with the library's reader of whole files.
     #[test]
     fn viewers_find_channel_schema_index_and_times() {
         let bytes = file();
-        let summary = mcap::Summary::read(&bytes).expect("sound").expect("there is one");
+        let summary = mcap::Summary::read(&bytes).expect("valid").expect("there is one");
         let channel = summary.channels.values().next().expect("one channel");
         assert_eq!((channel.topic.as_str(), channel.message_encoding.as_str()), (TOPIC, "json"));
         let schema = channel.schema.as_ref().expect("a schema");

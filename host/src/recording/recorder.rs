@@ -1,8 +1,9 @@
-//! The thread that writes a recording, behind a bounded queue of its own.
+//! The thread that writes a recording, behind a bounded queue.
 //!
-//! The thread that drains the haptic queue also draws. A disk that stalls for seconds (a busy one, one over the network) must neither
-//! freeze the picture nor fill the haptic queue, so writing has a thread and a queue of its own, and what does not fit is dropped and
-//! counted. A lock of the standard library's channel is fine here: neither end is the haptic thread.
+//! The thread that drains the haptic queue also draws. A disk that stalls for seconds (a busy disk or a
+//! network disk) must neither freeze the picture nor fill the haptic queue. So writing has its own thread and
+//! queue; records that do not fit are dropped and counted. The standard library's channel may lock here:
+//! neither end is the haptic thread.
 
 use super::header::{End, Header};
 use super::{RecordingError, TickWriter};
@@ -11,30 +12,31 @@ use std::io::Write;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Ticks that may wait for the disk: half a minute at 1 kHz, in less than 5 MB.
+/// Capacity of the queue in ticks: half a minute at 1 kHz, in less than 5 MB.
 const QUEUE_TICKS: usize = 32_768;
 
-/// What a recording came to.
+/// Summary of a recording.
 #[derive(Debug)]
 pub struct RecorderReport {
     /// Ticks written.
     pub ticks: u64,
-    /// Records that came while the queue was full, or after an error.
+    /// Records that arrived while the queue was full or after an error.
     pub dropped: u64,
-    /// What ended the recording early.
+    /// The error that ended the recording early.
     pub error: Option<RecordingError>,
 }
 
-/// Takes records without waiting; its thread writes them. Dropped without [`Self::finish`], as by a panic, it ends the file all the same.
+/// Accepts records without blocking; a thread writes them. Dropping it without [`Self::finish`], for instance
+/// in a panic, also completes the file.
 #[derive(Debug)]
 pub struct Recorder<W: Write> {
-    /// The way to its thread; `None` once the recording has ended.
-    running: Option<(SyncSender<TickRecord>, JoinHandle<Written<W>>)>,
+    /// Queue and thread; `None` after the end of the recording.
+    running: Option<(SyncSender<TickRecord>, JoinHandle<WriterResult<W>>)>,
     dropped: u64,
 }
 
 #[derive(Debug)]
-struct Written<W: Write> {
+struct WriterResult<W: Write> {
     writer: TickWriter<W>,
     error: Option<RecordingError>,
 }
@@ -45,23 +47,23 @@ impl<W: Write + Send + 'static> Recorder<W> {
         Self::with_queue(stream, header, QUEUE_TICKS)
     }
 
-    /// With room for so many ticks.
+    /// Like [`Self::start`], with a queue of this many ticks.
     pub fn with_queue(stream: W, header: &Header, ticks: usize) -> Result<Self, RecordingError> {
         let writer = TickWriter::new(stream, header)?;
-        // A queue of no place would make the sender wait for the receiver.
+        // A queue of capacity zero would block the sender until the receiver reads.
         let (queue, records) = sync_channel(ticks.max(1));
         let thread =
             Builder::new().name("palpate-recorder".into()).spawn(move || write_all(writer, &records))?;
         Ok(Self { running: Some((queue, thread)), dropped: 0 })
     }
 
-    /// Takes a record; never waits.
-    pub fn take(&mut self, record: &TickRecord) {
+    /// Queues a record; never blocks.
+    pub fn push(&mut self, record: &TickRecord) {
         let taken = self.running.as_ref().is_some_and(|(queue, _)| queue.try_send(*record).is_ok());
         self.dropped += u64::from(!taken);
     }
 
-    /// Waits for what is queued to be written, and ends the recording.
+    /// Waits until the queued records are written, then ends the recording.
     pub fn finish(mut self, end: Option<End>) -> RecorderReport {
         self.end(end)
     }
@@ -73,9 +75,9 @@ impl<W: Write> Recorder<W> {
         let Some((queue, thread)) = self.running.take() else {
             return RecorderReport { ticks: 0, dropped, error: None };
         };
-        // Its thread ends with the last record.
+        // The thread ends after the last record.
         drop(queue);
-        let Ok(Written { writer, error }) = thread.join() else {
+        let Ok(WriterResult { writer, error }) = thread.join() else {
             return RecorderReport { ticks: 0, dropped, error: Some(RecordingError::Panicked) };
         };
         let ticks = writer.ticks();
@@ -86,21 +88,21 @@ impl<W: Write> Recorder<W> {
 }
 
 impl<W: Write> Drop for Recorder<W> {
-    /// The caller's own panic must not cost the recording: what was taken is written and the file gets its end, before the process goes.
+    /// After a panic of the caller the queued records are still written and the file is completed.
     fn drop(&mut self) {
-        // There is nobody left to tell of a full disk.
+        // A full disk cannot be reported here.
         let _ = self.end(None);
     }
 }
 
-fn write_all<W: Write>(mut writer: TickWriter<W>, records: &Receiver<TickRecord>) -> Written<W> {
+fn write_all<W: Write>(mut writer: TickWriter<W>, records: &Receiver<TickRecord>) -> WriterResult<W> {
     for record in records {
         if let Err(error) = writer.write(&record) {
-            // The receiver goes with this thread: whatever comes after is counted as dropped.
-            return Written { writer, error: Some(error) };
+            // The receiver ends with this thread: later records count as dropped.
+            return WriterResult { writer, error: Some(error) };
         }
     }
-    Written { writer, error: None }
+    WriterResult { writer, error: None }
 }
 
 #[cfg(test)]
@@ -112,7 +114,7 @@ mod tests {
     use std::io;
     use std::sync::{Arc, Condvar, Mutex};
 
-    /// A disk that stalls while told to, and says when somebody waits for it.
+    /// A disk that stalls on request and reports when a writer waits for it.
     #[derive(Default)]
     struct Gate {
         state: Mutex<(bool, bool)>,
@@ -134,7 +136,7 @@ mod tests {
             }
         }
 
-        fn until_somebody_waits(&self) {
+        fn wait_until_blocked(&self) {
             let state = self.state.lock().expect("no panic");
             drop(self.changed.wait_while(state, |state| !state.1).expect("no panic"));
         }
@@ -143,7 +145,7 @@ mod tests {
     struct Disk {
         bytes: Arc<Mutex<Vec<u8>>>,
         gate: Arc<Gate>,
-        /// Writes beyond so many bytes fail.
+        /// Writes beyond this number of bytes fail.
         capacity: usize,
     }
 
@@ -179,15 +181,15 @@ mod tests {
     }
 
     #[test]
-    fn a_stalled_disk_costs_records_but_nobody_waits() {
+    fn a_stalled_disk_drops_records_and_does_not_block() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
         let mut recorder = Recorder::with_queue(disk, &header(), 1_500).expect("the header fits");
         gate.set(true);
-        // Tick 1000 completes a chunk, whose write stalls with the queue empty.
-        (0..=1_000).for_each(|tick| recorder.take(&record(tick)));
-        gate.until_somebody_waits();
-        (1_001..1_001 + 1_500 + 7).for_each(|tick| recorder.take(&record(tick)));
+        // Tick 1000 completes a chunk, whose write stalls while the queue is empty.
+        (0..=1_000).for_each(|tick| recorder.push(&record(tick)));
+        gate.wait_until_blocked();
+        (1_001..1_001 + 1_500 + 7).for_each(|tick| recorder.push(&record(tick)));
         assert_eq!(recorder.dropped, 7);
         gate.set(false);
         let report = recorder.finish(Some(end()));
@@ -195,53 +197,54 @@ mod tests {
         assert_eq!((report.ticks, report.dropped), (2_501, 7));
 
         let bytes = bytes.lock().expect("no panic").clone();
-        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
-        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("sound").tick).collect();
+        let mut recording = Recording::open(bytes.as_slice()).expect("valid");
+        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("valid").tick).collect();
         assert_eq!(ticks, (0..2_501).collect::<Vec<_>>());
         assert_eq!(recording.end(), Some(&End { dropped_by_recorder: 7, ..end() }));
     }
 
-    /// The thread that draws panics while the disk is slow: what it had handed over is written, and the file ends as it should.
+    /// The drawing thread panics while the disk is slow: the queued records are written and the file is
+    /// completed.
     #[test]
-    fn a_panic_of_the_caller_leaves_a_whole_file() {
+    fn a_panic_of_the_caller_leaves_a_complete_file() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate: gate.clone(), capacity: usize::MAX };
         let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
         gate.set(true);
         let opener = gate.clone();
         let opens = std::thread::spawn(move || {
-            opener.until_somebody_waits();
+            opener.wait_until_blocked();
             std::thread::sleep(std::time::Duration::from_millis(20));
             opener.set(false);
         });
         let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(move || {
-            (0..1_500).for_each(|tick| recorder.take(&record(tick)));
-            panic!("planted panic");
+            (0..1_500).for_each(|tick| recorder.push(&record(tick)));
+            panic!("injected panic");
         }));
-        // At once: the process would be gone now.
+        // Immediately, as if the process exited now.
         let bytes = bytes.lock().expect("no panic").clone();
         assert!(panicked.is_err());
-        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
-        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("sound").tick).collect();
+        let mut recording = Recording::open(bytes.as_slice()).expect("valid");
+        let ticks: Vec<u64> = recording.by_ref().map(|tick| tick.expect("valid").tick).collect();
         assert_eq!(ticks, (0..1_500).collect::<Vec<_>>());
         assert!(!recording.is_cut() && recording.end().is_none());
         opens.join().expect("no panic");
     }
 
     #[test]
-    fn a_hole_in_the_ticks_is_seen_and_counted_but_skipped_deadlines_are_none() {
+    fn missing_ticks_are_counted_and_skipped_deadlines_are_not() {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate, capacity: usize::MAX };
         let mut recorder = Recorder::start(disk, &header()).expect("the header fits");
         // Deadlines 10 and 11 were skipped; the records of 21, 22 and 23 are lost.
         for tick in (0..30).filter(|tick| ![10, 11, 21, 22, 23].contains(tick)) {
-            recorder.take(&TickRecord { skipped_periods: if tick > 11 { 2 } else { 0 }, ..record(tick) });
+            recorder.push(&TickRecord { skipped_periods: if tick > 11 { 2 } else { 0 }, ..record(tick) });
         }
         assert_eq!(recorder.finish(None).dropped, 0);
         let bytes = bytes.lock().expect("no panic").clone();
-        let mut recording = Recording::open(bytes.as_slice()).expect("sound");
+        let mut recording = Recording::open(bytes.as_slice()).expect("valid");
         while let Some(tick) = recording.next() {
-            let tick = tick.expect("sound").tick;
+            let tick = tick.expect("valid").tick;
             assert_eq!(recording.lost(), if tick > 23 { 3 } else { 0 }, "{tick}");
         }
         assert!(!recording.is_cut() && recording.end().is_none());
@@ -252,7 +255,7 @@ mod tests {
         let (bytes, gate) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Gate::default()));
         let disk = Disk { bytes: bytes.clone(), gate, capacity: 1_500_000 };
         let mut recorder = Recorder::with_queue(disk, &header(), 20_000).expect("the header fits");
-        (0..10_000).for_each(|tick| recorder.take(&record(tick)));
+        (0..10_000).for_each(|tick| recorder.push(&record(tick)));
         let report = recorder.finish(Some(end()));
         assert!(
             matches!(&report.error, Some(RecordingError::Io(error)) if error.kind() == io::ErrorKind::StorageFull)

@@ -1,4 +1,4 @@
-//! Ticks into MCAP: whole chunks, a second each.
+//! Writes ticks to MCAP in complete chunks of one second.
 
 use super::header::{End, Header};
 use super::{END, RecordingError, SCHEMA, SCHEMA_NAME, SESSION, TOPIC, message};
@@ -8,13 +8,14 @@ use mcap::write::NoSeek;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Time of the loop that one chunk holds at most, us: what a killed process loses.
+/// Longest loop time in one chunk, us: the data that a killed process loses.
 const CHUNK_US: u64 = 1_000_000;
 
-/// Writes a recording into a stream. Blocks as the stream does: not for the haptic thread.
+/// Writes a recording into a stream. It blocks when the stream blocks, so the haptic thread must not call it.
 ///
-/// A chunk is built in memory and goes out in one piece, so that a file that ends early ends behind a whole chunk or inside the last.
-/// Chunks are not compressed: that would take a C library, and the tools of the format can do it later.
+/// A chunk is built in memory and written in one piece: a truncated file ends after a complete chunk or
+/// inside the last one. Chunks are not compressed: compression needs a C library, and MCAP tools can compress
+/// later.
 pub struct TickWriter<W: Write> {
     writer: mcap::Writer<NoSeek<W>>,
     channel: u16,
@@ -31,7 +32,7 @@ impl<W: Write> core::fmt::Debug for TickWriter<W> {
 }
 
 impl<W: Write> TickWriter<W> {
-    /// Begins a recording: the header is written, and the first error is seen here.
+    /// Begins a recording and writes the header, so an unwritable stream fails here.
     pub fn new(stream: W, header: &Header) -> Result<Self, RecordingError> {
         let options = mcap::WriteOptions::new()
             .compression(None)
@@ -54,14 +55,14 @@ impl<W: Write> TickWriter<W> {
         })
     }
 
-    /// Writes one tick, and the chunk it completes.
+    /// Writes one tick, and the chunk that it completes.
     pub fn write(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
         self.json.clear();
         message::encode(record, &mut self.json).map_err(std::io::Error::from)?;
         let log_time = self.start_unix_ns.saturating_add(record.t_us.saturating_mul(1_000));
         let header = MessageHeader {
             channel_id: self.channel,
-            // Wraps after 49 days; the message has the whole number.
+            // Wraps after 49 days; the message has the full number.
             sequence: record.tick as u32,
             log_time,
             publish_time: log_time,
@@ -75,12 +76,12 @@ impl<W: Write> TickWriter<W> {
         Ok(())
     }
 
-    /// Ticks taken.
+    /// Number of ticks written.
     pub const fn ticks(&self) -> u64 {
         self.ticks
     }
 
-    /// Ends the recording, with what is known of its end, and gives the stream back.
+    /// Ends the recording with the given end, and returns the stream.
     pub fn finish(mut self, end: Option<&End>) -> Result<W, RecordingError> {
         if let Some(end) = end {
             self.writer.write_metadata(&Metadata { name: END.into(), metadata: end.entries() })?;

@@ -1,14 +1,14 @@
-//! The loop's clock: absolute waits on the real one, or a virtual one that tests turn by hand.
+//! The clock of the loop: absolute waits on the real clock, or a virtual clock for tests and replays.
 
 use crate::sys;
 use core::sync::atomic::{AtomicU64, Ordering};
 
 /// Time source of the haptic loop, in nanoseconds from an arbitrary origin.
 pub trait Clock {
-    /// Now.
+    /// Current time, ns.
     fn now_ns(&self) -> u64;
 
-    /// Waits until `deadline_ns`; the last `spin_ns` are spun, not slept.
+    /// Waits until `deadline_ns`; busy-waits the last `spin_ns`.
     fn wait_until(&self, deadline_ns: u64, spin_ns: u64);
 }
 
@@ -24,8 +24,8 @@ impl<C: Clock + ?Sized> Clock for &C {
 
 /// CLOCK_MONOTONIC: sleep to just before the deadline, then spin.
 ///
-/// The spin hides most of the wake-up latency of the timer (measured in a VM: p99 of 64 us falls under 1 us) at the
-/// price of that much CPU time per tick.
+/// The busy wait hides most of the timer's wake-up latency (measured in a VM: p99 falls from 64 us to under 1
+/// us). It costs that much CPU time per tick.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct MonotonicClock;
 
@@ -45,14 +45,14 @@ impl Clock for MonotonicClock {
     }
 }
 
-/// A clock that jumps to each deadline at once: a run of any length in as much time as the computing takes.
+/// A clock that jumps to each deadline: a run takes only the time of its computations.
 #[derive(Debug, Default)]
 pub struct VirtualClock {
     now_ns: AtomicU64,
 }
 
 impl VirtualClock {
-    /// Moves time on, as a delay of the operating system would.
+    /// Advances the time, like a delay by the operating system.
     pub fn advance_ns(&self, by_ns: u64) {
         self.now_ns.fetch_add(by_ns, Ordering::Relaxed);
     }

@@ -1,22 +1,23 @@
-//! What other threads ask of the loop: arming, disarming, a reset, another model. Flags, taken up at the next tick.
+//! Requests of other threads to the loop: arm, disarm, reset, select a model. They are flags that the next
+//! tick reads.
 
 use super::Applied;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use palpate_core::{Fault, State};
 
-/// Most models in one session.
-pub const MOST_MODELS: usize = u8::MAX as usize - 1;
-/// No model was asked for.
+/// Largest number of models in one session.
+pub const MAX_MODELS: usize = u8::MAX as usize - 1;
+/// No model is requested.
 const NO_MODEL: u8 = u8::MAX;
 
-/// Requests from other threads, taken up at the next tick.
+/// Requests from other threads, applied at the next tick.
 #[derive(Debug)]
 pub struct Controls {
     arm: AtomicBool,
     disarm: AtomicBool,
     reset: AtomicBool,
     model: AtomicU8,
-    /// Only a replay asks for it: a watchdog has fired.
+    /// Set by a replay only: the watchdog fired before this tick.
     zeroed: AtomicBool,
 }
 
@@ -28,7 +29,7 @@ impl Default for Controls {
 }
 
 impl Controls {
-    /// Starts rendering. For a real device this must stand for a deliberate act of the user.
+    /// Starts rendering. On a real device it must come from a deliberate act of the user.
     pub fn arm(&self) {
         self.arm.store(true, Ordering::Relaxed);
     }
@@ -43,17 +44,17 @@ impl Controls {
         self.reset.store(true, Ordering::Relaxed);
     }
 
-    /// Goes on with another model; after the last comes the first again.
+    /// Selects another model; the index wraps round.
     pub fn select(&self, model: u8) {
         self.model.store(model, Ordering::Relaxed);
     }
 
-    /// The model that was asked for since the last tick, if any.
+    /// Takes the model requested since the last tick, if any.
     pub(super) fn take_model(&self) -> Option<u8> {
         Some(self.model.swap(NO_MODEL, Ordering::Relaxed)).filter(|model| *model != NO_MODEL)
     }
 
-    /// Asks again for what was done before a recorded tick.
+    /// Repeats the requests that were applied before a recorded tick.
     pub fn repeat(&self, applied: Applied) {
         self.reset.store(applied.reset, Ordering::Relaxed);
         self.arm.store(applied.arm, Ordering::Relaxed);
@@ -61,8 +62,9 @@ impl Controls {
         self.zeroed.store(applied.zeroed, Ordering::Relaxed);
     }
 
-    /// Disarming goes last, so that it wins over whatever was asked in the same tick. A device that is not ready is not armed, and no key
-    /// that was pressed while the loop stood still arms or resets.
+    /// Applies the requests. Disarming comes last, so it overrides other requests of the same tick. A device
+    /// that is not ready is not armed. A key that was pressed while the loop was stalled neither arms nor
+    /// resets.
     pub(super) fn apply(&self, state: &mut State, ready: bool, zeroed: bool) -> Applied {
         let zeroed = self.zeroed.swap(false, Ordering::Relaxed) || zeroed;
         let applied = Applied {

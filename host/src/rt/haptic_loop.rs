@@ -1,12 +1,14 @@
-//! The 1 kHz loop: wait for an absolute deadline, exchange with the device, tick the controller, hand the record on.
+//! The 1 kHz loop: wait for an absolute deadline, exchange with the device, tick the controller, publish the
+//! record.
 //!
-//! Once `run` has begun nothing here allocates, locks, formats or writes. A tick that ends after the next deadline makes the
-//! loop skip what has passed: the hand gets a gap, never a burst of ticks that pretend to be a millisecond apart.
+//! After `run` has begun the loop does not allocate, lock, format or write. If a tick ends after the next
+//! deadline, the loop skips the deadlines that have passed: the force has a gap and there is no burst of
+//! ticks.
 
 use super::clock::Clock;
-use super::controls::{Controls, MOST_MODELS};
+use super::controls::{Controls, MAX_MODELS};
 use super::latency::{LatencyRecorder, TickTimes};
-use super::pace::{Paced, Paces, pace};
+use super::periodic::{PeriodicEnd, PeriodicTask, run_periodic};
 use super::watchdog::Heartbeat;
 use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
@@ -15,12 +17,12 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::profile::PC_SPACES;
 use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
 
-/// Timing of the loop, and how it is armed.
+/// Timing and arming of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LoopConfig {
     /// Time between deadlines, us.
     pub period_us: u32,
-    /// The last part of the wait that is spun instead of slept, us.
+    /// Last part of the wait, which is a busy wait, us.
     pub spin_us: u32,
     /// Device buttons that arm a disarmed controller when pressed; 0 for none.
     pub arm_button: u32,
@@ -32,49 +34,49 @@ impl Default for LoopConfig {
     }
 }
 
-/// Where the records go. Both ends are wait-free.
+/// Destinations of the records. Both are wait-free.
 #[derive(Debug)]
 pub struct Outputs {
-    /// Every record; what does not fit is dropped and counted.
+    /// Every record; records that do not fit are dropped and counted.
     pub records: rtrb::Producer<TickRecord>,
-    /// The newest record, for the eye.
+    /// The newest record, for the viewer.
     pub latest: triple_buffer::Input<TickRecord>,
 }
 
-/// Time in which the force that carries the handle rises, us: that of the ramp after arming.
-const CARRY_RISE_US: f32 = 500_000.0;
+/// Rise time of the gravity compensation, us: equal to the ramp after arming.
+const GRAVITY_COMPENSATION_RISE_US: f32 = 500_000.0;
 
-/// Why the loop ended.
+/// Reason of the end of the loop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoopEnd {
-    /// Every period asked for has passed.
+    /// All requested periods have passed.
     Completed,
     /// The stop flag was set.
     Stopped,
-    /// The device is gone.
+    /// The device is lost.
     DeviceLost(DeviceError),
 }
 
-/// What is left when the loop has ended.
+/// Result of a run of the loop.
 #[derive(Debug, Clone)]
 pub struct LoopOutcome {
-    /// Why it ended.
+    /// Reason of the end.
     pub end: LoopEnd,
     /// Timing.
     pub latency: LatencyRecorder,
-    /// Ticks that ran.
+    /// Number of ticks.
     pub ticks: u64,
-    /// Records that did not fit into the queue.
+    /// Records dropped because the queue was full.
     pub dropped_records: u64,
-    /// Exchanges that failed in passing (late reply, bad frame).
+    /// Exchanges that failed with a transient error (late reply, damaged frame).
     pub device_errors: u64,
-    /// The last of them.
+    /// The last such error.
     pub last_device_error: Option<DeviceError>,
     /// Phase at the end.
     pub phase: Phase,
 }
 
-/// Takes the force away from the device when dropped, be it at the end of a run or while a panic unwinds.
+/// Stops the device when dropped, at the end of a run or while a panic unwinds.
 #[derive(Debug)]
 struct StopOnDrop<D: Device>(D);
 
@@ -84,17 +86,17 @@ impl<D: Device> Drop for StopOnDrop<D> {
     }
 }
 
-/// A controller and its way to the force, chosen once; a tick only calls it.
+/// A controller and the interpolator chosen for its method.
 #[derive(Debug)]
-struct Rendered<'o, 'a, const N: usize> {
+struct Model<'o, 'a, const N: usize> {
     controller: Controller<'o, 'a, N>,
     interpolator: Interpolator,
 }
 
-/// The loop with all it owns; built outside the real-time thread, because building allocates.
+/// The loop and all it owns. It is built outside the real-time thread, because building allocates.
 #[derive(Debug)]
 pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = PC_SPACES> {
-    models: Vec<Rendered<'o, 'a, N>>,
+    models: Vec<Model<'o, 'a, N>>,
     model: usize,
     state: State,
     device: StopOnDrop<D>,
@@ -103,9 +105,9 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = PC_SPACE
     controls: &'l Controls,
     outputs: Outputs,
     hand_force_n: Vec3,
-    /// Force that carries the weight of the handle, and what share of it is on.
-    carried_n: Vec3,
-    carried_share: f32,
+    /// Force that compensates the weight of the handle, and the share of it that is applied.
+    gravity_compensation_n: Vec3,
+    compensation_share: f32,
     /// Ticks since the last sample.
     missed: u32,
     buttons: u32,
@@ -116,13 +118,13 @@ pub struct HapticLoop<'l, 'o, 'a, D: Device, C: Clock, const N: usize = PC_SPACE
     device_errors: u64,
     last_device_error: Option<DeviceError>,
     heartbeat: Option<&'l Heartbeat>,
-    /// Ends the loop from outside the session, whatever the thread beside it is doing.
+    /// Flag of the session's caller that ends the loop.
     stop: Option<&'l AtomicBool>,
-    /// Firings of the watchdog that this loop has answered with a fault.
+    /// Number of watchdog firings that this loop has turned into a fault.
     answered_firings: u64,
 }
 
-impl<D: Device, C: Clock, const N: usize> Paced for HapticLoop<'_, '_, '_, D, C, N> {
+impl<D: Device, C: Clock, const N: usize> PeriodicTask for HapticLoop<'_, '_, '_, D, C, N> {
     type Clock = C;
     type Error = DeviceError;
 
@@ -145,7 +147,8 @@ impl<D: Device, C: Clock, const N: usize> Paced for HapticLoop<'_, '_, '_, D, C,
 }
 
 impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, C, N> {
-    /// Takes over a device. A simulated one arms itself; a real one waits for [`Controls::arm`] or its button.
+    /// Takes over a device. A simulated device arms itself; a real one waits for [`Controls::arm`] or its
+    /// button.
     pub fn new(
         controller: Controller<'o, 'a, N>,
         device: D,
@@ -154,16 +157,16 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         controls: &'l Controls,
         outputs: Outputs,
     ) -> Self {
-        Self::of_models(&[controller], device, clock, config, controls, outputs)
+        Self::with_models(&[controller], device, clock, config, controls, outputs)
     }
 
-    /// With several models of one body with the same active nodes ([`crate::model::controllers`]), of which the first is rendered until
-    /// [`Controls::select`] asks for another.
+    /// Makes a loop with several models of one body that have the same active nodes
+    /// ([`crate::model::controllers`]). The first is rendered until [`Controls::select`] requests another.
     ///
     /// # Panics
     ///
-    /// If there is none, or more than [`MOST_MODELS`].
-    pub fn of_models(
+    /// If there is no model, or more than [`MAX_MODELS`].
+    pub fn with_models(
         controllers: &[Controller<'o, 'a, N>],
         device: D,
         clock: C,
@@ -175,8 +178,8 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if device.info().self_arming {
             state.arm();
         }
-        assert!(!controllers.is_empty() && controllers.len() <= MOST_MODELS, "1 to 254 models");
-        let rendered = |controller: &Controller<'o, 'a, N>| Rendered {
+        assert!(!controllers.is_empty() && controllers.len() <= MAX_MODELS, "1 to 254 models");
+        let rendered = |controller: &Controller<'o, 'a, N>| Model {
             controller: *controller,
             interpolator: Interpolator::new(controller.config().method),
         };
@@ -190,10 +193,10 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             controls,
             outputs,
             hand_force_n: vec3::ZERO,
-            carried_n: vec3::ZERO,
-            carried_share: 0.0,
+            gravity_compensation_n: vec3::ZERO,
+            compensation_share: 0.0,
             missed: 0,
-            // All held: arming needs a press that was seen to happen.
+            // All bits set: arming needs a transition from released to pressed.
             buttons: u32::MAX,
             latency: LatencyRecorder::new(),
             ticks: 0,
@@ -207,71 +210,75 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
     }
 
-    /// Lets a watchdog see every tick. Its limit must not be shorter than the age at which a sample is a fault.
+    /// Sets the heartbeat for a watchdog. The watchdog's limit must be at least the age at which a sample
+    /// becomes a fault.
     #[must_use]
-    pub const fn watched(mut self, heartbeat: &'l Heartbeat) -> Self {
+    pub const fn with_heartbeat(mut self, heartbeat: &'l Heartbeat) -> Self {
         self.heartbeat = Some(heartbeat);
         self
     }
 
-    /// Carries the weight of the handle with this force, model frame, N, while the controller is active.
+    /// Sets the force that compensates the weight of the handle while the controller is active, model frame,
+    /// N.
     ///
-    /// It is no force of the model: it is neither recorded nor counted by the guard on energy, and the device's own clamp holds the sum. It rises over
-    /// half a second and is gone at once with whatever takes the force away.
+    /// It is not part of the model's force: it is not recorded, and the energy guard does not count it. The
+    /// device's clamp limits the sum. It rises over half a second and goes to zero together with the model's
+    /// force.
     #[must_use]
-    pub const fn carrying(mut self, force_n: Vec3) -> Self {
-        self.carried_n = force_n;
+    pub const fn with_gravity_compensation(mut self, force_n: Vec3) -> Self {
+        self.gravity_compensation_n = force_n;
         self
     }
 
-    /// Lets a flag of the caller end the loop at its next tick, beside the one of [`HapticLoop::run`].
+    /// Sets a second stop flag, besides the one of [`HapticLoop::run`].
     #[must_use]
-    pub const fn stopped_by(mut self, stop: &'l AtomicBool) -> Self {
+    pub const fn with_stop_flag(mut self, stop: &'l AtomicBool) -> Self {
         self.stop = Some(stop);
         self
     }
 
-    /// What its watchdog sees.
+    /// The heartbeat that the watchdog reads.
     pub(super) const fn heartbeat(&self) -> Option<&'l Heartbeat> {
         self.heartbeat
     }
 
-    /// Beats; true if the watchdog has zeroed the device since the last tick.
+    /// Sends a heartbeat; true if the watchdog has zeroed the device since the last tick.
     fn was_zeroed(&mut self) -> bool {
         let Some(heartbeat) = self.heartbeat else { return false };
         let fired = heartbeat.beat(self.ticks + 1);
         core::mem::replace(&mut self.answered_firings, fired) != fired
     }
 
-    /// The instructions the force is interpolated with.
+    /// The instructions that evaluate the force.
     pub fn instructions(&self) -> Instructions {
         self.models[self.model].interpolator.instructions()
     }
 
-    /// What is added to the force for the weight of the handle. Samples that do not come take it away with the model's force: one policy.
-    fn carried_n(&mut self, phase: Phase, has_sample: bool) -> Vec3 {
+    /// The gravity compensation for this tick. It follows the hold-and-fade policy of the model's force when
+    /// samples are missing.
+    fn gravity_compensation_n(&mut self, phase: Phase, has_sample: bool) -> Vec3 {
         self.missed = if has_sample { 0 } else { self.missed.saturating_add(1) };
         let hold_ticks = self.models[self.model].controller.config().limits.stale_hold_ticks;
         if phase == Phase::Active && self.missed <= hold_ticks {
-            let step = self.config.period_us as f32 / CARRY_RISE_US;
-            self.carried_share = (self.carried_share + step).min(1.0);
+            let step = self.config.period_us as f32 / GRAVITY_COMPENSATION_RISE_US;
+            self.compensation_share = (self.compensation_share + step).min(1.0);
         } else {
-            self.carried_share = 0.0;
+            self.compensation_share = 0.0;
         }
-        vec3::scale(self.carried_n, self.carried_share)
+        vec3::scale(self.gravity_compensation_n, self.compensation_share)
     }
 
-    /// Goes over to the model that was asked for.
+    /// Switches to the requested model.
     fn change_model(&mut self) {
-        let Some(asked) = self.controls.take_model() else { return };
-        let wanted = usize::from(asked) % self.models.len();
-        if wanted != self.model {
+        let Some(requested) = self.controls.take_model() else { return };
+        let requested = usize::from(requested) % self.models.len();
+        if requested != self.model {
             self.state.hand_over(true);
-            self.model = wanted;
+            self.model = requested;
         }
     }
 
-    /// Runs for a number of periods or until the flag is set, then takes the force away.
+    /// Runs for a number of periods or until the flag is set, then stops the device.
     pub fn run(mut self, stop: &AtomicBool, periods: u64) -> LoopOutcome {
         let end = self.run_periods(stop, periods);
         let Self { state, device, latency, ticks, dropped_records, .. } = self;
@@ -289,14 +296,14 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
     }
 
     fn run_periods(&mut self, stop: &AtomicBool, periods: u64) -> LoopEnd {
-        match pace(self, self.config, stop, periods) {
-            Paces::Completed => LoopEnd::Completed,
-            Paces::Stopped => LoopEnd::Stopped,
-            Paces::Failed(error) => LoopEnd::DeviceLost(error),
+        match run_periodic(self, self.config, stop, periods) {
+            PeriodicEnd::Completed => LoopEnd::Completed,
+            PeriodicEnd::Stopped => LoopEnd::Stopped,
+            PeriodicEnd::Failed(error) => LoopEnd::DeviceLost(error),
         }
     }
 
-    /// One tick: exchange, control, hand on. An error is one after which the device is gone.
+    /// One tick: exchange, control, publish. An error means that the device is lost.
     pub fn tick(&mut self, index: u64, origin_ns: u64, deadline_ns: u64) -> Result<(), DeviceError> {
         let start_ns = self.clock.now_ns();
         let now_us = start_ns.saturating_sub(origin_ns) / 1_000;
@@ -309,7 +316,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
             Err(error) => {
                 self.device_errors += 1;
                 self.last_device_error = Some(error);
-                if !error.kind().is_passing() {
+                if !error.kind().is_transient() {
                     return Err(error);
                 }
                 None
@@ -323,7 +330,7 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         }
         let was_zeroed = self.device.0.was_zeroed() || was_zeroed;
         let applied = self.controls.apply(&mut self.state, ready, was_zeroed);
-        // What is disarmed has lost no force: the deliberate act that is asked for is the arming.
+        // A disarmed controller has no force to restore: arming is the deliberate act that is required.
         if applied.reset || (applied.zeroed && self.state.phase() == Phase::Disarmed) {
             self.device.0.reset();
         }
@@ -331,18 +338,18 @@ impl<'l, 'o, 'a, D: Device, C: Clock, const N: usize> HapticLoop<'l, 'o, 'a, D, 
         if let Some(sample) = &sample {
             let pressed_now = sample.buttons & !self.buttons & self.config.arm_button != 0;
             self.buttons = sample.buttons;
-            // What is asked in the same tick, disarming above all, wins over a press.
+            // Requests of the same tick, disarming above all, override a press of the button.
             if pressed_now && ready && applied == Applied::default() {
                 self.state.arm();
             }
         }
-        let Rendered { controller, interpolator, .. } = &self.models[self.model];
+        let Model { controller, interpolator, .. } = &self.models[self.model];
         let command =
             controller.tick_with(&mut self.state, now_us, sample.as_ref(), |space, displacement_m| {
                 interpolator.force(space, displacement_m)
             });
-        let carried_n = self.carried_n(command.phase, sample.is_some());
-        self.hand_force_n = vec3::add(command.hand_force_n, carried_n);
+        let gravity_compensation_n = self.gravity_compensation_n(command.phase, sample.is_some());
+        self.hand_force_n = vec3::add(command.hand_force_n, gravity_compensation_n);
         let lateness_ns = start_ns.saturating_sub(deadline_ns);
         let end_ns = self.clock.now_ns();
         let (device_ns, compute_ns) = (exchanged_ns - start_ns, end_ns - start_ns);

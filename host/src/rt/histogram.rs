@@ -1,17 +1,17 @@
-//! The three histograms of a run, as rows for a table and as bars for a terminal.
+//! The three histograms of a run, as table rows and as text bars.
 
 use super::latency::TickTimes;
 use core::fmt;
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-/// Longest value kept apart; anything longer counts as this (a stall of more than ten seconds is its own story).
-pub const LONGEST_NS: u64 = 10_000_000_000;
+/// Upper end of the range; longer times are counted at this value.
+pub const MAX_NS: u64 = 10_000_000_000;
 
-/// What is counted.
+/// A measured quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
-    /// Start of a tick after its deadline.
+    /// Wake-up: start of a tick minus its deadline.
     Wake,
     /// Exchange with the device.
     Device,
@@ -20,7 +20,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 3] = [Self::Wake, Self::Device, Self::Compute];
 
     /// Name in tables.
@@ -42,7 +42,7 @@ impl Quantity {
     }
 }
 
-/// How often each value came.
+/// One bin of a histogram.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct HistogramRow {
     /// `wake`, `device` or `compute`.
@@ -51,11 +51,12 @@ pub struct HistogramRow {
     pub ns: u64,
     /// Ticks in the bin.
     pub count: u64,
-    /// Share of the ticks up to and with this bin.
+    /// Cumulative share of the ticks up to and including this bin.
     pub share: f64,
 }
 
-/// Histograms of every tick's times: three significant digits from 1 ns to 10 s. Recording allocates nothing.
+/// Histograms of the times of every tick: three significant digits from 1 ns to 10 s. Recording does not
+/// allocate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Histograms {
     wake: Histogram<u64>,
@@ -70,10 +71,10 @@ impl Default for Histograms {
 }
 
 impl Histograms {
-    /// Empty ones.
+    /// Empty histograms.
     #[must_use]
     pub fn new() -> Self {
-        let empty = Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("the bounds are constants and valid");
+        let empty = Histogram::new_with_bounds(1, MAX_NS, 3).expect("the bounds are constants and valid");
         Self { wake: empty.clone(), device: empty.clone(), compute: empty }
     }
 
@@ -84,7 +85,7 @@ impl Histograms {
         self.compute.saturating_record(times.compute_ns);
     }
 
-    /// One of the three.
+    /// The histogram of a quantity.
     #[must_use]
     pub const fn of(&self, quantity: Quantity) -> &Histogram<u64> {
         match quantity {
@@ -94,7 +95,7 @@ impl Histograms {
         }
     }
 
-    /// Every bin that is not empty, quantity by quantity, values rising.
+    /// All bins that are not empty, by quantity and ascending value.
     #[must_use]
     pub fn rows(&self) -> Vec<HistogramRow> {
         let mut rows = Vec::new();
@@ -121,7 +122,8 @@ impl Histograms {
 /// Width of the longest bar, characters.
 const BAR_WIDTH: f64 = 44.0;
 
-/// Histograms as text. The bars grow with the logarithm of the count, so that one tick in a million is seen.
+/// Histograms as text. The length of a bar is logarithmic in the count, so that one tick in a million is
+/// visible.
 #[derive(Debug, Clone, Copy)]
 pub struct Bars<'h>(&'h Histograms);
 
@@ -131,12 +133,12 @@ impl fmt::Display for Bars<'_> {
             if index > 0 {
                 writeln!(f)?;
             }
-            write!(f, "{} (ticks by time; a bar grows with the logarithm)", quantity.title())?;
+            write!(f, "{} (ticks by time; bar length is logarithmic)", quantity.title())?;
             let bins = coarse(self.0.of(quantity));
             let most = bins.iter().map(|(_, count)| *count).max().unwrap_or(0);
             for (below_ns, count) in bins {
                 let length = BAR_WIDTH * (1.0 + count as f64).log2() / (1.0 + most as f64).log2();
-                // Whatever is there is seen.
+                // A count above zero is always visible.
                 let length = if count > 0 { length.round().max(1.0) as usize } else { 0 };
                 write!(f, "\n  < {:>7} {count:>9} {}", Duration(below_ns), "\u{2588}".repeat(length))?;
             }
@@ -145,7 +147,7 @@ impl fmt::Display for Bars<'_> {
     }
 }
 
-/// Upper ends and counts of the coarse bins, from the first to the last that holds anything.
+/// Upper ends and counts of the coarse bins, from the first to the last that is not empty.
 fn coarse(histogram: &Histogram<u64>) -> Vec<(u64, u64)> {
     let mut bins: Vec<(u64, u64)> = Vec::new();
     let ends = (0..=10).flat_map(|decade| [1, 2, 5].map(|digit| digit * 10_u64.pow(decade)));
@@ -165,7 +167,7 @@ fn coarse(histogram: &Histogram<u64>) -> Vec<(u64, u64)> {
     bins
 }
 
-/// A time as a person reads it.
+/// A time formatted with a suitable unit.
 struct Duration(u64);
 
 impl fmt::Display for Duration {
@@ -194,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rows_hold_every_tick_once_and_their_shares_end_at_one() {
+    fn the_rows_count_every_tick_once_and_their_shares_end_at_one() {
         let rows = filled().rows();
         for quantity in Quantity::ALL {
             let of: Vec<&HistogramRow> = rows.iter().filter(|row| row.quantity == quantity.name()).collect();
@@ -210,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_late_tick_is_seen_among_a_thousand() {
+    fn a_single_late_tick_among_a_thousand_is_visible() {
         let text = filled().bars().to_string();
         let line =
             |start: &str| text.lines().find(|line| line.trim_start().starts_with(start)).map(str::to_string);
@@ -224,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_recorded_is_nothing_shown() {
+    fn empty_histograms_have_no_rows_and_no_bars() {
         let none = Histograms::new();
         assert!(none.rows().is_empty());
         assert_eq!(none.bars().to_string().lines().count(), 3);

@@ -1,33 +1,34 @@
-//! How late the loop wakes, how long device and controller take: preallocated histograms, and the deadlines it missed.
+//! Timing of the loop: wake-up lateness, device and controller times in preallocated histograms, and missed
+//! deadlines.
 
 use super::histogram::{Histograms, Quantity};
 use core::fmt;
 use hdrhistogram::Histogram;
 
-/// How many missed deadlines are kept, of the first ones and of the worst ones.
+/// Number of missed deadlines to keep, of the first ones and of the worst ones.
 pub const KEPT_MISSES: usize = 16;
 
-/// What one tick cost, in nanoseconds.
+/// Times of one tick, ns.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TickTimes {
-    /// Start of the tick after its deadline.
+    /// Start of the tick minus its deadline.
     pub wake_ns: u64,
     /// Exchange with the device.
     pub device_ns: u64,
-    /// Requests and controller.
+    /// Requests and controller together.
     pub compute_ns: u64,
 }
 
-/// A tick that ended after the next deadline had passed, and what it spent its time on.
+/// A tick that ended after the next deadline, and its times.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Miss {
     /// Number of the tick.
     pub tick: u64,
-    /// Deadlines at which therefore no tick ran.
+    /// Number of deadlines skipped because of it.
     pub skipped: u64,
     /// From the first deadline that passed to the end of the tick.
     pub late_ns: u64,
-    /// Its own times: which of them is large says who was late.
+    /// Times of the tick; the largest shows the cause.
     pub times: TickTimes,
 }
 
@@ -39,7 +40,7 @@ pub struct LatencyRecorder {
     skipped_periods: u64,
     last: TickTimes,
     first: [Miss; KEPT_MISSES],
-    /// The first [`KEPT_MISSES`] fill it, then each worse one takes the place of the least bad.
+    /// The first [`KEPT_MISSES`] fill the list. Then each worse miss replaces the smallest.
     worst: [Miss; KEPT_MISSES],
 }
 
@@ -69,13 +70,14 @@ impl LatencyRecorder {
         self.histograms.record(times);
     }
 
-    /// Records that after `tick`, the last one recorded, `skipped` deadlines had already passed, the first of them `late_ns` ago.
+    /// Records that `skipped` deadlines had passed at the end of `tick`, the last recorded one; the first of
+    /// them passed `late_ns` before.
     pub fn record_overrun(&mut self, tick: u64, skipped: u64, late_ns: u64) {
         let miss = Miss { tick, skipped, late_ns, times: self.last };
         match (self.first.get_mut(self.overruns as usize), self.worst.get_mut(self.overruns as usize)) {
             (Some(first), Some(worst)) => (*first, *worst) = (miss, miss),
             _ => {
-                // The least bad one, the latest of several: of two that are as bad the earlier stays.
+                // The smallest, and the latest of equal ones: of equal misses the earlier stays.
                 let least = self.worst.iter_mut().rev().min_by_key(|kept| kept.late_ns);
                 if let Some(least) = least.filter(|least| least.late_ns < late_ns) {
                     *least = miss;
@@ -86,7 +88,7 @@ impl LatencyRecorder {
         self.skipped_periods += skipped;
     }
 
-    /// The figures so far.
+    /// The statistics so far.
     #[must_use]
     pub fn report(&self) -> LatencyReport {
         let kept = self.first.len().min(self.overruns as usize);
@@ -106,7 +108,7 @@ impl LatencyRecorder {
     }
 }
 
-/// The usual percentiles of one histogram, in nanoseconds.
+/// Percentiles of one histogram, ns.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Percentiles {
     /// Number of values.
@@ -150,7 +152,7 @@ impl fmt::Display for Percentiles {
     }
 }
 
-/// What a run's timing came to.
+/// Timing statistics of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LatencyReport {
     /// Wake-up lateness against the deadline.
@@ -159,15 +161,15 @@ pub struct LatencyReport {
     pub device: Percentiles,
     /// The controller's tick, without the device.
     pub compute: Percentiles,
-    /// Ticks that ended after the next deadline had passed.
+    /// Ticks that ended after the next deadline.
     pub overruns: u64,
-    /// Deadlines at which therefore no tick ran.
+    /// Number of deadlines skipped because of them.
     pub skipped_periods: u64,
     /// Tick numbers of the first overruns.
     pub first_overruns: Vec<u64>,
     /// The worst overruns, the worst first.
     pub worst: Vec<Miss>,
-    /// All of it.
+    /// The complete histograms.
     pub histograms: Histograms,
 }
 
@@ -201,7 +203,7 @@ impl fmt::Display for LatencyReport {
 
 #[cfg(test)]
 mod tests {
-    use super::super::histogram::LONGEST_NS;
+    use super::super::histogram::MAX_NS;
     use super::*;
 
     fn times(wake_ns: u64, device_ns: u64, compute_ns: u64) -> TickTimes {
@@ -226,7 +228,10 @@ mod tests {
             assert!((found as f64 - expected).abs() <= 1.5e-3 * expected, "{found} against {expected}");
         }
         assert!((report.compute.mean_ns - 500.0).abs() < 1.0);
-        assert!((report.device.mean_ns - 7_000.0).abs() < 10.0, "the device's time is not the controller's");
+        assert!(
+            (report.device.mean_ns - 7_000.0).abs() < 10.0,
+            "the device time is not part of the compute time"
+        );
         assert_eq!(report.overruns, 0);
     }
 
@@ -242,9 +247,9 @@ mod tests {
         assert!(report.to_string().contains("first after tick 100, 101"));
     }
 
-    /// In any order of lateness: the sixteen worst, the worst first, each with what its own tick took.
+    /// In any order of lateness: the sixteen worst, the worst first, each with the times of its own tick.
     #[test]
-    fn the_worst_overruns_are_kept_with_what_took_the_time() {
+    fn the_worst_overruns_are_kept_with_the_times_of_their_tick() {
         let mut recorder = LatencyRecorder::new();
         let late_ns = |i: u64| 1 + (i * 37) % 100;
         for i in 0..100 {
@@ -258,7 +263,7 @@ mod tests {
             assert_eq!(miss.late_ns, late_ns(miss.tick));
             assert_eq!(miss.times, times(miss.tick, 2 * miss.tick, 3 * miss.tick));
         }
-        // Of those that are as bad the earliest stay.
+        // Of equal misses the earliest stay.
         let mut same = LatencyRecorder::new();
         (0..30).for_each(|i| same.record_overrun(i, 1, 5));
         let ticks: Vec<u64> = same.report().worst.iter().map(|miss| miss.tick).collect();
@@ -269,6 +274,6 @@ mod tests {
     fn a_value_beyond_the_range_is_kept_at_the_top() {
         let mut recorder = LatencyRecorder::new();
         recorder.record(times(u64::MAX, 0, 0));
-        assert!(recorder.report().wake.max_ns >= LONGEST_NS);
+        assert!(recorder.report().wake.max_ns >= MAX_NS);
     }
 }

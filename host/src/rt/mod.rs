@@ -1,11 +1,11 @@
-//! The real-time side: clock, 1 kHz loop, its thread and its timing figures.
+//! The real-time side: clock, 1 kHz loop, its thread and its timing statistics.
 
 pub mod clock;
 pub mod controls;
 pub mod haptic_loop;
 pub mod histogram;
 pub mod latency;
-pub mod pace;
+pub mod periodic;
 pub mod state;
 pub mod thread;
 pub mod watchdog;
@@ -15,79 +15,79 @@ pub use controls::Controls;
 pub use haptic_loop::{HapticLoop, LoopConfig, LoopEnd, LoopOutcome, Outputs};
 pub use histogram::{HistogramRow, Histograms, Quantity};
 pub use latency::{LatencyRecorder, LatencyReport, Miss, Percentiles, TickTimes};
-pub use pace::{Paced, Paces, pace};
+pub use periodic::{PeriodicEnd, PeriodicTask, run_periodic};
 pub use state::SessionState;
 pub use watchdog::{Heartbeat, Watchdog};
 
 use crate::device::DeviceState;
 use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
 
-/// What was asked of the controller from other threads before a tick, in the order in which it was done.
+/// Requests of other threads that were applied before a tick, in the order of application.
 ///
-/// A press of the arming button is not in it: it follows from the samples.
+/// A press of the arming button is not included: it follows from the samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Applied {
-    /// The watchdog had zeroed the device since the last tick.
+    /// The watchdog zeroed the device since the last tick.
     pub zeroed: bool,
     /// A latched fault was cleared.
     pub reset: bool,
-    /// Rendering was asked for.
+    /// Arming was requested.
     pub arm: bool,
-    /// Rendering was ended.
+    /// Disarming was requested.
     pub disarm: bool,
 }
 
-/// Everything one tick has to tell, what went into it and what came out, small enough to be copied through a queue.
+/// Inputs and outputs of one tick, small enough to be copied through a queue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickRecord {
-    /// Number of the deadline this tick ran for; a gap means skipped deadlines.
+    /// Number of the deadline of this tick. A gap means skipped deadlines.
     pub tick: u64,
-    /// Time of the tick since the loop began, us.
+    /// Time of the tick since the start of the loop, us.
     pub t_us: u64,
-    /// What the device said, if it said anything.
+    /// The sample from the device, if there was one.
     pub sample: Option<Sample>,
-    /// How far the device is.
+    /// State of the device.
     pub device: DeviceState,
-    /// What was asked of the controller before the tick.
+    /// Requests applied before the tick.
     pub applied: Applied,
-    /// Index of the model it ran with.
+    /// Index of the rendered model.
     pub model: u8,
     /// HIP, model frame, m.
     pub hip_m: Vec3,
     /// Displacement of the engaged node, m; zero when free.
     pub displacement_m: Vec3,
-    /// Index of the engaged space; of the heaviest where several answer.
+    /// Index of the engaged space; with several engaged spaces the one with the largest weight.
     pub engaged: Option<u16>,
-    /// The spaces that answered, with their weights.
+    /// The engaged spaces with their weights.
     pub shares: [Share; 3],
     /// h of the model, force by the tool on the body, N; zero when free.
     pub reaction_n: Vec3,
     /// Force for the hand after every limit, N.
     pub hand_force_n: Vec3,
-    /// Data behind the reaction.
+    /// Coverage of the reaction.
     pub coverage: Option<Coverage>,
-    /// What the controller is doing.
+    /// Phase of the controller.
     pub phase: Phase,
-    /// Share of the force since arming, 1 after the ramp.
+    /// Share of the force after arming; 1 after the ramp.
     pub ramp: f32,
-    /// Whether the reaction was beyond the force limit.
+    /// Whether the reaction exceeded the force limit.
     pub clamped: bool,
-    /// Work done on the hand since it touched, J, in device metres.
+    /// Work done on the hand since the start of the contact, J, in device metres.
     pub hand_work_j: f32,
-    /// Whether the guard on energy added damping.
+    /// Whether the energy guard added damping.
     pub damped: bool,
     /// Device exchange and controller together, ns.
     pub compute_ns: u64,
-    /// The device's part of it, ns; not known of a tick recorded before this was kept.
+    /// Time of the device exchange, ns; `None` in old recordings without this field.
     pub device_ns: Option<u64>,
-    /// Start of the tick after its deadline, ns.
+    /// Start of the tick minus its deadline, ns.
     pub lateness_ns: u64,
     /// Deadlines skipped so far.
     pub skipped_periods: u64,
 }
 
 impl TickRecord {
-    /// What the controller decided, and nothing of what led to it.
+    /// The controller's outputs, with empty inputs.
     #[must_use]
     pub const fn of(command: &Command) -> Self {
         Self {
@@ -103,12 +103,12 @@ impl TickRecord {
             clamped: command.clamped,
             hand_work_j: command.hand_work_j,
             damped: command.damped,
-            ..Self::NOTHING
+            ..Self::EMPTY
         }
     }
 
-    /// Before the first tick.
-    pub const NOTHING: Self = Self {
+    /// The record before the first tick.
+    pub const EMPTY: Self = Self {
         tick: 0,
         t_us: 0,
         sample: None,

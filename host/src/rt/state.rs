@@ -1,35 +1,35 @@
-//! The state of a session, from the first byte of the device to its last newton: one word for people.
+//! The state of a session as one word for the user, from opening the device to rendering.
 //!
 //! ```text
 //! Disconnected -> Open -> FirmwareLoaded -> Unhomed -> Homed -> Armed -> Active
-//!      ^            what the device says               ^  arm     ramp ends
+//!      ^            state of the device                ^  arm     ramp ends
 //!      any fault -> SafeZero (latched)  -- reset --> Homed
 //! ```
 //!
-//! Derived from what the device says and what the controller does; neither has to know of the other.
+//! It is derived from the state of the device and the phase of the controller; neither depends on the other.
 
 use super::TickRecord;
 use crate::device::DeviceState;
 use core::fmt;
 use palpate_core::{Fault, Phase};
 
-/// Where a session is.
+/// State of a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum SessionState {
-    /// No device, or not usable yet. No force.
+    /// No device, or a device that is not ready. No force.
     Device(DeviceState),
     /// Ready to be armed. No force.
     Homed,
-    /// Armed a moment ago: the force ramps up.
+    /// Just armed: the force ramps up.
     Armed,
     /// Rendering.
     Active,
-    /// No force after a fault, until reset and armed.
+    /// Fault: no force until reset and armed.
     SafeZero(Fault),
 }
 
 impl SessionState {
-    /// The state a tick was in.
+    /// The state of a tick.
     #[must_use]
     pub const fn of(record: &TickRecord) -> Self {
         match (record.phase, record.device) {
@@ -41,7 +41,7 @@ impl SessionState {
         }
     }
 
-    /// Whether a force may be given in it.
+    /// Whether the state permits a force.
     #[must_use]
     pub const fn has_force(self) -> bool {
         matches!(self, Self::Armed | Self::Active)
@@ -65,8 +65,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_an_armed_session_has_force_and_a_fault_hides_all_else() {
-        let record = |phase, device, ramp| TickRecord { phase, device, ramp, ..TickRecord::NOTHING };
+    fn only_an_armed_session_has_force_and_a_fault_overrides_other_states() {
+        let record = |phase, device, ramp| TickRecord { phase, device, ramp, ..TickRecord::EMPTY };
         let of = |phase, device, ramp| SessionState::of(&record(phase, device, ramp));
         assert_eq!(of(Phase::Disarmed, DeviceState::Unhomed, 0.0).to_string(), "unhomed");
         assert_eq!(of(Phase::Disarmed, DeviceState::Homed, 0.0), SessionState::Homed);

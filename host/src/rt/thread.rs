@@ -1,4 +1,4 @@
-//! The haptic thread: asks for real-time treatment, runs the loop, and takes the force away whatever happens.
+//! The haptic thread: requests real-time scheduling, runs the loop, and stops the device on every exit.
 
 use super::clock::Clock;
 use super::haptic_loop::{HapticLoop, LoopOutcome};
@@ -10,10 +10,10 @@ use std::io;
 use std::sync::OnceLock;
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
-/// Starts the loop on its own thread inside a scope, so that organ and flags need only outlive the scope.
+/// Starts the loop on its own thread inside a scope, so organ and flags need to outlive only the scope.
 ///
-/// What the operating system granted is in `granted` before the first tick. A panic in the loop unwinds through it, which stops the
-/// device, ends the heartbeat of a watched loop, and reaches the caller through the handle.
+/// `granted` is set to what the operating system granted before the first tick. A panic in the loop unwinds:
+/// it stops the device, ends the heartbeat, and reaches the caller through the handle.
 pub fn spawn<'scope, D, C, const N: usize>(
     scope: &'scope Scope<'scope, '_>,
     haptic: HapticLoop<'scope, 'scope, 'scope, D, C, N>,
@@ -29,7 +29,7 @@ where
     Builder::new().name("palpate-haptic".into()).spawn_scoped(scope, move || {
         let _end = EndOnDrop(haptic.heartbeat());
         let (report, _memory_lock) = sys::enter_real_time(&request);
-        // Set once: a second thread with the same cell leaves the first answer.
+        // The cell is set once: with the same cell a second thread does not change it.
         let _ = granted.set(report);
         (report, haptic.run(stop, periods))
     })
@@ -44,16 +44,16 @@ mod tests {
     use core::sync::atomic::{AtomicU64, Ordering};
     use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3};
 
-    struct Falling<'t> {
+    struct PanickingDevice<'t> {
         stops: &'t AtomicU64,
         panics_at: u64,
         calls: u64,
     }
 
-    impl Device for Falling<'_> {
+    impl Device for PanickingDevice<'_> {
         fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
             self.calls += 1;
-            assert!(self.calls < self.panics_at, "planted panic");
+            assert!(self.calls < self.panics_at, "injected panic");
             Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))
         }
 
@@ -74,14 +74,14 @@ mod tests {
 
     fn run(panics_at: u64, periods: u64, stops: &AtomicU64) -> std::thread::Result<LoopOutcome> {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let controller = Controller::new(&organ, Config::new(Method::Trilinear)).expect("has the method");
         let (records, _drained) = rtrb::RingBuffer::new(1_000);
-        let (latest, _seen) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let (latest, _seen) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let (controls, stop) = (Controls::default(), AtomicBool::new(false));
         let granted = OnceLock::new();
         std::thread::scope(|scope| {
-            let device = Falling { stops, panics_at, calls: 0 };
+            let device = PanickingDevice { stops, panics_at, calls: 0 };
             let haptic = HapticLoop::new(
                 controller,
                 device,
@@ -90,8 +90,8 @@ mod tests {
                 &controls,
                 Outputs { records, latest },
             );
-            let handle = spawn(scope, haptic, RtRequest::nothing(), &stop, periods, &granted)
-                .expect("a thread starts");
+            let handle =
+                spawn(scope, haptic, RtRequest::none(), &stop, periods, &granted).expect("a thread starts");
             handle.join().map(|(_, outcome)| outcome)
         })
     }
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn a_panic_in_the_loop_ends_in_zero_force_and_is_reported() {
         let stops = AtomicU64::new(0);
-        // Far more periods than ticks it takes: a machine that stalls skips some.
+        // Far more periods than ticks until the panic: a machine that stalls skips some.
         assert!(run(10, 5_000, &stops).is_err());
         assert_eq!(stops.load(Ordering::SeqCst), 1);
     }

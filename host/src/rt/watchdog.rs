@@ -1,13 +1,14 @@
-//! A second pair of eyes: if the haptic loop stands still, the device is zeroed past it.
+//! The watchdog thread: if the haptic loop stalls, it zeroes the device through a second path.
 //!
 //! ```text
-//! loop:      beat -> (fired? zero, drop the sample) -> exchange -> control          one store and one load a tick
-//! watchdog:  beats the same for 20 ms? -> count a firing -> zero through the device's second path, again and again
+//! loop:      beat -> (fired? send zero, drop the sample) -> exchange -> control      one store and one load per tick
+//! watchdog:  no beat for 20 ms? -> count a firing -> zero through the second path, once per limit while the stall lasts
 //! ```
 //!
-//! It watches a counter, not a time: it needs no common clock, and it cannot fire early, because it sees a beat after it happened.
-//! A loop that comes back finds the firing, sends zero itself and latches a fault: only reset and arm bring a force back.
-//! What it cannot do: a process that is killed or stopped as a whole has no watchdog either. That is what [`crate::supervisor`] is for.
+//! The watchdog reads a counter, not a time. It needs no common clock, and it cannot fire early, because it
+//! sees a beat after the beat happened. A loop that resumes finds the firing, sends zero and latches a fault:
+//! only reset and arm restore a force. A process that is killed or stopped as a whole has no watchdog either;
+//! [`crate::supervisor`] covers that case.
 
 use super::clock::Clock;
 use crate::device::EmergencyStop;
@@ -16,45 +17,46 @@ use core::sync::atomic::{AtomicU64, Ordering};
 use std::io;
 use std::thread::{Builder, Scope, ScopedJoinHandle};
 
-/// Time without a beat after which it fires, by default, ms: twice the age at which a sample is a fault.
+/// Default time without a beat after which it fires, ms: twice the age at which a sample becomes a fault.
 pub const DEFAULT_LIMIT_MS: u32 = 20;
-/// Looks within the limit: it fires at the latest an eighth past it.
-const LOOKS: u64 = 8;
-/// Between two tries to send a zero that did not go, ns.
+/// Checks per limit: it fires at most an eighth of the limit late.
+const CHECKS_PER_LIMIT: u64 = 8;
+/// Time between two attempts to send a zero, ns.
 const RETRY_NS: u64 = 1_000_000;
-/// The count of a loop that has ended.
+/// Beat count of a loop that has ended.
 const ENDED: u64 = u64::MAX;
 
-/// What loop and watchdog share.
+/// Counters shared by loop and watchdog.
 #[derive(Debug, Default)]
 pub struct Heartbeat {
-    /// Ticks begun; 0 before the first.
+    /// Number of ticks begun; 0 before the first.
     beats: AtomicU64,
-    /// Times the watchdog has fired.
+    /// Number of firings of the watchdog.
     fired: AtomicU64,
 }
 
 impl Heartbeat {
-    /// Told by the loop at the start of every tick, with the number of ticks begun. Returns how often the watchdog has fired so far.
+    /// Called by the loop at the start of every tick with the number of ticks begun. Returns the number of
+    /// firings so far.
     #[inline]
     pub fn beat(&self, ticks: u64) -> u64 {
         self.beats.store(ticks, Ordering::Release);
         self.fired.load(Ordering::Acquire)
     }
 
-    /// The loop has ended and has zeroed the device itself: there is nothing left to watch.
+    /// Called when the loop has ended and has stopped the device: the watchdog ends.
     pub fn end(&self) {
         self.beats.store(ENDED, Ordering::Release);
     }
 
-    /// How often the watchdog has fired.
+    /// Number of firings of the watchdog.
     #[must_use]
     pub fn fired(&self) -> u64 {
         self.fired.load(Ordering::Acquire)
     }
 }
 
-/// Ends the heartbeat when dropped, be it at the end of a run or while a panic unwinds.
+/// Ends the heartbeat when dropped, at the end of a run or while a panic unwinds.
 #[derive(Debug)]
 pub struct EndOnDrop<'h>(pub Option<&'h Heartbeat>);
 
@@ -66,17 +68,17 @@ impl Drop for EndOnDrop<'_> {
     }
 }
 
-/// The watchdog of one loop. Time is an argument, so that a test can turn it.
+/// The watchdog of one loop. Time is an argument, so that a test can control it.
 pub struct Watchdog<'h> {
     heartbeat: &'h Heartbeat,
     path: Box<dyn EmergencyStop>,
     limit_ns: u64,
     beats: u64,
-    /// When that count was first seen.
+    /// Time at which the current count was first seen.
     since_ns: u64,
-    /// It has fired in this stall.
+    /// Whether it has fired in this stall.
     has_fired: bool,
-    /// When zero last went in this stall.
+    /// Time of the last zero sent in this stall.
     zeroed_ns: Option<u64>,
 }
 
@@ -86,16 +88,16 @@ impl core::fmt::Debug for Watchdog<'_> {
     }
 }
 
-/// What a look came to.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Look {
+pub enum WatchdogStatus {
     /// The loop has not begun, or beats.
-    Well,
-    /// Zero was sent past the loop.
+    Alive,
+    /// Zero was sent through the second path.
     Zeroed,
-    /// It was to be sent and did not go: it is tried again at once.
-    Refused,
-    /// Stalled, and zeroed a moment ago.
+    /// Sending zero failed; the next check tries again.
+    ZeroFailed,
+    /// Stalled, and zeroed less than one limit ago.
     Stalled,
     /// The loop has ended.
     Ended,
@@ -108,7 +110,7 @@ impl<'h> Watchdog<'h> {
         Self {
             heartbeat,
             path,
-            limit_ns: limit_ns.max(LOOKS),
+            limit_ns: limit_ns.max(CHECKS_PER_LIMIT),
             beats: 0,
             since_ns: 0,
             has_fired: false,
@@ -116,55 +118,59 @@ impl<'h> Watchdog<'h> {
         }
     }
 
-    /// One look at the heartbeat. In a stall zero is sent once a limit, for one of them may be lost on the line.
-    pub fn look(&mut self, now_ns: u64) -> Look {
+    /// Checks the heartbeat. In a stall it sends zero once per limit, because a zero can be lost on the line.
+    pub fn check(&mut self, now_ns: u64) -> WatchdogStatus {
         let beats = self.heartbeat.beats.load(Ordering::Acquire);
         if beats == ENDED {
-            return Look::Ended;
+            return WatchdogStatus::Ended;
         }
         if beats != self.beats || beats == 0 {
             (self.beats, self.since_ns) = (beats, now_ns);
             (self.has_fired, self.zeroed_ns) = (false, None);
-            return Look::Well;
+            return WatchdogStatus::Alive;
         }
         let quiet_since_ns = self.zeroed_ns.unwrap_or(self.since_ns);
         if now_ns.saturating_sub(quiet_since_ns) < self.limit_ns {
-            return if self.zeroed_ns.is_some() { Look::Stalled } else { Look::Well };
+            return if self.zeroed_ns.is_some() { WatchdogStatus::Stalled } else { WatchdogStatus::Alive };
         }
         if !core::mem::replace(&mut self.has_fired, true) {
-            // Before the zero: a loop that wakes up now must not send its old force after it and go on.
+            // Count before sending the zero: a loop that resumes now must not send its old force after the
+            // zero and continue.
             self.heartbeat.fired.fetch_add(1, Ordering::AcqRel);
         }
         match self.path.zero() {
-            // A buffer that was full, a transfer that was late: the next may go.
-            Err(error) if error.kind().is_passing() => return Look::Refused,
-            // A device that cannot be reached this way cannot be helped; the next limit tries again.
+            // A full buffer or a late transfer: the next attempt may succeed.
+            Err(error) if error.kind().is_transient() => return WatchdogStatus::ZeroFailed,
+            // The device cannot be reached on this path now; the next limit tries again.
             Ok(()) | Err(_) => self.zeroed_ns = Some(now_ns),
         }
-        Look::Zeroed
+        WatchdogStatus::Zeroed
     }
 
-    /// Watches until the loop has ended.
+    /// Checks until the loop has ended.
     fn run(mut self, clock: &impl Clock) {
         loop {
             let now_ns = clock.now_ns();
-            let pause_ns = match self.look(now_ns) {
-                Look::Ended => return,
-                Look::Refused => RETRY_NS.min(self.limit_ns / LOOKS),
-                Look::Well | Look::Zeroed | Look::Stalled => self.limit_ns / LOOKS,
+            let pause_ns = match self.check(now_ns) {
+                WatchdogStatus::Ended => return,
+                WatchdogStatus::ZeroFailed => RETRY_NS.min(self.limit_ns / CHECKS_PER_LIMIT),
+                WatchdogStatus::Alive | WatchdogStatus::Zeroed | WatchdogStatus::Stalled => {
+                    self.limit_ns / CHECKS_PER_LIMIT
+                }
             };
             clock.wait_until(now_ns + pause_ns, 0);
         }
     }
 }
 
-/// One above the loop's, never 99: a watchdog that ran wild there would shut out the kernel's own.
+/// One above the loop's priority, never 99: a runaway watchdog at 99 would block the kernel's own threads.
 fn priority_above(loop_priority: i32) -> i32 {
     loop_priority.min(MAX_LOOP_FIFO_PRIORITY) + 1
 }
 
-/// Starts the watchdog on a thread of its own, one FIFO priority above the loop's (98 at most) if the loop asks for one and it is granted: a
-/// loop that spins for ever on the same CPU must not shut it out. Returns the policy it ran with.
+/// Starts the watchdog on its own thread, one FIFO priority above the loop's (at most 98) if the loop
+/// requests one and it is granted: a loop that spins for ever on the same CPU must not block it. Returns the
+/// policy of the thread.
 pub fn spawn<'scope, C: Clock + Send + 'scope>(
     scope: &'scope Scope<'scope, '_>,
     watchdog: Watchdog<'scope>,
@@ -173,7 +179,7 @@ pub fn spawn<'scope, C: Clock + Send + 'scope>(
 ) -> io::Result<ScopedJoinHandle<'scope, Policy>> {
     Builder::new().name("palpate-watchdog".into()).spawn_scoped(scope, move || {
         let fifo_priority = loop_priority.map(priority_above);
-        let (report, _) = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::nothing() });
+        let (report, _) = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::none() });
         watchdog.run(&clock);
         report.policy
     })
@@ -202,42 +208,42 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_that_beats_is_left_alone_however_late_it_is() {
+    fn the_watchdog_does_not_fire_while_the_loop_beats() {
         let heartbeat = Heartbeat::default();
         let (mut watchdog, zeros) = watchdog(&heartbeat);
-        // Not begun: opening and homing take their time.
-        assert!((0..1_000).all(|ms| watchdog.look(ms * 1_000_000) == Look::Well));
-        // A beat each 19 ms, looked at each 2 ms.
+        // Not begun: opening and homing take time.
+        assert!((0..1_000).all(|ms| watchdog.check(ms * 1_000_000) == WatchdogStatus::Alive));
+        // A beat every 19 ms, a check every 2 ms.
         for ms in 1_000..5_000_u64 {
             heartbeat.beat(ms / 19);
             if ms % 2 == 0 {
-                assert_eq!(watchdog.look(ms * 1_000_000), Look::Well, "{ms}");
+                assert_eq!(watchdog.check(ms * 1_000_000), WatchdogStatus::Alive, "{ms}");
             }
         }
         assert_eq!((zeros.load(Ordering::Relaxed), heartbeat.fired()), (0, 0));
     }
 
     #[test]
-    fn a_stall_is_one_firing_and_a_zero_each_limit_and_beats_end_it() {
+    fn a_stall_fires_once_and_sends_zero_once_per_limit_until_a_beat() {
         let heartbeat = Heartbeat::default();
         let (mut watchdog, zeros) = watchdog(&heartbeat);
         heartbeat.beat(7);
-        let looks: Vec<Look> = (100..=162).map(|ms| watchdog.look(ms * 1_000_000)).collect();
-        let zeroed: Vec<usize> = (0..looks.len()).filter(|i| looks[*i] == Look::Zeroed).collect();
-        assert_eq!(zeroed, [20, 40, 60], "never before the limit, then once a limit");
+        let looks: Vec<WatchdogStatus> = (100..=162).map(|ms| watchdog.check(ms * 1_000_000)).collect();
+        let zeroed: Vec<usize> = (0..looks.len()).filter(|i| looks[*i] == WatchdogStatus::Zeroed).collect();
+        assert_eq!(zeroed, [20, 40, 60], "not before the limit, then once per limit");
         assert_eq!((zeros.load(Ordering::Relaxed), heartbeat.beat(8)), (3, 1), "one stall is one firing");
-        assert_eq!(watchdog.look(163_000_000), Look::Well);
-        assert_eq!(watchdog.look(182_000_000), Look::Well);
-        assert_eq!(watchdog.look(183_000_000), Look::Zeroed);
+        assert_eq!(watchdog.check(163_000_000), WatchdogStatus::Alive);
+        assert_eq!(watchdog.check(182_000_000), WatchdogStatus::Alive);
+        assert_eq!(watchdog.check(183_000_000), WatchdogStatus::Zeroed);
         assert_eq!(heartbeat.fired(), 2);
         heartbeat.end();
-        assert_eq!(watchdog.look(10_000_000_000), Look::Ended);
+        assert_eq!(watchdog.check(10_000_000_000), WatchdogStatus::Ended);
         assert_eq!(heartbeat.fired(), 2);
     }
 
-    /// A port whose buffer is full: the zero goes as soon as there is room, and not a limit later.
+    /// A port whose buffer is full: the zero goes as soon as there is room, not one limit later.
     #[test]
-    fn a_zero_that_did_not_go_is_tried_again_at_once() {
+    fn a_failed_zero_is_retried_immediately() {
         struct Full(Arc<AtomicU64>);
 
         impl EmergencyStop for Full {
@@ -250,27 +256,36 @@ mod tests {
         let (heartbeat, tries) = (Heartbeat::default(), Arc::default());
         let mut watchdog = Watchdog::new(&heartbeat, Box::new(Full(Arc::clone(&tries))), LIMIT_NS);
         heartbeat.beat(7);
-        let looks: Vec<Look> = (0..42).map(|ms| watchdog.look(ms * 1_000_000)).collect();
-        assert_eq!(looks[20..25], [Look::Refused, Look::Refused, Look::Refused, Look::Zeroed, Look::Stalled]);
-        assert!(looks[..20].iter().all(|look| *look == Look::Well));
+        let looks: Vec<WatchdogStatus> = (0..42).map(|ms| watchdog.check(ms * 1_000_000)).collect();
+        assert_eq!(
+            looks[20..25],
+            [
+                WatchdogStatus::ZeroFailed,
+                WatchdogStatus::ZeroFailed,
+                WatchdogStatus::ZeroFailed,
+                WatchdogStatus::Zeroed,
+                WatchdogStatus::Stalled
+            ]
+        );
+        assert!(looks[..20].iter().all(|look| *look == WatchdogStatus::Alive));
         assert_eq!((tries.load(Ordering::Relaxed), heartbeat.fired()), (4, 1), "one stall is one firing");
     }
 
     #[test]
-    fn it_is_above_every_loop_that_may_run_and_below_the_kernel() {
+    fn its_priority_is_above_every_loop_and_below_the_kernel() {
         assert_eq!([1, 50, MAX_LOOP_FIFO_PRIORITY].map(priority_above), [2, 51, 98]);
         assert_eq!([98, 99, i32::MAX].map(priority_above), [98; 3]);
     }
 
-    /// On real threads: a loop that hangs in its exchange is zeroed past, and the thread ends with the heartbeat.
+    /// On real threads: a loop that hangs in its exchange is zeroed, and the thread ends with the heartbeat.
     #[test]
-    fn the_thread_zeroes_a_hanging_loop_and_ends_with_it() {
+    fn the_thread_zeroes_a_stalled_loop_and_ends_with_it() {
         let heartbeat = Heartbeat::default();
         let (watchdog, zeros) = watchdog(&heartbeat);
         std::thread::scope(|scope| {
             let handle = spawn(scope, watchdog, crate::rt::MonotonicClock, None).expect("a thread starts");
             heartbeat.beat(1);
-            // However long that takes on a busy machine.
+            // Waits for the event, however long it takes on a busy machine.
             while zeros.load(Ordering::Relaxed) == 0 {
                 std::thread::yield_now();
             }

@@ -1,7 +1,7 @@
-//! The supervisor's side: holds the device, obeys orders, takes the force away when they stop.
+//! The supervisor's side: owns the device, executes orders, zeroes the force when they stop.
 
 use super::watch::Watch;
-use super::wire::{Numbered, OPENING_LEN, Opening, Order, Place, Report};
+use super::wire::{OPEN_RESULT_LEN, OpenResult, Order, OrderMessage, Report, ReportedPosition};
 use crate::device::{Device, EmergencyStop};
 use crate::sys::{self, Policy};
 use palpate_core::{Sample, Vec3, vec3};
@@ -10,33 +10,33 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
 
-/// While nothing is watched: how often it looks whether the host is still there.
-const LOOK_NS: u64 = 100_000_000;
-/// How long the last zero is tried while the line refuses it.
-const LAST_PATIENCE_NS: u64 = 10_000_000_000;
-/// Between two tries.
+/// Period of checking for the host while no watch is active.
+const HOST_CHECK_NS: u64 = 100_000_000;
+/// Time for which the last zero is retried while the line does not accept it.
+const FINAL_ZERO_TIMEOUT_NS: u64 = 10_000_000_000;
+/// Pause between two attempts.
 const RETRY: Duration = Duration::from_millis(1);
-/// Orders that are taken at a time.
-const MOST_ORDERS: usize = 64;
-/// Longest wait for the first order.
-const HELLO_PATIENCE: Duration = Duration::from_secs(5);
-/// Orders whose exchange is remembered: three times the stale limit at 1 kHz.
-const REMEMBERED: usize = 32;
+/// Largest number of orders processed at a time.
+const MAX_ORDERS: usize = 64;
+/// Timeout of the first order.
+const HELLO_TIMEOUT: Duration = Duration::from_secs(5);
+/// Number of exchanges kept in the history: three times the stale limit at 1 kHz.
+const HISTORY_LEN: usize = 32;
 
-/// What it came to.
+/// Statistics of a supervisor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Served {
-    /// Exchanges on an order.
+pub struct ServeSummary {
+    /// Number of exchanges on an order.
     pub exchanges: u64,
-    /// Times the force was taken away because nothing came.
+    /// Number of times the force was zeroed for lack of an order.
     pub silences: u64,
-    /// Datagrams that were none of the host's orders.
+    /// Datagrams that were not valid orders of the host.
     pub strays: u64,
-    /// The host is gone without having said so.
+    /// Whether the host ended without a Leave order.
     pub abandoned: bool,
 }
 
-/// Takes the force away when dropped, also while a panic unwinds.
+/// Stops the device when dropped, also while a panic unwinds.
 struct StopOnDrop<D: Device>(D);
 
 impl<D: Device> Drop for StopOnDrop<D> {
@@ -45,35 +45,37 @@ impl<D: Device> Drop for StopOnDrop<D> {
     }
 }
 
-/// As [`serve`], on the socket that a supervisor process is given as its standard input.
+/// Like [`serve`], on the socket that a supervisor process receives as its standard input.
 pub fn serve_stdin<D: Device>(
     policy: Policy,
     open: impl FnOnce() -> Result<D, String>,
-) -> io::Result<Served> {
+) -> io::Result<ServeSummary> {
     let socket = UnixDatagram::from(io::stdin().as_fd().try_clone_to_owned()?);
     serve(&socket, policy, open)
 }
 
-/// Waits for a host's first order, opens the device and obeys until the host leaves or is gone. The force is zero on every way out.
+/// Waits for the host's first order, opens the device and executes orders until the host leaves or is gone.
+/// The force is zero on every exit.
 ///
-/// An error of `open` is a line for people, told to the host; an error of its own means that there is no host.
+/// An error of `open` is one line for the user and is sent to the host. An error of this function means that
+/// there is no host.
 pub fn serve<D: Device>(
     socket: &UnixDatagram,
     policy: Policy,
     open: impl FnOnce() -> Result<D, String>,
-) -> io::Result<Served> {
-    let (nonce, limit_us) = hello(socket)?;
+) -> io::Result<ServeSummary> {
+    let (nonce, limit_us) = receive_hello(socket)?;
     socket.set_nonblocking(true)?;
     let device = match open() {
         Ok(device) => device,
         Err(text) => {
-            socket.send(&Opening::Refused { text }.encode(nonce))?;
-            return Ok(Served::default());
+            socket.send(&OpenResult::Refused { text }.encode(nonce))?;
+            return Ok(ServeSummary::default());
         }
     };
     let mut device = StopOnDrop(device);
     let fifo_priority = if let Policy::Fifo(priority) = policy { priority } else { 0 };
-    let opened = Opening::Opened { info: device.0.info(), state: device.0.state(), fifo_priority };
+    let opened = OpenResult::Opened { info: device.0.info(), state: device.0.state(), fifo_priority };
     socket.send(&opened.encode(nonce))?;
     let mut server = Server {
         socket,
@@ -81,36 +83,36 @@ pub fn serve<D: Device>(
         begun_ns: sys::monotonic_ns(),
         newest: 0,
         watch: Watch::new(u64::from(limit_us) * 1_000),
-        past: device.0.emergency_stop(),
+        emergency_stop: device.0.emergency_stop(),
         device: &mut device.0,
-        asked: [(0, 0); REMEMBERED],
-        served: Served::default(),
+        exchanges: [(0, 0); HISTORY_LEN],
+        summary: ServeSummary::default(),
     };
     server.run();
-    Ok(server.served)
+    Ok(server.summary)
 }
 
-/// The first order.
-fn hello(socket: &UnixDatagram) -> io::Result<(u32, u32)> {
-    socket.set_read_timeout(Some(HELLO_PATIENCE))?;
-    let mut bytes = [0; OPENING_LEN];
+/// Receives the first order.
+fn receive_hello(socket: &UnixDatagram) -> io::Result<(u32, u32)> {
+    socket.set_read_timeout(Some(HELLO_TIMEOUT))?;
+    let mut bytes = [0; OPEN_RESULT_LEN];
     let count = socket.recv(&mut bytes)?;
-    match Numbered::decode(&bytes[..count]) {
-        Some(Numbered { nonce, order: Order::Hello { limit_us }, .. }) => Ok((nonce, limit_us)),
-        _ => Err(io::Error::new(io::ErrorKind::InvalidData, "no host speaks here")),
+    match OrderMessage::decode(&bytes[..count]) {
+        Some(OrderMessage { nonce, order: Order::Hello { limit_us }, .. }) => Ok((nonce, limit_us)),
+        _ => Err(io::Error::new(io::ErrorKind::InvalidData, "the first datagram is not from a host")),
     }
 }
 
-/// Whether to go on.
+/// Whether the host is present.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Host {
-    There,
+    Present,
     Gone,
 }
 
-/// The newest order that wants an exchange.
+/// The newest order that requires an exchange.
 #[derive(Debug, Clone, Copy)]
-struct Wanted {
+struct ExchangeRequest {
     number: u64,
     force_n: Vec3,
 }
@@ -123,11 +125,11 @@ struct Server<'d, D: Device> {
     newest: u64,
     watch: Watch,
     device: &'d mut D,
-    /// Past an exchange that hangs; and where there is none, `Device::stop`.
-    past: Option<Box<dyn EmergencyStop>>,
-    /// Times of the last exchanges and the orders they were for, newest first.
-    asked: [(u64, u64); REMEMBERED],
-    served: Served,
+    /// Path past an exchange that hangs; without one, `Device::stop` is used.
+    emergency_stop: Option<Box<dyn EmergencyStop>>,
+    /// Times of the last exchanges and their orders, newest first.
+    exchanges: [(u64, u64); HISTORY_LEN],
+    summary: ServeSummary,
 }
 
 impl<D: Device> Server<'_, D> {
@@ -138,42 +140,43 @@ impl<D: Device> Server<'_, D> {
     fn run(&mut self) {
         loop {
             let now_ns = sys::monotonic_ns();
-            let due_ns = self.watch.due_ns().unwrap_or(now_ns + LOOK_NS);
+            let due_ns = self.watch.due_ns().unwrap_or(now_ns + HOST_CHECK_NS);
             let readable =
                 sys::wait_readable(self.socket.as_fd(), Duration::from_nanos(due_ns.saturating_sub(now_ns)));
-            // What has come in the meantime first: a process that was late itself must not blame the host for it.
-            let host = if readable { self.obey() } else { Host::There };
+            // First process the orders that have arrived: if this process itself was late, the host is not at
+            // fault.
+            let host = if readable { self.process_orders() } else { Host::Present };
             let host = match host {
-                Host::There if self.watch.is_overdue(sys::monotonic_ns()) => {
-                    self.served.silences += 1;
-                    // Refused, it is tried again with the next limit.
+                Host::Present if self.watch.is_overdue(sys::monotonic_ns()) => {
+                    self.summary.silences += 1;
+                    // If it fails, the next limit tries again.
                     let _ = self.zero();
-                    self.tell(0, None)
+                    self.report_exchange(0, None)
                 }
-                Host::There if !readable => self.tell(0, None),
+                Host::Present if !readable => self.report_exchange(0, None),
                 host => host,
             };
             if host == Host::Gone {
-                self.zero_at_last();
+                self.zero_finally();
                 return;
             }
         }
     }
 
-    /// Takes every order that is there; exchanges for the newest that wants it.
-    fn obey(&mut self) -> Host {
-        let mut wanted = None;
-        let mut bytes = [0; OPENING_LEN];
-        for _ in 0..MOST_ORDERS {
+    /// Processes all orders that have arrived, then exchanges for the newest that requires it.
+    fn process_orders(&mut self) -> Host {
+        let mut request = None;
+        let mut bytes = [0; OPEN_RESULT_LEN];
+        for _ in 0..MAX_ORDERS {
             let count = match self.socket.recv(&mut bytes) {
                 Ok(count) => count,
-                Err(error) if is_passing(&error) => break,
+                Err(error) if is_transient(&error) => break,
                 Err(_) => return self.abandoned(),
             };
-            let order = Numbered::decode(&bytes[..count]);
+            let order = OrderMessage::decode(&bytes[..count]);
             let order = order.filter(|order| order.nonce == self.nonce && order.number > self.newest);
-            let Some(Numbered { number, sent_ns, order, .. }) = order else {
-                self.served.strays += 1;
+            let Some(OrderMessage { number, sent_ns, order, .. }) = order else {
+                self.summary.strays += 1;
                 continue;
             };
             self.newest = number;
@@ -181,107 +184,112 @@ impl<D: Device> Server<'_, D> {
                 Order::Hello { .. } => {}
                 Order::Tick { session, force_n } => {
                     let force_n = self.watch.tick(sys::monotonic_ns(), sent_ns, session, force_n);
-                    wanted = Some(Wanted { number, force_n });
+                    request = Some(ExchangeRequest { number, force_n });
                 }
-                Order::Look => {
-                    self.watch.rest();
-                    wanted = Some(Wanted { number, force_n: vec3::ZERO });
+                Order::Poll => {
+                    self.watch.pause();
+                    request = Some(ExchangeRequest { number, force_n: vec3::ZERO });
                 }
                 Order::Zero => {
                     self.watch.latch();
-                    wanted = None;
+                    request = None;
                     let _ = self.zero();
                 }
                 Order::Stop | Order::Leave => {
-                    self.watch.rest();
-                    wanted = None;
+                    self.watch.pause();
+                    request = None;
                     self.device.stop();
-                    let told = self.report(number, true, None);
-                    if order == Order::Leave || told == Host::Gone {
+                    let reported = self.report(number, true, None);
+                    if order == Order::Leave || reported == Host::Gone {
                         return Host::Gone;
                     }
                 }
             }
         }
-        wanted.map_or(Host::There, |wanted| self.exchange(wanted))
+        request.map_or(Host::Present, |request| self.exchange(request))
     }
 
-    fn exchange(&mut self, Wanted { number, force_n }: Wanted) -> Host {
+    fn exchange(&mut self, ExchangeRequest { number, force_n }: ExchangeRequest) -> Host {
         let now_us = self.now_us();
-        self.asked.rotate_right(1);
-        self.asked[0] = (now_us, number);
-        self.served.exchanges += 1;
+        self.exchanges.rotate_right(1);
+        self.exchanges[0] = (now_us, number);
+        self.summary.exchanges += 1;
         let sample = self.device.exchange(now_us, force_n);
-        self.tell(number, Some(sample))
+        self.report_exchange(number, Some(sample))
     }
 
-    /// The order with whose exchange the request of a sample went.
-    fn asked_by(&self, t_us: u64) -> Option<u64> {
-        let (_, number) = self.asked.iter().find(|(asked_us, number)| *asked_us <= t_us && *number > 0)?;
+    /// The order whose exchange sent the request of a sample.
+    fn order_of(&self, t_us: u64) -> Option<u64> {
+        let (_, number) =
+            self.exchanges.iter().find(|(exchanged_us, number)| *exchanged_us <= t_us && *number > 0)?;
         Some(*number)
     }
 
-    fn tell(&mut self, answers: u64, came: Option<Result<Option<Sample>, crate::DeviceError>>) -> Host {
-        self.report(answers, false, came)
+    fn report_exchange(
+        &mut self,
+        answers: u64,
+        result: Option<Result<Option<Sample>, crate::DeviceError>>,
+    ) -> Host {
+        self.report(answers, false, result)
     }
 
     fn report(
         &mut self,
         answers: u64,
         stopped: bool,
-        came: Option<Result<Option<Sample>, crate::DeviceError>>,
+        result: Option<Result<Option<Sample>, crate::DeviceError>>,
     ) -> Host {
-        let (sample, error) = match came {
+        let (sample, error) = match result {
             Some(Ok(sample)) => (sample, None),
             Some(Err(error)) => (None, Some(error)),
             None => (None, None),
         };
         let place = sample.and_then(|Sample { t_us, position_m, buttons }| {
-            self.asked_by(t_us).map(|asked_by| Place { asked_by, position_m, buttons })
+            self.order_of(t_us).map(|order_number| ReportedPosition { order_number, position_m, buttons })
         });
         let (session, device) = (self.watch.session(), self.device.state());
         let report = Report { answers, session, stopped, device, place, error };
         match self.socket.send(&report.encode(self.nonce)) {
-            Ok(_) => Host::There,
-            // A host that does not read is one that stands still: its silence is judged, not its queue.
-            Err(error) if is_passing(&error) => Host::There,
+            Ok(_) => Host::Present,
+            // A host that does not read is stalled: it is detected by its silence, not by its full queue.
+            Err(error) if is_transient(&error) => Host::Present,
             Err(_) => self.abandoned(),
         }
     }
 
     fn abandoned(&mut self) -> Host {
-        self.served.abandoned = true;
+        self.summary.abandoned = true;
         Host::Gone
     }
 
-    /// Takes the force away, twice over: past the driver, which then distrusts the replies, and through it, which then knows. False if the line did
-    /// not take it now.
+    /// Zeroes the force on two paths: past the driver, which then pauses for silence, and through it, which
+    /// updates its state. False if the line did not accept it now.
     fn zero(&mut self) -> bool {
-        let Some(past) = &mut self.past else {
+        let Some(emergency_stop) = &mut self.emergency_stop else {
             self.device.stop();
             return true;
         };
-        let is_refused = past.zero().is_err_and(|error| error.kind().is_passing());
+        let is_refused = emergency_stop.zero().is_err_and(|error| error.kind().is_transient());
         let now_us = self.now_us();
-        // A device that cannot be reached this way cannot be helped; the next limit tries again.
+        // If the device cannot be reached, the next limit tries again.
         let _ = self.device.exchange(now_us, vec3::ZERO);
         !is_refused
     }
 
-    /// The same when nobody comes after this: tried again while the line does not take it.
-    fn zero_at_last(&mut self) {
-        let give_up_ns = sys::monotonic_ns() + LAST_PATIENCE_NS;
+    /// The final zero, retried while the line does not accept it.
+    fn zero_finally(&mut self) {
+        let give_up_ns = sys::monotonic_ns() + FINAL_ZERO_TIMEOUT_NS;
         while !self.zero() && sys::monotonic_ns() < give_up_ns {
             std::thread::sleep(RETRY);
         }
     }
 }
 
-/// Whether a socket's error says nothing of the other end.
-pub(super) fn is_passing(error: &io::Error) -> bool {
+/// Whether an error of the socket is transient.
+pub(super) fn is_transient(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
         || error.raw_os_error() == Some(NO_BUFFER_SPACE)
 }
 
-/// ENOBUFS, for which the standard library has no name.
+/// ENOBUFS, which the standard library does not name.
 const NO_BUFFER_SPACE: i32 = 105;

@@ -1,46 +1,48 @@
-//! When a force may act: the supervisor's judgement, without sockets, devices or clocks.
+//! State machine that decides when a force may act, without sockets, devices or clocks.
 //!
-//! A session is what the host renders in. It ends when the force is taken away, by silence or on request, and the next one begins when the host
-//! sends a tick of it; the host does that after its user has reset the fault. A tick of any other session is a heartbeat and no more.
+//! The host renders in a session. The session ends when the force is zeroed, by silence or on request. The
+//! next one begins when the host sends a tick of it, which it does after its user has reset the fault. A tick
+//! of any other session counts only as a heartbeat.
 
 use palpate_core::{Vec3, vec3};
 
-/// What it knows.
+/// State of the watch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Watch {
     limit_ns: u64,
     session: u32,
-    /// The host has sent a tick of the session.
+    /// Whether the host has sent a tick of the session.
     entered: bool,
-    /// When the newest tick was sent; `None` while nothing is watched.
-    heard_ns: Option<u64>,
-    /// When the force was last taken away in this silence.
+    /// Send time of the newest tick; `None` while the watch is inactive.
+    last_tick_ns: Option<u64>,
+    /// Time of the last zero in this silence.
     zeroed_ns: Option<u64>,
 }
 
 impl Watch {
-    /// Watches nothing before the first tick.
+    /// A watch that is inactive until the first tick.
     #[must_use]
     pub const fn new(limit_ns: u64) -> Self {
-        Self { limit_ns, session: 0, entered: false, heard_ns: None, zeroed_ns: None }
+        Self { limit_ns, session: 0, entered: false, last_tick_ns: None, zeroed_ns: None }
     }
 
-    /// The session in which a force is obeyed.
+    /// The session in which forces are executed.
     #[must_use]
     pub const fn session(&self) -> u32 {
         self.session
     }
 
-    /// A tick has come: the force that may go to the device.
+    /// Processes a tick and returns the force that may go to the device.
     pub fn tick(&mut self, now_ns: u64, sent_ns: u64, session: u32, force_n: Vec3) -> Vec3 {
         let age_ns = now_ns.saturating_sub(sent_ns);
-        (self.heard_ns, self.zeroed_ns) = (Some(sent_ns.min(now_ns)), None);
+        (self.last_tick_ns, self.zeroed_ns) = (Some(sent_ns.min(now_ns)), None);
         if session != self.session {
             return vec3::ZERO;
         }
         self.entered = true;
         if age_ns >= self.limit_ns {
-            // This process was late, or the host was held up between reading its clock and sending: where the hand was then says nothing.
+            // This process was late, or the host stalled between reading its clock and sending: the position
+            // is too old.
             self.latch();
             return vec3::ZERO;
         }
@@ -55,18 +57,20 @@ impl Watch {
         }
     }
 
-    /// Nothing is watched until the next tick.
-    pub const fn rest(&mut self) {
-        (self.heard_ns, self.zeroed_ns) = (None, None);
+    /// Deactivates the watch until the next tick.
+    pub const fn pause(&mut self) {
+        (self.last_tick_ns, self.zeroed_ns) = (None, None);
     }
 
-    /// When the force must be taken away, or once more, if nothing comes.
+    /// Time at which the force must be zeroed, or zeroed again, if no tick arrives.
     #[must_use]
     pub fn due_ns(&self) -> Option<u64> {
-        self.heard_ns.map(|heard_ns| self.zeroed_ns.unwrap_or(heard_ns).saturating_add(self.limit_ns))
+        self.last_tick_ns
+            .map(|last_tick_ns| self.zeroed_ns.unwrap_or(last_tick_ns).saturating_add(self.limit_ns))
     }
 
-    /// Whether it must be now; the session is over then. Once a limit in a silence, for a zero may be lost on the line.
+    /// Whether it must be zeroed now; this ends the session. It repeats once per limit in a silence, because
+    /// a zero can be lost on the line.
     pub fn is_overdue(&mut self, now_ns: u64) -> bool {
         let overdue = self.due_ns().is_some_and(|due_ns| now_ns >= due_ns);
         if overdue {
@@ -85,12 +89,9 @@ mod tests {
     const FORCE_N: Vec3 = [1.0, 2.0, 3.0];
 
     #[test]
-    fn silence_takes_the_force_away_and_no_tick_of_that_session_brings_it_back() {
+    fn silence_zeroes_the_force_and_ends_the_session() {
         let mut watch = Watch::new(LIMIT_NS);
-        assert!(
-            watch.due_ns().is_none() && !watch.is_overdue(u64::MAX),
-            "nothing to watch before the first tick"
-        );
+        assert!(watch.due_ns().is_none() && !watch.is_overdue(u64::MAX), "inactive before the first tick");
         for ms in 0..100 {
             let now_ns = ms * 1_000_000 + 5;
             assert_eq!(watch.tick(now_ns, now_ns - 5, 0, FORCE_N), FORCE_N);
@@ -100,42 +101,46 @@ mod tests {
         let fired: Vec<u64> = (109..140).filter(|ms| watch.is_overdue(ms * 1_000_000)).collect();
         assert_eq!((fired, watch.session()), (vec![109, 119, 129, 139], 1), "one silence ends one session");
 
-        // The host comes back, as if nothing had been.
+        // The host resumes with its old session.
         for ms in 140..200 {
             assert_eq!(watch.tick(ms * 1_000_000, ms * 1_000_000, 0, FORCE_N), vec3::ZERO);
         }
-        assert_eq!(watch.tick(200_000_000, 200_000_000, 2, FORCE_N), vec3::ZERO, "one that never was");
-        assert_eq!(watch.tick(201_000_000, 201_000_000, 1, FORCE_N), FORCE_N, "its user has reset it");
+        assert_eq!(
+            watch.tick(200_000_000, 200_000_000, 2, FORCE_N),
+            vec3::ZERO,
+            "a session that does not exist"
+        );
+        assert_eq!(watch.tick(201_000_000, 201_000_000, 1, FORCE_N), FORCE_N, "after the user's reset");
     }
 
     #[test]
-    fn a_second_silence_before_a_reset_ends_nothing_more() {
+    fn a_second_silence_before_a_reset_ends_no_other_session() {
         let mut watch = Watch::new(LIMIT_NS);
         watch.tick(0, 0, 0, FORCE_N);
         assert!(watch.is_overdue(LIMIT_NS));
         watch.tick(20_000_000, 20_000_000, 0, FORCE_N);
         assert!(watch.is_overdue(40_000_000));
         watch.latch();
-        assert_eq!(watch.session(), 1, "the host may reset what it was told of");
+        assert_eq!(watch.session(), 1, "the host may reset the session that was reported");
     }
 
     #[test]
-    fn an_order_that_was_long_on_its_way_is_none() {
+    fn an_order_that_arrives_late_has_no_force() {
         let mut watch = Watch::new(LIMIT_NS);
         assert_eq!(watch.tick(LIMIT_NS - 1, 0, 0, FORCE_N), FORCE_N);
         assert_eq!(watch.tick(2 * LIMIT_NS, LIMIT_NS, 0, FORCE_N), vec3::ZERO);
         assert_eq!(watch.session(), 1);
-        // A clock that is ahead buys no time.
+        // A clock that is ahead does not extend the limit.
         let mut watch = Watch::new(LIMIT_NS);
         watch.tick(0, u64::MAX, 0, FORCE_N);
         assert!(watch.is_overdue(LIMIT_NS));
     }
 
     #[test]
-    fn at_rest_nothing_is_watched() {
+    fn the_watch_is_inactive_after_a_stop() {
         let mut watch = Watch::new(LIMIT_NS);
         watch.tick(0, 0, 0, FORCE_N);
-        watch.rest();
+        watch.pause();
         assert!(!watch.is_overdue(u64::MAX));
         assert_eq!((watch.session(), watch.due_ns()), (0, None));
     }

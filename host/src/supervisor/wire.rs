@@ -1,13 +1,14 @@
 //! The datagrams between a host and its supervisor: fixed sizes, little-endian, with a checksum.
 //!
 //! ```text
-//! order   magic, version, kind, nonce | number, sent | session, force | CRC-32              48 bytes
-//! report  magic, version, kind, nonce | answers, session | state, sample, error | CRC-32   64 bytes
-//! opening magic, version, kind, nonce | what the device is, or why there is none | CRC-32   1024 bytes
+//! order        magic, version, kind, nonce | number, sent | session, force | CRC-32           48 bytes
+//! report       magic, version, kind, nonce | answers, session | state, sample, error | CRC-32 64 bytes
+//! open result  magic, version, kind, nonce | device info, or the error line | CRC-32          1024 bytes
 //! ```
 //!
-//! The nonce is the host's, drawn for each supervisor. Whatever is of another length, kind, version, nonce or checksum is nothing. Both ends are
-//! the same program on the same machine, so times are of one clock (CLOCK_MONOTONIC).
+//! The host draws a nonce for each supervisor. A datagram with another length, kind, version, nonce or
+//! checksum is ignored. Both ends are the same program on the same machine, so all times are of one clock
+//! (CLOCK_MONOTONIC).
 
 use crate::device::{DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::blob::format::CHECKSUM;
@@ -18,95 +19,95 @@ use palpate_core::{Vec3, vec3};
 pub const ORDER_LEN: usize = 48;
 /// Length of a report.
 pub const REPORT_LEN: usize = 64;
-/// Length of an opening.
-pub const OPENING_LEN: usize = 1024;
-/// Longest text of an opening.
-const MAX_TEXT: usize = OPENING_LEN - 64;
+/// Length of an open result.
+pub const OPEN_RESULT_LEN: usize = 1024;
+/// Longest text of an open result.
+const MAX_TEXT: usize = OPEN_RESULT_LEN - 64;
 const MAGIC: [u8; 4] = *b"PSup";
 const VERSION: u8 = 1;
 const CHECKSUM_LEN: usize = 4;
 
-/// What a host asks for.
+/// An order of the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Order {
-    /// The first one: what time without a tick is too long.
+    /// The first order: the limit for the time without a tick.
     Hello {
-        /// That time, us.
+        /// The limit, us.
         limit_us: u32,
     },
-    /// A tick of the loop: exchange with the device. From the first one on silence takes the force away.
+    /// A tick of the loop: exchange with the device. From the first tick on, silence zeroes the force.
     Tick {
-        /// The session it belongs to; in another one the force is not obeyed.
+        /// The session of the tick; in any other session the force is ignored.
         session: u32,
-        /// For the hand, model frame, N.
+        /// Force for the hand, model frame, N.
         force_n: Vec3,
     },
-    /// An exchange with zero force outside the loop. Ends the watch until the next tick.
-    Look,
-    /// Take the force away, and latch that.
+    /// An exchange with zero force outside the loop. Deactivates the watch until the next tick.
+    Poll,
+    /// Zero the force, and latch.
     Zero,
-    /// The loop has ended: take the force away. Ends the watch.
+    /// The loop has ended: stop the device and deactivate the watch.
     Stop,
-    /// The same, and end the process.
+    /// The same, and exit the process.
     Leave,
 }
 
-/// An order with its address.
+/// An order with its header.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Numbered {
-    /// Of the host.
+pub struct OrderMessage {
+    /// Nonce of the host.
     pub nonce: u32,
-    /// Above that of every order before it.
+    /// Number, greater than that of every earlier order.
     pub number: u64,
-    /// When it was sent, CLOCK_MONOTONIC, ns.
+    /// Send time, CLOCK_MONOTONIC, ns.
     pub sent_ns: u64,
-    /// What is asked for.
+    /// The order.
     pub order: Order,
 }
 
-/// Where a hand was.
+/// A measured position of the hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
-    /// Number of the order with which its request went to the device.
-    pub asked_by: u64,
-    /// Model frame, m.
+pub struct ReportedPosition {
+    /// Number of the order that sent its request to the device.
+    pub order_number: u64,
+    /// Position, model frame, m.
     pub position_m: Vec3,
-    /// One bit a button.
+    /// One bit per button.
     pub buttons: u32,
 }
 
-/// What a supervisor says.
+/// A report of the supervisor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
     /// Number of the order it answers; 0 for none.
     pub answers: u64,
-    /// The session in which forces are obeyed.
+    /// The session in which forces are executed.
     pub session: u32,
-    /// The order answered is done and the device stopped.
+    /// Whether the answered order stopped the device.
     pub stopped: bool,
-    /// How far the device is.
+    /// State of the device.
     pub device: DeviceState,
     /// A sample that was not reported before.
-    pub place: Option<Place>,
-    /// What the exchange failed with.
+    pub place: Option<ReportedPosition>,
+    /// Error of the exchange.
     pub error: Option<DeviceError>,
 }
 
-/// The first report.
+/// The first report: the result of opening the device.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Opening {
+pub enum OpenResult {
     /// The device is open.
     Opened {
-        /// What it is.
+        /// Its identity and limits.
         info: DeviceInfo,
-        /// How far it is.
+        /// Its state.
         state: DeviceState,
         /// SCHED_FIFO priority of the supervisor; 0 for ordinary scheduling.
         fifo_priority: i32,
     },
-    /// It is not.
+    /// The device could not be opened.
     Refused {
-        /// Why, and what to do, in one line.
+        /// Reason and fix in one line.
         text: String,
     },
 }
@@ -125,7 +126,7 @@ const KINDS: [DeviceErrorKind; 11] = [
     DeviceErrorKind::Faulted(DeviceFault::Hardware),
 ];
 
-/// Bytes of a fixed length, from the front; what does not fit is dropped, which no caller lets happen.
+/// Writer into a buffer of fixed length. Bytes that do not fit are dropped; no caller exceeds the length.
 struct Writer<const N: usize> {
     bytes: [u8; N],
     at: usize,
@@ -158,11 +159,11 @@ impl<const N: usize> Writer<N> {
     }
 }
 
-/// Checked bytes, from the front.
+/// Reader of a checked buffer.
 struct Reader<'b>(&'b [u8]);
 
 impl<'b> Reader<'b> {
-    /// Kind and nonce, and the rest of them.
+    /// Checks a datagram; returns kind, nonce and the remaining bytes.
     fn new(bytes: &'b [u8], len: usize) -> Option<(u8, u32, Self)> {
         let (body, checksum) = bytes.split_last_chunk::<CHECKSUM_LEN>()?;
         if bytes.len() != len || CHECKSUM.checksum(body) != u32::from_le_bytes(*checksum) {
@@ -210,14 +211,14 @@ impl<'b> Reader<'b> {
     }
 }
 
-impl Numbered {
-    /// As it is sent.
+impl OrderMessage {
+    /// Encodes the order.
     #[must_use]
     pub fn encode(&self) -> [u8; ORDER_LEN] {
         let (kind, session, force_n) = match self.order {
             Order::Hello { limit_us } => (1, limit_us, vec3::ZERO),
             Order::Tick { session, force_n } => (2, session, force_n),
-            Order::Look => (3, 0, vec3::ZERO),
+            Order::Poll => (3, 0, vec3::ZERO),
             Order::Zero => (4, 0, vec3::ZERO),
             Order::Stop => (5, 0, vec3::ZERO),
             Order::Leave => (6, 0, vec3::ZERO),
@@ -230,7 +231,7 @@ impl Numbered {
         writer.finish()
     }
 
-    /// Out of a datagram; `None` for what is none of ours or damaged.
+    /// Decodes a datagram; `None` if it is invalid.
     #[must_use]
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let (kind, nonce, mut reader) = Reader::new(bytes, ORDER_LEN)?;
@@ -239,7 +240,7 @@ impl Numbered {
         let order = match kind {
             1 => Order::Hello { limit_us: session },
             2 => Order::Tick { session, force_n },
-            3 => Order::Look,
+            3 => Order::Poll,
             4 => Order::Zero,
             5 => Order::Stop,
             6 => Order::Leave,
@@ -253,13 +254,13 @@ const REPORT: u8 = 16;
 const OPENED: u8 = 17;
 const REFUSED: u8 = 18;
 
-/// Position of a state or a kind among all; there are fewer than 255.
+/// Index of a state or a kind in the list of all; there are fewer than 255.
 fn index_of<T: PartialEq>(all: &[T], one: &T) -> u8 {
     all.iter().position(|other| other == one).map_or(u8::MAX, |index| index as u8)
 }
 
 impl Report {
-    /// As it is sent.
+    /// Encodes the report.
     #[must_use]
     pub fn encode(&self, nonce: u32) -> [u8; REPORT_LEN] {
         let mut writer = Writer::new(REPORT, nonce);
@@ -269,24 +270,24 @@ impl Report {
         let has_place = u8::from(self.place.is_some());
         writer.put(&[u8::from(self.stopped), index_of(&DeviceState::ALL, &self.device), has_place, error]);
         writer.put(&self.error.and_then(|error| error.os_code()).unwrap_or(0).to_le_bytes());
-        if let Some(Place { asked_by, position_m, buttons }) = self.place {
-            writer.put(&asked_by.to_le_bytes());
+        if let Some(ReportedPosition { order_number, position_m, buttons }) = self.place {
+            writer.put(&order_number.to_le_bytes());
             writer.put_vec(position_m);
             writer.put(&buttons.to_le_bytes());
         }
         writer.finish()
     }
 
-    /// Out of a datagram; `None` for what is none of ours or damaged.
+    /// Decodes a datagram; `None` if it is invalid.
     #[must_use]
     pub fn decode(bytes: &[u8], nonce: u32) -> Option<Self> {
         let (REPORT, sender, mut reader) = Reader::new(bytes, REPORT_LEN)? else { return None };
         let (answers, session) = (reader.u64()?, reader.u32()?);
         let [stopped, device, has_place, error] = reader.take()?;
         let os_code = Some(reader.i32()?).filter(|code| *code != 0);
-        // A position that is not finite is the controller's to judge.
-        let place = Place {
-            asked_by: reader.u64()?,
+        // The controller checks whether the position is finite.
+        let place = ReportedPosition {
+            order_number: reader.u64()?,
             position_m: [reader.f32()?, reader.f32()?, reader.f32()?],
             buttons: reader.u32()?,
         };
@@ -306,17 +307,17 @@ impl Report {
     }
 }
 
-/// The text as far as there is room for it.
+/// Writes the text, truncated to the available length.
 fn put_text<const N: usize>(writer: &mut Writer<N>, text: &str) {
     let end = (0..=text.len().min(MAX_TEXT)).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
     writer.put(&(end as u32).to_le_bytes());
     writer.put(&text.as_bytes()[..end]);
 }
 
-impl Opening {
-    /// As it is sent.
+impl OpenResult {
+    /// Encodes the result.
     #[must_use]
-    pub fn encode(&self, nonce: u32) -> [u8; OPENING_LEN] {
+    pub fn encode(&self, nonce: u32) -> [u8; OPEN_RESULT_LEN] {
         let mut writer;
         match self {
             Self::Opened { info, state, fifo_priority } => {
@@ -336,10 +337,10 @@ impl Opening {
         writer.finish()
     }
 
-    /// Out of a datagram; `None` for what is none of ours or damaged.
+    /// Decodes a datagram; `None` if it is invalid.
     #[must_use]
     pub fn decode(bytes: &[u8], nonce: u32) -> Option<Self> {
-        let (kind, sender, mut reader) = Reader::new(bytes, OPENING_LEN)?;
+        let (kind, sender, mut reader) = Reader::new(bytes, OPEN_RESULT_LEN)?;
         let opening = match kind {
             OPENED => {
                 let (max_force_n, max_stiffness_n_m, resolution_m) =
@@ -362,7 +363,7 @@ impl Opening {
 mod tests {
     use super::*;
 
-    const TICK: Numbered = Numbered {
+    const TICK: OrderMessage = OrderMessage {
         nonce: 7,
         number: 41,
         sent_ns: 123_456_789,
@@ -370,29 +371,29 @@ mod tests {
     };
 
     fn report() -> Report {
-        let place = Place { asked_by: 40, position_m: [0.1, -0.2, 0.3], buttons: 5 };
+        let place = ReportedPosition { order_number: 40, position_m: [0.1, -0.2, 0.3], buttons: 5 };
         let error = DeviceError::with_os_code(DeviceErrorKind::Io, Some(5));
         let device = DeviceState::Homed;
         Report { answers: 41, session: 3, stopped: false, device, place: Some(place), error: Some(error) }
     }
 
     #[test]
-    fn what_is_sent_is_what_arrives() {
+    fn datagrams_survive_a_round_trip() {
         for order in [
             Order::Hello { limit_us: 10_000 },
             TICK.order,
-            Order::Look,
+            Order::Poll,
             Order::Zero,
             Order::Stop,
             Order::Leave,
         ] {
-            let order = Numbered { order, ..TICK };
-            assert_eq!(Numbered::decode(&order.encode()), Some(order));
+            let order = OrderMessage { order, ..TICK };
+            assert_eq!(OrderMessage::decode(&order.encode()), Some(order));
         }
         let bare = Report { place: None, error: None, stopped: true, ..report() };
         for report in [report(), bare] {
             assert_eq!(Report::decode(&report.encode(7), 7), Some(report));
-            assert_eq!(Report::decode(&report.encode(7), 8), None, "of another host");
+            assert_eq!(Report::decode(&report.encode(7), 8), None, "another host's nonce");
         }
         let info = DeviceInfo {
             name: "Polhem on /dev/pts/7".into(),
@@ -401,31 +402,31 @@ mod tests {
             max_stiffness_n_m: 1e3,
             resolution_m: 1e-6,
         };
-        let long = Opening::Refused { text: "ä".repeat(2_000) };
-        let Some(Opening::Refused { text }) = Opening::decode(&long.encode(7), 7) else {
-            panic!("it arrives")
+        let long = OpenResult::Refused { text: "ä".repeat(2_000) };
+        let Some(OpenResult::Refused { text }) = OpenResult::decode(&long.encode(7), 7) else {
+            panic!("it must decode")
         };
         assert!(text.len() == MAX_TEXT && text.chars().all(|c| c == 'ä'));
-        let opened = Opening::Opened { info, state: DeviceState::Unhomed, fifo_priority: 51 };
-        assert_eq!(Opening::decode(&opened.encode(7), 7), Some(opened));
+        let opened = OpenResult::Opened { info, state: DeviceState::Unhomed, fifo_priority: 51 };
+        assert_eq!(OpenResult::decode(&opened.encode(7), 7), Some(opened));
     }
 
     #[test]
-    fn every_damage_makes_nothing_of_it() {
+    fn every_damaged_datagram_is_refused() {
         let good = TICK.encode();
         for bit in 0..8 * good.len() {
             let mut bad = good;
             bad[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(Numbered::decode(&bad), None, "bit {bit}");
+            assert_eq!(OrderMessage::decode(&bad), None, "bit {bit}");
         }
         for len in 0..good.len() {
-            assert_eq!(Numbered::decode(&good[..len]), None);
+            assert_eq!(OrderMessage::decode(&good[..len]), None);
         }
-        assert_eq!(Numbered::decode(&report().encode(7)), None);
+        assert_eq!(OrderMessage::decode(&report().encode(7)), None);
         assert_eq!(Report::decode(&good, 7), None);
         for force_n in [[f32::NAN, 0.0, 0.0], [0.0, f32::INFINITY, 0.0]] {
-            let order = Numbered { order: Order::Tick { session: 3, force_n }, ..TICK };
-            assert_eq!(Numbered::decode(&order.encode()), None);
+            let order = OrderMessage { order: Order::Tick { session: 3, force_n }, ..TICK };
+            assert_eq!(OrderMessage::decode(&order.encode()), None);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The requests on Linux.
+//! The real-time requests on Linux.
 
 use super::{Outcome, Policy};
 use nix::errno::Errno;
@@ -21,17 +21,17 @@ fn refused(errno: Errno, advice: &'static str) -> Outcome {
 }
 
 fn is_root() -> bool {
-    // SAFETY: geteuid takes nothing, cannot fail and touches no memory of ours.
+    // SAFETY: geteuid has no arguments, cannot fail and accesses no memory of this program.
     unsafe { libc::geteuid() == 0 }
 }
 
-/// Locks present pages, and future ones where no finite limit applies.
+/// Locks the present pages, and future ones if no finite limit applies.
 ///
-/// With a finite RLIMIT_MEMLOCK, MCL_FUTURE would make a later allocation of the viewer fail, which aborts the
-/// process: worse than a page fault. So an ordinary user gets the present pages only.
+/// With a finite RLIMIT_MEMLOCK, MCL_FUTURE would make a later allocation of the viewer fail and abort the
+/// process, which is worse than a page fault. So for an ordinary user only the present pages are locked.
 pub(super) fn lock_memory(wanted: bool) -> Outcome {
     if !wanted {
-        return Outcome::NotAsked;
+        return Outcome::NotRequested;
     }
     let unlimited = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft == libc::RLIM_INFINITY);
     let flags = if unlimited || is_root() {
@@ -46,7 +46,7 @@ pub(super) fn lock_memory(wanted: bool) -> Outcome {
 }
 
 pub(super) fn unlock_memory() {
-    // Failure only means that pages stay resident until the process ends.
+    // On failure the pages stay resident until the process ends.
     let _ = munlockall();
 }
 
@@ -66,7 +66,7 @@ pub(super) fn pin_to_cpu(cpu: usize) -> Outcome {
 pub(super) fn set_fifo(priority: i32) -> Outcome {
     let advice = "raise rtprio in /etc/security/limits.conf (rtprio 80) or give CAP_SYS_NICE";
     let parameters = libc::sched_param { sched_priority: priority };
-    // RESET_ON_FORK: a thread started from this one must not silently run as FIFO too.
+    // RESET_ON_FORK: a thread started from this one must not run as FIFO unnoticed.
     // SAFETY: `parameters` outlives the call, and pid 0 means the calling thread.
     let answer =
         unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameters) };
@@ -83,7 +83,7 @@ pub(super) fn current_policy() -> Policy {
     // SAFETY: no pointer is passed; pid 0 means the calling thread.
     let policy = unsafe { libc::sched_getscheduler(0) } & !libc::SCHED_RESET_ON_FORK;
     let mut parameters = libc::sched_param { sched_priority: 0 };
-    // SAFETY: `parameters` is a valid place for the answer and outlives the call.
+    // SAFETY: `parameters` is valid for the result and outlives the call.
     let answer = unsafe { libc::sched_getparam(0, &mut parameters) };
     match (answer, policy) {
         (0, libc::SCHED_FIFO) => Policy::Fifo(parameters.sched_priority),
@@ -93,36 +93,38 @@ pub(super) fn current_policy() -> Policy {
 }
 
 pub(super) fn shorten_timer_slack() -> Outcome {
-    // SAFETY: PR_SET_TIMERSLACK takes one integer and touches the calling thread only.
+    // SAFETY: PR_SET_TIMERSLACK has one integer argument and affects only the calling thread.
     match unsafe { libc::prctl(libc::PR_SET_TIMERSLACK, 1 as libc::c_ulong) } {
         0 => Outcome::Granted,
         _ => refused(Errno::last(), "needs a Linux kernel with PR_SET_TIMERSLACK"),
     }
 }
 
-/// Keeps every CPU of the machine out of sleep states that take time to leave, for as long as the file is open.
+/// Keeps every CPU of the machine out of sleep states with a long exit latency while the file is open.
 ///
-/// Documentation/power/pm_qos_interface.rst: a 32-bit number of microseconds, held until the file is closed.
+/// Documentation/power/pm_qos_interface.rst: a 32-bit latency in microseconds, in effect until the file is
+/// closed.
 pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
     let opened = File::options().write(true).open("/dev/cpu_dma_latency");
     match opened.and_then(|mut file| file.write_all(&0_i32.to_ne_bytes()).map(|()| file)) {
         Ok(file) => (Outcome::Granted, Some(file)),
         Err(error) => {
             let os_code = error.raw_os_error().unwrap_or(0);
-            let advice = "allow writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
+            let advice = "permit writing to /dev/cpu_dma_latency (host/deploy/70-palpate.rules)";
             (Outcome::Refused { os_code, advice }, None)
         }
     }
 }
 
-/// Resolution of the clock that the loop sleeps by; 1 ns with high-resolution timers, a kernel tick without.
+/// Resolution of the clock that the loop sleeps on: 1 ns with high-resolution timers, otherwise a kernel
+/// tick.
 #[must_use]
 pub fn timer_resolution_ns() -> Option<u64> {
     let resolution = clock_getres(ClockId::CLOCK_MONOTONIC).ok()?;
     Some(resolution.tv_sec() as u64 * 1_000_000_000 + resolution.tv_nsec() as u64)
 }
 
-/// CPUs the calling thread may run on.
+/// CPUs on which the calling thread may run.
 #[must_use]
 pub fn allowed_cpus() -> Vec<usize> {
     let set = sched_getaffinity(CALLING_THREAD);
@@ -141,7 +143,8 @@ pub fn monotonic_ns() -> u64 {
 
 /// Sleeps until an absolute CLOCK_MONOTONIC time; returns at once if it has passed.
 ///
-/// Absolute, so that a late wake-up does not shift the deadlines after it, and an interrupted sleep just resumes.
+/// The time is absolute, so a late wake-up does not shift later deadlines, and an interrupted sleep can
+/// resume.
 pub fn sleep_until_ns(deadline_ns: u64) {
     let request = nix::sys::time::TimeSpec::new(
         (deadline_ns / 1_000_000_000) as libc::time_t,
@@ -152,12 +155,12 @@ pub fn sleep_until_ns(deadline_ns: u64) {
     {}
 }
 
-/// Waits until there is something to read, or to learn of an error, for at most `timeout`; false if there was nothing.
+/// Waits for data, or an error, for at most `timeout`; false if there was neither.
 ///
-/// By a timer of high resolution: a read timeout of a socket is rounded up to ticks of the kernel, 4 ms each.
+/// It uses a high-resolution timer: a read timeout of a socket is rounded up to kernel ticks of 4 ms.
 #[must_use]
 pub fn wait_readable(fd: BorrowedFd<'_>, timeout: Duration) -> bool {
     let mut fds = [PollFd::new(fd, PollFlags::POLLIN)];
-    // Interrupted is as good as readable: the caller looks, and waits again.
+    // An interruption counts as readable: the caller checks and waits again.
     ppoll(&mut fds, Some(timeout.into()), None) != Ok(0)
 }

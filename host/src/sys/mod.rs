@@ -1,29 +1,30 @@
-//! Operating-system requests of the haptic thread: locked memory, SCHED_FIFO, affinity, timer slack, CPUs kept awake,
-//! absolute sleep.
+//! Real-time requests of the haptic thread to the operating system: locked memory, SCHED_FIFO, affinity,
+//! timer slack, CPUs kept awake, absolute sleep.
 //!
-//! The only module of this crate that may contain `unsafe`. Every request is best effort: the loop runs without any of
-//! them, later and less evenly, so each answer is kept and shown instead of turning into an error.
+//! This is the only module of the crate that may contain `unsafe`. Every request is best effort: without it
+//! the loop runs with more latency and jitter. So each outcome is reported instead of becoming an error.
 #![allow(unsafe_code)]
 
 use core::fmt;
 use std::fs::File;
 
-/// Priority asked for by default: above ordinary threads and most kernel threads, well below the 99 of the kernel's own watchdog.
+/// Default priority: above ordinary threads and most kernel threads, well below the 99 of the kernel's
+/// watchdog.
 pub const DEFAULT_FIFO_PRIORITY: i32 = 50;
 
-/// Highest priority of a haptic loop: its watchdog takes the next one, and 99 belongs to the kernel.
+/// Highest priority of a haptic loop: its watchdog uses the next one, and 99 belongs to the kernel.
 pub const MAX_LOOP_FIFO_PRIORITY: i32 = 97;
 
-/// What the haptic thread asks of the operating system.
+/// Real-time requests of the haptic thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RtRequest {
-    /// Keep every page of the process in memory (a page fault costs more than a tick).
+    /// Lock all pages of the process in memory (a page fault takes longer than a tick).
     pub lock_memory: bool,
     /// SCHED_FIFO priority, 1..=97 ([`MAX_LOOP_FIFO_PRIORITY`]); 49..=80 is sensible.
     pub fifo_priority: Option<i32>,
     /// Pin the thread to this CPU.
     pub cpu: Option<usize>,
-    /// Keep CPUs out of sleep states that take long to leave.
+    /// Keep CPUs out of sleep states with a long exit latency.
     pub keep_awake: bool,
 }
 
@@ -34,23 +35,23 @@ impl Default for RtRequest {
 }
 
 impl RtRequest {
-    /// Asks for nothing: for tests and for machines shared with others.
+    /// No requests: for tests and for shared machines.
     #[must_use]
-    pub const fn nothing() -> Self {
+    pub const fn none() -> Self {
         Self { lock_memory: false, fifo_priority: None, cpu: None, keep_awake: false }
     }
 }
 
-/// Answer to one request.
+/// Outcome of one request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// The caller did not want it.
-    NotAsked,
-    /// Done, and read back where the system allows it.
+    /// The request was not made.
+    NotRequested,
+    /// Granted, and read back where the system permits it.
     Granted,
-    /// Refused with this OS code; the advice says how to mend it.
+    /// Refused with this OS code; the advice is the fix.
     Refused {
-        /// `errno` of the call, 0 where the platform has no such call.
+        /// `errno` of the call; 0 on a platform without such a call.
         os_code: i32,
         /// What to change on this machine.
         advice: &'static str,
@@ -68,7 +69,7 @@ impl Outcome {
 impl fmt::Display for Outcome {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NotAsked => f.write_str("not asked"),
+            Self::NotRequested => f.write_str("not asked"),
             Self::Granted => f.write_str("granted"),
             Self::Refused { os_code, advice } => {
                 write!(f, "refused ({}): {advice}", std::io::Error::from_raw_os_error(*os_code))
@@ -98,7 +99,7 @@ impl fmt::Display for Policy {
     }
 }
 
-/// Which requests were granted, and the policy read back from the kernel.
+/// Outcomes of all requests, and the policy read back from the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RtReport {
     /// Locked memory.
@@ -107,11 +108,11 @@ pub struct RtReport {
     pub scheduler: Outcome,
     /// CPU pinning.
     pub affinity: Outcome,
-    /// The CPU it is pinned to, where that was granted.
+    /// The CPU of the pinning, if granted.
     pub cpu: Option<usize>,
     /// CPUs kept out of deep sleep.
     pub awake: Outcome,
-    /// Timer slack of 1 ns instead of 50 us: matters when SCHED_FIFO is refused.
+    /// Timer slack of 1 ns instead of 50 us; it matters without SCHED_FIFO.
     pub timer_slack: Outcome,
     /// Policy of the thread after the requests.
     pub policy: Policy,
@@ -131,21 +132,21 @@ impl fmt::Display for RtReport {
 }
 
 impl RtReport {
-    /// The whole of it in one line, for the start of a session.
+    /// The report in one line, for the start of a session.
     #[must_use]
     pub fn line(&self) -> String {
         let mut line = format!("haptic thread: {}", self.policy);
         if let Some(cpu) = self.cpu {
             line.push_str(&format!(", CPU {cpu}"));
         }
-        let asked = [
+        let outcomes = [
             ("SCHED_FIFO", self.scheduler),
             ("memory lock", self.memory),
             ("CPU pinning", self.affinity),
             ("CPUs awake", self.awake),
         ];
         let named = |wanted: fn(&Outcome) -> bool| -> String {
-            let names = asked.iter().filter(|(_, outcome)| wanted(outcome)).map(|(name, _)| *name);
+            let names = outcomes.iter().filter(|(_, outcome)| wanted(outcome)).map(|(name, _)| *name);
             names.collect::<Vec<_>>().join(", ")
         };
         let granted = named(|outcome| outcome.is_granted());
@@ -154,20 +155,20 @@ impl RtReport {
             line.push_str(&format!("; granted: {granted}"));
         }
         if !refused.is_empty() {
-            line.push_str(&format!("; refused: {refused} (palpate doctor says how to mend it)"));
+            line.push_str(&format!("; refused: {refused} (palpate doctor says how to fix it)"));
         }
         line
     }
 }
 
-/// Makes the requests for the calling thread; memory is locked and CPUs are awake for as long as the guard lives.
+/// Makes the requests for the calling thread. The guard keeps the memory locked and the CPUs awake.
 #[must_use]
 pub fn enter_real_time(request: &RtRequest) -> (RtReport, Held) {
     let memory = platform::lock_memory(request.lock_memory);
-    let affinity = request.cpu.map_or(Outcome::NotAsked, platform::pin_to_cpu);
-    let scheduler = request.fifo_priority.map_or(Outcome::NotAsked, platform::set_fifo);
+    let affinity = request.cpu.map_or(Outcome::NotRequested, platform::pin_to_cpu);
+    let scheduler = request.fifo_priority.map_or(Outcome::NotRequested, platform::set_fifo);
     let (awake, awake_file) =
-        if request.keep_awake { platform::hold_cpus_awake() } else { (Outcome::NotAsked, None) };
+        if request.keep_awake { platform::hold_cpus_awake() } else { (Outcome::NotRequested, None) };
     let timer_slack = platform::shorten_timer_slack();
     let cpu = request.cpu.filter(|_| affinity.is_granted());
     let policy = platform::current_policy();
@@ -175,9 +176,10 @@ pub fn enter_real_time(request: &RtRequest) -> (RtReport, Held) {
     (report, Held { memory: memory.is_granted(), _awake: awake_file })
 }
 
-/// Unlocks the process memory and lets CPUs sleep again when dropped.
+/// Unlocks the memory and permits CPU sleep when dropped.
 ///
-/// The lock is process-wide, and the work after a session (reports, plots) must not have to keep every page resident.
+/// The lock is process-wide, and the work after a session (reports, plots) must not keep all its pages
+/// resident.
 #[derive(Debug)]
 pub struct Held {
     memory: bool,
@@ -206,18 +208,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_asked_nothing_granted() {
+    fn without_requests_nothing_is_granted() {
         std::thread::spawn(|| {
-            let (report, _lock) = enter_real_time(&RtRequest::nothing());
-            assert_eq!(report.memory, Outcome::NotAsked);
-            assert_eq!(report.scheduler, Outcome::NotAsked);
-            assert_eq!(report.affinity, Outcome::NotAsked);
+            let (report, _lock) = enter_real_time(&RtRequest::none());
+            assert_eq!(report.memory, Outcome::NotRequested);
+            assert_eq!(report.scheduler, Outcome::NotRequested);
+            assert_eq!(report.affinity, Outcome::NotRequested);
         })
         .join()
         .expect("the thread ends");
     }
 
-    /// Whatever the rights of this user, the report and the kernel must agree.
+    /// With any rights of this user, the report and the kernel must agree.
     #[test]
     fn a_granted_priority_is_the_one_read_back() {
         std::thread::spawn(|| {
@@ -231,8 +233,7 @@ mod tests {
     #[test]
     fn an_impossible_cpu_and_priority_are_refused_with_advice() {
         std::thread::spawn(|| {
-            let request =
-                RtRequest { fifo_priority: Some(1000), cpu: Some(1_000_000), ..RtRequest::nothing() };
+            let request = RtRequest { fifo_priority: Some(1000), cpu: Some(1_000_000), ..RtRequest::none() };
             let (report, _lock) = enter_real_time(&request);
             assert!(!report.scheduler.is_granted() && !report.affinity.is_granted());
             let text = report.to_string();

@@ -1,14 +1,15 @@
-//! Elsewhere the loop runs as an ordinary thread with relative sleeps: good for a demonstration, not for a device.
+//! On other systems the loop runs as an ordinary thread with relative sleeps: suitable for a demonstration,
+//! not for a device.
 use super::{Outcome, Policy};
 use std::fs::File;
 use std::os::fd::BorrowedFd;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-const UNSUPPORTED: Outcome = Outcome::Refused { os_code: 0, advice: "only built for Linux so far" };
+const UNSUPPORTED: Outcome = Outcome::Refused { os_code: 0, advice: "available on Linux only" };
 
 pub(super) fn lock_memory(wanted: bool) -> Outcome {
-    if wanted { UNSUPPORTED } else { Outcome::NotAsked }
+    if wanted { UNSUPPORTED } else { Outcome::NotRequested }
 }
 
 pub(super) fn unlock_memory() {}
@@ -33,13 +34,13 @@ pub(super) fn hold_cpus_awake() -> (Outcome, Option<File>) {
     (UNSUPPORTED, None)
 }
 
-/// Not known here.
+/// Not available on this system.
 #[must_use]
 pub fn timer_resolution_ns() -> Option<u64> {
     None
 }
 
-/// Not known here.
+/// Not available on this system.
 #[must_use]
 pub fn allowed_cpus() -> Vec<usize> {
     Vec::new()
@@ -52,12 +53,12 @@ pub fn monotonic_ns() -> u64 {
     START.get_or_init(Instant::now).elapsed().as_nanos() as u64
 }
 
-/// Sleeps until a time of [`monotonic_ns`].
+/// Sleeps until a time on the clock of [`monotonic_ns`].
 pub fn sleep_until_ns(deadline_ns: u64) {
     std::thread::sleep(Duration::from_nanos(deadline_ns.saturating_sub(monotonic_ns())));
 }
 
-/// Waits a moment, and leaves it to the caller to look.
+/// Waits briefly; the caller then checks for data.
 #[must_use]
 pub fn wait_readable(_fd: BorrowedFd<'_>, timeout: Duration) -> bool {
     std::thread::sleep(timeout.min(Duration::from_millis(1)));

@@ -1,4 +1,5 @@
-//! An animated GIF, written frame by frame: one palette for the whole film, and of each frame only what has changed.
+//! Writes an animated GIF frame by frame: one palette for all frames, and for each frame only the rectangle
+//! that has changed.
 
 use super::image::Image;
 use super::quantise::{COLOURS, Palette};
@@ -7,45 +8,45 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
 use std::path::Path;
 
-/// Index that leaves a pixel as it was.
-const AS_BEFORE: u8 = COLOURS as u8;
-/// How long the last frame stands, in hundredths of a second.
-const LAST_CS: u16 = 50;
+/// Palette index for an unchanged pixel.
+const UNCHANGED: u8 = COLOURS as u8;
+/// Delay of the last frame, hundredths of a second.
+const LAST_DELAY_CS: u16 = 50;
 
-/// Writes a film. A frame is written when the next one comes, for only then is it known how long it stood.
+/// Writes a GIF. A frame is written when the next one arrives, because its delay is known only then.
 pub struct GifWriter {
     file: Option<BufWriter<File>>,
     film: Option<Film>,
     written: u64,
 }
 
-/// What exists from the first frame on.
+/// State after the first frame.
 struct Film {
     encoder: gif::Encoder<BufWriter<File>>,
     palette: Palette,
     size: (u16, u16),
-    /// What is shown, by palette index.
+    /// Displayed picture, as palette indices.
     shown: Vec<u8>,
     waiting: gif::Frame<'static>,
     waiting_us: u64,
-    /// Time written so far, in hundredths of a second.
+    /// Total delay written, hundredths of a second.
     written_cs: u64,
     first_us: u64,
 }
 
 impl GifWriter {
-    /// Makes the file; what is there is lost.
+    /// Creates the file, replacing an existing one.
     pub fn create(path: &Path) -> io::Result<Self> {
         Ok(Self { file: Some(BufWriter::new(File::create(path)?)), film: None, written: 0 })
     }
 
-    /// Frames taken so far.
+    /// Number of frames.
     #[must_use]
     pub const fn written(&self) -> u64 {
         self.written
     }
 
-    /// Takes the next frame and when it was. All frames are as large as the first.
+    /// Adds a frame and its time. All frames have the size of the first.
     pub fn write(&mut self, image: &Image, t_us: u64) -> io::Result<()> {
         if let Some(film) = &mut self.film {
             film.write(image, t_us)?;
@@ -57,7 +58,7 @@ impl GifWriter {
         Ok(())
     }
 
-    /// Writes what still waits, and the end. What comes later is refused.
+    /// Writes the pending frame and the trailer. Later frames are refused.
     pub fn finish(&mut self) -> io::Result<()> {
         match self.film.take() {
             Some(film) => film.end(),
@@ -67,7 +68,7 @@ impl GifWriter {
 }
 
 impl Drop for GifWriter {
-    /// For the ways out that cannot tell anyone: the film ends where it is.
+    /// Completes the file on exits that cannot report an error.
     fn drop(&mut self) {
         let _ = self.finish();
     }
@@ -102,7 +103,8 @@ impl Film {
             return Err(io::ErrorKind::InvalidInput.into());
         }
         let next = self.difference(image);
-        // Rounded as a whole, so that rounding does not add up; players take less than 2 for "slowly".
+        // The delay is the difference of rounded times, so rounding does not accumulate. Players treat a
+        // delay below 2 as slow.
         let until_cs = t_us.saturating_sub(self.first_us) / 10_000;
         let delay = until_cs.saturating_sub(self.written_cs).clamp(2, u64::from(u16::MAX));
         self.waiting.delay = delay as u16;
@@ -112,10 +114,10 @@ impl Film {
         Ok(())
     }
 
-    /// The rectangle that has changed; inside it, what has not is left as it was.
+    /// The rectangle that has changed; unchanged pixels in it are transparent.
     fn difference(&mut self, image: &Image) -> gif::Frame<'static> {
         let width = image.width();
-        let mut indices = vec![AS_BEFORE; self.shown.len()];
+        let mut indices = vec![UNCHANGED; self.shown.len()];
         let (mut left, mut top, mut right, mut bottom) = (width, image.height(), 0, 0);
         for (at, pixel) in image.pixels().iter().enumerate() {
             let (x, y) = (at % width, at / width);
@@ -126,7 +128,7 @@ impl Film {
             }
         }
         if left >= right {
-            // A frame must have a pixel.
+            // A frame must have at least one pixel.
             (left, top, right, bottom) = (0, 0, 1, 1);
         }
         let rows = (top..bottom).flat_map(|y| &indices[y * width + left..y * width + right]);
@@ -135,14 +137,14 @@ impl Film {
             top: top as u16,
             width: (right - left) as u16,
             height: (bottom - top) as u16,
-            transparent: Some(AS_BEFORE),
+            transparent: Some(UNCHANGED),
             buffer: Cow::Owned(rows.copied().collect()),
             ..gif::Frame::default()
         }
     }
 
     fn end(mut self) -> io::Result<()> {
-        self.waiting.delay = LAST_CS;
+        self.waiting.delay = LAST_DELAY_CS;
         self.encoder.write_frame(&self.waiting).map_err(into_io)?;
         self.encoder.into_inner().map_err(into_io)?.flush()
     }
@@ -159,7 +161,7 @@ fn into_io(error: gif::EncodingError) -> io::Error {
 mod tests {
     use super::*;
 
-    /// A red square that moves over slate.
+    /// A red square that moves over a slate background.
     fn picture(at: usize) -> Image {
         let mut image = Image::new(60, 40);
         image.pixels_mut().fill(0x20_282f);
@@ -167,15 +169,15 @@ mod tests {
         image
     }
 
-    /// Every frame laid over the one before, as a player does it, with its delay.
+    /// Decodes every frame onto the previous one, like a player, with its delay.
     fn played(path: &Path) -> Vec<(Vec<[u8; 3]>, u16)> {
         let mut options = gif::DecodeOptions::new();
         options.set_color_output(gif::ColorOutput::Indexed);
         let mut decoder = options.read_info(File::open(path).expect("written")).expect("a GIF");
-        let palette = decoder.global_palette().expect("one for all").to_vec();
+        let palette = decoder.global_palette().expect("a global palette").to_vec();
         let mut canvas = vec![0_u8; 60 * 40];
         let mut frames = Vec::new();
-        while let Some(frame) = decoder.read_next_frame().expect("sound") {
+        while let Some(frame) = decoder.read_next_frame().expect("valid") {
             for (at, index) in frame.buffer.iter().enumerate() {
                 let (x, y) = (at % usize::from(frame.width), at / usize::from(frame.width));
                 if frame.transparent != Some(*index) {
@@ -189,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_film_plays_as_it_was_drawn_and_in_its_own_time() {
+    fn a_film_keeps_the_pictures_and_their_times() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("film.gif");
         let mut writer = GifWriter::create(&path).expect("writable");
@@ -202,7 +204,7 @@ mod tests {
         writer.finish().expect("writable");
         let frames = played(&path);
         let delays: Vec<u16> = frames.iter().map(|(_, delay)| *delay).collect();
-        assert_eq!(delays, [8, 8, 40, LAST_CS]);
+        assert_eq!(delays, [8, 8, 40, LAST_DELAY_CS]);
         for ((pixels, _), image) in frames.iter().zip(&drawn) {
             for (found, pixel) in pixels.iter().zip(image.pixels()) {
                 for (channel, shift) in found.iter().zip([16, 8, 0]) {
@@ -213,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dropped_film_is_whole_and_another_size_is_refused() {
+    fn a_dropped_film_is_complete_and_another_size_is_refused() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("film.gif");
         let mut writer = GifWriter::create(&path).expect("writable");

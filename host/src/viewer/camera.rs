@@ -2,10 +2,10 @@
 
 use glam::{Mat3, Vec2, Vec3};
 
-/// Steepest elevation; at the pole "up" would be undefined.
+/// Largest elevation; at the pole the up direction would be undefined.
 const MAX_ELEVATION_RAD: f32 = 1.5;
 
-/// Perspective camera that always looks at its target.
+/// Perspective camera directed at its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrbitCamera {
     /// Point in the middle of the picture, m.
@@ -23,7 +23,7 @@ pub struct OrbitCamera {
 }
 
 impl OrbitCamera {
-    /// Frames a ball, seen from `direction` (from the ball towards the eye).
+    /// Frames a sphere, seen from `direction` (from the sphere towards the eye).
     #[must_use]
     pub fn framing(centre_m: Vec3, radius_m: f32, direction: Vec3, up: Vec3) -> Self {
         let up = up.try_normalize().unwrap_or(Vec3::Z);
@@ -44,14 +44,15 @@ impl OrbitCamera {
         }
     }
 
-    /// Turns by a drag of the mouse.
+    /// Rotates by a mouse drag.
     pub fn orbit(&mut self, azimuth_rad: f32, elevation_rad: f32) {
         self.azimuth_rad += azimuth_rad;
         self.elevation_rad =
             (self.elevation_rad + elevation_rad).clamp(-MAX_ELEVATION_RAD, MAX_ELEVATION_RAD);
     }
 
-    /// Shifts the picture by so many pixels of one `height_px` high: what is at the target's depth follows the cursor.
+    /// Shifts the picture by pixels of a picture of `height_px`: points at the target's depth follow the
+    /// cursor.
     pub fn pan(&mut self, by_px: Vec2, height_px: usize) {
         let projection = self.projection(height_px, height_px);
         let metres_per_px = self.distance_m / projection.focal_px;
@@ -59,12 +60,12 @@ impl OrbitCamera {
         self.target_m += (up * by_px.y - right * by_px.x) * metres_per_px;
     }
 
-    /// Moves nearer (factor < 1) or further.
+    /// Moves nearer (factor < 1) or away.
     pub fn zoom(&mut self, factor: f32) {
         self.distance_m *= factor.clamp(0.2, 5.0);
     }
 
-    /// The camera as the rasteriser needs it, for a picture of this size.
+    /// The projection for the rasteriser, for a picture of this size.
     #[must_use]
     pub fn projection(&self, width: usize, height: usize) -> Projection {
         let (sin_azimuth, cos_azimuth) = self.azimuth_rad.sin_cos();
@@ -91,11 +92,11 @@ impl OrbitCamera {
 /// Pin-hole projection: eye frame with x right, y up, z towards the viewer; pixels with y down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projection {
-    /// Where the eye is, m.
+    /// Position of the eye, m.
     pub eye_m: Vec3,
     /// Rotation from the model frame to the eye frame.
     pub to_eye: Mat3,
-    /// Up, in the model frame: where the sky's light comes from.
+    /// Up direction in the model frame, for the sky light.
     pub up: Vec3,
     /// Focal length, pixels.
     pub focal_px: f32,
@@ -112,7 +113,8 @@ impl Projection {
         self.to_eye * (point_m - self.eye_m)
     }
 
-    /// Pixel position and inverse depth (1/m, larger is nearer), or nothing for a point at or behind the near plane.
+    /// Pixel position and inverse depth (1/m, larger is nearer); `None` for a point at or behind the near
+    /// plane.
     #[must_use]
     pub fn project(&self, point_m: Vec3) -> Option<(Vec2, f32)> {
         self.project_eye(self.eye_point(point_m))
@@ -130,14 +132,14 @@ impl Projection {
         Some((pixel, inverse_depth))
     }
 
-    /// Where the ray through a pixel begins, m, and its unit direction.
+    /// Origin, m, and unit direction of the ray through a pixel.
     #[must_use]
     pub fn ray(&self, pixel: Vec2) -> (Vec3, Vec3) {
         let across = (pixel - self.centre_px) / self.focal_px;
         (self.eye_m, self.to_eye.transpose() * Vec3::new(across.x, -across.y, -1.0).normalize())
     }
 
-    /// The same camera for a picture `factor` times as fine.
+    /// The same camera for a picture with `factor` times the resolution.
     #[must_use]
     pub fn refined(&self, factor: usize) -> Self {
         let factor = factor as f32;
@@ -168,13 +170,13 @@ mod tests {
     fn a_framed_ball_fits_and_fills_the_height() {
         let camera = camera();
         let projection = camera.projection(640, 480);
-        // The cone touching the ball has a half angle whose sine is radius / distance.
+        // The cone tangent to the sphere has a half angle whose sine is radius / distance.
         let edge_px = projection.focal_px * (0.1 / camera.distance_m).asin().tan();
         assert!((edge_px - 240.0).abs() < 1.0, "{edge_px}");
     }
 
     #[test]
-    fn the_ray_through_a_pixel_is_what_the_pixel_shows() {
+    fn points_on_a_pixel_s_ray_project_to_the_pixel() {
         let projection = camera().projection(640, 480);
         for pixel in [Vec2::new(320.0, 240.0), Vec2::new(11.0, 470.0), Vec2::new(600.5, 3.25)] {
             let (origin_m, direction) = projection.ray(pixel);
@@ -186,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_the_eye_is_not_projected() {
+    fn points_behind_the_eye_are_not_projected() {
         let camera = camera();
         let projection = camera.projection(640, 480);
         let behind = projection.eye_m + (projection.eye_m - camera.target_m);
@@ -195,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pole_is_never_passed() {
+    fn the_elevation_stays_below_the_pole() {
         let mut camera = camera();
         camera.orbit(0.0, 100.0);
         assert!(camera.projection(10, 10).to_eye.is_finite() && camera.elevation_rad < 1.55);

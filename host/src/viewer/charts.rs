@@ -1,4 +1,4 @@
-//! Strip charts of the last seconds: the force, and how late the loop woke up.
+//! Strip charts of the last seconds: the force, and the wake-up lateness of the loop.
 
 use super::font::{Align, TextStyle, Typeface};
 use super::image::{Image, StrokeMask};
@@ -10,18 +10,18 @@ use super::scene::FORCE_COLOUR;
 const LATE_COLOUR: u32 = 0xa9_b8ff;
 /// Decades of the lateness chart: 1 us at the bottom, 10 ms at the top.
 const DECADES: f32 = 4.0;
-/// Decade of the next deadline: a tick as late as that is a tick lost.
+/// Decade of the next deadline: a tick with this lateness is lost.
 const DEADLINE_DECADE: f32 = 3.0;
 
-/// Draws both; sizes are for a picture 720 pixels high.
+/// The two charts; sizes are for a picture 720 pixels high.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Charts {
     mask: StrokeMask,
-    /// Top of the force's scale, N; grows at once, never shrinks.
+    /// Top of the force scale, N; it only increases.
     top_n: f32,
 }
 
-/// Where a chart goes, in pixels.
+/// Position of a chart, in pixels.
 #[derive(Clone, Copy)]
 struct Frame {
     left: f32,
@@ -45,7 +45,7 @@ impl Charts {
         let force = Frame { left: 40.0 * scale, bottom, width: 380.0 * scale, height: 78.0 * scale, scale };
         self.draw_force(image, face, live, force);
         let late = Frame { left: 492.0 * scale, width: 280.0 * scale, ..force };
-        // A narrow picture has no room beside the force.
+        // A narrow picture has no room for the second chart.
         if late.left + late.width + 240.0 * scale < image.width() as f32 {
             self.draw_lateness(image, face, live, late);
         }
@@ -73,7 +73,7 @@ impl Charts {
         face.draw(image, &span, frame.left + frame.width, y, Align::Right, muted);
     }
 
-    /// The scale is logarithmic: what matters spans from a microsecond to the next deadline.
+    /// The scale is logarithmic, from a microsecond to beyond the next deadline.
     fn draw_lateness(&mut self, image: &mut Image, face: &mut Typeface, live: &Live, frame: Frame) {
         for (decade, text) in [(0.0, "1 \u{b5}s"), (1.0, "10"), (2.0, "100"), (DEADLINE_DECADE, "1 ms")] {
             let deadline = decade == DEADLINE_DECADE;
@@ -108,7 +108,7 @@ impl Charts {
     ) {
         for pair in Self::points(frame, live, share).windows(2) {
             for x in pair[0][0].round() as i32..pair[1][0].round() as i32 {
-                // A column is up to half a pixel beside its points: no steeper than they are.
+                // A column may be up to half a pixel beyond its points: interpolate, do not extrapolate.
                 let t = ((x as f32 - pair[0][0]) / (pair[1][0] - pair[0][0]).max(1e-3)).clamp(0.0, 1.0);
                 let y = pair[0][1] + (pair[1][1] - pair[0][1]) * t;
                 image.fill_rect(x, y.ceil() as i32, 1, (frame.bottom - y.ceil()) as i32, colour, 0.13);
@@ -131,7 +131,7 @@ impl Charts {
     }
 }
 
-/// A level line with its value on the right.
+/// A horizontal line with its value on the right.
 fn rule(
     image: &mut Image,
     face: &mut Typeface,
@@ -147,7 +147,7 @@ fn rule(
     face.draw(image, text, left + width + 10.0 * scale, y as f32 + 4.5 * scale, Align::Left, label);
 }
 
-/// Height of a lateness in the chart: 0 at a microsecond and below, 1 at 10 ms.
+/// Height of a lateness in the chart: 0 at up to a microsecond, 1 at 10 ms.
 fn lateness_share(lateness_ns: u64) -> f32 {
     let us = lateness_ns as f32 * 1e-3;
     (us.max(1.0).log10() / DECADES).min(1.0)
@@ -180,9 +180,9 @@ mod tests {
         assert_eq!(shares, [0.0, 0.0, 0.25, 0.5, 0.75, 1.0]);
     }
 
-    /// Highest blue pixel of the lateness: lines and deadline are grey and yellow.
+    /// Highest blue pixel of the lateness; lines and deadline are grey and yellow.
     fn highest(image: &Image) -> Option<usize> {
-        // The frame, without the words above it.
+        // The frame of the chart without the text above it.
         (720 - 56 - 78..720 - 56)
             .find(|&y| (492..772).any(|x| image.pixel(x, y).is_some_and(|pixel| pixel & 0xff > 0x78)))
     }
@@ -193,14 +193,14 @@ mod tests {
             let mut live = Live::new();
             for tick in 0..4_000 {
                 let lateness_ns = if tick == 2_000 { late_ns } else { 2_000 };
-                live.take(&TickRecord { t_us: tick * 1_000, lateness_ns, ..TickRecord::NOTHING });
+                live.push(&TickRecord { t_us: tick * 1_000, lateness_ns, ..TickRecord::EMPTY });
             }
             let mut image = Image::new(1280, 720);
             Charts::default().draw(&mut image, &mut Typeface::new(), &live);
             highest(&image).expect("a line")
         };
         let (calm, late, lost) = (drawn(2_000), drawn(100_000), drawn(1_000_000));
-        // 78 pixels for four decades; the line is a pixel wide, so a peak may be one lower.
+        // 78 pixels for four decades. The line is a pixel wide, so a peak may be one pixel lower.
         assert!((calm - late).abs_diff(33) <= 2, "{calm} {late}");
         assert!((late - lost).abs_diff(19) <= 2, "{late} {lost}");
     }

@@ -1,8 +1,9 @@
-//! One still picture of several deformed shapes of one surface over one another, as the paper's Fig. 5.
+//! A still picture of several deformed shapes of one surface on top of each other, like the paper's Fig. 5.
 //!
-//! One shape is a shaded solid. Each other is glass of its own colour with its outline and, where it leaves the solid, its mesh;
-//! where the solid hides it only the outline is left, faint. The shape at rest is a grey outline. A key on the right says which is
-//! which, with figures that the caller words. Nothing here knows what the shapes are solutions of.
+//! One shape is a shaded solid. The others are transparent in different colours, each with its outline and,
+//! outside the solid, its mesh; inside the solid only a faint outline is drawn. The rest shape is a grey
+//! outline. A key on the right names the shapes and lists values supplied by the caller. This module is
+//! independent of the meaning of the shapes.
 
 use super::camera::{OrbitCamera, Projection};
 use super::font::{Align, TextStyle, Typeface};
@@ -21,59 +22,59 @@ const MUTED: u32 = 0x93_9eab;
 const WAITING: u32 = 0xf0_c268;
 const REST_COLOUR: u32 = 0xc3_ccd6;
 const SOLID_COLOUR: u32 = 0xb8_4f3c;
-/// Colours of the other shapes, apart from each other and from the solid for colour-blind eyes too.
+/// Colours of the other shapes, distinguishable from each other and from the solid with colour blindness too.
 const COLOURS: [u32; 6] = [0x46_c8ff, 0xff_d84d, 0xc9_8bff, 0x6f_e39a, 0xff_9ec4, 0xf2_efe6];
-/// Share of a glass shape's own light over the background, and over the solid, whose form must stay readable.
+/// Opacity of a transparent shape over the background, and over the solid, whose form must stay visible.
 const GLASS: [f32; 2] = [0.42, 0.17];
-/// Nearly parallel rays: shapes are compared, and what is nearer should not look larger.
+/// Nearly parallel rays, so that nearer parts do not look larger.
 const FIELD_OF_VIEW_RAD: f32 = 0.22;
-/// More samples than this are not worth their memory: a larger picture gets one a pixel.
-const MOST_SAMPLES: usize = 12_000_000;
+/// Largest number of samples, limited by memory: a larger picture gets one sample per pixel.
+const MAX_SAMPLES: usize = 12_000_000;
 
-/// What is compared.
+/// Content of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct Comparison {
     /// Heading.
     pub title: String,
     /// Lines below the heading.
     pub subtitle: Vec<String>,
-    /// The surface, counter-clockwise seen from outside; every corner is an index into `rest_m`.
+    /// The surface, counter-clockwise seen from outside; the corners index `rest_m`.
     pub triangles: Vec<[u32; 3]>,
     /// Vertices at rest, m.
     pub rest_m: Vec<[f32; 3]>,
-    /// Which vertices are fixed.
+    /// Whether each vertex is fixed.
     pub fixed: Vec<bool>,
-    /// Where the touched vertex is at rest and where it is taken, m.
+    /// Position of the prescribed vertex at rest and displaced, m.
     pub pull_m: [[f32; 3]; 2],
-    /// Outward normal where it is touched.
+    /// Outward normal at the prescribed vertex.
     pub outward: [f32; 3],
     /// The shapes.
     pub shapes: Vec<DeformedShape>,
-    /// Which of the shapes is the solid.
+    /// Index of the solid shape.
     pub solid: usize,
 }
 
-/// One of the shapes.
+/// One shape.
 #[derive(Debug, Clone, Default)]
 pub struct DeformedShape {
     /// Its name in the key.
     pub name: String,
-    /// Vertices, m; as many as at rest.
+    /// Vertices, m, in the order of `rest_m`.
     pub position_m: Vec<[f32; 3]>,
-    /// Label and value of each figure in the key.
-    pub figures: Vec<[String; 2]>,
-    /// A warning below the figures, short.
+    /// Label and value of each line in the key.
+    pub values: Vec<[String; 2]>,
+    /// A short warning below the values.
     pub note: Option<String>,
 }
 
-/// Draws the comparison. A shape with other than the surface's number of vertices, or a corner out of range, is not drawn.
+/// Draws the comparison. A shape with a different number of vertices, or a corner out of range, is not drawn.
 #[must_use]
 pub fn draw(comparison: &Comparison, width: usize, height: usize) -> Image {
     let mut image = Image::new(width, height);
     let surface = Surface::new(comparison);
     let layout = Layout::new(width, height);
     let projection = viewpoint(comparison, &surface, &layout);
-    let factor = if width * height * 4 <= MOST_SAMPLES { 2 } else { 1 };
+    let factor = if width * height * 4 <= MAX_SAMPLES { 2 } else { 1 };
     let mut painter = Painter {
         raster: Raster::new(width, height, factor, &projection),
         glass: Raster::new(width, height, factor, &projection),
@@ -96,7 +97,7 @@ pub fn draw(comparison: &Comparison, width: usize, height: usize) -> Image {
     image
 }
 
-/// Colour of every shape: the solid has its own, the others take theirs in order.
+/// Colour of every shape: the solid has its own, the others use the list in order.
 fn colours(comparison: &Comparison) -> Vec<u32> {
     let mut others = COLOURS.into_iter().cycle();
     (0..comparison.shapes.len())
@@ -104,14 +105,14 @@ fn colours(comparison: &Comparison) -> Vec<u32> {
         .collect()
 }
 
-/// Where things go, in pixels.
+/// Layout, in pixels.
 #[derive(Debug, Clone, Copy)]
 struct Layout {
     scale: f32,
     size: Vec2,
     /// Left edge of the key.
     key_left: f32,
-    /// Corners of the part for the shapes.
+    /// Corners of the area for the shapes.
     free: [Vec2; 2],
 }
 
@@ -126,10 +127,10 @@ impl Layout {
     }
 }
 
-/// The refined surfaces: at rest, and of every shape (empty for one that cannot be drawn).
+/// The refined surfaces: the rest shape and every shape (empty for one that cannot be drawn).
 struct Surface {
     smooth: Smooth,
-    /// Mesh edges, in pieces on the refined surface.
+    /// Mesh edges, subdivided on the refined surface.
     mesh: Vec<[u32; 2]>,
     rest: Vec<Vertex>,
     shapes: Vec<Vec<Vertex>>,
@@ -167,7 +168,7 @@ impl Surface {
         }
     }
 
-    /// The solid's vertices; none if there is no solid.
+    /// Vertices of the solid; empty if there is none.
     fn solid(&self) -> &[Vertex] {
         self.shapes.get(self.solid).map_or(&[], Vec::as_slice)
     }
@@ -177,7 +178,7 @@ impl Surface {
     }
 }
 
-/// Vertices with normals weighted by area.
+/// Vertices with area-weighted normals.
 fn vertices(position_m: &[[f32; 3]], triangles: &[[u32; 3]], albedo: Vec3) -> Vec<Vertex> {
     let vertex = |p: &[f32; 3]| Vertex { position_m: Vec3::from_array(*p), normal: Vec3::ZERO, albedo };
     let mut vertices: Vec<Vertex> = position_m.iter().map(vertex).collect();
@@ -194,7 +195,8 @@ fn vertices(position_m: &[[f32; 3]], triangles: &[[u32; 3]], albedo: Vec3) -> Ve
     vertices
 }
 
-/// From the side: the pull in profile, the differences across the line of sight, the touched place not turned away.
+/// A side view: the pull in profile, the differences across the line of sight, and the prescribed vertex not
+/// facing away.
 fn viewpoint(comparison: &Comparison, surface: &Surface, layout: &Layout) -> Projection {
     let rest: Vec<Vec3> = comparison.rest_m.iter().map(|p| Vec3::from_array(*p)).collect();
     let (centre_m, radius_m) = box_of(&rest);
@@ -251,7 +253,7 @@ fn viewpoint(comparison: &Comparison, surface: &Surface, layout: &Layout) -> Pro
     frame(surface, layout, [from, to], &mut camera)
 }
 
-/// Distance and principal point with which everything just fills the free part of the picture.
+/// Distance and principal point at which all points just fit into the free area.
 fn frame(surface: &Surface, layout: &Layout, pull_m: [Vec3; 2], camera: &mut OrbitCamera) -> Projection {
     let [low, high] = layout.free;
     let room = (high - low).max(Vec2::splat(1.0));
@@ -301,14 +303,14 @@ impl Painter {
         self.raster.resolve(&mut self.shader, image);
     }
 
-    /// A glass shape over what is there: tint, mesh, outline.
+    /// Draws a transparent shape over the picture: tint, mesh, outline.
     fn glass(&mut self, surface: &Surface, index: usize, colour: u32, image: &mut Image) {
         let vertices = &surface.shapes[index];
         self.glass.begin(&self.projection);
         self.glass.draw(vertices, surface.smooth.triangles(), Material::Plain);
         let mut lit = Image::new(image.width(), image.height());
         self.glass.resolve(&mut self.shader, &mut lit);
-        // A gap below this is no difference to the eye; without the fade, surfaces that nearly agree would show as patches.
+        // A gap below this is not visible. Without the fade, surfaces that nearly agree would show patches.
         let visible_m = 1.5 / (self.projection.focal_px * self.depth_scale(vertices));
         let factor = self.glass.factor();
         let stride = self.glass.sample_width();
@@ -340,14 +342,14 @@ impl Painter {
         self.outline(surface, vertices, (colour, 1.0), image);
     }
 
-    /// Inverse depth at the middle of a shape, 1/m: turns pixels into metres.
+    /// Inverse depth at the middle of a shape, 1/m, for the conversion of pixels to metres.
     fn depth_scale(&self, vertices: &[Vertex]) -> f32 {
         let middle =
             vertices.iter().map(|vertex| vertex.position_m).sum::<Vec3>() / vertices.len().max(1) as f32;
         self.projection.project(middle).map_or(1.0, |(_, inverse_depth)| inverse_depth)
     }
 
-    /// Mesh lines of a glass shape that are in sight, stronger the further they are from the solid.
+    /// Visible mesh lines of a transparent shape; the opacity increases with the distance from the solid.
     fn mesh(&mut self, surface: &Surface, vertices: &[Vertex], colour: u32, image: &mut Image) {
         let solid = surface.solid();
         let clear_m = 26.0 * self.layout.scale / (self.projection.focal_px * self.depth_scale(vertices));
@@ -375,7 +377,7 @@ impl Painter {
         self.mask.paint(image, colour, 0.50);
     }
 
-    /// Outline of the shape that the glass raster holds.
+    /// Outline of the shape in the second raster.
     fn outline(
         &mut self,
         surface: &Surface,
@@ -418,7 +420,8 @@ impl Painter {
         self.outline(surface, &surface.rest, (REST_COLOUR, 0.6), image);
     }
 
-    /// Arrow from where the touched vertex was to where it is taken, with the length in mm.
+    /// Arrow from the rest position of the prescribed vertex to its displaced position, with the length in
+    /// mm.
     fn pull(&mut self, comparison: &Comparison, image: &mut Image) {
         let [from_m, to_m] = comparison.pull_m.map(Vec3::from_array);
         let (Some((from, _)), Some((to, _))) =
@@ -443,7 +446,7 @@ impl Painter {
             }
             self.mask.paint(image, colour, alpha);
         }
-        // To the right of a steep shaft, below a level one.
+        // To the right of a steep shaft, below a horizontal one.
         let side = if side.x.abs() < 0.5 { side * side.y.signum() } else { side * side.x.signum() };
         let text = format!("{:.4}", 1e3 * from_m.distance(to_m));
         let text = format!("{} mm", text.trim_end_matches('0').trim_end_matches('.'));
@@ -457,10 +460,9 @@ impl Painter {
         }
     }
 
-    /// Which is which, and the figures.
+    /// Draws the key: names of the shapes and their values.
     fn key(&mut self, comparison: &Comparison, image: &mut Image) {
-        let lines =
-            |shape: &DeformedShape| 1.6 + shape.figures.len() as f32 + f32::from(shape.note.is_some());
+        let lines = |shape: &DeformedShape| 1.6 + shape.values.len() as f32 + f32::from(shape.note.is_some());
         let wanted = comparison.shapes.iter().map(|shape| 21.0 * lines(shape) + 22.0).sum::<f32>();
         let page = self.layout.size.y / self.layout.scale;
         let scale = self.layout.scale * ((page - 190.0) / wanted).min(1.0);
@@ -474,7 +476,7 @@ impl Painter {
             let name = TextStyle::new(11.0 * scale, BRIGHT).weight(0.13);
             self.face.draw(image, &shape.name, left + 32.0 * scale, y, Align::Left, name);
             y += 4.0 * scale;
-            for [what, value] in &shape.figures {
+            for [what, value] in &shape.values {
                 y += 21.0 * scale;
                 self.face.draw(image, what, left + 32.0 * scale, y, Align::Left, label);
                 let style = TextStyle::new(9.5 * scale, BRIGHT);
@@ -499,7 +501,7 @@ impl Painter {
         self.face.draw(image, "at rest", left + 32.0 * scale, y, Align::Left, label);
     }
 
-    /// A pill of the shape's colour: full for a solid, an outline with a tint for glass.
+    /// A swatch in the shape's colour: filled for a solid, outlined with a tint for a transparent shape.
     fn swatch(&mut self, image: &mut Image, (x, y): (f32, f32), colour: u32, fill: f32, scale: f32) {
         let (from, to) = ([x + 5.0 * scale, y], [x + 17.0 * scale, y]);
         let margin = 8.0 * scale;
@@ -533,7 +535,7 @@ impl Painter {
         self.scale_bar(comparison, image);
     }
 
-    /// A round length at the depth of the touched vertex.
+    /// Scale bar of a round length at the depth of the prescribed vertex.
     fn scale_bar(&mut self, comparison: &Comparison, image: &mut Image) {
         let scale = self.layout.scale;
         let Some((_, inverse_depth)) = self.projection.project(Vec3::from_array(comparison.pull_m[0])) else {
@@ -588,7 +590,7 @@ mod tests {
     const FACES: [[u32; 3]; 8] =
         [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
 
-    /// An octahedron, and the same blown up: the glass goes round the solid.
+    /// An octahedron and an enlarged copy: the transparent shape encloses the solid.
     fn octahedra(growth: f32) -> Comparison {
         let rest_m: Vec<[f32; 3]> = [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z]
             .map(|corner| (0.1 * corner).to_array())
@@ -597,7 +599,7 @@ mod tests {
         let shape = |name: &str, position_m| DeformedShape {
             name: name.into(),
             position_m,
-            figures: vec![["force |h|".into(), "1.00 N".into()]],
+            values: vec![["force |h|".into(), "1.00 N".into()]],
             note: None,
         };
         Comparison {
@@ -626,14 +628,14 @@ mod tests {
     }
 
     #[test]
-    fn a_shape_that_differs_is_seen_and_one_that_does_not_is_only_an_outline() {
+    fn a_different_shape_is_visible_and_an_equal_one_is_only_an_outline() {
         let (apart, same) =
             (bluish(&draw(&octahedra(1.3), 640, 360)), bluish(&draw(&octahedra(1.0), 640, 360)));
         assert!(apart > 4_000 && same < apart / 4, "{apart} against {same}");
     }
 
     #[test]
-    fn everything_is_inside_the_free_part() {
+    fn all_points_are_inside_the_free_area() {
         for (width, height) in [(1280, 720), (700, 900), (400, 240)] {
             let comparison = octahedra(1.6);
             let layout = Layout::new(width, height);
@@ -649,11 +651,11 @@ mod tests {
                 );
                 most = most.max((pixel - 0.5 * (low + high)).abs() / (0.5 * (high - low)));
             }
-            assert!(most.max_element() > 0.95, "the part is filled: {most}");
+            assert!(most.max_element() > 0.95, "the area is filled: {most}");
         }
     }
 
-    /// Nothing in a caller's hands may end in a panic: sizes down to a pixel, shapes and corners that do not fit, no shapes.
+    /// No input may cause a panic: sizes down to a pixel, shapes and corners that do not fit, no shapes.
     #[test]
     fn any_size_and_any_shape_is_drawn() {
         for (width, height) in [(1, 1), (16, 9), (320, 200), (200, 900)] {

@@ -1,21 +1,22 @@
-//! Our own single-stroke typeface: glyphs as centre lines, drawn at any size with anti-aliased round strokes.
+//! A single-stroke typeface: glyphs are centre lines, drawn at any size with anti-aliased round strokes.
 //!
-//! Strokes instead of a bitmap font, because the overlay needs sizes from 11 to 40 pixels and small bitmaps cannot be
-//! enlarged; instead of an outline font, because that would need a font file and its licence for some hundred glyphs.
+//! A bitmap font cannot be scaled to the overlay's sizes of 11 to 40 pixels. An outline font would need a
+//! font file and its licence for about a hundred glyphs.
 //!
-//! Design grid: capitals 12 high, lower case 8, descenders to -4, round caps. A stroke is a list of points; `~` makes it a
-//! quadratic B-spline that starts and ends on its end points, `@` a closed one.
+//! Design grid: capitals are 12 high, lower case 8, descenders reach -4, caps are round. A stroke is a list
+//! of points; the prefix `~` makes it a quadratic B-spline that starts and ends on its end points, `@` a
+//! closed one.
 
 use super::image::{Image, StrokeMask};
 
 /// Height of a capital on the design grid.
 const CAPITAL: f32 = 12.0;
-/// Free space after every glyph.
+/// Spacing after every glyph.
 const SPACING: f32 = 3.3;
-/// Segments each B-spline piece is flattened to.
+/// Number of segments per B-spline piece.
 const PIECES: usize = 6;
 
-/// Glyph, its width, its strokes.
+/// Glyph, its width and its strokes.
 #[rustfmt::skip]
 const GLYPHS: &[(char, f32, &str)] = &[
     (' ', 2.2, ""),
@@ -113,7 +114,7 @@ const GLYPHS: &[(char, f32, &str)] = &[
     ('\u{b5}', 6.4, "0,8 0,-4;~0,3 0,0 3,0 6,0 6.4,3.6;6.4,8 6.4,0"),
 ];
 
-/// Drawn for a character the typeface does not have.
+/// Glyph for a character that the typeface does not have.
 const MISSING: (f32, &str) = (6.0, "0,0 6,0 6,12 0,12 0,0");
 
 #[derive(Debug, Clone)]
@@ -122,7 +123,7 @@ struct Glyph {
     polylines: Vec<Vec<[f32; 2]>>,
 }
 
-/// Which edge of a line of text the given position is.
+/// Edge of a line of text at the given position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Align {
     /// The position is the left end.
@@ -138,7 +139,7 @@ pub enum Align {
 pub struct TextStyle {
     /// Height of a capital, pixels.
     pub height_px: f32,
-    /// Width of the stroke as a share of the capital's height; 0.11 is a regular weight.
+    /// Width of the stroke as a share of the capital height; 0.11 is a regular weight.
     pub weight: f32,
     /// 0xRRGGBB.
     pub colour: u32,
@@ -153,14 +154,14 @@ impl TextStyle {
         Self { height_px, weight: 0.115, colour, alpha: 1.0 }
     }
 
-    /// The same with another weight.
+    /// The same style with another weight.
     #[must_use]
     pub const fn weight(self, weight: f32) -> Self {
         Self { weight, ..self }
     }
 }
 
-/// The typeface, ready to draw.
+/// The typeface with flattened glyphs.
 #[derive(Debug, Clone)]
 pub struct Typeface {
     // Sorted by character.
@@ -328,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn all_printable_ascii_that_figures_need_is_there() {
+    fn the_printable_ascii_characters_exist() {
         let face = Typeface::new();
         let needed =
             "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,:;!?-+=/%()[]<>_*#'\"|\\";
@@ -338,14 +339,14 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_as_wide_as_each_other() {
+    fn digits_have_equal_widths() {
         let face = Typeface::new();
         let widths: Vec<f32> = ('0'..='9').map(|digit| face.width_px(&digit.to_string(), 12.0)).collect();
         assert!(widths.iter().all(|width| *width == widths[0]), "{widths:?}");
     }
 
     #[test]
-    fn alignment_moves_the_ink() {
+    fn alignment_shifts_the_text() {
         let mut face = Typeface::new();
         let ink = |face: &mut Typeface, align| {
             let mut image = Image::new(200, 40);

@@ -1,4 +1,5 @@
-//! PNG frames in a directory: each is written under a temporary name and renamed, so that a reader never sees half of one.
+//! PNG frames in a directory. Each is written under a temporary name and renamed, so a reader never sees an
+//! incomplete file.
 
 use super::image::Image;
 use std::fs::{self, File};
@@ -14,13 +15,13 @@ pub struct FrameWriter {
 }
 
 impl FrameWriter {
-    /// Makes the directory if it is not there.
+    /// Creates the directory if it does not exist.
     pub fn new(directory: &Path) -> io::Result<Self> {
         fs::create_dir_all(directory)?;
         Ok(Self { directory: directory.to_owned(), written: 0, rows: Vec::new() })
     }
 
-    /// Frames written so far.
+    /// Number of frames written.
     #[must_use]
     pub const fn written(&self) -> u64 {
         self.written
@@ -35,14 +36,14 @@ impl FrameWriter {
     }
 }
 
-/// Writes a single picture, as small as can be.
+/// Writes a single picture with the highest compression.
 pub fn write_still(image: &Image, path: &Path) -> io::Result<()> {
     write(image, path, png::Compression::High, &mut Vec::new())
 }
 
-/// Writes one picture of many; `rows` is scratch memory.
+/// Writes one frame of many; `rows` is scratch memory.
 ///
-/// Frames are written while the haptic thread runs: time matters more than the last tenth of the size.
+/// Frames are written while the haptic thread runs, so fast compression is used.
 pub fn write_png(image: &Image, path: &Path, rows: &mut Vec<u8>) -> io::Result<()> {
     write(image, path, png::Compression::Fast, rows)
 }
@@ -97,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unwritable_place_is_an_error() {
+    fn an_unwritable_path_is_an_error() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let file = directory.path().join("file");
         fs::write(&file, "x").expect("writable");

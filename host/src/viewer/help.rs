@@ -1,31 +1,31 @@
-//! The keys, on the picture of a window.
+//! The help on the picture of a window: its keys.
 
 use super::font::{Align, TextStyle, Typeface};
 use super::image::Image;
 use super::overlay::{BRIGHT, MUTED};
 use super::renderer::Help;
 
-/// What every window understands: keys and what they do.
+/// Keys of every window and their actions.
 const KEYS: &[[&str; 2]] = &[
     ["right drag", "pan (or shift + left)"],
     ["wheel", "zoom"],
-    ["Home or 0", "view as at first"],
+    ["Home or 0", "initial view"],
     ["A", "arm"],
     ["D", "disarm"],
     ["R", "reset a fault"],
     ["N", "next model, if any"],
     ["T", "shape at rest"],
     ["G", "reachable region"],
-    ["Space", "picture (PNG)"],
-    ["V", "film (GIF), on and off"],
+    ["Space", "screenshot (PNG)"],
+    ["V", "film (GIF): on, off"],
     ["H", "this help"],
     ["Esc", "end"],
 ];
 
-/// The left button of the mouse, if that is not the device.
+/// Action of the left button if the mouse is not the device.
 const TURN: &[[&str; 2]] = &[["left drag", "turn"]];
 
-/// And if it is.
+/// Actions if it is.
 const HAND: &[[&str; 2]] = &[
     ["left on organ", "push, drag"],
     ["ctrl or E", "grasp, then pull"],
@@ -33,7 +33,7 @@ const HAND: &[[&str; 2]] = &[
     ["left beside", "turn"],
 ];
 
-/// Lays the help over the picture; sizes are for a picture 720 pixels high.
+/// Draws the help; sizes are for a picture 720 pixels high.
 pub(super) fn draw(image: &mut Image, face: &mut Typeface, help: Help) {
     let scale = image.height() as f32 / 720.0;
     let style = TextStyle::new(8.5 * scale, MUTED);
@@ -71,7 +71,7 @@ pub(super) fn draw(image: &mut Image, face: &mut Typeface, help: Help) {
 mod tests {
     use super::*;
 
-    /// Whatever the window's help names, the manual names too, and nothing else.
+    /// The help and the manual name the same keys.
     #[test]
     fn the_manual_has_the_same_keys() {
         let manual = include_str!("../../../docs/viewer.md");
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn the_help_is_there_when_asked_for_and_fits() {
+    fn the_help_is_drawn_on_request_and_fits() {
         let face = Typeface::new();
         for [_, action] in KEYS.iter().chain(HAND).chain(TURN) {
             assert!(face.width_px(action, 8.5) < 126.0, "{action}: {}", face.width_px(action, 8.5));

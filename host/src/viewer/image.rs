@@ -1,6 +1,6 @@
-//! The finished picture and the anti-aliased 2-D marks drawn on it.
+//! The picture, and anti-aliased 2-D marks on it.
 
-/// Picture of 0x00RRGGBB pixels, row by row from the top: what both the window and the PNG writer take.
+/// Picture of 0x00RRGGBB pixels, row by row from the top, for the window and the PNG writer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Image {
     width: usize,
@@ -15,36 +15,36 @@ impl Image {
         Self { width, height, pixels: vec![0; width * height] }
     }
 
-    /// Pixels across.
+    /// Width, pixels.
     #[must_use]
     pub const fn width(&self) -> usize {
         self.width
     }
 
-    /// Pixels down.
+    /// Height, pixels.
     #[must_use]
     pub const fn height(&self) -> usize {
         self.height
     }
 
-    /// Every pixel, row by row.
+    /// All pixels, row by row.
     #[must_use]
     pub fn pixels(&self) -> &[u32] {
         &self.pixels
     }
 
-    /// Every pixel, to be written.
+    /// All pixels, mutable.
     pub fn pixels_mut(&mut self) -> &mut [u32] {
         &mut self.pixels
     }
 
-    /// One pixel, or nothing outside.
+    /// One pixel; `None` outside the picture.
     #[must_use]
     pub fn pixel(&self, x: usize, y: usize) -> Option<u32> {
         if x < self.width { self.pixels.get(y * self.width + x).copied() } else { None }
     }
 
-    /// Half as wide and high: each pixel the mean of four, channel by channel as stored.
+    /// Half the width and height: each pixel is the mean of four, channel by channel as stored.
     #[must_use]
     pub fn halved(&self) -> Self {
         let mut half = Self::new(self.width / 2, self.height / 2);
@@ -53,7 +53,8 @@ impl Image {
                 [2 * y, 2 * y + 1].map(|row| &self.pixels[row * self.width..(row + 1) * self.width]);
             for x in 0..half.width {
                 let four = [above[2 * x], above[2 * x + 1], below[2 * x], below[2 * x + 1]];
-                // Two channels at a time, with room for the sum of four in between; 2 rounds to the nearest.
+                // Two channels at a time, with room for the sum of four between them. Adding 2 rounds to
+                // nearest.
                 let red_blue: u32 = four.iter().map(|pixel| pixel & 0xff_00ff).sum::<u32>() + 0x02_0002;
                 let green: u32 = four.iter().map(|pixel| pixel >> 8 & 0xff).sum::<u32>() + 2;
                 half.pixels[y * half.width + x] = (red_blue >> 2 & 0xff_00ff) | (green >> 2) << 8;
@@ -62,7 +63,7 @@ impl Image {
         half
     }
 
-    /// Lays `colour` over one pixel; outside the picture nothing happens.
+    /// Blends `colour` over one pixel. Pixels outside the picture are ignored.
     pub fn blend(&mut self, x: i32, y: i32, colour: u32, alpha: f32) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.width || y >= self.height {
@@ -72,7 +73,7 @@ impl Image {
         *pixel = mix(*pixel, colour, alpha);
     }
 
-    /// Lays a rectangle of one colour over the picture.
+    /// Blends a rectangle of one colour over the picture.
     pub fn fill_rect(&mut self, x: i32, y: i32, width: i32, height: i32, colour: u32, alpha: f32) {
         for row in y..y + height {
             for column in x..x + width {
@@ -82,7 +83,7 @@ impl Image {
     }
 }
 
-/// Blend of two colours, channel by channel as stored; good enough for thin marks.
+/// Blend of two colours, channel by channel as stored; sufficient for thin marks.
 #[must_use]
 pub fn mix(below: u32, above: u32, alpha: f32) -> u32 {
     let weight = (alpha.clamp(0.0, 1.0) * 256.0) as u32;
@@ -94,7 +95,8 @@ pub fn mix(below: u32, above: u32, alpha: f32) -> u32 {
 
 /// Coverage of a set of strokes inside a rectangle of the picture.
 ///
-/// Strokes that overlap (the joints of a polyline) keep the larger coverage, so that a translucent line has no beads.
+/// Overlapping strokes (the joints of a polyline) keep the larger coverage, so the joints of a translucent
+/// line are not darker.
 #[derive(Debug, Clone, Default)]
 pub struct StrokeMask {
     left: i32,
@@ -105,14 +107,14 @@ pub struct StrokeMask {
 }
 
 impl StrokeMask {
-    /// Empties the mask and sets its rectangle; the buffer is reused.
+    /// Clears the mask and sets its rectangle; the buffer is reused.
     pub fn reset(&mut self, left: i32, top: i32, width: usize, height: usize) {
         (self.left, self.top, self.width, self.height) = (left, top, width, height);
         self.coverage.clear();
         self.coverage.resize(width * height, 0.0);
     }
 
-    /// Adds a round-capped segment; `weight` scales its coverage.
+    /// Adds a segment with round caps; `weight` scales its coverage.
     pub fn segment(&mut self, from: [f32; 2], to: [f32; 2], half_width: f32, weight: f32) {
         self.segment_where(from, to, half_width, |_, _, _| weight);
     }
@@ -134,7 +136,7 @@ impl StrokeMask {
             first..last
         };
         let columns = span(from[0], to[0], self.left, self.width);
-        // Half the width of the stroke along a row, and how far its middle moves from row to row.
+        // Half the width of the stroke along a row, and the shift of its middle from row to row.
         let length = length_squared.sqrt();
         let steep = along[1].abs() > 1e-3 * length;
         let (half_row, per_row) =
@@ -169,7 +171,7 @@ impl StrokeMask {
         }
     }
 
-    /// Coverage rows with their position: (x of the first, y, coverages).
+    /// Coverage rows with their positions: (x of the first pixel, y, coverages).
     pub fn rows(&self) -> impl Iterator<Item = (i32, i32, &[f32])> {
         let top = self.top;
         let left = self.left;
@@ -179,7 +181,7 @@ impl StrokeMask {
             .map(move |(row, coverage)| (left, top + row as i32, coverage))
     }
 
-    /// Lays the mask over the picture in one colour.
+    /// Blends the mask over the picture in one colour.
     pub fn paint(&self, image: &mut Image, colour: u32, alpha: f32) {
         for (left, y, row) in self.rows() {
             for (column, coverage) in row.iter().enumerate() {
@@ -234,7 +236,7 @@ mod tests {
         assert_eq!(image.pixel(11, 3), Some(0));
     }
 
-    /// Only part of each row is looked at: that must leave nothing out, whatever the slope.
+    /// Only part of each row is evaluated. For every slope this part must contain the whole stroke.
     #[test]
     fn a_stroke_covers_every_pixel_near_its_line() {
         for (from, to) in [
@@ -262,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_of_a_translucent_line_have_no_beads() {
+    fn joints_of_a_translucent_line_are_not_darker() {
         let mut mask = StrokeMask::default();
         mask.reset(0, 0, 20, 5);
         mask.polyline(&[[1.0, 2.5], [10.0, 2.5], [19.0, 2.5]], 0.5);

@@ -1,6 +1,6 @@
-//! Numbers side by side, for shading many samples at once.
+//! Vectors of eight floats, for shading several samples at once.
 
-/// Samples that are shaded at once.
+/// Number of samples shaded at once.
 pub(super) const LANES: usize = 8;
 
 #[inline(always)]
@@ -14,7 +14,7 @@ pub(super) fn unit(a: [Lanes; 3]) -> [Lanes; 3] {
     [a[0] * inverse, a[1] * inverse, a[2] * inverse]
 }
 
-/// Numbers side by side; every operation is a loop that the compiler turns into vector instructions.
+/// A vector of floats. Every operation is a loop that the compiler vectorises.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lanes(pub(super) [f32; LANES]);
 
@@ -38,7 +38,7 @@ impl Lanes {
         self.map2(self, |a, _| a.sqrt())
     }
 
-    /// One instruction, unlike `f32::max`, which must not pass a NaN on.
+    /// Larger of two values in one instruction; `f32::max` needs more because it does not propagate NaN.
     #[inline(always)]
     pub(super) fn at_least(self, least: f32) -> Self {
         self.map2(Self::of(least), |a, b| if a > b { a } else { b })

@@ -1,24 +1,24 @@
-//! Running figures for the overlay, kept from the drained records: history of force and lateness, recent timing.
+//! Statistics for the overlay from the drained records: history of force and lateness, recent timing.
 
 use crate::rt::TickRecord;
 use palpate_core::vec3;
 use std::collections::VecDeque;
 
-/// Time one point of the strip chart stands for, us.
+/// Time interval of one point of the strip chart, us.
 const BIN_US: u64 = 20_000;
-/// Time the strip chart shows, us.
+/// Time span of the strip chart, us.
 pub const SPAN_US: u64 = 8_000_000;
-/// Ticks the timing figures look back on.
+/// Number of ticks in the timing statistics.
 const RECENT_TICKS: usize = 1_000;
 
-/// The worst of one point of the strip charts.
+/// Worst values of one point of the strip charts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moment {
     /// Largest |h|, N.
     pub reaction_n: f32,
     /// Largest force for the hand, N.
     pub hand_force_n: f32,
-    /// Latest start of a tick after its deadline, ns.
+    /// Largest start of a tick minus its deadline, ns.
     pub lateness_ns: u64,
 }
 
@@ -40,10 +40,10 @@ impl Moment {
     }
 }
 
-/// What the overlay shows besides the newest record.
+/// State of the overlay besides the newest record.
 #[derive(Debug, Clone)]
 pub struct Live {
-    /// (bin number, the worst in it).
+    /// (bin number, worst values in it).
     bins: VecDeque<(u64, Moment)>,
     compute_ns: VecDeque<u64>,
     lateness_ns: VecDeque<u64>,
@@ -58,7 +58,7 @@ impl Default for Live {
 }
 
 impl Live {
-    /// Nothing seen yet.
+    /// Without records.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -70,8 +70,8 @@ impl Live {
         }
     }
 
-    /// Takes one record, in order.
-    pub fn take(&mut self, record: &TickRecord) {
+    /// Adds one record. Records come in order.
+    pub fn push(&mut self, record: &TickRecord) {
         let moment = Moment::of(record);
         let bin = record.t_us / BIN_US;
         match self.bins.back_mut() {
@@ -104,12 +104,12 @@ impl Live {
         self.peak_n
     }
 
-    /// 99 % of the recent ticks computed within this, us.
+    /// 99th percentile of the compute time of the recent ticks, us.
     pub fn compute_p99_us(&mut self) -> f32 {
         p99_us(&self.compute_ns, &mut self.scratch)
     }
 
-    /// 99 % of the recent ticks began within this of their deadline, us.
+    /// 99th percentile of the lateness of the recent ticks, us.
     pub fn lateness_p99_us(&mut self) -> f32 {
         p99_us(&self.lateness_ns, &mut self.scratch)
     }
@@ -135,7 +135,7 @@ mod tests {
             t_us: tick * 1_000,
             reaction_n: [0.0, 0.0, -force_n],
             compute_ns: 1_000 * (tick % 100 + 1),
-            ..TickRecord::NOTHING
+            ..TickRecord::EMPTY
         }
     }
 
@@ -143,7 +143,7 @@ mod tests {
     fn the_history_is_bounded_and_keeps_peaks() {
         let mut live = Live::new();
         for tick in 0..30_000 {
-            live.take(&record(tick, if tick == 29_990 { 7.0 } else { 1.0 }));
+            live.push(&record(tick, if tick == 29_990 { 7.0 } else { 1.0 }));
         }
         let points: Vec<(f32, f32)> =
             live.history().map(|(age_s, moment)| (age_s, moment.reaction_n)).collect();
@@ -158,7 +158,7 @@ mod tests {
         let mut live = Live::new();
         assert_eq!(live.compute_p99_us(), 0.0);
         for tick in 0..5_000 {
-            live.take(&record(tick, 0.0));
+            live.push(&record(tick, 0.0));
         }
         assert!((live.compute_p99_us() - 99.0).abs() < 1e-3);
         assert_eq!(live.lateness_p99_us(), 0.0);

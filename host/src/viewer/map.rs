@@ -1,4 +1,4 @@
-//! One still picture of a surface coloured by figures of its vertices: a column for each figure, seen from the front and from behind.
+//! A still picture of scalar fields on a surface: one column per field, from the front and from the back.
 
 use super::camera::{OrbitCamera, Projection};
 use super::font::{Align, TextStyle, Typeface};
@@ -13,43 +13,43 @@ use glam::{Vec2, Vec3};
 
 const BRIGHT: u32 = 0xed_f1f5;
 const MUTED: u32 = 0x93_9eab;
-/// Of vertices without a figure.
+/// Colour of vertices without a value.
 const NONE_COLOUR: u32 = 0x6b_727a;
-/// Nearly parallel rays: near and far are compared.
+/// Nearly parallel rays, so that near and far parts are comparable.
 const FIELD_OF_VIEW_RAD: f32 = 0.22;
-/// More samples than this are not worth their memory.
-const MOST_SAMPLES: usize = 12_000_000;
+/// Largest number of samples, limited by memory.
+const MAX_SAMPLES: usize = 12_000_000;
 
-/// What is shown.
+/// Content of the picture.
 #[derive(Debug, Clone, Default)]
 pub struct SurfaceMap {
     /// Heading.
     pub title: String,
     /// Line below the heading.
     pub subtitle: String,
-    /// The surface, counter-clockwise seen from outside; every corner is an index into `position_m`.
+    /// The surface, counter-clockwise seen from outside; the corners index `position_m`.
     pub triangles: Vec<[u32; 3]>,
     /// Vertices, m.
     pub position_m: Vec<[f32; 3]>,
-    /// Which vertices are fixed.
+    /// Whether each vertex is fixed.
     pub fixed: Vec<bool>,
-    /// The figures.
-    pub figures: Vec<Figure>,
+    /// The fields.
+    pub fields: Vec<ScalarField>,
 }
 
-/// A figure of every vertex.
+/// A scalar field on the vertices.
 #[derive(Debug, Clone, Default)]
-pub struct Figure {
-    /// What it is, with its unit.
+pub struct ScalarField {
+    /// Name with its unit.
     pub name: String,
-    /// By vertex; none where there is none.
+    /// Value per vertex; `None` for a vertex without a value.
     pub values: Vec<Option<f32>>,
-    /// Whether equal ratios are equal steps of colour.
+    /// Whether the colour scale is logarithmic.
     pub is_logarithmic: bool,
 }
 
-impl Figure {
-    /// The least and the largest value that has a place on the scale. Of one value alone, and of none, a range all the same.
+impl ScalarField {
+    /// Smallest and largest value on the scale. With one value or none the range is still not empty.
     fn range(&self) -> [f32; 2] {
         let has_place = |x: &&f32| x.is_finite() && (**x > 0.0 || !self.is_logarithmic);
         let all = self.values.iter().flatten().filter(has_place);
@@ -63,21 +63,21 @@ impl Figure {
         }
     }
 
-    /// Where a value lies in it, 0..1.
+    /// Position of a value in the range, 0..1.
     fn share(&self, value: f32) -> f32 {
         let scale = |x: f32| if self.is_logarithmic { x.max(f32::MIN_POSITIVE).ln() } else { x };
         let [low, high] = self.range().map(scale);
         (scale(value) - low) / (high - low)
     }
 
-    /// The value at a share: the inverse of [`Self::share`].
+    /// The value at a position in the range: the inverse of [`Self::share`].
     fn value(&self, share: f32) -> f32 {
         let [low, high] = self.range();
         if self.is_logarithmic { low * (high / low).powf(share) } else { low + share * (high - low) }
     }
 }
 
-/// Draws the map. A corner out of range is not drawn, nor is a figure with other than the surface's number of vertices.
+/// Draws the map. A corner out of range is not drawn, nor is a field with a different number of vertices.
 #[must_use]
 pub fn draw(map: &SurfaceMap, width: usize, height: usize) -> Image {
     let mut image = Image::new(width, height);
@@ -101,15 +101,15 @@ pub fn draw(map: &SurfaceMap, width: usize, height: usize) -> Image {
         TextStyle::new(9.5 * scale, MUTED),
     );
     let (top, legend) = (92.0 * scale, 84.0 * scale);
-    let columns = map.figures.len().max(1);
+    let columns = map.fields.len().max(1);
     let [panel_width, panel_height] =
         [width / columns, ((height as f32 - top - legend) / 2.0).max(1.0) as usize];
     let colours = ColourMap::new();
     let mut shader = Shader::new();
-    for (column, figure) in map.figures.iter().enumerate() {
+    for (column, field) in map.fields.iter().enumerate() {
         let left = column * panel_width;
         for (row, (name, back)) in [("front", false), ("back", true)].into_iter().enumerate() {
-            let panel = panel(map, figure, &colours, &mut shader, [panel_width, panel_height], back);
+            let panel = panel(map, field, &colours, &mut shader, [panel_width, panel_height], back);
             let at = top as usize + row * panel_height;
             paste(&mut image, &panel, left, at);
             let style = TextStyle::new(9.0 * scale, MUTED);
@@ -122,12 +122,12 @@ pub fn draw(map: &SurfaceMap, width: usize, height: usize) -> Image {
             top: height as f32 - legend + 28.0 * scale,
             scale,
         };
-        bar.draw(figure, &colours, &mut face, &mut image);
+        bar.draw(field, &colours, &mut face, &mut image);
     }
     image
 }
 
-/// The legend of a figure.
+/// The legend of a field.
 struct Bar {
     left: f32,
     right: f32,
@@ -136,16 +136,16 @@ struct Bar {
 }
 
 impl Bar {
-    fn draw(&self, figure: &Figure, colours: &ColourMap, face: &mut Typeface, image: &mut Image) {
+    fn draw(&self, field: &ScalarField, colours: &ColourMap, face: &mut Typeface, image: &mut Image) {
         let Self { left, right, top, scale } = *self;
         let style = TextStyle::new(10.0 * scale, BRIGHT);
-        face.draw(image, &figure.name, 0.5 * (left + right), top - 9.0 * scale, Align::Centre, style);
+        face.draw(image, &field.name, 0.5 * (left + right), top - 9.0 * scale, Align::Centre, style);
         for x in left as i32..right as i32 {
             let colour = packed(colours.linear((x as f32 - left) / (right - left)));
             image.fill_rect(x, top as i32, 1, (12.0 * scale) as i32, colour, 1.0);
         }
         for share in [0.0, 0.25, 0.5, 0.75, 1.0] {
-            let value = figure.value(share);
+            let value = field.value(share);
             let text = if value.abs() >= 9.95 { format!("{value:.0}") } else { format!("{value:.1}") };
             let (x, y) = (left + share * (right - left), top + 30.0 * scale);
             face.draw(image, &text, x, y, Align::Centre, TextStyle::new(9.0 * scale, MUTED));
@@ -153,10 +153,10 @@ impl Bar {
     }
 }
 
-/// The surface by one figure, from one side.
+/// The surface with one field, from one side.
 fn panel(
     map: &SurfaceMap,
-    figure: &Figure,
+    field: &ScalarField,
     colours: &ColourMap,
     shader: &mut Shader,
     [width, height]: [usize; 2],
@@ -166,11 +166,11 @@ fn panel(
     let count = map.position_m.len();
     let sound = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
     let triangles: Vec<[u32; 3]> = map.triangles.iter().filter(sound).copied().collect();
-    if figure.values.len() != count || triangles.is_empty() {
+    if field.values.len() != count || triangles.is_empty() {
         return image;
     }
-    let colour = |at: usize| match figure.values[at] {
-        Some(value) => colours.linear(figure.share(value)),
+    let colour = |at: usize| match field.values[at] {
+        Some(value) => colours.linear(field.share(value)),
         None if map.fixed.get(at) == Some(&true) => linear(FIXED_COLOUR),
         None => linear(NONE_COLOUR),
     };
@@ -192,7 +192,7 @@ fn panel(
     let smooth = Smooth::new(&triangles, count);
     smooth.refine(&mut vertices);
     let projection = viewpoint(&vertices, [width, height], back);
-    let factor = if width * height * 4 <= MOST_SAMPLES { 2 } else { 1 };
+    let factor = if width * height * 4 <= MAX_SAMPLES { 2 } else { 1 };
     let mut raster = Raster::new(width, height, factor, &projection);
     raster.begin(&projection);
     raster.draw(&vertices, smooth.triangles(), Material::Plain);
@@ -200,7 +200,7 @@ fn panel(
     image
 }
 
-/// The long side across, from a little above; filling the panel.
+/// A view with the long axis across, slightly from above, that fills the panel.
 fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], back: bool) -> Projection {
     let points: Vec<Vec3> = vertices.iter().map(|vertex| vertex.position_m).collect();
     let (centre_m, radius_m) = box_of(&points);
@@ -262,17 +262,17 @@ mod tests {
             triangles: FACES.to_vec(),
             position_m: corners.map(|corner| (0.1 * corner).to_array()).to_vec(),
             fixed: vec![false; 6],
-            figures: vec![Figure { name: "figure".into(), values, is_logarithmic: false }],
+            fields: vec![ScalarField { name: "field".into(), values, is_logarithmic: false }],
         }
     }
 
-    /// Pixels redder than blue in the panels.
+    /// Pixels in the panels that are more red than blue.
     fn warm(image: &Image) -> usize {
         image.pixels().iter().filter(|&&pixel| (pixel >> 16 & 0xff) > (pixel & 0xff) + 60).count()
     }
 
     #[test]
-    fn what_has_a_figure_has_its_colour_and_what_has_none_is_grey() {
+    fn vertices_without_a_value_are_grey() {
         let with = draw(&octahedron((0..6).map(|n| Some(n as f32)).collect()), 640, 360);
         let without = draw(&octahedron(vec![None; 6]), 640, 360);
         // The legend is in both.
@@ -282,25 +282,25 @@ mod tests {
     }
 
     #[test]
-    fn shares_and_values_are_each_others_inverse() {
+    fn share_and_value_are_inverse() {
         for is_logarithmic in [false, true] {
             let values = [3.0, 30.0, 300.0].map(Some).to_vec();
-            let figure = Figure { values, is_logarithmic, ..Figure::default() };
+            let field = ScalarField { values, is_logarithmic, ..ScalarField::default() };
             for share in [0.0, 0.3, 1.0] {
-                assert!((figure.share(figure.value(share)) - share).abs() < 1e-5);
+                assert!((field.share(field.value(share)) - share).abs() < 1e-5);
             }
-            assert_eq!(figure.range(), [3.0, 300.0]);
+            assert_eq!(field.range(), [3.0, 300.0]);
         }
-        // One value only, or none, or one that has no logarithm: a scale there is nevertheless.
+        // With one value, with none, or with one that has no logarithm, the scale is still valid.
         for (values, is_logarithmic) in
             [[Some(2.0), None], [None; 2], [Some(0.0), None], [Some(0.0), Some(7.0)]]
                 .into_iter()
                 .flat_map(|values| [(values, false), (values, true)])
         {
-            let figure = Figure { values: values.to_vec(), is_logarithmic, ..Figure::default() };
-            let marks = [0.0, 0.5, 1.0].map(|share| figure.value(share));
+            let field = ScalarField { values: values.to_vec(), is_logarithmic, ..ScalarField::default() };
+            let marks = [0.0, 0.5, 1.0].map(|share| field.value(share));
             assert!(marks.iter().all(|x| x.is_finite()) && marks[0] < marks[1] && marks[1] < marks[2]);
-            assert!(figure.share(2.0).is_finite() && figure.share(0.0).is_finite(), "{values:?}");
+            assert!(field.share(2.0).is_finite() && field.share(0.0).is_finite(), "{values:?}");
         }
         assert_eq!(draw(&SurfaceMap::default(), 64, 48).pixels().len(), 64 * 48);
     }

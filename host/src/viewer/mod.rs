@@ -1,20 +1,20 @@
-//! What the eye gets: the deformed organ, the tool, the force and the figures, in a window or as PNG frames.
+//! The viewer: the deformed organ, the tool, the force and text, in a window or as PNG frames.
 //!
-//! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic thread never waits for it.
+//! One [`Renderer`] draws for both. It runs on an ordinary thread and reads the newest record; the haptic
+//! thread never waits for it.
 
 pub mod animation;
 pub mod camera;
 mod charts;
 pub mod comparison;
-mod desk;
 pub mod font;
 pub mod frames;
-mod hand;
 mod help;
 pub mod image;
 mod lanes;
 pub mod live;
 pub mod map;
+mod mouse_tool;
 pub mod navigation;
 mod occlusion;
 pub mod overlay;
@@ -31,6 +31,7 @@ pub mod shapes;
 pub mod smooth;
 pub mod viewpoint;
 pub mod window;
+mod window_controller;
 
 pub use animation::GifWriter;
 pub use frames::FrameWriter;
@@ -42,10 +43,10 @@ pub use window::{ViewWindow, WindowEvents};
 
 use core::fmt;
 
-/// Why nothing can be shown.
+/// Reason why nothing can be shown.
 #[derive(Debug)]
 pub enum ViewerError {
-    /// No display: run headless instead.
+    /// No display. Use --headless.
     NoDisplay(String),
     /// A frame could not be written.
     Frame(std::io::Error),
@@ -54,7 +55,7 @@ pub enum ViewerError {
 impl fmt::Display for ViewerError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::NoDisplay(reason) => write!(f, "no display to open a window on ({reason}): use --headless"),
+            Self::NoDisplay(reason) => write!(f, "no display for a window ({reason}): use --headless"),
             Self::Frame(error) => write!(f, "cannot write a frame: {error}"),
         }
     }

@@ -1,17 +1,17 @@
-//! Turning, panning and zooming: what mouse and keys say, made into a camera's moves.
+//! Camera navigation: rotation, panning and zooming with mouse and keys.
 
 use super::camera::OrbitCamera;
 use glam::Vec2;
 
-/// Radians a pixel of mouse drag.
+/// Rotation per pixel of mouse drag, rad.
 const ORBIT_RAD_PER_PX: f32 = 0.006;
-/// Zoom factor a step of the wheel.
+/// Zoom factor per step of the wheel.
 const ZOOM_PER_STEP: f32 = 0.93;
 
-/// Mouse and held keys in one frame.
+/// State of mouse and held keys in one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pointer {
-    /// Where the cursor is, pixels; nothing outside of the window.
+    /// Position of the cursor, pixels; `None` outside the window.
     pub at_px: Option<Vec2>,
     /// Left button.
     pub left: bool,
@@ -23,11 +23,11 @@ pub struct Pointer {
     pub grasp: bool,
     /// Steps of the wheel since the last frame, positive away from the user.
     pub wheel: f32,
-    /// W less S.
+    /// 1 for W, -1 for S.
     pub deeper: f32,
 }
 
-/// What a drag does, decided where it began.
+/// Kind of a drag, decided at its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Drag {
     #[default]
@@ -36,7 +36,7 @@ enum Drag {
     Pan,
 }
 
-/// The camera's side of the mouse.
+/// State of the camera navigation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Navigation {
     drag: Drag,
@@ -44,7 +44,8 @@ pub struct Navigation {
 }
 
 impl Navigation {
-    /// Moves the camera of a picture so many pixels high. A pointer that is `taken` holds the organ and leaves the camera alone.
+    /// Moves the camera of a picture of this height. A pointer that is `taken` holds the organ and does not
+    /// move the camera.
     pub fn update(&mut self, pointer: &Pointer, taken: bool, camera: &mut OrbitCamera, height_px: usize) {
         let wanted = match (pointer.left, pointer.other) {
             (false, false) => Drag::None,
@@ -82,7 +83,7 @@ mod tests {
         OrbitCamera::framing(Vec3::ZERO, 0.1, Vec3::new(1.0, 0.4, 0.5), Vec3::Z)
     }
 
-    /// Drags from (300, 200) to (340, 220) with these buttons.
+    /// The camera after a drag from (300, 200) to (340, 220) with these buttons.
     fn dragged(buttons: Pointer, taken: bool) -> OrbitCamera {
         let (mut navigation, mut camera) = (Navigation::default(), camera());
         for at in [Vec2::new(300.0, 200.0), Vec2::new(320.0, 210.0), Vec2::new(340.0, 220.0)] {
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn each_button_does_its_own_move() {
+    fn each_button_moves_the_camera_in_its_way() {
         let left = Pointer { left: true, ..Pointer::default() };
         let turned = dragged(left, false);
         assert!((turned.azimuth_rad - camera().azimuth_rad + 40.0 * ORBIT_RAD_PER_PX).abs() < 1e-5);
@@ -101,7 +102,7 @@ mod tests {
         for pan in [Pointer { other: true, ..Pointer::default() }, Pointer { shift: true, ..left }] {
             let moved = dragged(pan, false);
             assert_eq!(moved.azimuth_rad, camera().azimuth_rad);
-            // What was under the cursor follows it: the old target is now 40 px right of and 20 px below the middle.
+            // The picture follows the cursor: the old target is now 40 px to the right and 20 px down.
             let (pixel, _) = moved.projection(640, 480).project(Vec3::ZERO).expect("in front");
             assert!((pixel - Vec2::new(360.0, 260.0)).length() < 0.1, "{pixel}");
         }
@@ -116,11 +117,11 @@ mod tests {
         let press = Pointer { left: true, at_px: Some(Vec2::new(10.0, 10.0)), ..Pointer::default() };
         navigation.update(&press, false, &mut camera, 480);
         assert_eq!(camera, before);
-        // Shift that comes later does not turn it into panning.
+        // Pressing shift later does not turn the drag into panning.
         let later = Pointer { at_px: Some(Vec2::new(30.0, 10.0)), shift: true, ..press };
         navigation.update(&later, false, &mut camera, 480);
         assert!(camera.azimuth_rad != before.azimuth_rad && camera.target_m == before.target_m);
-        // A new drag elsewhere starts there, without a jump.
+        // A new drag elsewhere starts without a jump.
         navigation.update(&Pointer::default(), false, &mut camera, 480);
         let (mut again, held) = (camera, Pointer { at_px: Some(Vec2::new(400.0, 90.0)), ..press });
         navigation.update(&held, false, &mut again, 480);
@@ -128,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wheel_zooms_unless_the_hand_has_it() {
+    fn the_wheel_zooms_unless_the_tool_uses_it() {
         let wheel = Pointer { wheel: 2.0, ..Pointer::default() };
         let (mut near, mut held) = (camera(), camera());
         Navigation::default().update(&wheel, false, &mut near, 480);

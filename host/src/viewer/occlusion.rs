@@ -1,9 +1,9 @@
-//! Ambient occlusion from the depth buffer: creases, dents and the feet of markers darken.
+//! Ambient occlusion from the depth buffer: it darkens creases, dents and the base of markers.
 
 use super::raster::Raster;
 use glam::Vec3;
 
-/// Picture-space directions looked along, pixels of the coarse grid times a radius.
+/// Sampling directions in the picture.
 const DIRECTIONS: [[f32; 2]; 8] = [
     [1.0, 0.0],
     [0.707, 0.707],
@@ -14,7 +14,7 @@ const DIRECTIONS: [[f32; 2]; 8] = [
     [0.0, -1.0],
     [0.707, -0.707],
 ];
-/// Fractions of the radius sampled along every direction.
+/// Sampling distances along every direction, as fractions of the radius.
 const STEPS: [f32; 3] = [0.25, 0.6, 1.0];
 /// Radius as a share of the distance from the eye.
 const RADIUS: f32 = 0.03;
@@ -23,11 +23,11 @@ const COARSE: usize = 4;
 /// Strongest darkening.
 const STRENGTH: f32 = 0.75;
 
-/// Occlusion of every pixel, 0 open to 255 closed, at the size of the picture; `buffer` is reused.
+/// Occlusion of every pixel, 0 open to 255 occluded, at the size of the picture; `buffer` is reused.
 ///
-/// For each direction: how far the surroundings rise above the tangent plane at the sample, as a sine, averaged. Computed
-/// on every fourth pixel and interpolated where depth is continuous: the term is smooth, and a dense one costs more than all
-/// other shading together.
+/// For each direction, the sine of the horizon angle above the tangent plane at the sample; averaged over the
+/// directions. It is computed at every fourth pixel and interpolated where the depth is continuous: the term
+/// is smooth, and a dense evaluation costs more than all other shading.
 pub(super) fn ambient(raster: &Raster, mut buffer: Vec<u8>) -> Vec<u8> {
     let factor = raster.factor();
     let (width, height) = (raster.sample_width() / factor, raster.sample_height() / factor);
@@ -40,7 +40,7 @@ pub(super) fn ambient(raster: &Raster, mut buffer: Vec<u8>) -> Vec<u8> {
         columns: drawn.right.div_ceil(factor).div_ceil(COARSE) + 1 - drawn.left / factor / COARSE,
         rows: drawn.bottom.div_ceil(factor).div_ceil(COARSE) + 1 - drawn.top / factor / COARSE,
     };
-    let knots = look_round(raster, &grid);
+    let knots = occlusion_at_knots(raster, &grid);
     for (row, pair) in
         knots.chunks_exact(grid.columns).zip(knots.chunks_exact(grid.columns).skip(1)).enumerate()
     {
@@ -53,7 +53,7 @@ pub(super) fn ambient(raster: &Raster, mut buffer: Vec<u8>) -> Vec<u8> {
     buffer
 }
 
-/// Part of the picture that was drawn on, in coarse cells.
+/// Part of the picture that contains drawn samples, in coarse cells.
 struct Grid {
     left: usize,
     top: usize,
@@ -66,7 +66,7 @@ struct Grid {
 struct Knot {
     /// 1/m; 0 on the background.
     inverse_depth: f32,
-    /// 0 open to 1 closed.
+    /// 0 open to 1 occluded.
     closed: f32,
 }
 
@@ -96,15 +96,16 @@ fn fill_cell(
             let closed = if smooth {
                 at_left + (at_right - at_left) * u
             } else {
-                beside_an_edge(knots, (u, v), raster.inverse_depth_at(x as i32, y as i32))
+                across_an_edge(knots, (u, v), raster.inverse_depth_at(x as i32, y as i32))
             };
             buffer[y * width + x] = (255.0 * STRENGTH * closed) as u8;
         }
     }
 }
 
-/// Where depth jumps: a knot across the edge belongs to another surface and hardly counts.
-fn beside_an_edge(knots: &[Knot; 4], (u, v): (f32, f32), inverse_depth: f32) -> f32 {
+/// Interpolation across a depth discontinuity: a knot on the other side belongs to another surface and has
+/// little weight.
+fn across_an_edge(knots: &[Knot; 4], (u, v): (f32, f32), inverse_depth: f32) -> f32 {
     if inverse_depth <= 0.0 {
         return 0.0;
     }
@@ -123,9 +124,9 @@ fn beside_an_edge(knots: &[Knot; 4], (u, v): (f32, f32), inverse_depth: f32) -> 
 
 /// Occlusion at every knot.
 ///
-/// Occluders are looked up among the knots too: their points fit the cache, which the whole geometry buffer does not, and that is
-/// where the time went.
-fn look_round(raster: &Raster, grid: &Grid) -> Vec<Knot> {
+/// Occluders are sampled at the knots too: their points fit into the cache, unlike the whole geometry buffer,
+/// whose access dominated the time.
+fn occlusion_at_knots(raster: &Raster, grid: &Grid) -> Vec<Knot> {
     let factor = raster.factor();
     let projection = raster.sample_projection();
     let (stride, height) = (raster.sample_width(), raster.sample_height());
@@ -171,7 +172,7 @@ fn look_round(raster: &Raster, grid: &Grid) -> Vec<Knot> {
                     }
                     let offset = there - here;
                     let distance = offset.length().max(1e-9);
-                    // Far occluders belong to something else in front, not to a crease.
+                    // A far occluder is another object in front, not part of a crease.
                     let near = 1.0 - distance * fade;
                     horizon = horizon.max((normal.dot(offset) / distance - 0.12) * near.max(0.0));
                 }
@@ -197,7 +198,7 @@ mod tests {
         (vertices, vec![[0, 1, 2], [0, 2, 3]])
     }
 
-    /// A flat wall is open; the foot of two walls that meet is not.
+    /// A flat wall is open; the crease between two walls is occluded.
     #[test]
     fn a_corner_is_darker_than_a_flat_wall() {
         let camera = OrbitCamera::framing(Vec3::ZERO, 1.0, Vec3::new(1.0, 0.0, 0.6), Vec3::Z);

@@ -1,4 +1,4 @@
-//! Figures over the picture: force, displacement, method and phase, timing, colour legend, strip charts.
+//! Text over the picture: force, displacement, method and phase, timing, colour legend, strip charts.
 
 use super::charts::Charts;
 use super::font::{Align, TextStyle, Typeface};
@@ -7,7 +7,7 @@ use super::image::{Image, StrokeMask};
 use super::live::Live;
 use super::palette::{ColourMap, packed};
 use super::renderer::Help;
-use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MOST_NAMES, magnitudes};
+use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
 use crate::rt::{SessionState, TickRecord};
 use glam::Vec2;
 use palpate_core::Phase;
@@ -19,10 +19,10 @@ const GOOD: u32 = 0x7f_d8a6;
 pub(super) const WAITING: u32 = 0xf0_c268;
 const BAD: u32 = 0xff_6f61;
 
-/// What is said of a model without displacements.
-const FORCE_ONLY: &str = "force only: the picture stays at rest";
+/// Text for a model without displacements.
+const FORCE_ONLY: &str = "forces only: the shape is not updated";
 
-/// What the overlay says that no record carries.
+/// Text of the overlay that is not in the records.
 #[derive(Debug, Clone, Default)]
 pub struct Captions {
     /// Scene name.
@@ -33,14 +33,14 @@ pub struct Captions {
     pub method: String,
     /// Name of each active node.
     pub spaces: Vec<String>,
-    /// How many models the session has.
+    /// Number of models of the session.
     pub models: usize,
-    /// The model has forces and no displacements.
+    /// Whether the model has forces but no displacements.
     pub force_only: bool,
 }
 
 impl Captions {
-    /// Scene, law, and which of several models this is.
+    /// Scene, law, and the number of the model if there are several.
     fn line(&self, record: &TickRecord) -> String {
         let line = format!("{}  \u{b7}  {}", self.scene, self.law);
         if self.models < 2 {
@@ -50,7 +50,7 @@ impl Captions {
     }
 }
 
-/// Draws the figures. Sizes are for a picture 720 pixels high and scale with it.
+/// Draws the overlay. Sizes are for a picture 720 pixels high and scale with it.
 #[derive(Debug, Clone, Default)]
 pub struct Overlay {
     face: Typeface,
@@ -59,7 +59,7 @@ pub struct Overlay {
 }
 
 impl Overlay {
-    /// Lays all figures over the picture.
+    /// Draws all parts of the overlay.
     pub fn draw(
         &mut self,
         image: &mut Image,
@@ -77,16 +77,16 @@ impl Overlay {
         self.draw_timing(image, record, live, scale);
     }
 
-    /// Lays the keys over the picture.
+    /// Draws the help.
     pub fn draw_help(&mut self, image: &mut Image, help: Help) {
         help::draw(image, &mut self.face, help);
     }
 
-    /// Writes the names of the active nodes beside them; `at` gives the pixel of each that is to be seen.
+    /// Writes the names of the active nodes beside them; `at` gives the pixel of each visible node.
     pub fn draw_names(&mut self, image: &mut Image, captions: &Captions, at: &[Option<Vec2>]) {
         let scale = image.height() as f32 / 720.0;
-        // With many nodes the names would cover the organ.
-        if at.len() > MOST_NAMES {
+        // The names of many nodes would cover the organ.
+        if at.len() > MAX_NAMES {
             return;
         }
         for (name, place) in captions.spaces.iter().zip(at) {
@@ -110,7 +110,7 @@ impl Overlay {
         let style = TextStyle::new(9.5 * scale, MUTED);
         self.text(image, &captions.line(record), x, y + 28.0 * scale, Align::Left, style);
         if captions.force_only {
-            // Or an organ that does not give way under a force would look like a fault.
+            // Without this text an organ that does not deform would look like a fault.
             let style = TextStyle { colour: WAITING, ..style };
             self.text(image, FORCE_ONLY, x, y + 46.0 * scale, Align::Left, style);
         }
@@ -151,7 +151,7 @@ impl Overlay {
         }
     }
 
-    /// Nobody may have to look for the reason why the force is gone.
+    /// Draws the reason of a fault prominently.
     fn draw_fault(&mut self, image: &mut Image, record: &TickRecord, scale: f32) {
         let Phase::SafeZero(fault) = record.phase else { return };
         let middle = 0.5 * image.width() as f32;
@@ -172,7 +172,7 @@ impl Overlay {
         );
     }
 
-    /// A large number with a small unit behind it, right-aligned.
+    /// A large number followed by a small unit, right-aligned.
     fn figure(
         &mut self,
         image: &mut Image,
@@ -251,7 +251,8 @@ impl Overlay {
     }
 }
 
-/// Parts of the legend's scale, each a whole round number of mm: 3 for 15, 4 for 20, 5 for 5, 10, 25 and 50.
+/// Number of steps of the legend's scale; each is a round number of mm: 3 for 15, 4 for 20, 5 for 5, 10, 25
+/// and 50.
 fn legend_steps(full_mm: f32) -> u32 {
     let step_mm = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0]
         .into_iter()
@@ -276,16 +277,16 @@ mod tests {
         let mut image = Image::new(640, 360);
         let mut live = Live::new();
         for tick in 0..2_000 {
-            live.take(&TickRecord { t_us: tick * 1_000, ..*record });
+            live.push(&TickRecord { t_us: tick * 1_000, ..*record });
         }
         Overlay::default().draw(&mut image, captions, record, &mut live, (&ColourMap::new(), 0.02));
         image
     }
 
     #[test]
-    fn a_fault_and_the_force_are_to_be_seen() {
-        let calm = drawn(&TickRecord { phase: Phase::Active, ..TickRecord::NOTHING });
-        let fault = drawn(&TickRecord { phase: Phase::SafeZero(Fault::Stale), ..TickRecord::NOTHING });
+    fn a_fault_and_the_force_are_visible() {
+        let calm = drawn(&TickRecord { phase: Phase::Active, ..TickRecord::EMPTY });
+        let fault = drawn(&TickRecord { phase: Phase::SafeZero(Fault::Stale), ..TickRecord::EMPTY });
         let red = |image: &Image| {
             image
                 .pixels()
@@ -294,14 +295,15 @@ mod tests {
                 .count()
         };
         assert!(red(&fault) > red(&calm) + 10, "{} {}", red(&fault), red(&calm));
-        let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::NOTHING });
-        assert_ne!(pushing, drawn(&TickRecord::NOTHING));
+        let pushing = drawn(&TickRecord { reaction_n: [0.0, 3.0, 0.0], ..TickRecord::EMPTY });
+        assert_ne!(pushing, drawn(&TickRecord::EMPTY));
     }
 
-    /// Which of several models is under the hand, and that a model without displacements cannot move, in the corner of the title.
+    /// The title names the model if there are several, and states that a model without displacements does not
+    /// deform.
     #[test]
-    fn the_title_says_which_model_and_that_it_has_forces_only() {
-        let record = TickRecord { model: 1, ..TickRecord::NOTHING };
+    fn the_title_names_the_model_and_its_lack_of_displacements() {
+        let record = TickRecord { model: 1, ..TickRecord::EMPTY };
         let captions = Captions { scene: "liver".into(), law: "mooney-rivlin".into(), ..Captions::default() };
         assert_eq!(captions.line(&record), "liver  \u{b7}  mooney-rivlin");
         let several = Captions { models: 3, ..captions.clone() };
@@ -325,20 +327,20 @@ mod tests {
     }
 
     #[test]
-    fn the_legend_is_marked_at_whole_numbers() {
+    fn the_legend_has_marks_at_whole_numbers() {
         let marks = [5.0, 10.0, 15.0, 20.0, 25.0, 50.0, 100.0].map(legend_steps);
         assert_eq!(marks, [5, 5, 3, 4, 5, 5, 5]);
         assert_eq!(legend_steps(0.0), 1);
     }
 
-    /// Every size down to a thumbnail: nothing may index outside the picture.
+    /// Every size down to a thumbnail: no index may be outside the picture.
     #[test]
     fn any_size_of_picture_is_drawn() {
         for (width, height) in [(1, 1), (16, 9), (320, 200), (200, 900)] {
             let mut image = Image::new(width, height);
-            let record = TickRecord { phase: Phase::Active, ..TickRecord::NOTHING };
+            let record = TickRecord { phase: Phase::Active, ..TickRecord::EMPTY };
             let mut live = Live::new();
-            live.take(&record);
+            live.push(&record);
             Overlay::default().draw(
                 &mut image,
                 &Captions::default(),

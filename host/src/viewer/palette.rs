@@ -45,11 +45,11 @@ pub fn linear_from_oklab(lab: Vec3) -> Vec3 {
     )
 }
 
-/// Displacement colour map: from the dark red of liver at rest through ember to pale yellow.
+/// Colour map of the displacement: from the dark red of liver at rest through orange to pale yellow.
 ///
-/// OKLab lightness rises linearly from 0.37 to 0.93 while the hue turns once from red to yellow, so equal steps of
-/// displacement are equal steps to the eye and the picture survives printing in grey. The usual maps start almost
-/// black, which would make an organ at rest a hole in a dark picture.
+/// The OKLab lightness rises linearly from 0.37 to 0.93 while the hue changes from red to yellow. Equal steps
+/// of displacement are perceived as equal steps, and the map is readable in greyscale print. Common maps
+/// start almost black, which would hide an organ at rest in a dark picture.
 #[derive(Debug, Clone)]
 pub struct ColourMap {
     table: Vec<Vec3>,
@@ -72,13 +72,13 @@ impl ColourMap {
     fn exact(t: f32) -> Vec3 {
         let lightness = 0.37 + 0.56 * t;
         let hue = (28.0 + 77.0 * t).to_radians();
-        // Chroma rises to the most that sRGB holds at mid lightness and falls again towards pale yellow.
+        // The chroma rises to the maximum of sRGB at medium lightness and decreases towards pale yellow.
         let chroma = 0.090 + 0.30 * t * (1.0 - t) * (1.0 - 0.25 * t) + 0.015 * t;
         let lab = Vec3::new(lightness, chroma * hue.cos(), chroma * hue.sin());
         linear_from_oklab(lab).clamp(Vec3::ZERO, Vec3::ONE)
     }
 
-    /// Linear light of the colour at `t` in 0..1; out of range is clamped, NaN is the colour of 0.
+    /// Linear light of the colour at `t` in 0..1. Values out of range are clamped; NaN gives the colour of 0.
     #[must_use]
     pub fn linear(&self, t: f32) -> Vec3 {
         let position = t.clamp(0.0, 1.0) * (MAP_SIZE - 1) as f32;
@@ -106,7 +106,7 @@ mod tests {
         assert!((white - Vec3::ONE).abs().max_element() < 1e-3, "{white}");
     }
 
-    /// The point of the map: lightness as a display shows it rises all the way, by nearly equal steps.
+    /// The perceived lightness rises monotonically, in nearly equal steps.
     #[test]
     fn lightness_rises_evenly() {
         let map = ColourMap::new();
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn the_map_takes_any_number() {
+    fn the_map_accepts_any_number() {
         let map = ColourMap::new();
         assert_eq!(map.linear(f32::NAN), map.linear(0.0));
         assert_eq!(map.linear(-3.0), map.linear(0.0));

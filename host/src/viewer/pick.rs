@@ -1,21 +1,22 @@
-//! What is under the cursor: a ray through a pixel against the surface as it is now.
+//! Picking: intersection of the ray through a pixel with the current surface.
 
 use glam::Vec3;
 
-/// Where a ray meets a surface.
+/// Intersection of a ray with a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// The place, m.
+    /// The point, m.
     pub point_m: Vec3,
     /// Outward unit normal of the triangle.
     pub normal: Vec3,
-    /// Distance from where the ray begins, m.
+    /// Distance from the origin of the ray, m.
     pub distance_m: f32,
 }
 
-/// First triangle that a ray meets from outside.
+/// First triangle that a ray hits from outside.
 ///
-/// Every triangle is tried (Moeller and Trumbore 1997): at 30 Hz that is cheaper than keeping a tree of a surface that moves.
+/// All triangles are tested (Moeller and Trumbore 1997): at 30 Hz this costs less than updating a search tree
+/// of a moving surface.
 #[must_use]
 pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (Vec3, Vec3)) -> Option<Hit> {
     let mut best: Option<(f32, Vec3)> = None;
@@ -25,7 +26,7 @@ pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (
         let (ab, ac) = (b - a, c - a);
         let normal = ab.cross(ac);
         let towards = -direction.dot(normal);
-        // A triangle without area too; a NaN is left for below.
+        // Back faces and triangles without area. NaN is handled below.
         if towards <= 0.0 {
             continue;
         }
@@ -33,7 +34,8 @@ pub fn hit(position_m: &[Vec3], triangles: &[[u32; 3]], (origin_m, direction): (
         let distance = from_a.dot(normal);
         let across = from_a.cross(direction);
         let (u, v) = (ac.dot(across), -ab.dot(across));
-        // All over the same positive number: no division before it is a hit. NaN fails every comparison.
+        // All terms have the same positive factor, so only a hit needs a division. NaN fails every
+        // comparison.
         let inside = u >= 0.0 && v >= 0.0 && u + v <= towards && distance >= 0.0;
         let distance_m = distance / towards;
         if inside && best.is_none_or(|(nearest_m, _)| distance_m < nearest_m) {
@@ -59,11 +61,11 @@ mod tests {
     use palpate_core::Organ;
     use palpate_core::Share;
 
-    /// The rasteriser says what is to be seen at a pixel: the ray through that pixel must end there.
+    /// The rasteriser gives the depth at a pixel: the ray through that pixel must end there.
     #[test]
-    fn a_ray_through_a_pixel_hits_what_is_drawn_there() {
+    fn a_ray_through_a_pixel_hits_the_drawn_surface() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let mut surface = Deformation::at_rest(&organ);
         let whole = [Share { space: 0, weight: 1.0 }, Share::default(), Share::default()];
         surface.update(&organ, &whole, [0.0, -0.02, 0.01]);
@@ -85,7 +87,7 @@ mod tests {
                 Some(hit) => {
                     hits += 1;
                     let depth_m = -projection.eye_point(hit.point_m).z;
-                    // Vertices snap to a sixteenth of a pixel, which at a grazing angle is some depth.
+                    // Vertices snap to a sixteenth of a pixel, which is some depth at a grazing angle.
                     let slack_m = 0.4e-3 / -hit.normal.dot(ray.1);
                     assert!(drawn > 0.0 && (depth_m - drawn.recip()).abs() < slack_m, "{x} {y}: {depth_m}");
                     assert!(hit.normal.dot(ray.1) < 0.0);

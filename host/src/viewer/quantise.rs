@@ -1,18 +1,19 @@
-//! 255 colours for a whole film: median cut over what the first picture shows and what later ones will.
+//! A palette of 255 colours for a whole film: median cut over the colours of the first picture and those
+//! expected later.
 
 use super::image::Image;
 use super::palette::{ColourMap, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR};
 
-/// Colours of a film; one more is left for "as before".
+/// Number of colours; one more index is reserved for unchanged pixels.
 pub(super) const COLOURS: usize = 255;
-/// Levels of a channel in the histogram and the look-up table.
+/// Levels per channel in the histogram and the look-up table.
 const LEVELS: usize = 32;
 
 /// Thresholds of the ordered dither, 0 to 15.
 const DITHER: [[i32; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
-/// A palette, and the nearest of its colours to every other.
+/// A palette and its nearest-colour table.
 #[derive(Debug, Clone)]
 pub(super) struct Palette {
     colours: Vec<[u8; 3]>,
@@ -20,14 +21,14 @@ pub(super) struct Palette {
 }
 
 impl Palette {
-    /// For a film that begins with this picture.
+    /// The palette of a film that begins with this picture.
     pub(super) fn new(first: &Image) -> Self {
         let mut weight = vec![0.0_f32; LEVELS * LEVELS * LEVELS];
         let mut seen = vec![0_u32; weight.len()];
         for (at, pixel) in first.pixels().iter().enumerate() {
             seen[dithered(*pixel, at % first.width(), at / first.width())] += 1;
         }
-        // The root, or the wide dark background would take nearly all colours.
+        // The square root reduces the weight of the large dark background.
         weight.iter_mut().zip(&seen).for_each(|(weight, seen)| *weight = (*seen as f32).sqrt());
         for colour in expected() {
             weight[cell(colour)] += 12.0;
@@ -43,20 +44,20 @@ impl Palette {
         Self { colours, nearest }
     }
 
-    /// Red, green, blue of every colour.
+    /// Red, green and blue of every colour.
     pub(super) fn bytes(&self) -> Vec<u8> {
         let mut bytes = self.colours.as_flattened().to_vec();
         bytes.resize(3 * (COLOURS + 1), 0);
         bytes
     }
 
-    /// The colour for a pixel at a place.
+    /// Palette index of a pixel at a position.
     pub(super) fn index(&self, pixel: u32, x: usize, y: usize) -> u8 {
         self.nearest[dithered(pixel, x, y)]
     }
 }
 
-/// Colours that may come later: the whole colour map in light and shade, and the markers.
+/// Colours that may occur later: the whole colour map at several brightnesses, and the markers.
 fn expected() -> impl Iterator<Item = u32> {
     let map = ColourMap::new();
     let shades = [0.08, 0.2, 0.4, 0.7, 1.0, 1.3];
@@ -67,8 +68,8 @@ fn expected() -> impl Iterator<Item = u32> {
     tissue.chain([FORCE_COLOUR, ACTIVE_COLOUR, FIXED_COLOUR, 0x00_0000, 0xff_ffff])
 }
 
-/// Histogram cell of a pixel, with an ordered dither of half a cell either way: without it smooth shading shows bands. The pattern is
-/// fixed to the picture, so that what does not move does not change.
+/// Histogram cell of a pixel after ordered dithering of half a cell in either direction, which avoids bands.
+/// The pattern is fixed to the picture, so static parts do not change between frames.
 fn dithered(pixel: u32, x: usize, y: usize) -> usize {
     let offset = DITHER[y % 4][x % 4] / 2 - 4;
     let channel = |shift: u32| ((pixel >> shift & 255) as i32 + offset).clamp(0, 255) as u32;
@@ -80,14 +81,14 @@ fn cell(pixel: u32) -> usize {
     (level(16) * LEVELS + level(8)) * LEVELS + level(0)
 }
 
-/// Middle of a histogram cell, 0 to 255 a channel.
+/// Centre of a histogram cell, 0 to 255 per channel.
 fn place(index: usize) -> [i32; 3] {
     [index / (LEVELS * LEVELS), index / LEVELS % LEVELS, index % LEVELS].map(|level| 8 * level as i32 + 4)
 }
 
-/// Splits the box with the most spread until there are enough; a colour is the mean of its box.
+/// Splits the box with the largest variance until there are enough; each colour is the mean of its box.
 fn median_cut(cells: &mut [([i32; 3], f32)]) -> Vec<[u8; 3]> {
-    // Start, end, and how much is gained by a split.
+    // Start, end, and reduction of the variance by a split.
     let mut boxes = vec![(0, cells.len(), spread(cells).1)];
     while boxes.len() < COLOURS {
         let widest = (0..boxes.len()).max_by(|a, b| boxes[*a].2.total_cmp(&boxes[*b].2));
@@ -111,7 +112,7 @@ fn median_cut(cells: &mut [([i32; 3], f32)]) -> Vec<[u8; 3]> {
     boxes.iter().map(|(start, end, _)| mean(&cells[*start..*end])).collect()
 }
 
-/// Axis along which a box is widest, and its weighted variance there.
+/// Axis with the largest extent of a box, and the weighted variance along it.
 fn spread(cells: &[([i32; 3], f32)]) -> (usize, f32) {
     let total: f32 = cells.iter().map(|(_, weight)| weight).sum();
     let variance = |axis: usize| {
@@ -134,7 +135,7 @@ fn mean(cells: &[([i32; 3], f32)]) -> [u8; 3] {
 
 fn nearest(colours: &[[u8; 3]], place: [i32; 3]) -> u8 {
     let distance = |colour: &[u8; 3]| -> i32 {
-        // Green counts most to the eye, blue least.
+        // Weights of perception: green highest, blue lowest.
         (0..3).map(|axis| [3, 4, 2][axis] * (i32::from(colour[axis]) - place[axis]).pow(2)).sum()
     };
     let best = colours.iter().enumerate().min_by_key(|(_, colour)| distance(colour));
@@ -145,7 +146,7 @@ fn nearest(colours: &[[u8; 3]], place: [i32; 3]) -> u8 {
 mod tests {
     use super::*;
 
-    /// The eye's mean over the pattern is the colour itself, also between two cells.
+    /// The mean over the dither pattern is the colour itself, also between two cells.
     #[test]
     fn a_smooth_grey_stays_smooth() {
         let mut image = Image::new(256, 16);
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn every_colour_of_a_picture_and_of_what_is_to_come_is_met() {
+    fn colours_of_the_picture_and_expected_colours_are_matched() {
         let mut image = Image::new(64, 64);
         for (i, pixel) in image.pixels_mut().iter_mut().enumerate() {
             let level = (i % 64) as u32 / 2;

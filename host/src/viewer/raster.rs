@@ -1,16 +1,17 @@
-//! Software rasteriser: triangles into a geometry buffer, each visible sample shaded once afterwards.
+//! Software rasteriser: draws triangles into a geometry buffer; each visible sample is shaded once
+//! afterwards.
 //!
-//! No GPU, so that the same picture comes out of a bare server and of a desk with a display. Deferred shading because
-//! the shading is dearer than the rasterising: hidden triangles cost a depth test only.
+//! It needs no GPU, so a server without display gives the same picture as a desktop. Deferred shading is used
+//! because shading costs more than rasterising: a hidden triangle costs only a depth test.
 
 use super::camera::Projection;
 use super::image::Image;
 use super::shade::{Material, Shader};
 use glam::Vec3;
 
-/// Sub-pixel positions per pixel and axis that vertices snap to.
+/// Sub-pixel positions per pixel and axis to which vertices snap.
 const SUBPIXELS: f32 = 16.0;
-/// Vertices further than this outside the picture would overflow nothing, but cost time; such triangles are dropped.
+/// Triangles with a vertex further than this outside the picture are dropped to save time, pixels.
 const GUARD_PX: f32 = 16_384.0;
 
 /// Corner of a triangle in the model frame.
@@ -27,9 +28,9 @@ pub struct Vertex {
 /// One sample of the geometry buffer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surfel {
-    /// 1/m; 0 where nothing was drawn.
+    /// 1/m; 0 for an empty sample.
     pub(super) inverse_depth: f32,
-    /// In the eye frame, not normalised.
+    /// Normal in the eye frame, not normalised.
     pub(super) normal: Vec3,
     pub(super) albedo: Vec3,
     pub(super) material: Material,
@@ -48,7 +49,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    const NOTHING: Self = Self { left: usize::MAX, top: usize::MAX, right: 0, bottom: 0 };
+    const EMPTY: Self = Self { left: usize::MAX, top: usize::MAX, right: 0, bottom: 0 };
 
     fn include(&mut self, other: Self) {
         self.left = self.left.min(other.left);
@@ -83,7 +84,7 @@ pub struct Raster {
 }
 
 impl Raster {
-    /// Buffer for a picture of `width` by `height` pixels with `factor` by `factor` samples a pixel.
+    /// A buffer for a picture of `width` by `height` pixels with `factor` by `factor` samples per pixel.
     #[must_use]
     pub fn new(width: usize, height: usize, factor: usize, projection: &Projection) -> Self {
         let factor = factor.clamp(1, 4);
@@ -92,34 +93,34 @@ impl Raster {
             height,
             factor,
             surfels: vec![EMPTY; width * height * factor * factor],
-            drawn: Bounds::NOTHING,
+            drawn: Bounds::EMPTY,
             projection: projection.refined(factor),
             corners: Vec::new(),
         }
     }
 
-    /// Forgets what was drawn and looks through another camera.
+    /// Clears the buffer and sets the camera.
     pub fn begin(&mut self, projection: &Projection) {
         self.projection = projection.refined(self.factor);
         let stride = self.sample_width();
-        // Only what the last frame touched needs clearing: the buffer is far larger than the caches.
+        // Only the area drawn in the last frame is cleared: the buffer is much larger than the caches.
         for row in self.drawn.top..self.drawn.bottom {
             self.surfels[row * stride + self.drawn.left..row * stride + self.drawn.right].fill(EMPTY);
         }
-        self.drawn = Bounds::NOTHING;
+        self.drawn = Bounds::EMPTY;
     }
 
-    /// Samples a row.
+    /// Samples per row.
     pub(super) const fn sample_width(&self) -> usize {
         self.width * self.factor
     }
 
-    /// Samples a column.
+    /// Samples per column.
     pub(super) const fn sample_height(&self) -> usize {
         self.height * self.factor
     }
 
-    /// Samples a pixel, along each axis.
+    /// Samples per pixel along each axis.
     #[must_use]
     pub const fn factor(&self) -> usize {
         self.factor
@@ -133,13 +134,13 @@ impl Raster {
         &self.surfels
     }
 
-    /// The camera, scaled to samples.
+    /// The camera scaled to samples.
     #[must_use]
     pub const fn sample_projection(&self) -> &Projection {
         &self.projection
     }
 
-    /// Inverse depth (1/m) of what covers the middle of a pixel; 0 for the background and outside.
+    /// Inverse depth (1/m) at the middle of a pixel; 0 for the background and outside the picture.
     #[must_use]
     pub fn inverse_depth_at(&self, x: i32, y: i32) -> f32 {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return 0.0 };
@@ -151,9 +152,10 @@ impl Raster {
             .inverse_depth
     }
 
-    /// Draws a closed surface: triangles whose outside faces away are skipped.
+    /// Draws a closed surface; back faces are skipped.
     ///
-    /// Triangles that cross the near plane are dropped, not clipped: the orbit camera stays outside the scene.
+    /// Triangles that cross the near plane are dropped, not clipped: the orbit camera stays outside the
+    /// scene.
     pub fn draw(&mut self, vertices: &[Vertex], triangles: &[[u32; 3]], material: Material) {
         let mut corners = core::mem::take(&mut self.corners);
         corners.clear();
@@ -181,16 +183,18 @@ impl Raster {
         })
     }
 
-    /// Fills one triangle with edge functions in whole sub-pixels: neighbours share every edge without gap or overlap.
+    /// Fills one triangle with edge functions in integer sub-pixels, so neighbours share an edge without gap
+    /// or overlap.
     fn fill(&mut self, a: &Projected, b: &Projected, c: &Projected, material: Material) {
-        // y points down, so a triangle that is counter-clockwise to the eye has a negative area here; walk it as a, c, b.
+        // y points down, so a triangle that is counter-clockwise to the eye has a negative area here. Use the
+        // order a, c, b.
         let (b, c) = (c, b);
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if area <= 0 {
             return;
         }
         let sub = SUBPIXELS as i64;
-        // Sample i sits at (i + 1/2) pixels: the first one at or after v is ceil(v - 1/2).
+        // Sample i is at (i + 1/2) pixels: the first one at or after v is ceil(v - 1/2).
         let first = |v: i64| (v - sub / 2 + sub - 1).div_euclid(sub);
         let left = first(a.x.min(b.x).min(c.x)).max(0);
         let top = first(a.y.min(b.y).min(c.y)).max(0);
@@ -222,7 +226,7 @@ impl Raster {
             let cells = &mut self.surfels[y * stride + bounds.left..y * stride + bounds.right];
             let mut entered = false;
             for cell in cells {
-                // Inside of all three edges: no value has its sign bit.
+                // Inside all three edges: no value has its sign bit set.
                 if (value[0] | value[1] | value[2]) >= 0 {
                     entered = true;
                     let weight = [
@@ -251,20 +255,20 @@ impl Raster {
         }
     }
 
-    /// Shades what is visible over the background.
+    /// Shades the visible samples over the background.
     pub fn resolve(&self, shader: &mut Shader, image: &mut Image) {
         shader.resolve(self, image);
     }
 }
 
-/// Edge function of one side: not negative inside, stepped by whole pixels.
+/// Edge function of one side: not negative inside, evaluated at whole pixels.
 #[derive(Clone, Copy)]
 struct Edge {
     start: i64,
     step_x: i64,
     step_y: i64,
-    /// What `start` is too low by: 1 on all edges but top and left ones, so that a sample exactly on a shared edge belongs to one
-    /// triangle only.
+    /// Offset of `start`: 1 on all edges except top and left ones, so that a sample exactly on a shared edge
+    /// belongs to one triangle only.
     bias: i64,
 }
 
@@ -284,7 +288,7 @@ mod tests {
     use super::*;
     use glam::{Mat3, Vec2};
 
-    /// One metre away, one pixel per unit: model coordinates are pixels with y up.
+    /// Camera at a distance of one metre with one pixel per unit: model coordinates are pixels with y up.
     fn flat(width: usize, height: usize) -> Projection {
         Projection {
             eye_m: Vec3::new(0.0, 0.0, 1.0),
@@ -297,7 +301,7 @@ mod tests {
     }
 
     fn vertex(x: f32, y: f32, z: f32, albedo: Vec3) -> Vertex {
-        // Perspective is undone, so that x and y are pixels at any depth.
+        // Compensate the perspective, so that x and y are pixels at any depth.
         let depth = 1.0 - z;
         Vertex { position_m: Vec3::new(x * depth, y * depth, z), normal: Vec3::Z, albedo }
     }
@@ -317,7 +321,8 @@ mod tests {
     #[test]
     fn a_known_triangle_covers_exactly_its_pixels() {
         let mut raster = Raster::new(8, 8, 1, &flat(8, 8));
-        // Right angle at the lower left of the middle square: pixels whose middle has x + y <= 4 from that corner.
+        // Right angle at the lower left of the middle square: pixels whose centre has x + y <= 4 from that
+        // corner.
         let corners = [(-4.0, -4.0), (0.0, -4.0), (-4.0, 0.0)].map(|(x, y)| vertex(x, y, 0.0, Vec3::ONE));
         raster.draw(&corners, &[[0, 1, 2]], Material::Plain);
         let mut expected = Vec::new();
@@ -330,7 +335,7 @@ mod tests {
             }
         }
         let found = covered(&raster);
-        // Middles exactly on the hypotenuse may go either way, but to one side consistently (see the next test).
+        // Centres exactly on the hypotenuse belong to one of the two triangles (see the next test).
         assert!(expected.iter().all(|pixel| found.contains(pixel)));
         assert!(found.iter().all(|&(x, y)| x as f32 + 0.5 + 8.0 - (y as f32 + 0.5) <= 4.0));
     }
@@ -368,7 +373,8 @@ mod tests {
 
     #[test]
     fn colours_are_interpolated_in_perspective() {
-        // A floor-like edge from depth 1 to depth 3: half-way on the screen is a quarter of the way along the edge.
+        // A floor-like edge from depth 1 to depth 3: its midpoint in the picture is a quarter of the way
+        // along the edge.
         let mut raster = Raster::new(64, 8, 1, &flat(64, 8));
         let corners = [
             vertex(-32.0, -4.0, 0.0, Vec3::ZERO),
@@ -382,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn back_faces_and_broken_vertices_draw_nothing() {
+    fn back_faces_and_invalid_vertices_are_not_drawn() {
         let mut raster = Raster::new(8, 8, 1, &flat(8, 8));
         let corners = [(-4.0, -4.0), (4.0, -4.0), (0.0, 4.0)].map(|(x, y)| vertex(x, y, 0.0, Vec3::ONE));
         raster.draw(&corners, &[[0, 2, 1], [0, 1, 7]], Material::Plain);

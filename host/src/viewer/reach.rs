@@ -1,4 +1,4 @@
-//! How far the active node can be taken: the outline of its solved configurations, as rings on the picture.
+//! The reachable region of an active node: the boundary of its solved configurations, drawn as rings.
 
 use super::camera::Projection;
 use super::image::{Image, StrokeMask};
@@ -8,24 +8,24 @@ use palpate_core::{Space, flags};
 
 /// Colour of the rings.
 const COLOUR: u32 = 0x9f_e0b4;
-/// Points of a full ring.
+/// Points per ring.
 const POINTS: usize = 64;
-/// Rings round the outward normal, by their angle from it, rad.
+/// Rings of constant angle from the outward normal, rad.
 const PARALLELS: [f32; 5] = [0.52, 1.05, 1.57, 2.09, 2.62];
-/// Half circles from pole to pole.
+/// Number of half circles from pole to pole.
 const MERIDIANS: usize = 8;
 
 /// The rings of one active node.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Reach {
-    /// Which space they are of.
+    /// Index of the space that the rings belong to.
     space: Option<usize>,
     rings: Vec<Vec<Vec3>>,
     mask: StrokeMask,
 }
 
 impl Reach {
-    /// Draws the rings of a space; they are made when another space comes.
+    /// Draws the rings of a space, and recomputes them when the space changes.
     pub(super) fn draw(
         &mut self,
         (index, space): (usize, &Space<'_>),
@@ -73,8 +73,8 @@ fn rings(space: &Space<'_>) -> Vec<Vec<Vec3>> {
     parallels.into_iter().chain(meridians).collect()
 }
 
-/// How far solved configurations go in a direction, m: to where half of the corners round a place are solved, weighted, and never
-/// beyond the ball.
+/// Distance to the boundary of the solved configurations in a direction, m: where the weighted share of
+/// solved corners falls below one half; at most the radius of the ball.
 fn reach_m(space: &Space<'_>, direction: Vec3) -> f32 {
     let lattice = &space.lattice;
     let step_m = lattice.spacing_m() / 8.0;
@@ -83,8 +83,8 @@ fn reach_m(space: &Space<'_>, direction: Vec3) -> f32 {
     out.map_or(lattice.radius_m(), |i| ((i as f32 - 0.5) * step_m).min(lattice.radius_m()))
 }
 
-/// Share of solved corners of the cell round a displacement, tri-linear, of those that are in the ball at all: where it ends is not
-/// where solving failed.
+/// Tri-linear share of solved corners of the cell at a displacement. Corners outside the ball are not
+/// counted, because they are not failures of the solver.
 fn solved_share(space: &Space<'_>, displacement_m: Vec3) -> f32 {
     let (low, t) = space.lattice.cell(displacement_m.to_array());
     let (mut solved, mut all) = (0.0, 0.0);
@@ -108,9 +108,9 @@ mod tests {
     use palpate_core::Organ;
 
     #[test]
-    fn the_outline_is_the_ball_and_dents_where_nothing_is_solved() {
+    fn the_boundary_is_the_ball_with_dents_at_unsolved_configurations() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let mut space = organ.spaces[0].clone();
         let radius_m = space.lattice.radius_m();
         for ring in rings(&space) {
@@ -119,7 +119,7 @@ mod tests {
                 assert!((reach - radius_m).abs() < 1e-5, "{reach}");
             }
         }
-        // Nothing solved beyond one and a half cells along +x.
+        // No solved configurations beyond one and a half cells along +x.
         let cut: Vec<u8> = (0..space.flags.len())
             .map(|slot| if space.lattice.ijk(slot)[0] >= 2 { 0 } else { space.flags[slot] })
             .collect();

@@ -1,9 +1,9 @@
-//! One renderer for window and files: organ and record in, picture out.
+//! The renderer for window and files: organ and record in, picture out.
 
 use super::camera::{OrbitCamera, Projection};
-use super::hand::Seen;
 use super::image::Image;
 use super::live::Live;
+use super::mouse_tool::PickView;
 use super::overlay::{Captions, Overlay};
 use super::raster::Raster;
 use super::scene::{Scene, nice_scale_m};
@@ -16,14 +16,14 @@ use glam::Vec2;
 use palpate_core::{Method, Organ};
 use std::time::Instant;
 
-/// Size and fineness of the picture.
+/// Size and sampling of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RendererConfig {
-    /// Pixels across.
+    /// Width, pixels.
     pub width: usize,
-    /// Pixels down.
+    /// Height, pixels.
     pub height: usize,
-    /// Samples a pixel along each axis: 1 for speed, 2 for smooth edges.
+    /// Samples per pixel along each axis: 1 for speed, 2 for smooth edges.
     pub samples: usize,
 }
 
@@ -41,49 +41,49 @@ impl RendererConfig {
     }
 }
 
-/// Where the time of one frame went.
+/// Times of the stages of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameTimes {
     /// Displacements, positions and normals of the surface.
     pub deformation: Duration,
-    /// Triangles into the geometry buffer.
+    /// Drawing triangles into the geometry buffer.
     pub raster: Duration,
-    /// Light and background.
+    /// Shading and background.
     pub shading: Duration,
-    /// Lines, names, charts and figures.
+    /// Lines, names, charts and text.
     pub overlay: Duration,
 }
 
 impl FrameTimes {
-    /// All of it.
+    /// Sum of all stages.
     #[must_use]
     pub fn total(&self) -> Duration {
         self.deformation + self.raster + self.shading + self.overlay
     }
 }
 
-/// What is drawn besides organ, tool and figures; each is switched by a key in the window.
+/// Optional layers; each is switched by a key in the window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Layers {
-    /// The organ's shape at rest, where it differs from the present one.
+    /// The rest shape where it differs from the present one.
     pub ghost: bool,
-    /// How far the touched node can be taken.
+    /// The reachable region of the touched node.
     pub reach: bool,
-    /// The keys.
+    /// The help.
     pub help: Help,
 }
 
-/// How much is said about the keys.
+/// Extent of the help.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Help {
-    /// Nothing, as in a file.
+    /// No help, for files.
     #[default]
     Absent,
-    /// Which key shows them.
+    /// The key that shows the help.
     Hint,
-    /// All of them.
+    /// All keys.
     Keys,
-    /// And how the mouse moves the tool.
+    /// All keys, and the mouse actions that move the tool.
     KeysAndHand,
 }
 
@@ -93,7 +93,7 @@ impl Default for Layers {
     }
 }
 
-/// Draws an organ, the tool and the figures; every buffer is reused.
+/// Draws an organ, the tool and the overlay; all buffers are reused.
 #[derive(Debug)]
 pub struct Renderer {
     camera: OrbitCamera,
@@ -112,7 +112,7 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Prepares to draw an organ.
+    /// Makes a renderer for an organ.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, method: Method, config: RendererConfig) -> Self {
         let RendererConfig { width, height, samples } = config;
@@ -143,24 +143,24 @@ impl Renderer {
         }
     }
 
-    /// How many models the session has; which one is drawn, the picture says if there are several.
+    /// Sets the number of models of the session; with several models the picture names the current one.
     pub const fn set_models(&mut self, count: usize) {
         self.captions.models = count;
     }
 
-    /// The camera, to be turned by the user.
+    /// The camera.
     pub const fn camera_mut(&mut self) -> &mut OrbitCamera {
         &mut self.camera
     }
 
-    /// Back to the view it began with.
+    /// Restores the initial view.
     pub const fn reset_view(&mut self) {
         self.camera = self.home;
     }
 
-    /// What the cursor can point at.
-    pub(super) fn view(&self) -> Seen<'_> {
-        Seen { projection: self.projection(), surface: &self.surface }
+    /// The displayed scene, for picking.
+    pub(super) fn view(&self) -> PickView<'_> {
+        PickView { projection: self.projection(), surface: &self.surface }
     }
 
     /// The last picture.
@@ -169,12 +169,12 @@ impl Renderer {
         &self.image
     }
 
-    /// What is drawn besides organ, tool and figures.
+    /// The optional layers.
     pub const fn layers_mut(&mut self) -> &mut Layers {
         &mut self.layers
     }
 
-    /// Where the time of the last frame went.
+    /// Times of the last frame.
     #[must_use]
     pub const fn times(&self) -> FrameTimes {
         self.times
@@ -188,7 +188,7 @@ impl Renderer {
         live: &mut Live,
     ) -> &Image {
         let mut watch = Stopwatch(Instant::now());
-        // Another model of the organ may be under the hand now.
+        // The session may have switched to another model.
         for (shown, now) in
             [(&mut self.captions.law, organ.law.as_str()), (&mut self.captions.scene, organ.scene.as_str())]
         {
@@ -226,14 +226,15 @@ impl Renderer {
         &self.image
     }
 
-    /// Takes the surface to the configuration of a tick.
+    /// Updates the surface to the configuration of a tick.
     fn deform<const N: usize>(&mut self, organ: &Organ<'_, N>, record: &TickRecord) {
         self.surface.update(organ, &record.shares, record.displacement_m);
-        // The scale only grows: colours of one run stay comparable, and do not flicker.
+        // The scale only increases, so the colours of a run are comparable and do not flicker.
         self.full_scale_m = self.full_scale_m.max(nice_scale_m(self.surface.largest_m()));
     }
 
-    /// The organ sits a little left of and above the middle: figures are on the right, the chart below.
+    /// The projection with the organ slightly left of and above the middle: text is on the right, the charts
+    /// are below.
     fn projection(&self) -> Projection {
         let mut projection = self.camera.projection(self.image.width(), self.image.height());
         projection.centre_px.x -= 0.045 * self.image.width() as f32;
@@ -242,7 +243,7 @@ impl Renderer {
     }
 }
 
-/// Time from lap to lap.
+/// Measures the time between laps.
 struct Stopwatch(Instant);
 
 impl Stopwatch {

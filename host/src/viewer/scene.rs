@@ -1,4 +1,4 @@
-//! The things in the picture: deformed organ, ghost of its rest shape, nodes, tool and force.
+//! The objects in the picture: deformed organ, ghost of its rest shape, nodes, tool and force.
 
 use super::camera::Projection;
 use super::image::{Image, StrokeMask};
@@ -22,36 +22,37 @@ pub const ACTIVE_COLOUR: u32 = 0xf2_efe6;
 pub const FIXED_COLOUR: u32 = 0x4a_6788;
 /// Colour of the ghost.
 const GHOST_COLOUR: u32 = 0xdf_e9f2;
-/// Below this the force arrow would be all head, N.
-const LEAST_FORCE_N: f32 = 0.02;
+/// Smallest force that is drawn as an arrow, N.
+const MIN_FORCE_N: f32 = 0.02;
 
-/// Displacement from which on the ghost is drawn, in shares of the colour map's full scale.
-const LEAST_GHOST: f32 = 0.06;
-/// Strength of the ghost's mesh against its outline.
+/// Smallest displacement at which the ghost is drawn, as a share of the colour map's full scale.
+const MIN_GHOST: f32 = 0.06;
+/// Opacity of the ghost's mesh relative to its outline.
 const GHOST_MESH: f32 = 0.42;
 
-/// Most active nodes that are named in the picture, and drawn large.
-pub(super) const MOST_NAMES: usize = 24;
-/// Edges shorter than this, in pixels of a picture 720 high, are not drawn as a mesh; twice as long ones are in full.
-const FINEST_MESH_PX: f32 = 12.0;
+/// Largest number of active nodes for which names and large markers are drawn.
+pub(super) const MAX_NAMES: usize = 24;
+/// Edge length below which the mesh is not drawn, pixels of a picture 720 high; from twice this length its
+/// opacity is full.
+const MIN_EDGE_PX: f32 = 12.0;
 
 /// Edge of a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
     pub(super) ends: [u32; 2],
-    /// Normals of the triangles on either side; twice the same on a border.
+    /// Normals of the triangles on both sides; on a border both are equal.
     pub(super) normals: [Vec3; 2],
 }
 
-/// What does not change during a session, and buffers that are reused.
+/// Data that is constant during a session, and reused buffers.
 #[derive(Debug, Clone)]
 pub struct Scene {
     radius_m: f32,
     edges: Vec<Edge>,
     smooth: Smooth,
     fixed: Vec<bool>,
-    /// Irregularity of the tissue's colour at each vertex.
-    mottle: Vec<f32>,
+    /// Variation of the tissue's colour at each vertex.
+    colour_variation: Vec<f32>,
     /// Surface vertex of each active node.
     active: Vec<Option<usize>>,
     /// Mean length of an edge, m.
@@ -64,7 +65,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Prepares an organ.
+    /// Prepares the data of an organ.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation) -> Self {
         let (_, radius_m) = viewpoint::bounds(rest);
@@ -79,7 +80,7 @@ impl Scene {
             radius_m,
             edge_m: edges.iter().map(length_m).sum::<f32>() / edges.len().max(1) as f32,
             edges,
-            mottle: rest.rest_m().iter().map(|rest_m| mottle(*rest_m)).collect(),
+            colour_variation: rest.rest_m().iter().map(|rest_m| colour_variation(*rest_m)).collect(),
             active: active.collect(),
             smooth: Smooth::new(organ.surface.triangles, rest.rest_m().len()),
             fixed: organ.surface.fixed.iter().map(|fixed| *fixed != 0).collect(),
@@ -97,7 +98,7 @@ impl Scene {
         &self.map
     }
 
-    /// Where the surface now has an active node.
+    /// Current position of an active node on the surface.
     #[must_use]
     pub fn active_point(&self, surface: &Deformation, space: usize) -> Option<Vec3> {
         let vertex = self.active.get(space).copied().flatten()?;
@@ -117,7 +118,7 @@ impl Scene {
         self.vertices.clear();
         self.vertices.extend(surface.position_m().iter().zip(surface.normal()).enumerate().map(
             |(i, (&position_m, &normal))| {
-                let own = self.map.linear(surface.magnitude_m(i) / full_scale_m) * self.mottle[i];
+                let own = self.map.linear(surface.magnitude_m(i) / full_scale_m) * self.colour_variation[i];
                 let albedo = if self.fixed.get(i) == Some(&true) { fixed } else { own };
                 Vertex { position_m, normal, albedo }
             },
@@ -126,8 +127,8 @@ impl Scene {
         raster.draw(&self.vertices, self.smooth.triangles(), Material::Tissue);
 
         let unit = self.radius_m;
-        // Many of them must leave the organ to be seen.
-        let marker = if organ.spaces.len() > MOST_NAMES { 0.014 } else { 0.018 };
+        // Many markers must not cover the organ.
+        let marker = if organ.spaces.len() > MAX_NAMES { 0.014 } else { 0.018 };
         for (i, space) in organ.spaces.iter().enumerate() {
             let engaged = record.engaged.is_some_and(|index| usize::from(index) == i);
             if engaged {
@@ -142,7 +143,8 @@ impl Scene {
         self.draw_force(raster, organ, record, hip);
     }
 
-    /// The force on the body as a free-body diagram draws it: a push ends at the point it acts on, a pull begins there.
+    /// Draws the force on the body as in a free-body diagram: a push ends at its point of application, a pull
+    /// starts there.
     fn draw_force<const N: usize>(
         &mut self,
         raster: &mut Raster,
@@ -155,11 +157,11 @@ impl Scene {
             return;
         };
         let size_n = force_n.length();
-        if size_n < LEAST_FORCE_N {
+        if size_n < MIN_FORCE_N {
             return;
         }
         let direction = force_n / size_n;
-        // The square root keeps a light touch visible and the largest force inside the picture.
+        // The square root keeps a small force visible and the largest force inside the picture.
         let length_m = self.radius_m * 0.52 * (size_n / organ.max_force_n).min(1.5).sqrt();
         let gap_m = 0.040 * self.radius_m;
         let pushes = direction.dot(Vec3::from_array(space.outward_normal)) < 0.0;
@@ -172,7 +174,7 @@ impl Scene {
         self.shapes.arrow(raster, ends, radius_m, linear(FORCE_COLOUR), Material::Luminous);
     }
 
-    /// Lays the rest shape over the picture where it differs from the present one: its outline, and its mesh faintly.
+    /// Draws the rest shape where it differs from the present one: its outline, and its mesh faintly.
     pub fn draw_ghost(
         &mut self,
         raster: &Raster,
@@ -187,13 +189,13 @@ impl Scene {
         let line = (image.height() as f32 / 720.0).max(0.6);
         let (left, top, width, height) = moved_box(projection, surface, full_scale_m, image);
         self.mask.reset(left, top, width, height);
-        // A mesh too fine for the picture would cover the organ; its outline stays.
+        // A mesh that is too fine would cover the organ; then only the outline is drawn.
         let distance_m = projection.eye_m.distance(surface.rest_m().first().copied().unwrap_or_default());
         let edge_px = self.edge_m * projection.focal_px / distance_m.max(1e-6) / line;
-        let mesh = GHOST_MESH * ((edge_px - FINEST_MESH_PX) / FINEST_MESH_PX).clamp(0.0, 1.0);
+        let mesh = GHOST_MESH * ((edge_px - MIN_EDGE_PX) / MIN_EDGE_PX).clamp(0.0, 1.0);
         let weight_of = |vertex: u32| {
             let t =
-                ((surface.magnitude_m(vertex as usize) / full_scale_m - LEAST_GHOST) / 0.30).clamp(0.0, 1.0);
+                ((surface.magnitude_m(vertex as usize) / full_scale_m - MIN_GHOST) / 0.30).clamp(0.0, 1.0);
             t * t * (3.0 - 2.0 * t)
         };
         for edge in &self.edges {
@@ -204,7 +206,7 @@ impl Scene {
             let [a, b] = edge.ends.map(|vertex| surface.rest_m()[vertex as usize]);
             let [one, other] = edge.normals.map(|normal| normal.dot(projection.eye_m - a) > 0.0);
             let outline = one != other;
-            // What faces away is behind the ghost itself.
+            // Back faces are hidden by the ghost itself.
             let strength = match (outline, one) {
                 (true, _) => 1.0,
                 (false, true) => mesh,
@@ -221,7 +223,7 @@ impl Scene {
             self.mask.segment_where(from.to_array(), to.to_array(), 0.45 * line, |x, y, t| {
                 let inverse_depth = near_from + (near_to - near_from) * t;
                 let weight = strength * (weight_a + (weight_b - weight_a) * t);
-                // A hair nearer, so that a line lying on the surface is not broken up.
+                // Slightly nearer, so that a line on the surface is not interrupted.
                 let hidden = raster.inverse_depth_at(x, y) > inverse_depth * 1.002;
                 match (hidden, outline) {
                     (false, _) => weight,
@@ -233,7 +235,7 @@ impl Scene {
         self.mask.paint(image, GHOST_COLOUR, 0.62);
     }
 
-    /// Outlines how far the touched node can be taken, or the one nearest to a free tool.
+    /// Draws the boundary of the reachable region of the touched node, or of the node nearest to a free tool.
     pub fn draw_reach<const N: usize>(
         &mut self,
         view: (&Raster, &Projection),
@@ -252,7 +254,7 @@ impl Scene {
         }
     }
 
-    /// Pixel of each active node that is neither hidden nor being touched.
+    /// Pixel of each active node that is visible and not touched.
     pub fn visible_nodes<const N: usize>(
         &self,
         organ: &Organ<'_, N>,
@@ -272,7 +274,7 @@ impl Scene {
         }));
     }
 
-    /// Rings the tool where the organ hides it.
+    /// Draws a ring at the tool where the organ hides it.
     pub fn draw_hidden_tool(
         &mut self,
         raster: &Raster,
@@ -304,7 +306,7 @@ impl Scene {
     }
 }
 
-/// Rectangle of the picture that holds the rest shape where it has moved visibly: left, top, width, height.
+/// Rectangle of the picture with the visibly displaced part of the rest shape: left, top, width, height.
 fn moved_box(
     projection: &Projection,
     surface: &Deformation,
@@ -312,13 +314,13 @@ fn moved_box(
     image: &Image,
 ) -> (i32, i32, usize, usize) {
     let places = surface.rest_m().iter().enumerate();
-    let moved = places.filter(|(i, _)| surface.magnitude_m(*i) > LEAST_GHOST * full_scale_m);
+    let moved = places.filter(|(i, _)| surface.magnitude_m(*i) > MIN_GHOST * full_scale_m);
     let (mut low, mut high) = (Vec2::INFINITY, Vec2::NEG_INFINITY);
     for (pixel, _) in moved.filter_map(|(_, place)| projection.project(*place)) {
         (low, high) = (low.min(pixel), high.max(pixel));
     }
     let size = Vec2::new(image.width() as f32, image.height() as f32);
-    // Edges reach beyond the last vertex that has moved, by a neighbour; strokes have a width.
+    // Edges extend beyond the last displaced vertex by one neighbour, and strokes have a width.
     let margin = Vec2::splat(0.05 * size.y);
     let (low, high) = ((low - margin).max(Vec2::ZERO), (high + margin).min(size));
     if low.cmplt(high).all() {
@@ -346,8 +348,8 @@ pub(super) fn edges(triangles: &[[u32; 3]], position_m: &[Vec3]) -> Vec<Edge> {
         .collect()
 }
 
-/// Slight irregularity of the tissue's colour, fixed to the material: smooth waves of unrelated lengths, 1 on average.
-fn mottle(rest_m: Vec3) -> f32 {
+/// Slight variation of the tissue's colour with the rest position: a product of sine waves with mean 1.
+fn colour_variation(rest_m: Vec3) -> f32 {
     let p = rest_m * 420.0;
     let waves = (p.x + 1.7 * (0.6 * p.y).sin()).sin()
         + (1.3 * p.y + 1.4 * (0.8 * p.z).sin()).sin()
@@ -379,7 +381,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_colour_scale_has_round_ends_and_never_falls_short() {
+    fn the_colour_scale_has_round_ends_and_covers_the_maximum() {
         let found: Vec<u32> = [0.0, 4.9e-3, 5.1e-3, 12e-3, 19e-3, 22e-3, 49e-3]
             .iter()
             .map(|largest| (nice_scale_m(*largest) * 1e3).round() as u32)

@@ -1,6 +1,6 @@
-//! The viewer of a session: a window, files, or nothing, paced by the calling thread.
+//! The viewer of a session: a window, files, or nothing, driven by the calling thread.
 
-use super::desk::Desk;
+use super::window_controller::WindowController;
 use super::{FrameWriter, GifWriter, Live, Renderer, RendererConfig, ViewerError};
 use crate::device::mouse::MouseHandle;
 use crate::rt::{Controls, TickRecord};
@@ -10,10 +10,10 @@ use palpate_core::{Config, Organ};
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Longest pause between two looks at the queue.
+/// Longest pause between two drains of the queue.
 pub(crate) const DRAIN_PAUSE: Duration = Duration::from_millis(5);
 
-/// What to show while the session runs.
+/// Output of the viewer during the session.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum View {
     /// Nothing.
@@ -21,34 +21,34 @@ pub enum View {
     Nothing,
     /// PNG frames.
     Frames {
-        /// Where to.
+        /// The directory.
         directory: PathBuf,
-        /// Frames a second; slower if drawing takes longer.
+        /// Frames per second; fewer if drawing takes longer.
         rate_hz: f32,
-        /// Size and fineness.
+        /// Size and sampling.
         picture: RendererConfig,
     },
     /// An animated GIF.
     Gif {
-        /// The file; what is there is lost.
+        /// The file; an existing one is replaced.
         file: PathBuf,
-        /// Frames a second; slower if drawing takes longer.
+        /// Frames per second; fewer if drawing takes longer.
         rate_hz: f32,
-        /// Size and fineness.
+        /// Size and sampling.
         picture: RendererConfig,
     },
     /// A window.
     Window {
-        /// Where screenshots and films go.
+        /// Directory of screenshots and films.
         screenshots: PathBuf,
-        /// Size and fineness.
+        /// Size and sampling.
         picture: RendererConfig,
-        /// Moves the tool of this mouse device.
+        /// The mouse device whose tool the window moves.
         mouse: Option<MouseHandle>,
     },
 }
 
-/// The viewer of a session, whichever kind it is.
+/// The viewer of a session.
 pub(crate) struct Screen {
     renderer: Option<Renderer>,
     output: Output,
@@ -58,12 +58,12 @@ pub(crate) struct Screen {
     drawing: Duration,
 }
 
-/// Where the pictures go.
+/// The output.
 enum Output {
     Nothing,
     Frames(FrameWriter),
     Gif(Box<GifWriter>),
-    Window(Box<Desk>),
+    Window(Box<WindowController>),
 }
 
 impl Screen {
@@ -89,12 +89,12 @@ impl Screen {
             }
             View::Window { screenshots, picture, mouse } => {
                 let title = format!("palpate \u{2013} {}", organ.scene);
-                let desk = Desk::open(&title, screenshots, *picture, mouse.clone())?;
+                let controller = WindowController::open(&title, screenshots, *picture, mouse.clone())?;
                 let mut renderer = renderer(picture);
                 if let Some(renderer) = &mut renderer {
-                    renderer.layers_mut().help = desk.help();
+                    renderer.layers_mut().help = controller.help();
                 }
-                (Output::Window(Box::new(desk)), interval(30.0), renderer)
+                (Output::Window(Box::new(controller)), interval(30.0), renderer)
             }
         };
         Ok(Self::of(output, interval, renderer))
@@ -109,13 +109,13 @@ impl Screen {
         if self.drawn == 0 { 0.0 } else { 1e3 * self.drawing.as_secs_f32() / self.drawn as f32 }
     }
 
-    /// Frames written so far.
+    /// Number of frames written.
     pub(crate) fn frames_written(&self) -> u64 {
         match &self.output {
             Output::Nothing => 0,
             Output::Frames(frames) => frames.written(),
             Output::Gif(film) => film.written(),
-            Output::Window(desk) => desk.written(),
+            Output::Window(controller) => controller.written(),
         }
     }
 
@@ -146,8 +146,8 @@ impl Screen {
                 frames.write(renderer.image())?;
             }
             Output::Gif(film) => film.write(renderer.image(), record.t_us)?,
-            Output::Window(desk) => {
-                let events = desk.show(renderer, organ, record)?;
+            Output::Window(controller) => {
+                let events = controller.show(renderer, organ, record)?;
                 if events.arm {
                     controls.arm();
                 }
@@ -158,7 +158,7 @@ impl Screen {
                     controls.reset();
                 }
                 if events.next_model {
-                    // One beyond the last is the first again.
+                    // The index after the last one wraps round to the first.
                     controls.select(record.model + 1);
                 }
                 if events.quit {
@@ -166,16 +166,16 @@ impl Screen {
                 }
             }
         }
-        // From now, not from the time it was due: a slow frame is followed by a pause, not by a rush.
+        // Counted from now, not from the due time: a slow frame is not followed by a burst.
         self.due = (self.due + self.interval).max(Instant::now());
         Ok(())
     }
 
-    /// Ends a film; without this it ends too, but nobody hears of a full disk.
+    /// Completes a film. A drop completes it as well, but cannot report a full disk.
     pub(crate) fn finish(&mut self) -> Result<(), ViewerError> {
         match &mut self.output {
             Output::Gif(film) => Ok(film.finish()?),
-            Output::Window(desk) => desk.finish(),
+            Output::Window(controller) => controller.finish(),
             Output::Nothing | Output::Frames(_) => Ok(()),
         }
     }

@@ -1,4 +1,5 @@
-//! Light: one warm key, one cool fill, sky and ground, a rim, a wet highlight, and occlusion from the depth buffer.
+//! Lighting: a warm key light, a cool fill light, sky and ground, a rim, specular highlights, and ambient
+//! occlusion from the depth buffer.
 
 use super::image::Image;
 use super::lanes::{LANES, Lanes, dot, unit};
@@ -6,29 +7,29 @@ use super::palette::{linear, linear_from_srgb, srgb_from_linear};
 use super::raster::{Raster, Surfel};
 use glam::Vec3;
 
-/// Steps of the table from the root of linear light to sRGB: even in the root, sRGB is nearly even too.
+/// Steps of the table from the square root of linear light to sRGB: sRGB is nearly linear in the root.
 const ENCODE_STEPS: usize = 4096;
-/// Steps a unit of the root: the table ends at 16 times white, beyond which nothing changes any more.
+/// Steps per unit of the root: the table ends at 16 times white, above which the result is constant.
 const STEPS_PER_ROOT: f32 = 1024.0;
-/// Thresholds of a 4 by 4 ordered dither: a dark gradient in 8 bits shows bands without it.
+/// Thresholds of a 4 by 4 ordered dither, which avoids bands in dark 8-bit gradients.
 const DITHER: [[f32; 4]; 4] =
     [[0.0, 8.0, 2.0, 10.0], [12.0, 4.0, 14.0, 6.0], [3.0, 11.0, 1.0, 9.0], [15.0, 7.0, 13.0, 5.0]];
 
-/// How a surface answers to light.
+/// Reflectance model of a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Material {
-    /// Matt, as a marker.
+    /// Matt, for markers.
     #[default]
     Plain,
-    /// Moist tissue: light wraps round it, two highlights.
+    /// Moist tissue: wrapped diffuse light and two highlights.
     Tissue,
-    /// Hard and shiny, as a tool.
+    /// Hard and shiny, for a tool.
     Polished,
-    /// Its own colour whatever the light, slightly shaded for its form.
+    /// Its own colour with little shading.
     Luminous,
 }
 
-/// Lights and the background, with the tables for a fast encode.
+/// Lights and background, with tables for fast encoding.
 #[derive(Debug, Clone)]
 pub struct Shader {
     encode: Vec<f32>,
@@ -39,7 +40,7 @@ pub struct Shader {
     row: Vec<Pixel>,
 }
 
-/// [`Shader::resolve_rows`] as `pulp` takes it.
+/// Call of [`Shader::resolve_rows`] for `pulp`.
 struct Resolve<'a> {
     shader: &'a mut Shader,
     raster: &'a Raster,
@@ -55,7 +56,7 @@ impl pulp::WithSimd for Resolve<'_> {
     }
 }
 
-/// What has been gathered for one pixel.
+/// Accumulated light of one pixel.
 #[derive(Debug, Clone, Copy, Default)]
 struct Pixel {
     light: Vec3,
@@ -68,7 +69,7 @@ impl Default for Shader {
     }
 }
 
-/// Everything about the lights that one sample needs, in the eye frame.
+/// The lights in the eye frame.
 #[derive(Clone, Copy)]
 struct Lights {
     key: Vec3,
@@ -80,14 +81,14 @@ const KEY_COLOUR: Vec3 = Vec3::new(1.28, 1.20, 1.09);
 const FILL_COLOUR: Vec3 = Vec3::new(0.10, 0.14, 0.21);
 const SKY_COLOUR: Vec3 = Vec3::new(0.25, 0.27, 0.31);
 const GROUND_COLOUR: Vec3 = Vec3::new(0.11, 0.085, 0.08);
-/// How far light wraps round the terminator of tissue, by colour.
+/// Wrap of the diffuse light round the terminator of tissue, by colour.
 const TISSUE_WRAP: [f32; 3] = [0.24, 0.10, 0.08];
-/// Broad and sharp highlight of tissue.
+/// Strength of the broad and the sharp highlight of tissue.
 const TISSUE_GLOSS: (f32, f32) = (0.020, 0.26);
 const RIM_COLOUR: Vec3 = Vec3::new(0.26, 0.33, 0.43);
 
 impl Shader {
-    /// Makes the tables.
+    /// Computes the tables.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -113,7 +114,7 @@ impl Shader {
         }
         self.occlusion = super::occlusion::ambient(raster, std::mem::take(&mut self.occlusion));
         self.row.resize(width, Pixel::default());
-        // Compiled for several sets of vector instructions; the processor says which to take.
+        // Compiled for several vector instruction sets; selected at run time.
         pulp::Arch::new().dispatch(Resolve { shader: self, raster, image });
     }
 
@@ -151,7 +152,7 @@ impl Shader {
                 continue;
             }
             let ray_x = (first as f32 + 0.5 - projection.centre_px.x) * to_ray;
-            // Nearly all samples are tissue. What is not is done over, one by one.
+            // Nearly all samples are tissue; the others are recomputed one by one.
             let light = shade_tissue(surfels, (ray_x, ray_y, to_ray), lights);
             for (lane, surfel) in surfels.iter().enumerate() {
                 if surfel.inverse_depth <= 0.0 {
@@ -164,7 +165,7 @@ impl Shader {
                     shade(surfel, -ray.normalize(), lights)
                 };
                 if factor == 1 {
-                    // Not read before it is written: the sum below would wait for its own last store.
+                    // Store without reading: a sum would wait for its own last store.
                     self.row[first + lane] = Pixel { light: own, samples: 1 };
                     continue;
                 }
@@ -175,7 +176,7 @@ impl Shader {
         }
     }
 
-    /// Lays one row over the background.
+    /// Blends one row over the background.
     #[inline(always)]
     fn encode_row(
         &self,
@@ -207,19 +208,19 @@ impl Shader {
         Vec3::new(channel(16), channel(8), channel(0))
     }
 
-    /// 0xRRGGBB with a soft shoulder towards white and a dither of half a level either way.
+    /// 0xRRGGBB with a soft shoulder towards white and a dither of half a level in either direction.
     #[inline(always)]
     fn encode(&self, light: Vec3, x: usize, y: usize) -> u32 {
         let offset = (DITHER[y % 4][x % 4] + 0.5) / 16.0;
         let channel = |value: f32| {
             let step = (value.max(0.0).sqrt() * STEPS_PER_ROOT) as i32 as usize;
-            // At most 255 with the offset: the table ends below white.
+            // At most 255 including the offset: the table ends below white.
             (self.encode[step.min(ENCODE_STEPS - 1)] + offset) as i32 as u32
         };
         channel(light.x) << 16 | channel(light.y) << 8 | channel(light.z)
     }
 
-    /// Slate with a soft pool of light behind the organ; computed once per size.
+    /// Slate with a soft light spot behind the organ; computed once per size.
     fn prepare_background(&mut self, width: usize, height: usize) {
         if self.background_size == (width, height) {
             return;
@@ -242,7 +243,7 @@ impl Shader {
     }
 }
 
-/// Linear up to 0.7, then bent so that no highlight clips to a flat patch.
+/// Linear up to 0.7, then compressed so that highlights do not clip.
 fn shoulder(value: f32) -> f32 {
     const KNEE: f32 = 0.7;
     if value > KNEE {
@@ -255,9 +256,9 @@ fn shoulder(value: f32) -> f32 {
     }
 }
 
-/// Light of tissue for up to [`LANES`] samples of one row, by colour: [`shade`] for all of them at once.
+/// Light of tissue for up to [`LANES`] samples of one row, by colour: the vectorised form of [`shade`].
 ///
-/// Lanes without a sample give numbers that nobody reads.
+/// Lanes without a sample contain arbitrary values that are not read.
 #[inline(always)]
 fn shade_tissue(surfels: &[Surfel], (ray_x, ray_y, step): (f32, f32, f32), lights: &Lights) -> [Lanes; 3] {
     let mut normal = [Lanes::of(0.0); 3];
@@ -278,7 +279,7 @@ fn shade_tissue(surfels: &[Surfel], (ray_x, ray_y, step): (f32, f32, f32), light
     let eye = [nothing - x * inverse, nothing - y * inverse, inverse];
     let n = unit(normal);
     let facing = dot(n, eye);
-    // An interpolated normal may lean away at the rim of a coarse mesh.
+    // At the rim of a coarse mesh an interpolated normal may face away.
     let away = facing.at_most(0.0);
     let n = unit([n[0] - eye[0] * away, n[1] - eye[1] * away, n[2] - eye[2] * away]);
     let facing = facing.at_least(0.0);
@@ -310,12 +311,12 @@ fn shade_tissue(surfels: &[Surfel], (ray_x, ray_y, step): (f32, f32, f32), light
     })
 }
 
-/// Light that leaves one sample towards the eye.
+/// Light from one sample towards the eye.
 fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let mut normal = surfel.normal.normalize_or(Vec3::Z);
     let mut facing = normal.dot(to_eye);
     if facing < 0.0 {
-        // An interpolated normal may lean away at the rim of a coarse mesh.
+        // At the rim of a coarse mesh an interpolated normal may face away.
         normal = (normal - to_eye * facing).normalize_or(to_eye);
         facing = 0.0;
     }
@@ -328,7 +329,7 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let incidence = normal.dot(lights.key);
     let lambert = incidence.max(0.0);
     let diffuse = if tissue {
-        // Light wraps round the terminator, more of it in red: what scattering inside tissue does to the eye.
+        // Diffuse light wraps round the terminator, more in red, which approximates scattering inside tissue.
         let wrap = |amount: f32| ((incidence + amount) / (1.0 + amount)).max(0.0);
         Vec3::from_array(TISSUE_WRAP.map(wrap)) * 0.95
     } else {
@@ -337,7 +338,8 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let fill = normal.dot(lights.fill).max(0.0);
     let mut light = albedo * (KEY_COLOUR * diffuse + FILL_COLOUR * fill + hemisphere);
 
-    // The half vector is not normalised: its squared length goes into the square of the cosine, which is all that is needed.
+    // The half vector is not normalised: only the square of the cosine is needed, which uses its squared
+    // length.
     let half = lights.key + to_eye;
     let along = normal.dot(half).max(0.0);
     let squared = along * along / half.length_squared().max(1e-6);
@@ -353,7 +355,7 @@ fn shade(surfel: &Surfel, to_eye: Vec3, lights: &Lights) -> Vec3 {
     let h64 = (h16 * h16) * (h16 * h16);
     let visible = (lambert * 4.0).min(1.0);
     light += KEY_COLOUR * (visible * (broad * h16 + sharp * h64 * (0.15 + 0.85 * h16 * h16)));
-    // The rim stands for the bright surroundings mirrored at a grazing angle, so it fades where the ground would be.
+    // The rim models the bright surroundings reflected at a grazing angle, so it fades towards the ground.
     light + RIM_COLOUR * (fresnel * (0.45 + 0.55 * normal.dot(lights.up)).max(0.0) * 0.8)
 }
 
@@ -375,7 +377,7 @@ mod tests {
         }
     }
 
-    /// The code for many samples against the code for one.
+    /// The vectorised code must equal the code for one sample.
     #[test]
     fn rows_of_tissue_are_shaded_as_single_samples() {
         let up = Vec3::new(0.1, 0.9, 0.3).normalize();
@@ -384,7 +386,7 @@ mod tests {
         let surfels: Vec<Surfel> = (0..LANES)
             .map(|i| Surfel {
                 inverse_depth: 1.0,
-                // Some lean away from the eye.
+                // Some face away from the eye.
                 normal: 3.0 * Vec3::new(angle(i, 1.7), angle(i, 2.9), angle(i, 0.9)),
                 albedo: Vec3::new(0.5, 0.3 + 0.02 * i as f32, 0.2),
                 material: Material::Tissue,

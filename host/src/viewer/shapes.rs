@@ -1,4 +1,4 @@
-//! Small solids for markers: sphere, shaft and head of an arrow.
+//! Solids for markers: sphere and arrow.
 
 use super::raster::{Raster, Vertex};
 use super::shade::Material;
@@ -6,10 +6,10 @@ use glam::Vec3;
 
 /// Rings of a sphere from pole to pole.
 const SPHERE_RINGS: usize = 14;
-/// Corners round a ring.
+/// Vertices per ring.
 const SIDES: usize = 24;
 
-/// Vertices and triangles of the solids, reused from one marker to the next.
+/// Vertices and triangles of a solid; the buffers are reused.
 #[derive(Debug, Clone, Default)]
 pub struct Shapes {
     vertices: Vec<Vertex>,
@@ -41,7 +41,7 @@ impl Shapes {
         raster.draw(&self.vertices, &self.triangles, material);
     }
 
-    /// Draws an arrow from its tail to its tip; the head takes `head_m` of the length.
+    /// Draws an arrow from its tail to its tip; the head has the length `head_m`.
     pub fn arrow(
         &mut self,
         raster: &mut Raster,
@@ -56,7 +56,8 @@ impl Shapes {
         let wide_m = head_m * 0.40;
         self.clear();
         let slope = (axis * wide_m, head_m);
-        // Each pair of rings shares its normals, so every part is smooth in itself and sharp against the next.
+        // Each pair of rings shares its normals, so every part is smooth and the edges between parts are
+        // sharp.
         let parts: [[(Vec3, f32, f32, f32); 2]; 4] = [
             [(tail_m, 0.0, -1.0, 0.0), (tail_m, radius_m, -1.0, 0.0)],
             [(tail_m, radius_m, 0.0, 1.0), (neck_m, radius_m, 0.0, 1.0)],
@@ -64,7 +65,7 @@ impl Shapes {
             [(neck_m, wide_m, slope.0.length(), slope.1), (tip_m, 0.0, slope.0.length(), slope.1)],
         ];
         for part in parts {
-            self.fresh_strip();
+            self.separate_strip();
             for (centre_m, ring_m, along, outward) in part {
                 self.ring(
                     axis,
@@ -79,18 +80,18 @@ impl Shapes {
     fn clear(&mut self) {
         self.vertices.clear();
         self.triangles.clear();
-        self.fresh_strip();
+        self.separate_strip();
     }
 
-    /// Keeps the next ring from being joined to the one before.
-    fn fresh_strip(&mut self) {
+    /// Separates the next ring from the previous one.
+    fn separate_strip(&mut self) {
         self.vertices.extend(core::iter::repeat_n(
             Vertex { position_m: Vec3::NAN, normal: Vec3::ZERO, albedo: Vec3::ZERO },
             SIDES,
         ));
     }
 
-    /// Adds a ring round an axis and joins it to the ring before; a broken ring (NaN) is never drawn.
+    /// Adds a ring round an axis and connects it to the previous ring; a separating ring (NaN) is not drawn.
     fn ring(&mut self, axis: Vec3, corner: impl Fn(Vec3) -> (Vec3, Vec3), albedo: Vec3) {
         let side = axis.any_orthonormal_vector();
         let other = axis.cross(side);
@@ -107,7 +108,7 @@ impl Shapes {
         for i in 0..SIDES {
             let next = (i + 1) % SIDES;
             let [a, b, c, d] = [before + i, before + next, start + next, start + i].map(|index| index as u32);
-            // Which way round depends on the way the rings progress; both ways cost nothing, as one is culled.
+            // The orientation depends on the order of the rings. Both orientations are added; one is culled.
             let (u, v) = (self.vertices[b as usize], self.vertices[d as usize]);
             let origin = self.vertices[a as usize];
             let outward = (u.position_m - origin.position_m)

@@ -1,14 +1,16 @@
-//! Rounds a coarse surface for the eye: Phong tessellation, which keeps every vertex of the mesh where the solver put it.
+//! Smooths a coarse surface for display with Phong tessellation, which keeps the vertices of the mesh in
+//! place.
 
 use super::raster::Vertex;
 use std::collections::HashMap;
 
-/// Triangles beyond which a surface is fine enough for a picture.
-const ENOUGH_TRIANGLES: usize = 12_000;
-/// How far an edge's middle moves from the chord to the tangent planes (Boubekeur and Alexa 2008 use 3/4).
+/// Number of triangles above which a surface is not refined.
+const FINE_TRIANGLES: usize = 12_000;
+/// Displacement of an edge's midpoint from the chord towards the tangent planes (Boubekeur and Alexa 2008 use
+/// 3/4).
 const ROUNDNESS: f32 = 0.75;
 
-/// Which edges are split, level by level; computed once, applied every frame.
+/// The edges to split, level by level; computed once, applied in every frame.
 #[derive(Debug, Clone, Default)]
 pub struct Smooth {
     levels: Vec<Vec<[u32; 2]>>,
@@ -16,12 +18,12 @@ pub struct Smooth {
 }
 
 impl Smooth {
-    /// Plans the splits of a surface with so many vertices.
+    /// Plans the splits of a surface with this number of vertices.
     #[must_use]
     pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
         let mut smooth = Self { levels: Vec::new(), triangles: triangles.to_vec() };
         let mut count = vertices as u32;
-        while !smooth.triangles.is_empty() && smooth.triangles.len() * 4 <= ENOUGH_TRIANGLES {
+        while !smooth.triangles.is_empty() && smooth.triangles.len() * 4 <= FINE_TRIANGLES {
             let mut middles = HashMap::new();
             let mut edges = Vec::new();
             let mut finer = Vec::with_capacity(smooth.triangles.len() * 4);
@@ -47,7 +49,8 @@ impl Smooth {
         &self.triangles
     }
 
-    /// The pieces of edges of the unsplit surface, which has so many vertices: its mesh, drawn on the round surface.
+    /// Subdivides edges of the original surface with this number of vertices: its mesh on the refined
+    /// surface.
     #[must_use]
     pub fn pieces(&self, edges: &[[u32; 2]], vertices: usize) -> Vec<[u32; 2]> {
         let mut pieces = edges.to_vec();
@@ -67,7 +70,7 @@ impl Smooth {
         pieces
     }
 
-    /// Appends the middles of all split edges.
+    /// Appends the midpoints of all split edges.
     pub fn refine(&self, vertices: &mut Vec<Vertex>) {
         for edges in &self.levels {
             for [a, b] in edges {
@@ -82,10 +85,10 @@ impl Smooth {
 
 fn middle(a: &Vertex, b: &Vertex) -> Vertex {
     let chord = 0.5 * (a.position_m + b.position_m);
-    // Mean of the projections of the chord's middle on both tangent planes.
+    // Mean of the projections of the chord's midpoint onto both tangent planes.
     let lift = -0.5
         * ((chord - a.position_m).dot(a.normal) * a.normal + (chord - b.position_m).dot(b.normal) * b.normal);
-    // Across a sharp edge the tangent planes say nothing about the surface between.
+    // Across a sharp edge the tangent planes are not a valid approximation.
     let share = if a.normal.dot(b.normal) > 0.2 { ROUNDNESS } else { 0.0 };
     Vertex {
         position_m: chord + share * lift,
@@ -105,13 +108,13 @@ mod tests {
     }
 
     #[test]
-    fn an_octahedron_becomes_nearly_a_sphere_and_keeps_its_corners() {
+    fn an_octahedron_becomes_nearly_spherical_and_keeps_its_corners() {
         let mut vertices: Vec<Vertex> =
             [Vec3::X, Vec3::Y, Vec3::Z, -Vec3::X, -Vec3::Y, -Vec3::Z].map(on_sphere).to_vec();
         let corners = vertices.clone();
         let faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]];
         let smooth = Smooth::new(&faces, vertices.len());
-        // Normals at right angles are a sharp edge, so start from the sphere's own middles.
+        // Normals at right angles are a sharp edge, so start from the sphere's own midpoints.
         let mut once = vertices.clone();
         once.extend(
             smooth.levels[0]
@@ -125,13 +128,13 @@ mod tests {
         let used = smooth.triangles().iter().flatten().max().copied();
         assert_eq!(used, Some(vertices.len() as u32 - 1));
         for vertex in &vertices {
-            // Flat triangles on the octahedron's middles would fall to 0.82 of the radius.
+            // Midpoints on flat triangles would be at 0.82 of the radius.
             assert!((vertex.position_m.length() - 1.0).abs() < 0.06, "{}", vertex.position_m.length());
         }
     }
 
     #[test]
-    fn a_flat_surface_stays_flat_and_a_fine_one_is_left_alone() {
+    fn a_flat_surface_stays_flat_and_a_fine_one_is_not_refined() {
         let flat =
             |x: f32, y: f32| Vertex { position_m: Vec3::new(x, y, 0.0), normal: Vec3::Z, albedo: Vec3::ONE };
         let mut vertices = vec![flat(0.0, 0.0), flat(1.0, 0.0), flat(0.0, 1.0)];
@@ -143,7 +146,7 @@ mod tests {
         ends.iter()
             .for_each(|piece| assert!(piece.iter().all(|&i| vertices[i as usize].position_m.y == 0.0)));
         assert_eq!((ends.remove(0)[0], ends.pop().map(|piece| piece[1])), (0, Some(1)));
-        let many = vec![[0_u32, 1, 2]; ENOUGH_TRIANGLES / 4 + 1];
+        let many = vec![[0_u32, 1, 2]; FINE_TRIANGLES / 4 + 1];
         assert_eq!(Smooth::new(&many, 3).triangles().len(), many.len());
     }
 }

@@ -1,5 +1,5 @@
-//! From where to look at an organ nobody has seen before: the first active node in sight, strokes in profile, the long side across, the
-//! fixed part in sight.
+//! Choice of the initial view of an organ: the first active node is visible, strokes are in profile, the long
+//! axis is across the picture, and the fixed part is visible.
 
 use super::camera::OrbitCamera;
 use super::pick;
@@ -7,37 +7,38 @@ use crate::deformation::Deformation;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space};
 
-/// Directions tried round the up axis.
+/// Number of directions tried round the up axis.
 const AZIMUTHS: usize = 48;
 /// Elevations tried, rad.
 const ELEVATIONS: [f32; 2] = [0.26, 0.44];
-/// Elevations tried where none of these shows the first active node, rad.
+/// Elevations tried if none of the others shows the first active node, rad.
 const STEEPER: [f32; 3] = [0.70, 0.95, -0.20];
-/// Least cosine between the view and the normal of the first active node: it is looked at, not past.
-const FACING: f32 = 0.5;
-/// What may lie between the eye and an active node, in radii of the organ: the surface it is on.
-const SKIN: f32 = 0.02;
-/// Cosine between the view and the normal of an active node at which strokes show best: neither end-on nor hidden.
+/// Smallest cosine between the view and the normal of the first active node.
+const MIN_FACING: f32 = 0.5;
+/// Largest thickness of surface between the eye and a visible active node, in radii of the organ.
+const MAX_COVER: f32 = 0.02;
+/// Cosine between the view and the normal of an active node at which strokes are seen best: neither end-on
+/// nor hidden.
 const PROFILE: f32 = 0.5;
-/// Most active nodes that are asked.
-const MOST_NODES: usize = 32;
-/// Free part of the picture, across and down, as a share of its size: the rest is for figures.
-const FREE: Vec2 = Vec2::new(0.60, 0.64);
-/// Room for tool and arrow above an active node, in radii of the organ.
-const ROOM: f32 = 0.30;
+/// Largest number of active nodes considered.
+const MAX_NODES: usize = 32;
+/// Free area of the picture, across and down, as a share of its size; the rest is for text.
+const FREE_AREA: Vec2 = Vec2::new(0.60, 0.64);
+/// Space for tool and arrow above an active node, in radii of the organ.
+const MARKER_SPACE: f32 = 0.30;
 
-/// A camera with the whole organ in the free part of the picture.
+/// A camera with the whole organ in the free area of the picture.
 ///
-/// The first active node faces the eye and nothing hides it, wherever there is such a view: whoever opens an organ must see where to touch
-/// it. A model does not say which way is up. The organ's long side is laid across the picture, seen from where the active nodes face, and
-/// the axis of the model nearest to the direction that is then up becomes up.
+/// If such a view exists, the first active node faces the eye and is not hidden, so that the user sees where
+/// to touch. A model does not define the up direction. The organ's long axis is across the picture, seen from
+/// the side that the active nodes face, and the model axis nearest to the resulting up direction becomes up.
 #[must_use]
 pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: f32) -> OrbitCamera {
     let (centre_m, radius_m) = bounds(rest);
     let normals: Vec<Vec3> =
-        organ.spaces.iter().take(MOST_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
+        organ.spaces.iter().take(MAX_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
     let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
-    // The others may face elsewhere; the first is not to be on the underside.
+    // The other nodes may face elsewhere; the first must not be on the underside.
     let up = if normals.first().is_some_and(|first| up.dot(*first) < -0.25) { -up } else { up };
     let fixed: Vec<Vec3> = rest
         .normal()
@@ -64,7 +65,8 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
         let width = (high - low) / (2.0 * radius_m);
         profile(&normals, view) + 1.4 * width + 0.35 * share_in_sight(&fixed, view)
     };
-    // The best of those that show the first active node: few are asked, for that takes every triangle.
+    // The best view that shows the first active node. The visibility is tested for few views, because it
+    // tests every triangle.
     let best = |elevations: &[f32]| {
         let all =
             elevations.iter().flat_map(|elevation| (0..AZIMUTHS).map(|azimuth| camera(azimuth, *elevation)));
@@ -75,18 +77,18 @@ pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: 
             ..camera
         });
         framed.into_iter().find(|camera| {
-            organ.spaces.first().is_none_or(|space| shows(camera, organ, rest, space, SKIN * radius_m))
+            organ.spaces.first().is_none_or(|space| shows(camera, organ, rest, space, MAX_COVER * radius_m))
         })
     };
     best(&ELEVATIONS).or_else(|| best(&STEEPER)).unwrap_or_else(|| {
-        // At the bottom of a hole: straight into it.
+        // The node is at the bottom of a hole: look straight into it.
         let facing = normals.first().copied().unwrap_or(Vec3::ZERO);
         let camera = OrbitCamera::framing(centre_m, radius_m, facing, up);
         OrbitCamera { distance_m: distance_m(organ, rest, &camera, aspect), ..camera }
     })
 }
 
-/// Whether an active node faces this camera and nothing thicker than `skin_m` hides it.
+/// Whether an active node faces this camera and no surface thicker than `skin_m` hides it.
 fn shows<const N: usize>(
     camera: &OrbitCamera,
     organ: &Organ<'_, N>,
@@ -97,20 +99,20 @@ fn shows<const N: usize>(
     let eye_m = camera.projection(1, 1).eye_m;
     let away = Vec3::from_array(space.rest_position_m) - eye_m;
     let direction = away.normalize_or_zero();
-    if -direction.dot(Vec3::from_array(space.outward_normal)) < FACING {
+    if -direction.dot(Vec3::from_array(space.outward_normal)) < MIN_FACING {
         return false;
     }
     let hit = pick::hit(rest.rest_m(), organ.surface.triangles, (eye_m, direction));
     hit.is_none_or(|hit| hit.distance_m > away.length() - skin_m)
 }
 
-/// Middle and radius of the bounding box; a default size for a blob without a surface.
+/// Centre and radius of the bounding box; a default size for a blob without a surface.
 #[must_use]
 pub fn bounds(rest: &Deformation) -> (Vec3, f32) {
     box_of(rest.rest_m())
 }
 
-/// Middle and radius of the bounding box of points; a default size for none.
+/// Centre and radius of the bounding box of points; a default size for none.
 pub(super) fn box_of(points_m: &[Vec3]) -> (Vec3, f32) {
     let low = points_m.iter().copied().fold(Vec3::INFINITY, Vec3::min);
     let high = points_m.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
@@ -120,7 +122,7 @@ pub(super) fn box_of(points_m: &[Vec3]) -> (Vec3, f32) {
     (0.5 * (low + high), (0.5 * (high - low).length()).max(1e-6))
 }
 
-/// The axis of the model that is up when the long side lies across and what is to be touched faces the eye.
+/// The up axis of the model when the long axis is across and the active nodes face the eye.
 pub(super) fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
     let facing =
         normals.iter().sum::<Vec3>().try_normalize().unwrap_or(Vec3::new(0.3, -1.0, 0.4).normalize());
@@ -128,11 +130,11 @@ pub(super) fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
     let above = facing.cross(across);
     let nearest = |a: &Vec3, b: &Vec3| above.dot(*a).abs().total_cmp(&above.dot(*b).abs());
     let axis = Vec3::AXES.into_iter().max_by(nearest).unwrap_or(Vec3::Z);
-    // Where the active nodes clearly face up or down, they belong on the upper side, in the light.
+    // If the active nodes clearly face up or down, they are put on the upper, illuminated side.
     if axis.dot(facing) < -0.25 { -axis } else { axis }
 }
 
-/// 1 where every stroke is seen in profile, falling below 0 where it is seen end-on or from behind.
+/// 1 if every stroke is seen in profile; below 0 if it is seen end-on or from behind.
 fn profile(normals: &[Vec3], view: Vec3) -> f32 {
     let merit = |normal: &Vec3| {
         let off = (normal.dot(view) - PROFILE) / 0.5;
@@ -145,7 +147,7 @@ fn share_in_sight(normals: &[Vec3], view: Vec3) -> f32 {
     normals.iter().filter(|normal| normal.dot(view) > 0.1).count() as f32 / normals.len().max(1) as f32
 }
 
-/// Near enough that every point just stays inside the free part: |x| f <= share (D - z), solved for D.
+/// Smallest distance at which every point is inside the free area: |x| f <= share (D - z), solved for D.
 fn distance_m<const N: usize>(
     organ: &Organ<'_, N>,
     rest: &Deformation,
@@ -154,9 +156,10 @@ fn distance_m<const N: usize>(
 ) -> f32 {
     let (_, radius_m) = bounds(rest);
     let projection = camera.projection(1, 1);
-    let share = FREE * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
+    let share = FREE_AREA * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
     let hands = organ.spaces.iter().map(|space| {
-        Vec3::from_array(space.rest_position_m) + Vec3::from_array(space.outward_normal) * (ROOM * radius_m)
+        Vec3::from_array(space.rest_position_m)
+            + Vec3::from_array(space.outward_normal) * (MARKER_SPACE * radius_m)
     });
     rest.rest_m()
         .iter()
@@ -167,7 +170,7 @@ fn distance_m<const N: usize>(
         .fold(0.2 * radius_m, f32::max)
 }
 
-/// Direction in which a surface is longest: power iteration on its covariance.
+/// Direction of the largest extent of a surface: power iteration on its covariance.
 pub(super) fn longest_axis(points_m: &[Vec3], centre_m: Vec3) -> Vec3 {
     let mut axis = Vec3::new(0.6, 0.5, 0.4);
     for _ in 0..50 {
@@ -183,10 +186,10 @@ mod tests {
     use crate::synthetic::{self, Shape};
 
     #[test]
-    fn everything_is_in_the_free_part_and_the_nodes_face_the_eye() {
+    fn all_points_are_in_the_free_area_and_the_nodes_face_the_eye() {
         for half_axes_m in [[0.085, 0.060, 0.045], [0.03, 0.12, 0.04], [0.02, 0.03, 0.09]] {
             let blob = synthetic::organ(&Shape { half_axes_m, ..Shape::default() });
-            let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+            let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
             let rest = Deformation::at_rest(&organ);
             let projection = choose(&organ, &rest, 16.0 / 9.0).projection(1280, 720);
             let mut reached = Vec2::ZERO;
@@ -194,7 +197,7 @@ mod tests {
                 let (pixel, _) = projection.project(*point).expect("in front");
                 reached = reached.max((pixel - projection.centre_px).abs() / projection.centre_px);
             }
-            assert!(reached.x <= FREE.x + 1e-3 && reached.y <= FREE.y + 1e-3, "{reached}");
+            assert!(reached.x <= FREE_AREA.x + 1e-3 && reached.y <= FREE_AREA.y + 1e-3, "{reached}");
             assert!(reached.x > 0.35 || reached.y > 0.35, "the organ is not tiny: {reached}");
             let view = projection.to_eye.row(2);
             let seen =
@@ -203,8 +206,9 @@ mod tests {
         }
     }
 
-    /// Whether the first active node is to be seen, by other means than the choice: its triangle is the first on the line of sight.
-    fn first_is_seen(organ: &Organ<'_>) -> Result<OrbitCamera, String> {
+    /// Independent test of the visibility of the first active node: its triangle is the first on the line of
+    /// sight.
+    fn first_is_visible(organ: &Organ<'_>) -> Result<OrbitCamera, String> {
         let rest = Deformation::at_rest(organ);
         let camera = choose(organ, &rest, 16.0 / 9.0);
         let eye_m = camera.projection(1280, 720).eye_m;
@@ -221,12 +225,12 @@ mod tests {
         }
     }
 
-    /// Wherever the first node is, and the others on the far side.
+    /// The first node is at any vertex, and the others are on the opposite side.
     #[test]
-    fn the_first_active_node_is_never_hidden() {
+    fn the_first_active_node_is_visible() {
         let shape = Shape { subdivisions: 4, ..Shape::default() };
         let blob = synthetic::organ(&shape);
-        let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let [x, y, z] = organ.surface.position_m;
         for vertex in (0..x.len()).step_by(101) {
             let place_m = Vec3::new(x[vertex], y[vertex], z[vertex]);
@@ -237,16 +241,16 @@ mod tests {
                 space.rest_position_m = (sign * place_m).to_array();
                 space.outward_normal = (sign * normal).to_array();
             }
-            first_is_seen(&organ).unwrap_or_else(|why| panic!("vertex {vertex} at {place_m}: {why}"));
+            first_is_visible(&organ).unwrap_or_else(|why| panic!("vertex {vertex} at {place_m}: {why}"));
         }
     }
 
-    /// A lobe that stands where the eye would be otherwise.
+    /// A lobe at the position of the default view.
     #[test]
-    fn a_lobe_before_the_first_active_node_is_looked_past() {
+    fn a_view_past_a_lobe_in_front_of_the_first_node_is_found() {
         let blob = synthetic::organ(&Shape { subdivisions: 4, ..Shape::default() });
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
-        let plain = first_is_seen(&organ).expect("an ellipsoid hides nothing");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let plain = first_is_visible(&organ).expect("an ellipsoid hides nothing");
         let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
         let towards = (plain.projection(1, 1).eye_m - node_m).normalize();
         let lobe_m = node_m + 0.04 * towards;
@@ -268,18 +272,18 @@ mod tests {
             triangles: &triangles,
             fixed: &fixed,
         };
-        // Displacement modes of the blob know nothing of the lobe.
+        // The blob's displacement modes do not include the lobe.
         organ.spaces.iter_mut().for_each(|space| space.displacement = None);
         let rest = Deformation::at_rest(&organ);
         assert!(!shows(&plain, &organ, &rest, &organ.spaces[0], 0.002), "it is behind the lobe");
-        let around = first_is_seen(&organ).unwrap_or_else(|why| panic!("{why}"));
+        let around = first_is_visible(&organ).unwrap_or_else(|why| panic!("{why}"));
         assert_ne!((around.azimuth_rad, around.elevation_rad), (plain.azimuth_rad, plain.elevation_rad));
     }
 
     #[test]
     fn the_longest_axis_is_found() {
         let blob = synthetic::organ(&Shape { half_axes_m: [0.02, 0.09, 0.03], ..Shape::default() });
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let rest = Deformation::at_rest(&organ);
         assert!(longest_axis(rest.rest_m(), bounds(&rest).0).y.abs() > 0.99);
     }

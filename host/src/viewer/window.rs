@@ -1,4 +1,4 @@
-//! A window at 30 Hz with its mouse and keys; without a display a clean error.
+//! A 30 Hz window with mouse and keys. Without a display, opening it returns an error.
 
 use super::ViewerError;
 use super::image::Image;
@@ -8,14 +8,14 @@ use minifb::{InputCallback, Key, MouseButton, MouseMode, Window, WindowOptions};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// What the user asked for since the last frame.
+/// Events since the last frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct WindowEvents {
     /// Closed, or Esc.
     pub quit: bool,
     /// Space.
     pub screenshot: bool,
-    /// A: the deliberate act that arms a device.
+    /// A: arms a device, by a deliberate act.
     pub arm: bool,
     /// D.
     pub disarm: bool,
@@ -23,7 +23,7 @@ pub struct WindowEvents {
     pub reset: bool,
     /// N: the next of several models.
     pub next_model: bool,
-    /// Home or 0: the view as at first.
+    /// Home or 0: the initial view.
     pub home: bool,
     /// H: help on and off.
     pub help: bool,
@@ -35,11 +35,11 @@ pub struct WindowEvents {
     pub film: bool,
 }
 
-/// Keys that went down since the last frame, also those that are up again: a tap may be shorter than a frame.
+/// Keys pressed since the last frame, including those released again: a tap may be shorter than a frame.
 #[derive(Debug, Clone, Default)]
-struct Taps(Rc<RefCell<Vec<Key>>>);
+struct KeyPresses(Rc<RefCell<Vec<Key>>>);
 
-impl InputCallback for Taps {
+impl InputCallback for KeyPresses {
     fn add_char(&mut self, _: u32) {}
 
     fn set_key_state(&mut self, key: Key, is_down: bool) {
@@ -52,31 +52,31 @@ impl InputCallback for Taps {
 /// The window.
 pub struct ViewWindow {
     window: Window,
-    taps: Taps,
-    /// Keys that were down when the last frame was shown: what repeats while it is held is not pressed again.
+    presses: KeyPresses,
+    /// Keys held at the last frame: key repeat does not count as a press.
     held: Vec<Key>,
 }
 
 impl ViewWindow {
-    /// Opens a window; fails cleanly where there is no display.
+    /// Opens a window; an error if there is no display.
     pub fn open(title: &str, width: usize, height: usize) -> Result<Self, ViewerError> {
         let options = WindowOptions { resize: false, ..WindowOptions::default() };
         let mut window = Window::new(title, width, height, options)
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
-        // The session paces itself by the frame rate it was asked for.
+        // The session limits the frame rate.
         window.set_target_fps(0);
-        let taps = Taps::default();
-        window.set_input_callback(Box::new(taps.clone()));
-        Ok(Self { window, taps, held: Vec::new() })
+        let presses = KeyPresses::default();
+        window.set_input_callback(Box::new(presses.clone()));
+        Ok(Self { window, presses, held: Vec::new() })
     }
 
-    /// Shows a picture of the size the window was opened with; returns what was pressed, and the mouse.
+    /// Shows a picture of the window's size; returns the events and the pointer.
     pub fn show(&mut self, image: &Image) -> Result<(WindowEvents, Pointer), ViewerError> {
         self.window
             .update_with_buffer(image.pixels(), image.width(), image.height())
             .map_err(|error| ViewerError::NoDisplay(error.to_string()))?;
-        let taps = self.taps.0.take();
-        let pressed = |key| taps.contains(&key) && !self.held.contains(&key);
+        let presses = self.presses.0.take();
+        let pressed = |key| presses.contains(&key) && !self.held.contains(&key);
         let events = WindowEvents {
             quit: !self.window.is_open() || pressed(Key::Escape),
             screenshot: pressed(Key::Space),
@@ -120,9 +120,9 @@ impl core::fmt::Debug for ViewWindow {
 mod tests {
     use super::*;
 
-    /// Only where there is no display: where there is one, opening a window in a test would be a nuisance.
+    /// Only without a display: a test must not open a window on a user's display.
     #[test]
-    fn without_a_display_opening_is_an_error_not_a_panic() {
+    fn without_a_display_opening_returns_an_error() {
         if std::env::var_os("DISPLAY").is_none() {
             let refused = ViewWindow::open("test", 64, 64);
             assert!(matches!(refused, Err(ViewerError::NoDisplay(_))), "{refused:?}");

@@ -1,4 +1,5 @@
-//! Hand, device and controller as a closed loop on virtual time. Included by path where needed, also by the tests across the crates.
+//! Hand, device and controller as a closed loop in virtual time. Included by path, also by the tests across
+//! the crates.
 #![allow(dead_code)]
 
 use palpate_core::{Config, Method, Organ, Phase, State, vec3};
@@ -12,14 +13,14 @@ use palpate_host::model::{TouchMemory, controllers};
 use palpate_host::settings::controller_config;
 use std::collections::VecDeque;
 
-/// Whether the profile's stiffness cap is on. Everything else stays as it is.
+/// Whether the profile's stiffness cap applies. Everything else is unchanged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Cap {
     On,
     Off,
 }
 
-/// The controller's settings as `palpate run` has them for a hand on the device of a profile.
+/// The controller's settings of `palpate run` for a hand on the device of a profile.
 pub(crate) fn config(
     organ: &Organ<'_>,
     method: Method,
@@ -28,18 +29,18 @@ pub(crate) fn config(
 ) -> Config {
     let mut config = controller_config(&[organ], method, &hand.info(), Some(profile));
     if cap == Cap::Off {
-        // Looked for and never reached.
+        // A finite value that is never reached.
         config.limits.max_stiffness_n_m = 1e9;
-        // The guard on energy stills most of what then shakes; what it does alone is a test of its own.
+        // The energy guard would damp most of the oscillation; another test covers the guard alone.
         config.passivity.max_damping_n_s_m = 0.0;
         config.passivity.fault_j = f32::INFINITY;
-        // Nor may a fade catch the tool that an unstable loop throws off.
+        // A fade must not catch the tool that an unstable loop throws off.
         config.limits.fade_s = 0.0;
     }
     config
 }
 
-/// The same device without Coulomb friction, which would hold still what shakes a little.
+/// The same device without Coulomb friction, which would stop small oscillations.
 pub(crate) fn frictionless(profile: &Profile) -> Profile {
     let mut smooth = profile.clone();
     smooth.mechanism.coulomb_n = None;
@@ -47,22 +48,24 @@ pub(crate) fn frictionless(profile: &Profile) -> Profile {
     smooth
 }
 
-/// A hand that rests on the handle: 4.4 N s/m, about what the lightest whole-hand grip brings; it neither pushes on nor trembles.
+/// A hand resting on the handle: 4.4 N s/m, about the lightest whole-hand grip, without compensation and
+/// tremor.
 pub(crate) const RELAXED: HandConfig =
     HandConfig { mass_kg: 0.1, stiffness_n_m: 300.0, damping_ratio: 0.4, ..HandConfig::LIGHT };
 
-/// A press, a hold and the way back.
+/// Result of a press, a hold and a release.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Held {
-    /// Largest stiffness of the organ as the hand would feel it without a cap, N/m.
+pub(crate) struct HoldResult {
+    /// Largest stiffness of the organ at the hand without a cap, N/m.
     pub(crate) stiffest_n_m: f32,
-    /// What the forces were scaled by.
+    /// Factor on the forces.
     pub(crate) share: f32,
-    /// Peak to peak of the hand's position in the device's frame over the last second of the hold (or before a fault), m.
+    /// Peak-to-peak position of the hand in the device frame in the last second of the hold (or before a
+    /// fault), m.
     pub(crate) peak_to_peak_m: f32,
-    /// Energy the hand got out of the device in that second, J.
+    /// Energy that the device gave to the hand in that second, J.
     pub(crate) hold_j: f64,
-    /// Energy over the whole, from free to free, J.
+    /// Energy over the whole cycle, from free to free, J.
     pub(crate) cycle_j: f64,
     /// Largest force for the hand, N.
     pub(crate) peak_n: f32,
@@ -72,18 +75,19 @@ pub(crate) struct Held {
 
 const HOLD_S: f32 = 4.0;
 
-/// Whether the motors are made to knock against the hand: what then shakes on does so by itself.
+/// A disturbance by the motors: an oscillation that continues after it is self-excited.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Knock {
-    /// 3 N for 10 ms, a second into the hold.
+pub(crate) enum Disturbance {
+    /// 3 N for 10 ms, one second into the hold.
     Once,
     Never,
 }
 
-const KNOCK_N: f32 = 3.0;
-const KNOCK_S: core::ops::Range<f32> = 2.0..2.01;
+const DISTURBANCE_N: f32 = 3.0;
+const DISTURBANCE_S: core::ops::Range<f32> = 2.0..2.01;
 
-/// A hand on the device of a profile presses a node of an organ, is knocked against or not, holds still, and lets go.
+/// A hand on the device of a profile presses a node of an organ, is optionally disturbed, holds still, and
+/// releases.
 pub(crate) fn hold(
     organ: &Organ<'_>,
     method: Method,
@@ -91,11 +95,11 @@ pub(crate) fn hold(
     depth_m: f32,
     (hand, profile): (HandConfig, &Profile),
     cap: Cap,
-    knock: Knock,
-) -> Held {
+    disturbance: Disturbance,
+) -> HoldResult {
     let node = &organ.spaces[space];
     let script = Script::press_and_hold(node.rest_position_m, node.outward_normal, depth_m, HOLD_S);
-    let simulated = SimulatedConfig { hand, ..SimulatedConfig::on(profile) };
+    let simulated = SimulatedConfig { hand, ..SimulatedConfig::for_profile(profile) };
     let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), simulated);
     let mut memory = TouchMemory::default();
     let controllers = controllers(&[organ], config(organ, method, (&hand, profile), cap), &mut memory);
@@ -103,7 +107,7 @@ pub(crate) fn hold(
     let period_us = u64::from(profile.period_us());
     let ticks = |seconds: f32| (seconds * 1e6) as u64 / period_us;
     let last_second = ticks(HOLD_S)..ticks(1.0 + HOLD_S);
-    let mut held = Held {
+    let mut held = HoldResult {
         stiffest_n_m: controller.stiffest_n_m() * profile.workspace.scale,
         share: controller.force_share(),
         peak_to_peak_m: 0.0,
@@ -115,12 +119,13 @@ pub(crate) fn hold(
     let (mut state, mut force_n) = (State::new(), vec3::ZERO);
     state.arm();
     let mut recent = Vec::new();
-    let knocked = ticks(KNOCK_S.start)..ticks(KNOCK_S.end);
-    let knock_n = vec3::scale(node.outward_normal, if knock == Knock::Once { KNOCK_N } else { 0.0 });
+    let disturbed = ticks(DISTURBANCE_S.start)..ticks(DISTURBANCE_S.end);
+    let disturbance_n =
+        vec3::scale(node.outward_normal, if disturbance == Disturbance::Once { DISTURBANCE_N } else { 0.0 });
     let mut work_before = Work::default();
     for tick in 0..ticks(3.0 + HOLD_S) {
         let now_us = tick * period_us;
-        let given_n = if knocked.contains(&tick) { vec3::add(force_n, knock_n) } else { force_n };
+        let given_n = if disturbed.contains(&tick) { vec3::add(force_n, disturbance_n) } else { force_n };
         let sample = hand.exchange(now_us, given_n).expect("never fails").expect("always samples");
         let command = controller.tick(&mut state, now_us, Some(&sample));
         force_n = command.hand_force_n;
@@ -134,13 +139,13 @@ pub(crate) fn hold(
             work_before = hand.work();
         }
         if tick + 1 == last_second.end {
-            held.hold_j = hand.work().of_device_j() - work_before.of_device_j();
+            held.hold_j = hand.work().device_j() - work_before.device_j();
         }
         if command.phase != Phase::Active {
             break;
         }
     }
-    held.cycle_j = hand.work().of_device_j();
+    held.cycle_j = hand.work().device_j();
     let last = &recent[recent.len().saturating_sub(ticks(1.0) as usize)..];
     for axis in 0..3 {
         let along = || last.iter().map(|position_m| position_m[axis]);
@@ -150,32 +155,32 @@ pub(crate) fn hold(
     held
 }
 
-/// Energy that a device with delay and steps may give the hand in one touch, J: a tenth of what a shaking one does, and less than lifting a
-/// hand by 3 mm takes.
-pub(crate) const MOST_GIVEN_J: f64 = 5e-3;
+/// Largest energy that a device with delay and quantisation may give to the hand in one contact, J: a tenth
+/// of that of an oscillation, and less than is needed to lift a hand by 3 mm.
+pub(crate) const MAX_GIVEN_J: f64 = 5e-3;
 
-/// Palpation at random.
+/// Result of random palpation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Palpated {
-    /// Touches.
+pub(crate) struct PalpationResult {
+    /// Number of contacts.
     pub(crate) contacts: u64,
-    /// Ticks in touch.
+    /// Ticks in contact.
     pub(crate) engaged_ticks: u64,
     /// Largest force for the hand, N.
     pub(crate) peak_n: f32,
-    /// Ticks in which several nodes answered.
+    /// Ticks with several engaged nodes.
     pub(crate) blended_ticks: u64,
-    /// Ticks in which the guard on energy added damping.
+    /// Ticks in which the energy guard added damping.
     pub(crate) damped_ticks: u64,
-    /// Largest energy that the device as a whole gave the hand in one touch, J.
-    pub(crate) most_given_j: f64,
-    /// Largest energy of its motors alone in one touch, J.
-    pub(crate) most_from_motors_j: f64,
-    /// Largest difference, in a touch, between what the guard counted and what the motors gave, J.
-    pub(crate) guard_off_j: f64,
+    /// Largest energy that the device gave to the hand in one contact, J.
+    pub(crate) max_given_j: f64,
+    /// Largest energy of its motors alone in one contact, J.
+    pub(crate) max_from_motors_j: f64,
+    /// Largest difference, in a contact, between the work counted by the guard and that of the motors, J.
+    pub(crate) guard_error_j: f64,
     /// Phase at the end.
     pub(crate) phase: Phase,
-    /// Where the hand was at the end, bit for bit.
+    /// Final position of the hand, bit for bit.
     pub(crate) position_bits: [u32; 3],
 }
 
@@ -186,29 +191,29 @@ pub(crate) fn palpate(
     (hand, profile): (HandConfig, &Profile),
     (seed, seconds): (u64, f32),
     cap: Cap,
-) -> Palpated {
+) -> PalpationResult {
     let random = Some(RandomConfig::new(seed));
-    let simulated = SimulatedConfig { hand, random, ..SimulatedConfig::on(profile) };
+    let simulated = SimulatedConfig { hand, random, ..SimulatedConfig::for_profile(profile) };
     let mut hand = SimulatedHand::new(organ, simulated);
     let mut memory = TouchMemory::default();
     let controllers = controllers(&[organ], config(organ, method, (&hand, profile), cap), &mut memory);
     let controller = controllers.expect("has the method")[0];
     let period_us = u64::from(profile.period_us());
-    let mut found = Palpated {
+    let mut found = PalpationResult {
         contacts: 0,
         engaged_ticks: 0,
         peak_n: 0.0,
         blended_ticks: 0,
         damped_ticks: 0,
-        most_given_j: f64::MIN,
-        most_from_motors_j: f64::MIN,
-        guard_off_j: 0.0,
+        max_given_j: f64::MIN,
+        max_from_motors_j: f64::MIN,
+        guard_error_j: 0.0,
         phase: Phase::Active,
         position_bits: [0; 3],
     };
     let (mut state, mut force_n) = (State::new(), vec3::ZERO);
     state.arm();
-    // What the guard counts is about the time of the samples: some time ago, by the link's delay.
+    // The guard's count is for the time of the samples, which is earlier by the link's delay.
     let delay_ticks = f64::from(profile.position_delay_us) / period_us as f64;
     let mut motors_j: VecDeque<f64> = [0.0; 16].into();
     let (mut engaged, mut at_touch, mut guard_at_touch_j) = (false, [0.0; 3], 0.0);
@@ -223,20 +228,20 @@ pub(crate) fn palpate(
         motors_j[0] = hand.work().motors_j;
         let (whole, part) = (delay_ticks as usize, delay_ticks.fract());
         let seen_j = (1.0 - part) * motors_j[whole] + part * motors_j[whole + 1];
-        let now_j = [hand.work().of_device_j(), hand.work().motors_j, seen_j];
-        let [of_device_j, from_motors_j, of_guard_j] = [0, 1, 2].map(|i| now_j[i] - at_touch[i]);
+        let now_j = [hand.work().device_j(), hand.work().motors_j, seen_j];
+        let [device_j, from_motors_j, of_guard_j] = [0, 1, 2].map(|i| now_j[i] - at_touch[i]);
         match (engaged, command.engaged.is_some()) {
             (false, true) => {
                 (at_touch, guard_at_touch_j) = (now_j, f64::from(command.hand_work_j));
                 found.contacts += 1;
             }
             (true, false) => {
-                found.most_given_j = found.most_given_j.max(of_device_j);
-                found.most_from_motors_j = found.most_from_motors_j.max(from_motors_j);
+                found.max_given_j = found.max_given_j.max(device_j);
+                found.max_from_motors_j = found.max_from_motors_j.max(from_motors_j);
             }
             (true, true) => {
                 let counted_j = f64::from(command.hand_work_j) - guard_at_touch_j;
-                found.guard_off_j = found.guard_off_j.max((counted_j - of_guard_j).abs());
+                found.guard_error_j = found.guard_error_j.max((counted_j - of_guard_j).abs());
             }
             (false, false) => {}
         }

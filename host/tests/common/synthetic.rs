@@ -1,28 +1,28 @@
-//! A synthetic organ for tests: an ellipsoid on springs, packed as a real blob, without any solver.
+//! A synthetic organ for tests: an ellipsoid on springs, packed as a real blob, without a solver.
 //!
-//! h = k d (1 + |d|^2 / l^2), and the surface follows the active node with a smooth fall-off. Included by path where needed.
+//! h = k d (1 + |d|^2 / l^2). The surface follows the active node with a smooth fall-off. Included by path.
 #![allow(dead_code)]
 
 use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef, Preamble, SpaceHeader, SurfaceHeader};
 use palpate_core::{BallLattice, Vec3, flags, vec3};
 use std::collections::HashMap;
 
-/// What the ellipsoid is like.
+/// Parameters of the ellipsoid.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shape {
     /// Half axes, m.
     pub(crate) half_axes_m: Vec3,
     /// Stiffness at rest, N/m.
     pub(crate) stiffness_n_m: f32,
-    /// Displacement at which the stiffness has doubled (secant), m.
+    /// Displacement at which the secant stiffness is doubled, m.
     pub(crate) hardening_m: f32,
     /// Subdivisions of the icosahedron: 3 gives 642 vertices, 4 gives 2562.
     pub(crate) subdivisions: u32,
-    /// Reach of the dent, m.
+    /// Radius of the dent, m.
     pub(crate) reach_m: f32,
     /// Largest force of the scene, N.
     pub(crate) max_force_n: f32,
-    /// So many of the vertices round the first active node are active too: enough of them for a tool to slide over.
+    /// Number of vertices round the first active node that are active too, so that a tool can slide.
     pub(crate) patch: usize,
 }
 
@@ -40,14 +40,14 @@ impl Default for Shape {
     }
 }
 
-/// Directions of the active nodes from the middle of the ellipsoid.
+/// Directions of the active nodes from the centre of the ellipsoid.
 const ACTIVE: [(&str, Vec3); 3] =
     [("A1", [0.35, -0.75, 0.6]), ("A2", [0.9, -0.2, 0.35]), ("A3", [-0.5, -0.3, 0.85])];
 
-/// The whole blob, in a buffer aligned as a reader wants it.
+/// The blob in a buffer with the alignment of a reader.
 pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
     let (vertices, triangles) = ellipsoid(shape);
-    let lattice = BallLattice::new(0.010, 0.040).expect("sound sizes");
+    let lattice = BallLattice::new(0.010, 0.040).expect("valid sizes");
     let mut planes = Planes::default();
     let low = -0.55 * shape.half_axes_m[2];
     let fixed: Vec<u8> = vertices.iter().map(|vertex| u8::from(vertex[2] < low)).collect();
@@ -81,7 +81,7 @@ pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
     pack(&preamble, &spaces, &planes.bytes)
 }
 
-/// The vertex nearest to a direction from the middle.
+/// The vertex nearest to a direction from the centre.
 fn vertex_along(vertices: &[Vec3], direction: Vec3) -> usize {
     let nearness =
         |vertex: &Vec3| vec3::dot(vec3::normalize_or_zero(*vertex), vec3::normalize_or_zero(direction));
@@ -113,7 +113,7 @@ fn space(
     };
     let force_n = planes.put(&(0..lattice.slots()).map(force).collect::<Vec<_>>());
 
-    // One row a solved configuration; a ghost uses the row of the nearest.
+    // One row per solved configuration; a ghost uses the row of the nearest.
     let solved: Vec<[i32; 3]> = core::iter::once([0; 3]).chain(lattice.points()).collect();
     let nearest = |ijk: [i32; 3]| {
         let distance = |other: &[i32; 3]| (0..3).map(|i| (ijk[i] - other[i]).pow(2)).sum::<i32>();
@@ -122,7 +122,8 @@ fn space(
         found.0 as u32
     };
     let row: Vec<u32> = (0..lattice.slots()).map(|slot| nearest(lattice.ijk(slot))).collect();
-    // A mode for each axis: every vertex follows the node by its share. A coefficient counts thousandths of a cell.
+    // One mode per axis: every vertex follows the node by its weight. A coefficient counts thousandths of a
+    // cell.
     let low = -0.55 * shape.half_axes_m[2];
     let share = |vertex: &Vec3| {
         let away = vec3::distance(*vertex, *rest) / shape.reach_m;

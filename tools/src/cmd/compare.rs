@@ -283,7 +283,7 @@ fn picture(bench: &Workbench, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
     let shapes = outcomes.iter().map(|Outcome { row, position_m, .. }| DeformedShape {
         name: row.law.clone(),
         position_m: on_skin(position_m),
-        figures: vec![
+        values: vec![
             ["force |h|".into(), format!("{:.2} N", row.force_norm_n)],
             ["volume".into(), percent(row.volume_change)],
             ["least J".into(), format!("{:.2}", row.min_jacobian).replace('-', "\u{2212}")],

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args as ClapArgs;
-use palpate_host::doctor::{Check, Measurement, Probe, Surroundings, Verdict, examine, loop_cpu, measure};
+use palpate_host::doctor::{Check, Measurement, Probe, SystemInfo, Verdict, examine, loop_cpu, measure};
 use palpate_host::rt::LatencyReport;
 use palpate_host::supervisor::{DEFAULT_LIMIT_MS, StartError};
 use palpate_host::sys::{self, Policy, RtRequest};
@@ -61,7 +61,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     } else {
         None
     };
-    let surroundings = Surroundings::of(&probe, args.timing.cpu);
+    let surroundings = SystemInfo::of(&probe, args.timing.cpu);
     if args.json {
         let figures = json!({
             "cpu": cpu, "kernel": surroundings.kernel, "governor": surroundings.governor,
@@ -85,24 +85,24 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Whether a session's device would have somebody to take its force away.
 fn supervisor(started: Result<Duration, StartError>, fifo_priority: Option<i32>) -> Check {
-    let check = |verdict, found, mend: &[&str]| Check {
+    let check = |verdict, found, fix: &[&str]| Check {
         name: "supervisor",
         verdict,
         found,
-        mend: mend.iter().map(ToString::to_string).collect(),
+        fix: fix.iter().map(ToString::to_string).collect(),
     };
     let started = match started {
         Ok(started) => started,
         Err(error) => {
-            let mend = [
+            let fix = [
                 "a session that is killed leaves a real device its last force:",
                 "run palpate from a file that this user may read and execute, and leave room for one more process (ulimit -u)",
             ];
-            return check(Verdict::Bad, error.to_string(), &mend);
+            return check(Verdict::Bad, error.to_string(), &fix);
         }
     };
     // A thread of its own: what it is granted must not stay with this one.
-    let request = RtRequest { fifo_priority, ..RtRequest::nothing() };
+    let request = RtRequest { fifo_priority, ..RtRequest::none() };
     let policy = std::thread::spawn(move || sys::enter_real_time(&request).0.policy).join();
     let policy = policy.unwrap_or(Policy::Other);
     let found = format!(
@@ -122,7 +122,7 @@ fn print(
     checks: &[Check],
     cpu: usize,
     measured: Option<&Measurement>,
-    surroundings: &Surroundings,
+    surroundings: &SystemInfo,
 ) -> Result<(), Failure> {
     if !checks.is_empty() {
         output::line(format!("{:<9} {:<13} found; what to do, for a loop on CPU {cpu}", "", "what"))?;
@@ -174,7 +174,7 @@ mod tests {
     fn a_supervisor_that_does_not_start_is_bad_and_says_what_is_at_stake() {
         let bad = supervisor(Err(StartError::Ended), Some(51));
         assert_eq!((bad.name, bad.verdict), ("supervisor", Verdict::Bad));
-        assert!(bad.found.contains("ended at once") && bad.mend[0].contains("last force"), "{bad}");
+        assert!(bad.found.contains("ended at once") && bad.fix[0].contains("last force"), "{bad}");
         let plain = supervisor(Ok(Duration::from_millis(7)), None);
         assert_eq!(plain.verdict, Verdict::Good, "nothing was asked for, nothing is missing");
         assert!(plain.found.contains("within 7 ms") && plain.found.contains("SCHED_OTHER"), "{plain}");

@@ -218,7 +218,7 @@ fn open_device(
                     "no device `{name}`; write sim, or sim:random:SEED with a whole number"
                 )));
             }
-            let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::on);
+            let mut config = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
             config.random = seed.flatten().map(RandomConfig::new);
             Ok((Box::new(SimulatedHand::new(organ, config)), None))
         }

@@ -8,7 +8,7 @@ use palpate_hil::fault::{FaultCounts, Faults};
 use palpate_hil::felt::Felt;
 use palpate_hil::mechanism::Waypoint;
 use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig, Traits};
-use palpate_host::device::Around;
+use palpate_host::device::DeviceWrapper;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, Mode, UsbFtdi};
 use palpate_host::device::profile::Profile;
@@ -60,7 +60,7 @@ impl Drop for Driver {
     }
 }
 
-impl Around for Driver {
+impl DeviceWrapper for Driver {
     type Inner = Falcon<Patient>;
 
     fn inner(&self) -> &Falcon<Patient> {
@@ -71,10 +71,10 @@ impl Around for Driver {
         &mut self.inner
     }
 
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
         // The device's time does not go on before it has what was sent.
-        self.inner.wait_tried(WRITE);
+        self.inner.wait_attempted(WRITE);
         exchanged
     }
 }

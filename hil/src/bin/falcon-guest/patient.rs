@@ -36,7 +36,7 @@ impl Patient {
 
     /// An error after which nobody reads any more.
     fn noted<T>(&self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
-        if result.as_ref().is_err_and(|error| !error.kind().is_passing()) {
+        if result.as_ref().is_err_and(|error| !error.kind().is_transient()) {
             self.reader.reads.store(false, Ordering::Release);
         }
         result

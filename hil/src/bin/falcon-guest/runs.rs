@@ -280,7 +280,7 @@ impl<'o> Bench<'o> {
         let config = Config { limits, ..Config::new(Method::Hybrid) };
         let controller = Controller::new(self.organ, config).expect("the golden blob has the method");
         let (producer, records) = rtrb::RingBuffer::new(64);
-        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let outputs = Outputs { records: producer, latest };
         let haptic = HapticLoop::new(controller, device, clock, LoopConfig::default(), controls, outputs);
         Session { haptic, clock, records, index: 0, before_n: vec3::ZERO }

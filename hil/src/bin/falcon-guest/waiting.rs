@@ -1,7 +1,7 @@
 //! A device that is waited for: time in the loop is virtual and goes on by a tick when the reply has come, however slow the machine is.
 
 use palpate_core::{Sample, Vec3};
-use palpate_host::device::{Around, DeviceState};
+use palpate_host::device::{DeviceState, DeviceWrapper};
 use palpate_host::{Device, DeviceError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -44,7 +44,7 @@ pub(crate) struct Waiting<D> {
     pub tally: Arc<Tally>,
 }
 
-impl<D: Device> Around for Waiting<D> {
+impl<D: Device> DeviceWrapper for Waiting<D> {
     type Inner = D;
 
     fn inner(&self) -> &D {
@@ -55,7 +55,7 @@ impl<D: Device> Around for Waiting<D> {
         &mut self.device
     }
 
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let begun = Instant::now();
         let mut looks = 0;
         loop {

@@ -1,24 +1,24 @@
-//! How a Falcon is used, and why it cannot be.
+//! Configuration of a Falcon, and its errors.
 
-use super::intake::Mode;
 use super::loader::LoadError;
 use super::motor::MotorConfig;
+use super::reply_reader::Mode;
 use super::usb::UsbError;
 use crate::device::DeviceError;
 use crate::device::profile::{DEFAULT_CAP_N_M, Profile};
 use crate::device::workspace::Workspace;
 use core::fmt;
 
-/// How to use the device.
+/// Settings of the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FalconConfig {
-    /// Where the device's workspace lies in the model.
+    /// Placement of the device's workspace in the model.
     pub workspace: Workspace,
     /// Largest force of the mechanism, N.
     pub max_force_n: f32,
-    /// Largest stiffness that is rendered stably, N/m of the device: the profile's cap.
+    /// Largest stiffness that is rendered stably, N/m in device metres: the profile's cap.
     pub max_stiffness_n_m: f32,
-    /// Counts of each motor to one N m at its crank, with their sign (`MotorConfig`).
+    /// Motor counts per N m at the crank, with sign (`MotorConfig`).
     pub counts_per_n_m: [f64; 3],
     /// How replies are read.
     pub mode: Mode,
@@ -38,7 +38,7 @@ impl Default for FalconConfig {
 }
 
 impl FalconConfig {
-    /// What a profile says of a Falcon.
+    /// The configuration from a profile.
     #[must_use]
     pub fn of(profile: &Profile, mode: Mode) -> Self {
         Self {
@@ -55,16 +55,17 @@ impl FalconConfig {
     }
 }
 
-/// Why the device cannot be used.
+/// Reason why the device cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FalconError {
-    /// No chip to talk to.
+    /// The USB chip cannot be opened.
     Usb(UsbError),
     /// The link failed.
     Device(DeviceError),
-    /// Silent, and no firmware was given.
+    /// The device does not reply, and no firmware was given.
     NeedsFirmware,
-    /// Homed before it was opened, and no firmware was given, or loading it did not make it forget.
+    /// The device was homed before it was opened, and no firmware was given or loading it did not clear the
+    /// homing.
     HomedBefore,
     /// The firmware could not be loaded.
     Load(LoadError),
@@ -76,11 +77,11 @@ impl fmt::Display for FalconError {
             Self::Usb(error) => error.fmt(f),
             Self::Device(error) => write!(f, "{error}; check the cable and connect the device again"),
             Self::NeedsFirmware => f.write_str(
-                "the Falcon is silent: it has forgotten its firmware; give the file with falcon:FIRMWARE (docs/devices.md)",
+                "the Falcon does not reply, so its firmware is not loaded; give the file with falcon:FIRMWARE (docs/devices.md)",
             ),
             Self::HomedBefore => f.write_str(
-                "the Falcon counts from a homing of an earlier session, and nobody has seen what was done to its grip since; give the file of \
-                 its firmware with falcon:FIRMWARE, which makes it forget, or take its power away for a moment",
+                "the Falcon was homed in an earlier session, so its coordinates are not reliable; give the file of \
+                 its firmware with falcon:FIRMWARE, which clears the homing, or disconnect its power for a moment",
             ),
             Self::Load(error) => error.fmt(f),
         }

@@ -1,29 +1,32 @@
 //! The Falcon as a device of the loop: opening, homing, exchanging, stopping.
 //!
-//! An exchange waits neither for a reply nor for a transfer. It takes what has come, and sends the next request once the last one was answered or
-//! given up. A sample is stamped with the time its request was sent: it cannot be older, so a link that delivers late cannot pass for a fresh one.
+//! An exchange waits neither for a reply nor for a transfer. It processes what has arrived, and sends the
+//! next request after the last one was answered or timed out. The time stamp of a sample is the send time of
+//! its request: the sample cannot be older, so a delayed link is detected.
 //!
-//! Homing counts only if it was done since the device was opened. A board that keeps its power keeps its homing, and nobody has seen what was done
-//! to the grip since: it is made to forget, by loading its firmware anew, or it is not opened. Nor does it count after an encoder has miscounted,
-//! whatever the board says of it: until the board has forgotten it.
+//! Homing is valid only if it was done after the device was opened. A board with power keeps its homing flag,
+//! but its grip may have been moved in the meantime: the driver clears the flag by loading the firmware
+//! again, or refuses to open the device. Homing is also invalid after an encoder has miscounted, until the
+//! board reports that it is not homed.
 //!
-//! Lights: red, not homed (and no force); blue, homed; green, a force is on the motors.
-//! The device has no watchdog as far as is known: its motors keep the last command. See [`Device::stop`] and [`Device::emergency_stop`].
+//! Lights: red, not homed and no force; blue, homed; green, a force is on the motors.
+//! No watchdog of the device is known: its motors hold the last command. See [`Device::stop`] and
+//! [`Device::emergency_stop`].
 
 use super::config::{FalconConfig, FalconError};
 use super::firmware::Image;
 use super::ftdi::Ftdi;
-use super::intake::{Intake, Tally};
 use super::kinematics::{Kinematics, Pose, Solution};
 use super::line::Setting;
 use super::loader;
 use super::motor::MotorConfig;
-use super::outlet::{Outlet, WRITE_TIMEOUT, write_whole};
 use super::packet::{ALL_HOMED, Lights, Reply, Request};
+use super::reply_reader::{ReplyCounts, ReplyReader};
+use super::request_writer::{RequestWriter, WRITE_TIMEOUT, write_whole};
 use super::usb::UsbFtdi;
-use crate::device::buttons::Buttons;
-use crate::device::motion::{Motion, Verdict};
+use crate::device::buttons::ButtonDebouncer;
 use crate::device::pending::Pending;
+use crate::device::position_check::{PositionCheck, Verdict};
 use crate::device::{
     Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop, wait_homed,
 };
@@ -34,37 +37,38 @@ use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
 use std::sync::Arc;
 
-/// Coarsest step of the position, m: 42 to 54 um in x and y, 27 um in z.
+/// Coarsest resolution of the position, m: 42 to 54 um in x and y, 27 um in z.
 const RESOLUTION_M: f32 = 54e-6;
-/// How long torques may be held: until the next exchange, and two more on a link that is late, s.
-const HELD_S: f64 = 3e-3;
-/// Longest wait for a zero to leave when the device is stopped.
-const STOP_PATIENCE: Duration = Duration::from_millis(10);
-/// How often the last zero is tried where it is refused.
-const STOP_TRIES: u32 = 100;
-/// Between two of these tries.
+/// Time for which torques may be held: until the next exchange, and two more on a delayed link, s.
+const COMMAND_HOLD_S: f64 = 3e-3;
+/// Longest wait for a zero to be written when the device is stopped.
+const STOP_TIMEOUT: Duration = Duration::from_millis(10);
+/// Number of attempts to write the last zero.
+const STOP_ATTEMPTS: u32 = 100;
+/// Pause between two of these attempts.
 const STOP_PAUSE: Duration = Duration::from_millis(1);
-/// After this nothing is on its way any more.
-const SETTLING: Duration = Duration::from_millis(10);
+/// Time after which no transfer is under way.
+const SETTLE_TIME: Duration = Duration::from_millis(10);
 
-/// Replies in a row that say that it is not homed, after which it is not and the coordinates are set anew: one may be a damaged packet.
-const FORGOTTEN: u32 = 3;
+/// Number of consecutive replies without the homed flags after which the device counts as not homed and the
+/// coordinates are reset. A single one may be a damaged packet.
+const MIN_UNHOMED_REPLIES: u32 = 3;
 
-/// What is known of the axes.
+/// State of the homing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Homing {
     Unknown,
-    /// The board says that it is not homed.
+    /// The board reports that it is not homed.
     Unhomed {
-        /// Replies in a row that said so, up to [`FORGOTTEN`].
-        forgotten: u32,
+        /// Consecutive replies that reported it, up to [`MIN_UNHOMED_REPLIES`].
+        unhomed_replies: u32,
     },
     Homed,
-    /// The board says that it is homed, and an encoder has miscounted since: nothing it says is believed until it has lost its homing and was
-    /// homed anew.
-    Doubted {
-        /// Replies in a row that said it has lost it.
-        forgotten: u32,
+    /// The board reports that it is homed, but an encoder has miscounted since. Its positions are rejected
+    /// until it reports a loss of the homing and is homed again.
+    Invalid {
+        /// Consecutive replies that reported the loss.
+        unhomed_replies: u32,
     },
 }
 
@@ -73,19 +77,19 @@ pub struct Falcon<F: Ftdi + 'static> {
     ftdi: Arc<F>,
     config: FalconConfig,
     motor: MotorConfig,
-    intake: Intake,
-    outlet: Outlet,
-    /// What of it has been looked at.
-    seen: Tally,
+    reply_reader: ReplyReader,
+    request_writer: RequestWriter,
+    /// Replies processed so far.
+    seen: ReplyCounts,
     pending: Pending,
     kinematics: Kinematics,
     homing: Homing,
-    motion: Motion,
-    buttons: Buttons,
-    /// The motors may still have a force of ours.
+    motion: PositionCheck,
+    buttons: ButtonDebouncer,
+    /// Whether the motors may have a force.
     rendering: bool,
     lost: bool,
-    /// Somebody else has sent a request on this line.
+    /// Whether the second handle has sent a request on this line.
     disturbed: Arc<AtomicBool>,
 }
 
@@ -99,7 +103,8 @@ impl<F: Ftdi + 'static> fmt::Debug for Falcon<F> {
 }
 
 impl Falcon<UsbFtdi> {
-    /// Opens the Falcon on USB; its firmware is loaded if it is silent, or homed already. Blocks for up to some seconds.
+    /// Opens the Falcon on USB. Loads its firmware if it does not reply or is already homed. Blocks for up to
+    /// a few seconds.
     pub fn open(config: FalconConfig, firmware: Option<&Image>) -> Result<Self, FalconError> {
         let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
         Self::start(Arc::new(chip), config, firmware)
@@ -107,60 +112,64 @@ impl Falcon<UsbFtdi> {
 }
 
 impl<F: Ftdi + 'static> Falcon<F> {
-    /// Brings up the device behind a chip and leaves it with zero force and not homed. Blocks for up to some seconds.
+    /// Starts the device behind a chip with zero force and without homing. Blocks for up to a few seconds.
     ///
-    /// It asks for no homing, so no axis is homed before the first exchange, and what is homed later was homed by the user of this session.
+    /// It does not request homing, so no axis is homed before the first exchange: a later homing is by the
+    /// user of this session.
     pub fn start(ftdi: Arc<F>, config: FalconConfig, firmware: Option<&Image>) -> Result<Self, FalconError> {
         Setting::Reset.apply(&ftdi)?;
         loader::set_normal(&ftdi)?;
-        let forgotten = |reply: &Reply| reply.homed & ALL_HOMED == 0;
+        let unhomed_replies = |reply: &Reply| reply.homed & ALL_HOMED == 0;
         match (loader::probe(&ftdi)?, firmware) {
-            (Some(reply), _) if forgotten(&reply) => {}
+            (Some(reply), _) if unhomed_replies(&reply) => {}
             (_, Some(image)) => {
                 let reply = loader::load(&ftdi, image).map_err(FalconError::Load)?;
-                if !forgotten(&reply) {
+                if !unhomed_replies(&reply) {
                     return Err(FalconError::HomedBefore);
                 }
             }
             (Some(_), None) => return Err(FalconError::HomedBefore),
             (None, None) => return Err(FalconError::NeedsFirmware),
         }
-        // Replies to the probe are no answers to what follows.
+        // Replies to the probe must not be assigned to later requests.
         loader::set_normal(&ftdi)?;
         let disturbed = Arc::default();
         Ok(Self {
-            intake: Intake::start(&ftdi, config.mode)?,
-            outlet: Outlet::start(&ftdi, config.mode, &disturbed)?,
+            reply_reader: ReplyReader::start(&ftdi, config.mode)?,
+            request_writer: RequestWriter::start(&ftdi, config.mode, &disturbed)?,
             ftdi,
             config,
             motor: config.motor(),
-            seen: Tally::default(),
+            seen: ReplyCounts::default(),
             pending: Pending::default(),
             kinematics: Kinematics::default(),
             homing: Homing::Unknown,
-            // Its board cannot start anew and go on counting, as it forgets its firmware: no bound is needed.
-            motion: Motion::within(f32::INFINITY),
-            buttons: Buttons::default(),
+            // The board loses its firmware when it restarts, so its counters cannot restart unnoticed: no
+            // bound is needed.
+            motion: PositionCheck::with_reach(f32::INFINITY),
+            buttons: ButtonDebouncer::default(),
             rendering: false,
             lost: false,
             disturbed,
         })
     }
 
-    /// Waits until the user has homed it, or until `stop`; true if it is homed. Before the loop, whose clock begins anew.
+    /// Waits until the user has homed the device, or until `stop`; true if it is homed. Runs before the loop,
+    /// whose clock starts at zero again.
     pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
         wait_homed(self, stop)?;
-        // What is still open belongs to another time: let it come, and forget it.
-        std::thread::sleep(SETTLING);
+        // Open requests have times of another clock: let their replies arrive and discard them.
+        std::thread::sleep(SETTLE_TIME);
         self.receive(0)?;
-        self.motion.forget();
+        self.motion.reset();
         self.pending = Pending::default();
         Ok(self.homing == Homing::Homed)
     }
 
-    /// Waits until the newest request has left or was refused once more, or for so long: for a bench whose device must not run ahead of its driver.
-    pub fn wait_tried(&mut self, patience: Duration) {
-        self.outlet.wait_tried(patience);
+    /// Waits until the newest request is written or has failed once more, or for the timeout. For a bench
+    /// whose device must not run ahead of its driver.
+    pub fn wait_attempted(&mut self, timeout: Duration) {
+        self.request_writer.wait_attempted(timeout);
     }
 
     fn lights(&self, rendering: bool) -> Lights {
@@ -168,19 +177,20 @@ impl<F: Ftdi + 'static> Falcon<F> {
         Lights { red: !homed, blue: homed && !rendering, green: homed && rendering }
     }
 
-    /// Motor commands for a force in the model's frame; none before the device is homed, and none without a pose.
+    /// Motor commands for a force in the model frame. Zero before the device is homed and without a pose.
     fn commands(&self, now_us: u64, hand_force_n: Vec3) -> [i16; 3] {
         let Some((last_us, _)) = self.motion.last().filter(|_| self.homing == Homing::Homed) else {
             return [0; 3];
         };
         let pose = self.kinematics.pose();
-        let ahead = self.ahead(pose, now_us.saturating_sub(last_us));
+        let ahead = self.predicted_pose(pose, now_us.saturating_sub(last_us));
         self.motor.commands(pose, &ahead, self.config.workspace.to_device_n(hand_force_n))
     }
 
-    /// Where the handle may have come to by the time the next torques replace these; the same pose where its legs would not reach.
-    fn ahead(&self, pose: &Pose, age_us: u64) -> Pose {
-        let seconds = HELD_S + age_us as f64 * 1e-6;
+    /// Pose that the handle may have reached when the next torques replace these; the current pose if its
+    /// legs would not reach that far.
+    fn predicted_pose(&self, pose: &Pose, age_us: u64) -> Pose {
+        let seconds = COMMAND_HOLD_S + age_us as f64 * 1e-6;
         let velocity_m_s = self.motion.velocity_m_s();
         let there_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(velocity_m_s[axis]);
         self.kinematics.pose_with(core::array::from_fn(there_m)).unwrap_or(*pose)
@@ -190,58 +200,66 @@ impl<F: Ftdi + 'static> Falcon<F> {
         let rendering = motors != [0; 3];
         let homing = self.homing != Homing::Homed;
         let request = Request { motors, homing, lights: self.lights(rendering) };
-        let sent = self.outlet.send(&*self.ftdi, request);
-        // What may have gone is taken away again.
+        let sent = self.request_writer.send(&*self.ftdi, request);
+        // A failed write may have transmitted a force, so the flag stays set.
         self.rendering = rendering || (self.rendering && sent.is_err());
         sent
     }
 
-    /// Takes what has come since the last look: the newest reply with the time its request was sent, and whether something was damaged.
+    /// Processes what has arrived: the newest reply with the send time of its request, and whether packets
+    /// were damaged.
     fn receive(&mut self, now_us: u64) -> Result<(Option<(u64, Reply)>, bool), DeviceError> {
-        let tally = self.intake.look(&*self.ftdi);
-        let seen = core::mem::replace(&mut self.seen, tally);
-        if let Some(error) = tally.lost {
+        let counts = self.reply_reader.poll(&*self.ftdi);
+        let seen = core::mem::replace(&mut self.seen, counts);
+        if let Some(error) = counts.lost {
             return Err(error);
         }
-        for newer in self.outlet.skipped() {
-            self.pending.never_left(newer);
+        for newer in self.request_writer.skipped() {
+            self.pending.not_transmitted(newer);
         }
         let mut sent_us = None;
-        // The good ones first: if they came last they look older than they are, and never younger.
-        for _ in seen.whole..tally.whole {
+        // Assign the valid replies first: if they arrived last, they appear older than they are, but not
+        // younger.
+        for _ in seen.whole..counts.whole {
             sent_us = self.pending.answered(now_us, false).or(sent_us);
         }
-        for _ in seen.damaged..tally.damaged {
+        for _ in seen.damaged..counts.damaged {
             self.pending.answered(now_us, true);
         }
-        let new = tally.newest.filter(|_| tally.whole > seen.whole);
-        // A reply that nothing asked for is of no known age: its flags count, its position does not.
+        let new = counts.newest.filter(|_| counts.whole > seen.whole);
+        // A reply without a request has an unknown age: its flags are used, its position is not.
         if let Some(reply) = new {
             self.note_homing(&reply);
         }
-        Ok((sent_us.zip(new), tally.damaged > seen.damaged))
+        Ok((sent_us.zip(new), counts.damaged > seen.damaged))
     }
 
     fn note_homing(&mut self, reply: &Reply) {
         let homing = match self.homing {
-            // Less than all of it may be a damaged packet, and so may one that says nothing of it.
-            Homing::Doubted { .. } if reply.homed & ALL_HOMED != 0 => Homing::Doubted { forgotten: 0 },
-            Homing::Doubted { forgotten } if forgotten + 1 < FORGOTTEN => {
-                Homing::Doubted { forgotten: forgotten + 1 }
+            // A packet with some of the flags may be damaged, and so may one with none.
+            Homing::Invalid { .. } if reply.homed & ALL_HOMED != 0 => Homing::Invalid { unhomed_replies: 0 },
+            Homing::Invalid { unhomed_replies } if unhomed_replies + 1 < MIN_UNHOMED_REPLIES => {
+                Homing::Invalid { unhomed_replies: unhomed_replies + 1 }
             }
-            Homing::Doubted { .. } => Homing::Unhomed { forgotten: FORGOTTEN },
+            Homing::Invalid { .. } => Homing::Unhomed { unhomed_replies: MIN_UNHOMED_REPLIES },
             _ if reply.is_homed() => Homing::Homed,
-            Homing::Unhomed { forgotten } => Homing::Unhomed { forgotten: FORGOTTEN.min(forgotten + 1) },
-            Homing::Unknown | Homing::Homed => Homing::Unhomed { forgotten: 1 },
+            Homing::Unhomed { unhomed_replies } => {
+                Homing::Unhomed { unhomed_replies: MIN_UNHOMED_REPLIES.min(unhomed_replies + 1) }
+            }
+            Homing::Unknown | Homing::Homed => Homing::Unhomed { unhomed_replies: 1 },
         };
         self.set_homing(homing);
     }
 
-    /// Homing sets the coordinates anew: where the hand was is no more. A flag that was damaged does not, and after it the hand is where it was.
+    /// Resets the position check and the kinematics when the coordinates change. A single damaged flag
+    /// changes nothing.
     fn set_homing(&mut self, homing: Homing) {
-        let is_anew = matches!(homing, Homing::Unhomed { forgotten: FORGOTTEN } | Homing::Doubted { .. });
-        if is_anew && homing != self.homing {
-            self.motion.forget();
+        let is_reset = matches!(
+            homing,
+            Homing::Unhomed { unhomed_replies: MIN_UNHOMED_REPLIES } | Homing::Invalid { .. }
+        );
+        if is_reset && homing != self.homing {
+            self.motion.reset();
             self.kinematics.reset();
         }
         self.homing = homing;
@@ -255,42 +273,44 @@ impl<F: Ftdi + 'static> Falcon<F> {
         let before = self.kinematics;
         let solution = self.kinematics.solve(reply.encoders);
         let device_m = self.kinematics.pose().position_m.map(|metres| metres as f32);
-        let verdict = self.motion.judge(t_us, now_us, Some(device_m).filter(|_| solution != Solution::Kept));
-        if verdict != Verdict::Moved {
-            // The force goes on for a few ticks with the Jacobian of where the hand was.
+        let verdict = self.motion.check(t_us, now_us, Some(device_m).filter(|_| solution != Solution::Kept));
+        if verdict != Verdict::Accepted {
+            // The next forces use the Jacobian of the last accepted pose.
             self.kinematics = before;
         }
         match verdict {
-            Verdict::Moved => {}
-            Verdict::Refused => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
+            Verdict::Accepted => {}
+            Verdict::Rejected => return Err(DeviceError::new(DeviceErrorKind::BadFrame)),
             Verdict::Lost => {
-                self.set_homing(Homing::Doubted { forgotten: 0 });
+                self.set_homing(Homing::Invalid { unhomed_replies: 0 });
                 return Err(DeviceError::new(DeviceErrorKind::Faulted(DeviceFault::HomeLost)));
             }
         }
         let position_m = self.config.workspace.to_model_m(device_m);
-        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.hear(u32::from(reply.buttons)) }))
+        Ok(Some(Sample { t_us, position_m, buttons: self.buttons.update(u32::from(reply.buttons)) }))
     }
 
     fn exchange_packets(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (reply, damaged) = self.receive(now_us)?;
-        let unsent = self.outlet.failure();
-        if let Some(error) = unsent.filter(|error| !error.kind().is_passing()) {
+        let unsent = self.request_writer.failure();
+        if let Some(error) = unsent.filter(|error| !error.kind().is_transient()) {
             return Err(error);
         }
         let sample = reply.map_or(Ok(None), |(t_us, reply)| self.sample(t_us, now_us, &reply));
         if self.disturbed.swap(false, Ordering::Acquire) {
-            // Its replies are no answers to ours: silence first.
+            // The replies to its requests must not be assigned to ours: wait for silence.
             self.pending.pause(now_us);
         }
         self.pending.ends_pause(now_us);
         let overdue = self.pending.is_overdue(now_us);
         let motors = self.commands(now_us, hand_force_n);
-        // Taking a force away never waits for a pause or for a reply: a fault ends in zero whatever the link does.
+        // A release never waits for a pause or a reply: a fault ends in zero force, whatever the state of the
+        // link.
         let release = self.rendering && motors == [0; 3];
         let again = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
         if self.pending.may_send(now_us) || release || again {
-            // Also one that failed: it may have arrived, and its reply must not pass for that to a later one.
+            // Also count a failed send: it may have arrived, and its reply must not be assigned to a later
+            // request.
             self.pending.sent(now_us, motors == [0; 3]);
             self.send(motors)?;
         }
@@ -305,19 +325,20 @@ impl<F: Ftdi + 'static> Falcon<F> {
 impl<F: Ftdi + 'static> Device for Falcon<F> {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let result = self.exchange_packets(now_us, hand_force_n);
-        self.lost |= result.is_err_and(|error| !error.kind().is_passing());
+        self.lost |= result.is_err_and(|error| !error.kind().is_transient());
         result
     }
 
     fn stop(&mut self) {
-        // Twice: should the device be in the middle of a damaged packet, the first one only resynchronises it. A device that is gone cannot
-        // be helped, and there is nobody left to tell. The second one goes past the thread, should that hang or have fallen.
+        // Send it twice: in the middle of a damaged packet the first one only resynchronises the device. If
+        // the device is gone, the error cannot be handled here. The second one bypasses the thread, which may
+        // hang or have panicked.
         let _ = self.send([0; 3]);
-        self.outlet.flush(STOP_PATIENCE);
+        self.request_writer.flush(STOP_TIMEOUT);
         let zero = Request { lights: self.lights(false), ..Request::default() };
-        for _ in 0..STOP_TRIES {
+        for _ in 0..STOP_ATTEMPTS {
             match write_whole(&*self.ftdi, &zero, WRITE_TIMEOUT) {
-                Err(error) if error.kind().is_passing() => std::thread::sleep(STOP_PAUSE),
+                Err(error) if error.kind().is_transient() => std::thread::sleep(STOP_PAUSE),
                 Ok(()) | Err(_) => return,
             }
         }
@@ -337,7 +358,7 @@ impl<F: Ftdi + 'static> Device for Falcon<F> {
         match self.homing {
             _ if self.lost => DeviceState::Disconnected,
             Homing::Unknown => DeviceState::FirmwareLoaded,
-            Homing::Unhomed { .. } | Homing::Doubted { .. } => DeviceState::Unhomed,
+            Homing::Unhomed { .. } | Homing::Invalid { .. } => DeviceState::Unhomed,
             Homing::Homed => DeviceState::Homed,
         }
     }
@@ -353,7 +374,7 @@ impl<F: Ftdi + 'static> Drop for Falcon<F> {
     }
 }
 
-/// The same chip from another thread. libusb does not mix the bytes of two transfers.
+/// The same chip from another thread. libusb does not interleave the bytes of two transfers.
 struct SecondHandle<F: Ftdi> {
     ftdi: Arc<F>,
     disturbed: Arc<AtomicBool>,

@@ -1,4 +1,5 @@
-//! A scripted chip with a device behind it, for the unit tests of the driver: no clock, and no motion of its own.
+//! A scripted chip with a device behind it, for the unit tests of the driver. It has no clock and no motion
+//! of its own.
 
 use super::firmware::Image;
 use super::ftdi::{Ftdi, PACKET_LEN};
@@ -10,56 +11,56 @@ use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex};
 
-/// What the script may set and look at.
+/// State that a test sets and inspects.
 #[derive(Debug, Default)]
 pub(super) struct Script {
-    /// The firmware runs.
+    /// Whether the firmware is loaded.
     pub loaded: bool,
-    /// Calls that the boot loader does not hear.
-    pub deaf_calls: u32,
-    /// Loads during which the byte of the image at this place comes back changed.
+    /// Number of calls that the boot loader ignores.
+    pub ignored_calls: u32,
+    /// Number of loads with a wrong echo, and the index of the wrong byte in the image.
     pub wrong_echoes: (u32, usize),
-    /// Loads begun.
+    /// Number of loads begun.
     pub loads: u32,
-    /// The image as it came.
+    /// The received image.
     pub image: Vec<u8>,
-    /// Settings in the order they came.
+    /// Settings in the order of arrival.
     pub settings: Vec<(u8, u16)>,
-    /// Requests understood.
+    /// Valid requests.
     pub requests: Vec<Request>,
-    /// What the device says when it is asked.
+    /// The reply to the next request.
     pub reply: Reply,
-    /// Replies wait in `held` instead of being sent.
+    /// Whether replies are held back in `held`.
     pub holds: bool,
-    /// These.
+    /// Replies held back.
     pub held: Vec<Vec<u8>>,
-    /// It says that it is homed whatever is loaded.
-    pub never_forgets: bool,
-    /// The cable is out.
+    /// Whether it stays homed when its firmware is loaded.
+    pub keeps_homing: bool,
+    /// Whether the cable is unplugged.
     pub unplugged: bool,
-    /// There is no room for what is written: a write waits until there is.
+    /// Whether its buffer is full: a write blocks until there is room.
     pub stalls: bool,
-    /// Writes that wait now.
+    /// Number of blocked writes.
     pub stalled: u32,
-    /// Writes to come that fail.
+    /// Number of coming writes that fail.
     pub failing_writes: u32,
     incoming: VecDeque<Vec<u8>>,
     called: Vec<u8>,
 }
 
 impl Script {
-    /// Puts bytes into the next transfer to the host.
-    pub(super) fn say(&mut self, bytes: &[u8]) {
+    /// Queues bytes for the next transfer to the host.
+    pub(super) fn queue(&mut self, bytes: &[u8]) {
         self.incoming.push_back(bytes.to_vec());
     }
 
-    /// Lets go of what was held.
+    /// Releases the held replies.
     pub(super) fn release(&mut self) {
         self.incoming.extend(self.held.drain(..));
     }
 
     /// Moves the hand.
-    pub(super) fn put(&mut self, position_m: [f64; 3]) {
+    pub(super) fn move_hand(&mut self, position_m: [f64; 3]) {
         self.reply.encoders = Kinematics::default().counts(position_m).expect("within reach");
     }
 
@@ -89,10 +90,10 @@ impl Script {
         self.called.extend(bytes);
         if self.called.ends_with(b"\x0AC\x0D") {
             self.called.clear();
-            if self.deaf_calls > 0 {
-                self.deaf_calls -= 1;
+            if self.ignored_calls > 0 {
+                self.ignored_calls -= 1;
             } else {
-                self.say(b"\0\x0AD,\x0D");
+                self.queue(b"\0\x0AD,\x0D");
                 self.loads += 1;
                 self.image.clear();
             }
@@ -101,14 +102,14 @@ impl Script {
 
     fn take_image(&mut self, bytes: &[u8]) {
         if self.image.is_empty() && bytes == b"A" {
-            self.say(b"A");
+            self.queue(b"A");
             self.image.push(b'A');
             return;
         }
         let begins = self.image.len() - 1;
         self.image.extend(bytes);
-        // Whatever ran before is gone, and its homing with it.
-        self.reply.homed = if self.never_forgets { packet::ALL_HOMED } else { 0 };
+        // Loading ends the running program and clears its homing.
+        self.reply.homed = if self.keeps_homing { packet::ALL_HOMED } else { 0 };
         let mut echo = bytes.to_vec();
         let (loads, at) = self.wrong_echoes;
         if let Some(byte) =
@@ -116,10 +117,10 @@ impl Script {
         {
             *byte ^= 0x10;
         }
-        // In two pieces, as a UART does it.
+        // In two parts, like a UART.
         let (first, second) = echo.split_at(echo.len() / 2);
-        self.say(first);
-        self.say(second);
+        self.queue(first);
+        self.queue(second);
         self.loaded = Image::new(self.image[1..].to_vec()).is_ok() && self.loads > loads;
     }
 }
@@ -132,33 +133,33 @@ pub(super) struct Fake {
 }
 
 impl Fake {
-    /// A device in the middle of its workspace, with its firmware, that nobody has homed.
+    /// A device in the middle of its workspace, with firmware and not homed.
     pub(super) fn running() -> Arc<Self> {
         Self::of(Script { loaded: true, ..Script::default() })
     }
 
-    /// The same without its firmware.
+    /// The same without firmware.
     pub(super) fn silent() -> Arc<Self> {
         Self::of(Script::default())
     }
 
     fn of(mut script: Script) -> Arc<Self> {
-        script.put(CENTRE_M);
+        script.move_hand(CENTRE_M);
         Arc::new(Self { script: Mutex::new(script), room: Condvar::new() })
     }
 
-    /// The user has homed it.
+    /// Homes the device, like its user.
     pub(super) fn home(&self) {
         self.with(|script| script.reply.homed = packet::ALL_HOMED);
     }
 
-    /// Lets the write that is stalled go on.
+    /// Releases the blocked write.
     pub(super) fn make_room(&self) {
         self.with(|script| script.stalls = false);
         self.room.notify_all();
     }
 
-    /// Looks at the script, or changes it.
+    /// Reads or changes the script.
     pub(super) fn with<R>(&self, act: impl FnOnce(&mut Script) -> R) -> R {
         act(&mut self.script.lock().expect("no test panics within"))
     }
@@ -169,10 +170,10 @@ impl Fake {
     }
 }
 
-/// Longest that a write is stalled: a test that waits for it fails instead of hanging.
+/// Longest block of a write: a test that waits for it fails instead of hanging.
 pub(super) const STALL: Duration = Duration::from_secs(20);
 
-fn gone() -> DeviceError {
+fn disconnected() -> DeviceError {
     DeviceError::new(DeviceErrorKind::Disconnected)
 }
 
@@ -185,15 +186,15 @@ impl Ftdi for Fake {
             if (request, value) == Setting::PurgeReceived.request() {
                 script.incoming.clear();
             }
-            if script.unplugged { Err(gone()) } else { Ok(()) }
+            if script.unplugged { Err(disconnected()) } else { Ok(()) }
         })
     }
 
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
-        assert!(!timeout.is_zero(), "for ever, to libusb");
+        assert!(!timeout.is_zero(), "libusb takes zero as no timeout");
         let mut script = self.script.lock().expect("no test panics within");
         script.stalled += 1;
-        // Longer than it is asked to wait: a test is not to depend on how long that is.
+        // Block longer than the timeout: the tests do not depend on its length.
         let (mut script, _) = self
             .room
             .wait_timeout_while(script, STALL, |script| script.stalls)
@@ -202,7 +203,7 @@ impl Ftdi for Fake {
         drop(script);
         self.with(|script| {
             if script.unplugged {
-                return Err(gone());
+                return Err(disconnected());
             }
             if script.failing_writes > 0 {
                 script.failing_writes -= 1;
@@ -215,7 +216,9 @@ impl Ftdi for Fake {
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         let found =
-            self.with(|script| if script.unplugged { Err(gone()) } else { Ok(script.incoming.pop_front()) })?;
+            self.with(
+                |script| if script.unplugged { Err(disconnected()) } else { Ok(script.incoming.pop_front()) },
+            )?;
         let Some(bytes) = found else {
             // A thread must not spin; the tests do not wait for real time.
             std::thread::sleep(timeout.min(Duration::from_micros(50)));

@@ -1,46 +1,47 @@
-//! The firmware's image: a boot stream of the TI C28x, checked before a byte of it is sent.
+//! The firmware image: a boot stream of the TI C28x, checked before it is sent.
 //!
-//! Little-endian words: the key 0x08AA, eight words of zero, the entry address (high, low), then blocks of {count, address high, address
-//! low, data}, ended by a count of 0. Source: TI SPRU095 (serial boot loader). Palpate brings no firmware with it: the maker's licence does
-//! not allow that, and a path is the user's to give.
+//! Little-endian words: the key 0x08AA, eight reserved words of zero, the entry address (high, low), then
+//! blocks of {count, address high, address low, data}, ended by a count of 0. Source: TI SPRU095 (serial boot
+//! loader). Palpate contains no firmware, because the maker's licence does not permit it; the user gives the
+//! path of a file.
 
 use core::fmt;
 
-/// First word: a stream of words of eight bits at a time.
+/// First word: the key of a boot stream of 8-bit bytes.
 const KEY: u16 = 0x08AA;
-/// Words of zero after it.
+/// Number of reserved zero words after it.
 const RESERVED: usize = 8;
 /// Largest image, bytes: twice all the memory of the processor (128 Ki words).
 const MAX_LEN: usize = 512 * 1024;
 
-/// What is wrong with an image. Places are bytes from its beginning.
+/// Defect of an image. Positions are in bytes from the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FirmwareError {
     /// Longer than the processor's memory.
     TooLong {
-        /// Bytes.
+        /// Size, bytes.
         len: usize,
     },
-    /// Another first word.
+    /// The first word is not the key.
     Key {
-        /// What is there, if anything.
+        /// The word found, if the image has one.
         found: Option<u16>,
     },
     /// A reserved word that is not zero.
     Reserved {
-        /// Where.
+        /// Position.
         at: usize,
     },
     /// The image ends within its header or a block.
     CutOff {
-        /// Where more was to come.
+        /// Position at which more data is expected.
         at: usize,
     },
-    /// Blocks without a word: nothing would be loaded.
+    /// All blocks are empty: nothing would be loaded.
     Empty,
-    /// Something follows the end.
+    /// Data follows the end.
     Trailing {
-        /// Where.
+        /// Position.
         at: usize,
     },
 }
@@ -48,15 +49,15 @@ pub enum FirmwareError {
 impl fmt::Display for FirmwareError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::TooLong { len } => write!(f, "{len} bytes are more than the device has memory")?,
+            Self::TooLong { len } => write!(f, "{len} bytes exceed the memory of the device")?,
             Self::Key { found: Some(key) } => write!(f, "begins with {key:#06x} instead of {KEY:#06x}")?,
             Self::Key { found: None } => f.write_str("is empty")?,
             Self::Reserved { at } => write!(f, "the reserved word at byte {at} is not zero")?,
             Self::CutOff { at } => write!(f, "ends at byte {at}, within its header or a block")?,
             Self::Empty => f.write_str("holds no block")?,
-            Self::Trailing { at } => write!(f, "goes on after its end at byte {at}")?,
+            Self::Trailing { at } => write!(f, "continues after its end at byte {at}")?,
         }
-        f.write_str("; give the Falcon's firmware as a C28x boot stream, whole and unchanged")
+        f.write_str("; give the Falcon's firmware as a C28x boot stream, complete and unchanged")
     }
 }
 
@@ -108,32 +109,33 @@ impl Image {
         Ok(Self { bytes, entry, blocks })
     }
 
-    /// The bytes as they are sent.
+    /// The bytes to send.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Where the processor begins once it is loaded.
+    /// Entry address of the program.
     #[must_use]
     pub const fn entry(&self) -> u32 {
         self.entry
     }
 
-    /// Blocks of memory in it.
+    /// Number of memory blocks.
     #[must_use]
     pub const fn blocks(&self) -> usize {
         self.blocks
     }
 
-    /// An image that no processor can run, for tests and emulators: two blocks, `words` words together, that count up.
+    /// An image that no processor can run, for tests and emulators: two blocks with `words` counting words in
+    /// total.
     ///
     /// # Panics
     ///
     /// If there are fewer than two words, or more than fit into two blocks.
     #[must_use]
     pub fn synthetic(words: u16) -> Self {
-        assert!(words >= 2, "two blocks want two words");
+        assert!(words >= 2, "two blocks need two words");
         let first = words / 2;
         let mut stream = vec![KEY];
         stream.extend([0; RESERVED]);
@@ -144,11 +146,11 @@ impl Image {
         }
         stream.push(0);
         let bytes = stream.into_iter().flat_map(u16::to_le_bytes).collect();
-        Self::new(bytes).expect("built as it is checked")
+        Self::new(bytes).expect("a valid image")
     }
 }
 
-/// Little-endian words from a place on.
+/// Iterator over little-endian words.
 #[derive(Debug)]
 struct Words<'b> {
     bytes: &'b [u8],
@@ -181,17 +183,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sound_image_is_taken_as_it_is() {
+    fn a_valid_image_is_accepted_unchanged() {
         let image = Image::synthetic(1000);
         assert_eq!((image.entry(), image.blocks()), (0x003F_8000, 2));
-        // Key, reserved, entry, two headers, the words and the end.
+        // Key, reserved words, entry, two block headers, the words and the end.
         assert_eq!(image.bytes().len(), 2 * (1 + 8 + 2 + 2 * 3 + 1000 + 1));
         assert_eq!(image.bytes()[..4], [0xAA, 0x08, 0, 0]);
         assert_eq!(Image::new(image.bytes().to_vec()), Ok(image));
     }
 
     #[test]
-    fn an_image_cut_anywhere_is_refused() {
+    fn a_truncated_image_is_refused() {
         let whole = Image::synthetic(20);
         for len in 0..whole.bytes().len() {
             let error = Image::new(whole.bytes()[..len].to_vec()).expect_err("cut");
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_in_one_line() {
+    fn errors_are_one_line_and_name_the_fix() {
         let with = |change: &dyn Fn(&mut Vec<u8>)| {
             let mut bytes = Image::synthetic(20).bytes().to_vec();
             change(&mut bytes);

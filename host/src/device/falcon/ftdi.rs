@@ -1,8 +1,8 @@
-//! The FTDI chip between USB and a device's UART, as far as a driver needs it.
+//! The FTDI chip between USB and a device's UART: the functions that the driver needs.
 //!
-//! Two bulk pipes and vendor requests. Every packet of the pipe in (64 bytes at most) begins with two status bytes; a transfer of several
-//! packets has them in each. Reading and writing go on at the same time from two threads, so that a transfer in can be waiting before a
-//! request goes out.
+//! Two bulk pipes and vendor requests. Every packet of the IN pipe (at most 64 bytes) begins with two status
+//! bytes; a transfer of several packets has them in each packet. Reads and writes may run at the same time on
+//! two threads, so an IN transfer can be pending before a request is sent.
 
 use crate::device::DeviceError;
 use core::time::Duration;
@@ -17,11 +17,11 @@ pub trait Ftdi: Send + Sync {
     /// One vendor request without data: bmRequestType 0x40, wIndex 0.
     fn control(&self, request: u8, value: u16) -> Result<(), DeviceError>;
 
-    /// Sends bytes to the UART; gives how many went.
+    /// Sends bytes to the UART and returns the number sent.
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError>;
 
-    /// One transfer from the chip, as it comes: packets with their status bytes. A passing timeout error if nothing came; a zero timeout
-    /// only looks.
+    /// Reads one transfer from the chip: packets with their status bytes. A transient timeout error if
+    /// nothing arrived; a timeout of zero only polls.
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError>;
 }
 

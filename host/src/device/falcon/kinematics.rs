@@ -1,4 +1,4 @@
-//! Geometry of the Falcon's delta: encoder counts to position and back, and the Jacobian between them.
+//! Kinematics of the Falcon's delta mechanism: encoder counts to position and back, and the Jacobian.
 //!
 //! Three legs round the z axis, at 105, -15 and -135 degrees. In the plane of a leg
 //!
@@ -7,63 +7,68 @@
 //! crank e^(i theta) + L e^(i theta2) = u + i w,      L = gap + sqrt(rod^2 - v^2)
 //! ```
 //!
-//! so that position and crank angle theta are tied by one equation a leg,
+//! Position and crank angle theta of each leg satisfy
 //!
 //! g = (u - crank cos theta)^2 + (w - crank sin theta)^2 - L^2 = 0
 //!
-//! The gap makes L depend on the position: there is no closed form as for three spheres, the three equations are solved by Newton's method
-//! from the last position. x is to the right, y up, z towards the user; metres and radians.
-//! Source of the figures: libnifalcon (after R. E. Stamper, 1997). Deviation: solved to 1e-9 m, not to 0.01 rad of a joint, which is 0.6 mm.
+//! The gap makes L depend on the position, so the closed form of the intersection of three spheres does not
+//! apply. Newton's method solves the three equations from the last position. x is to the right, y up, z
+//! towards the user; metres and radians.
+//! Source of the dimensions: libnifalcon (after R. E. Stamper, 1997). Deviation: solved to 1e-9 m instead of
+//! 0.01 rad of a joint, which is 0.6 mm.
 
 /// Length of the driven crank, m.
 const CRANK_M: f64 = 0.060;
 /// Length of the parallelogram's rods, m.
 const ROD_M: f64 = 0.1025;
-/// What the joints at both ends of the rods add to them in the leg's plane, m.
+/// Length that the joints at both ends add to the rods in the leg's plane, m.
 const GAP_M: f64 = 0.01125 + 0.01125;
 /// Radial offset of the handle's joint from that of the base, m.
 const U_OFFSET_M: f64 = 0.01443 - 0.0400;
-/// Sideways offset of the same, m.
+/// Sideways offset of the handle's joint, m.
 const V_OFFSET_M: f64 = -0.025 + 0.02309;
 /// Direction of each leg, degrees.
 const LEGS_DEG: [f64; 3] = [105.0, -15.0, -135.0];
 
-/// Counts of the encoder to one degree of a crank: a wheel of 320 slots, each counted four times, on a shaft of 14.25 mm that a cable
-/// drives from the crank's drum of 110 mm.
+/// Encoder counts per degree of a crank: a disc of 320 slots with fourfold counting, on a shaft of 14.25 mm
+/// that a cable drives from the crank's drum of 110 mm.
 pub const COUNTS_PER_DEGREE: f64 = 320.0 * 4.0 * (0.110 / 0.01425) / 360.0;
 /// Angle of the cranks at count 0, degrees.
 const ZERO_DEG: f64 = 35.0;
 
-/// Middle of the workspace, m: where the first solution begins.
+/// Middle of the workspace, m: the initial guess of the first solution.
 pub const CENTRE_M: [f64; 3] = [0.0, 0.0, 0.12];
 
-/// Most steps of Newton's method.
+/// Largest number of Newton steps.
 pub const MAX_ITERATIONS: u32 = 10;
-/// A step below this is the last, m: the next would be its square over some centimetres.
-const LAST_STEP_M: f64 = 1e-6;
-/// Longest step, m: a longer one leaves the region where the equations are nearly linear.
+/// Newton ends after a step below this, m: the error after it is the square of the step divided by a few
+/// centimetres.
+const STEP_TOLERANCE_M: f64 = 1e-6;
+/// Longest Newton step, m: beyond it the equations are far from linear.
 const MAX_STEP_M: f64 = 0.03;
-/// Farthest from the centre that the handle can be in any direction, m: beyond, something else was solved.
+/// Largest distance of the handle from the centre in any direction, m: a root beyond it belongs to another
+/// configuration.
 const MAX_REACH_M: f64 = 0.1;
-/// Volume that the three rows of dg/dp, scaled to unit length, span at least; the legs go round clockwise, so its sign is turned. It is 0.34
-/// to 0.89 over the workspace, and zero where the handle gets loose; below zero it would be on the other side of its legs.
+/// Smallest volume spanned by the three rows of dg/dp, scaled to unit length. The legs are arranged
+/// clockwise, so the sign is reversed. The volume is 0.34 to 0.89 over the workspace and zero at a
+/// singularity; a negative value means the mirrored configuration.
 const MIN_VOLUME: f64 = 0.05;
 
-/// One leg's direction.
+/// Direction of one leg.
 #[derive(Debug, Clone, Copy)]
 struct Leg {
     cos: f64,
     sin: f64,
 }
 
-/// The leg's equation at one place.
+/// The leg's equation at a position.
 #[derive(Debug, Clone, Copy)]
 struct Equation {
     /// g, m^2.
     g: f64,
     /// dg/dp, m.
     gradient: [f64; 3],
-    /// dg/dtheta, m^2. Negative where the leg bends the way it is built.
+    /// dg/dtheta, m^2. Negative for the configuration in which the leg is built.
     by_angle: f64,
 }
 
@@ -74,7 +79,7 @@ impl Leg {
         (p[0] * cos + p[1] * sin + U_OFFSET_M, p[1] * cos - p[0] * sin + V_OFFSET_M)
     }
 
-    /// Crank angle, the smaller of the two; `None` where no angle reaches.
+    /// Crank angle, the smaller of two solutions; `None` if the position is out of reach.
     fn angle(self, p: [f64; 3]) -> Option<f64> {
         let (u, v) = self.uv(p);
         let rod = ROD_M * ROD_M - v * v;
@@ -87,7 +92,7 @@ impl Leg {
         (cos.abs() <= 1.0).then(|| p[2].atan2(u) - cos.acos())
     }
 
-    /// The equation and its derivatives; `None` where the rods do not reach.
+    /// The equation and its derivatives; `None` if the rods do not reach.
     fn equation(self, p: [f64; 3], (sin_t, cos_t): (f64, f64)) -> Option<Equation> {
         let (u, v) = self.uv(p);
         let rod2 = ROD_M * ROD_M - v * v;
@@ -119,35 +124,35 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Inverse of the matrix with these rows, as columns not yet divided by the determinant; and that.
+/// Adjugate of the matrix with these rows, as columns, and the determinant.
 fn adjugate([a, b, c]: [[f64; 3]; 3]) -> ([[f64; 3]; 3], f64) {
     let columns = [cross(b, c), cross(c, a), cross(a, b)];
     (columns, dot(a, columns[0]))
 }
 
-/// Angle of a crank at a count, rad.
+/// Crank angle at an encoder count, rad.
 #[must_use]
 pub fn angle_of(count: f64) -> f64 {
     (ZERO_DEG + count / COUNTS_PER_DEGREE).to_radians()
 }
 
-/// Count at an angle of a crank, not rounded.
+/// Encoder count at a crank angle, not rounded.
 #[must_use]
 pub fn count_of(angle_rad: f64) -> f64 {
     (angle_rad.to_degrees() - ZERO_DEG) * COUNTS_PER_DEGREE
 }
 
-/// Where the handle is, and how it moves with the cranks.
+/// Position of the handle and its Jacobian.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
     /// Position, m.
     pub position_m: [f64; 3],
-    /// J = d(position)/d(theta), m/rad: a row for each axis, a column for each crank.
+    /// J = d(position)/d(theta), m/rad: one row per axis, one column per crank.
     pub jacobian: [[f64; 3]; 3],
 }
 
 impl Pose {
-    /// Torques at the cranks that put a force on the hand, N m.
+    /// Crank torques that exert a force on the hand, N m.
     ///
     /// tau = J^T F: the power is the same on both sides, F . dp = tau . dtheta.
     #[must_use]
@@ -156,7 +161,7 @@ impl Pose {
         core::array::from_fn(|crank| (0..3).map(|axis| j[axis][crank] * force_n[axis]).sum())
     }
 
-    /// Force on the hand of torques at the cranks, N: F = J^-T tau. No number where the handle is loose.
+    /// Force on the hand by crank torques, N: F = J^-T tau. Not finite at a singularity.
     #[must_use]
     pub fn force_n(&self, torques_n_m: [f64; 3]) -> [f64; 3] {
         let j = &self.jacobian;
@@ -168,19 +173,19 @@ impl Pose {
     }
 }
 
-/// What became of one set of counts.
+/// Result of the solution for one set of counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Solution {
-    /// Solved; the pose is of these counts.
+    /// Solved: the pose belongs to these counts.
     Solved {
-        /// Steps of Newton's method.
+        /// Number of Newton steps.
         iterations: u32,
     },
-    /// No place of the handle fits these counts, or none was found: the pose is still the last good one.
+    /// No pose has these counts, or none was found: the last valid pose is kept.
     Kept,
 }
 
-/// The mechanism, with the last pose that was found.
+/// The mechanism with its last pose.
 #[derive(Debug, Clone, Copy)]
 pub struct Kinematics {
     legs: [Leg; 3],
@@ -201,48 +206,48 @@ impl Default for Kinematics {
 }
 
 impl Kinematics {
-    /// The last pose that was found; the centre's before.
+    /// The last valid pose; initially the centre.
     #[must_use]
     pub const fn pose(&self) -> &Pose {
         &self.pose
     }
 
-    /// Forgets the last pose: the next solution begins in the centre.
+    /// Discards the last pose: the next solution starts from the centre.
     pub fn reset(&mut self) {
         *self = Self::default();
     }
 
-    /// Crank angles at a position, rad; `None` where the handle cannot be.
+    /// Crank angles at a position, rad; `None` if it is out of reach.
     #[must_use]
     pub fn angles_rad(&self, position_m: [f64; 3]) -> Option<[f64; 3]> {
         let [a, b, c] = self.legs.map(|leg| leg.angle(position_m));
         Some([a?, b?, c?])
     }
 
-    /// Encoder counts at a position, as the device would send them.
+    /// Encoder counts at a position, as the device would report them.
     #[must_use]
     pub fn counts(&self, position_m: [f64; 3]) -> Option<[i16; 3]> {
-        // Angles within one turn are a few thousand counts.
+        // The angles within one turn are a few thousand counts.
         Some(self.angles_rad(position_m)?.map(|angle| count_of(angle).round() as i16))
     }
 
-    /// The pose that the handle would have at a position; `None` where it cannot be.
+    /// The pose at a position; `None` if it is out of reach.
     ///
-    /// Cost: an arc cosine a leg and a 3 x 3 inverse; no iteration.
+    /// Cost: one arc cosine per leg and a 3 x 3 inverse; no iteration.
     #[must_use]
     pub fn pose_with(&self, position_m: [f64; 3]) -> Option<Pose> {
         self.pose_at(position_m, self.angles_rad(position_m)?.map(f64::sin_cos))
     }
 
-    /// Finds the pose for encoder counts, from the last one.
+    /// Solves for the pose of encoder counts, starting from the last pose.
     pub fn solve(&mut self, counts: [i16; 3]) -> Solution {
         self.solve_angles(counts.map(|count| angle_of(f64::from(count))))
     }
 
-    /// Finds the pose for crank angles, rad, from the last one.
+    /// Solves for the pose of crank angles, rad, starting from the last pose.
     ///
     /// Newton: p -= (dg/dp)^-1 g, and J = -(dg/dp)^-1 diag(dg/dtheta) at the end.
-    /// Cost: 3 or 4 steps of three square roots and a 3 x 3 inverse each; nothing is allocated.
+    /// Cost: 3 or 4 steps with three square roots and a 3 x 3 inverse each; no allocation.
     pub fn solve_angles(&mut self, angles_rad: [f64; 3]) -> Solution {
         match self.newton(angles_rad) {
             Some((pose, iterations)) => {
@@ -273,14 +278,14 @@ impl Kinematics {
             }
             let scale = if length > MAX_STEP_M { MAX_STEP_M / length } else { 1.0 };
             p = core::array::from_fn(|axis| p[axis] + scale * step[axis]);
-            if length < LAST_STEP_M {
+            if length < STEP_TOLERANCE_M {
                 return Some((self.pose_at(p, angles)?, iterations));
             }
         }
         None
     }
 
-    /// The pose at a root, if the mechanism can be there without having been taken apart.
+    /// The pose at a root, if it belongs to the configuration in which the mechanism is built.
     fn pose_at(&self, p: [f64; 3], angles: [(f64, f64); 3]) -> Option<Pose> {
         let equations = self.equations(p, angles)?;
         let gradients = equations.map(|e| e.gradient);

@@ -1,35 +1,35 @@
-//! Settings of the FTDI chip and its UART, as vendor requests, and the bytes between its status bytes.
+//! Vendor requests that configure the FTDI chip and its UART, and removal of its status bytes.
 
 use super::ftdi::{Ftdi, PACKET_LEN, STATUS_LEN};
 use crate::device::{DeviceError, DeviceErrorKind};
 use core::time::Duration;
 
-/// One vendor request of the chip. Source of the values: libnifalcon, libftdi.
+/// A vendor request of the chip. Source of the values: libnifalcon, libftdi.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Setting {
-    /// Begin anew.
+    /// Reset the chip.
     Reset,
-    /// Forget what was received and not yet read.
+    /// Discard bytes that are received and not yet read.
     PurgeReceived,
-    /// Forget what is not yet sent.
+    /// Discard bytes that are not yet sent.
     PurgeUnsent,
-    /// The DTR line, which is wired to the processor.
+    /// The DTR line; it is connected to the processor.
     Dtr(bool),
-    /// The RTS line low.
+    /// RTS line low.
     RtsLow,
     /// No flow control.
     NoFlowControl,
-    /// 9,600 baud: the processor's own loader, before it is told otherwise.
+    /// 9,600 baud: the initial rate of the processor's boot loader.
     Baud9600,
-    /// 142,857 baud: the image.
+    /// 142,857 baud: the rate for the image.
     BaudImage,
-    /// 1.5 Mbaud: the firmware.
+    /// 1.5 Mbaud: the rate of the firmware.
     BaudFirmware,
     /// Eight bits, no parity, one stop bit.
     EightBits,
-    /// A packet leaves for the host after this many ms even if it is not full.
+    /// Latency timer, ms: a packet is sent to the host after this time even if it is not full.
     Latency(u8),
-    /// A packet leaves for the host as soon as this byte is received.
+    /// A packet is sent to the host as soon as this byte is received.
     EventByte(u8),
 }
 
@@ -54,46 +54,46 @@ impl Setting {
         }
     }
 
-    /// Asks it of the chip.
+    /// Sends the request to the chip.
     pub fn apply(self, ftdi: &impl Ftdi) -> Result<(), DeviceError> {
         let (request, value) = self.request();
         ftdi.control(request, value)
     }
 }
 
-/// Several settings, in order.
+/// Sends several requests in order.
 pub fn apply_all(ftdi: &impl Ftdi, settings: &[Setting]) -> Result<(), DeviceError> {
     settings.iter().try_for_each(|setting| setting.apply(ftdi))
 }
 
-/// The bytes of the UART in a transfer from the chip: each packet without its status bytes.
+/// The UART bytes of a transfer from the chip: each packet without its status bytes.
 pub fn payload(transfer: &[u8]) -> impl Iterator<Item = &[u8]> {
     transfer.chunks(PACKET_LEN).map(|packet| packet.get(STATUS_LEN..).unwrap_or_default())
 }
 
-/// How long an answer is waited for.
+/// Timeout for a reply.
 ///
-/// Counted in reads that bring nothing: the chip sends its status bytes whenever the latency timer runs out, so such a read is as
-/// long as that, and an emulator's time need not be ours.
+/// It is counted in reads without data: the chip sends its status bytes whenever the latency timer expires,
+/// which bounds such a read. An emulator's time may differ from ours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Patience {
-    /// Reads in a row without a byte.
+pub struct ReplyTimeout {
+    /// Consecutive reads without data.
     pub reads: u32,
-    /// The longest of them.
+    /// Longest duration of one of them.
     pub each: Duration,
 }
 
-/// Reads until `is_enough` or the patience is at its end, which is no error; gives what came.
-pub fn listen(
+/// Reads until `is_enough` or the timeout, which is not an error; returns the received bytes.
+pub fn read_until(
     ftdi: &impl Ftdi,
-    patience: Patience,
+    timeout: ReplyTimeout,
     mut is_enough: impl FnMut(&[u8]) -> bool,
 ) -> Result<Vec<u8>, DeviceError> {
     let mut transfer = [0; 8 * PACKET_LEN];
     let mut received = Vec::new();
     let mut silent_reads = 0;
-    while silent_reads < patience.reads && !is_enough(&received) {
-        let count = match ftdi.read(&mut transfer, patience.each) {
+    while silent_reads < timeout.reads && !is_enough(&received) {
+        let count = match ftdi.read(&mut transfer, timeout.each) {
             Ok(count) => count,
             Err(error) if error.kind() == DeviceErrorKind::Timeout => 0,
             Err(error) => return Err(error),
@@ -105,7 +105,7 @@ pub fn listen(
     Ok(received)
 }
 
-/// Sends all of it.
+/// Sends all bytes.
 pub fn send(ftdi: &impl Ftdi, mut bytes: &[u8], timeout: Duration) -> Result<(), DeviceError> {
     while !bytes.is_empty() {
         match ftdi.write(bytes, timeout)? {
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn status_bytes_are_taken_out_of_every_packet() {
+    fn status_bytes_are_removed_from_every_packet() {
         let mut transfer = vec![0x01, 0x60];
         transfer.extend(1..=62);
         transfer.extend([0x01, 0x60, 63, 64]);

@@ -1,51 +1,52 @@
-//! Bringing the firmware up: does it answer already, and if not, the processor's boot loader and the image.
+//! Starts the firmware: probes whether it runs; if not, calls the processor's boot loader and sends the
+//! image.
 //!
-//! Blocks for seconds; all of it happens before the loop. Source of the procedure: libnifalcon.
+//! It blocks for seconds and runs before the loop. Source of the procedure: libnifalcon.
 
 use super::firmware::Image;
 use super::ftdi::Ftdi;
-use super::line::{Patience, Setting, apply_all, listen, send};
+use super::line::{ReplyTimeout, Setting, apply_all, read_until, send};
 use super::packet::{Decoder, Lights, Reply, Request};
 use crate::device::DeviceError;
 use core::fmt;
 use core::time::Duration;
 
-/// Called to the loader.
+/// Call to the boot loader.
 const CALL: &[u8] = b"\x0AC\x0D";
-/// What it answers.
+/// Its answer.
 const ANSWER: &[u8] = b"\x0AD,\x0D";
-/// Begins the image at the higher rate, and is echoed.
+/// Starts the image at the higher rate; echoed.
 const BEGIN: &[u8] = b"A";
-/// Bytes of the image at a time: what comes back in one packet.
+/// Bytes of the image per chunk: the echo fits into one packet.
 const CHUNK_LEN: usize = 62;
-/// How often the loader is called.
-const CALLS: u32 = 100;
-/// How often the image is sent, if it comes back changed.
-const LOADS: u32 = 20;
-/// How often a packet is sent to see whether there is an answer.
-const PROBES: u32 = 10;
-/// Longest write.
+/// Largest number of calls to the boot loader.
+const MAX_CALLS: u32 = 100;
+/// Largest number of attempts to send the image.
+const MAX_LOADS: u32 = 20;
+/// Largest number of probe packets.
+const MAX_PROBES: u32 = 10;
+/// Timeout of a write.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(1);
-/// For an answer to a call: five times the latency timer of 16 ms.
-const CALL_PATIENCE: Patience = Patience { reads: 5, each: Duration::from_millis(16) };
-/// For the echo of a chunk, half a second.
-const ECHO_PATIENCE: Patience = Patience { reads: 30, each: Duration::from_millis(16) };
-/// For the reply to a packet. The latency timer of 1 ms ends each of these reads.
-const REPLY_PATIENCE: Patience = Patience { reads: 20, each: Duration::from_millis(5) };
+/// Timeout for the answer to a call: five times the latency timer of 16 ms.
+const CALL_TIMEOUT: ReplyTimeout = ReplyTimeout { reads: 5, each: Duration::from_millis(16) };
+/// Timeout for the echo of a chunk: half a second.
+const ECHO_TIMEOUT: ReplyTimeout = ReplyTimeout { reads: 30, each: Duration::from_millis(16) };
+/// Timeout for the reply to a packet. The latency timer of 1 ms ends each of these reads.
+const REPLY_TIMEOUT: ReplyTimeout = ReplyTimeout { reads: 20, each: Duration::from_millis(5) };
 
-/// Why the firmware is not loaded.
+/// Reason why the firmware could not be loaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoadError {
     /// The link failed.
     Device(DeviceError),
     /// The boot loader does not answer.
     NoLoader,
-    /// It came back otherwise than it was sent, every time.
+    /// The echo differed from the sent bytes in every attempt.
     Echo {
-        /// First byte of the image that did; `None` before the image.
+        /// Index of the first wrong byte of the image; `None` before the image.
         at: Option<usize>,
     },
-    /// Loaded, and silent.
+    /// The loaded firmware does not reply.
     Silent,
 }
 
@@ -59,14 +60,14 @@ impl fmt::Display for LoadError {
             Self::Echo { at: Some(at) } => {
                 write!(
                     f,
-                    "byte {at} of the firmware came back changed, {LOADS} times over; try another cable or port"
+                    "the echo of byte {at} of the firmware was wrong in {MAX_LOADS} attempts; try another cable or port"
                 )
             }
             Self::Echo { at: None } => f.write_str(
-                "its boot loader does not follow; disconnect its power, wait, and connect it again",
+                "its boot loader does not echo the start byte; disconnect its power, wait, and connect it again",
             ),
             Self::Silent => f.write_str(
-                "silent after its firmware was loaded; check that the file is the Falcon's firmware",
+                "no reply after the firmware was loaded; check that the file is the Falcon's firmware",
             ),
         }
     }
@@ -80,25 +81,26 @@ impl From<DeviceError> for LoadError {
     }
 }
 
-/// The line as the firmware wants it. Both directions are empty then.
+/// Configures the line for the firmware. Both directions are then empty.
 pub fn set_normal(ftdi: &impl Ftdi) -> Result<(), DeviceError> {
     apply_all(
         ftdi,
         &[Setting::Latency(1), Setting::NoFlowControl, Setting::EightBits, Setting::BaudFirmware],
     )?;
-    // A packet leaves with its last byte instead of with the timer. A chip that cannot do it is slower; one that is gone says so next.
+    // With the event byte a packet is sent with its last byte instead of at the timer. A chip without this
+    // setting is slower; a disconnected one fails in the next request.
     let _ = Setting::EventByte(super::packet::END).apply(ftdi);
     apply_all(ftdi, &[Setting::PurgeReceived, Setting::PurgeUnsent])
 }
 
-/// Asks the firmware for a sign of life, without force; `None` if there is none.
+/// Sends packets without force until the firmware replies; `None` if it does not.
 pub fn probe(ftdi: &impl Ftdi) -> Result<Option<Reply>, DeviceError> {
     let lights = Lights { red: true, ..Lights::default() };
     let request = Request { lights, ..Request::default() }.encode();
-    for _ in 0..PROBES {
+    for _ in 0..MAX_PROBES {
         send(ftdi, &request, WRITE_TIMEOUT)?;
         let found = |bytes: &[u8]| Decoder::default().push(bytes).newest;
-        let received = listen(ftdi, REPLY_PATIENCE, |bytes| found(bytes).is_some() || bytes.len() > 4096)?;
+        let received = read_until(ftdi, REPLY_TIMEOUT, |bytes| found(bytes).is_some() || bytes.len() > 4096)?;
         if let Some(reply) = found(&received) {
             return Ok(Some(reply));
         }
@@ -106,17 +108,17 @@ pub fn probe(ftdi: &impl Ftdi) -> Result<Option<Reply>, DeviceError> {
     Ok(None)
 }
 
-/// Loads the firmware and hears its first reply.
+/// Loads the firmware and returns its first reply.
 pub fn load(ftdi: &impl Ftdi, image: &Image) -> Result<Reply, LoadError> {
     let mut failure = LoadError::NoLoader;
-    for _ in 0..LOADS {
+    for _ in 0..MAX_LOADS {
         match load_once(ftdi, image) {
             Ok(()) => {
                 set_normal(ftdi)?;
                 return probe(ftdi)?.ok_or(LoadError::Silent);
             }
             Err(error @ LoadError::Echo { .. }) => failure = error,
-            // A loader that was called a hundred times, or a link that failed, is not there the next time either.
+            // After a hundred calls without answer, or a failed link, another attempt is useless.
             Err(error) => return Err(error),
         }
     }
@@ -153,11 +155,11 @@ fn load_once(ftdi: &impl Ftdi, image: &Image) -> Result<(), LoadError> {
     Ok(())
 }
 
-/// Calls until the loader answers. A zero, or what was left of an earlier answer, may come before.
+/// Calls until the loader answers. A zero, or the rest of an earlier answer, may come first.
 fn call(ftdi: &impl Ftdi) -> Result<(), LoadError> {
-    for _ in 0..CALLS {
+    for _ in 0..MAX_CALLS {
         send(ftdi, CALL, WRITE_TIMEOUT)?;
-        let received = listen(ftdi, CALL_PATIENCE, |bytes| bytes.ends_with(ANSWER) || bytes.len() > 64)?;
+        let received = read_until(ftdi, CALL_TIMEOUT, |bytes| bytes.ends_with(ANSWER) || bytes.len() > 64)?;
         if received.ends_with(ANSWER) {
             return Ok(());
         }
@@ -165,10 +167,10 @@ fn call(ftdi: &impl Ftdi) -> Result<(), LoadError> {
     Err(LoadError::NoLoader)
 }
 
-/// Sends bytes and gives what comes back.
+/// Sends bytes and returns their echo.
 fn echo(ftdi: &impl Ftdi, bytes: &[u8]) -> Result<Vec<u8>, LoadError> {
     send(ftdi, bytes, WRITE_TIMEOUT)?;
-    Ok(listen(ftdi, ECHO_PATIENCE, |back| back.len() >= bytes.len())?)
+    Ok(read_until(ftdi, ECHO_TIMEOUT, |back| back.len() >= bytes.len())?)
 }
 
 #[cfg(test)]
@@ -178,7 +180,7 @@ mod tests {
     use crate::device::falcon::fake::Fake;
 
     #[test]
-    fn running_firmware_is_heard_and_gets_no_force() {
+    fn running_firmware_is_detected_without_force() {
         let chip = Fake::running();
         set_normal(&chip).expect("a link");
         assert!(probe(&chip).expect("a link").is_some());
@@ -192,7 +194,7 @@ mod tests {
     #[test]
     fn an_image_is_loaded_byte_for_byte_and_answers() {
         let (chip, image) = (Fake::silent(), Image::synthetic(500));
-        chip.with(|script| script.deaf_calls = 3);
+        chip.with(|script| script.ignored_calls = 3);
         assert!(load(&chip, &image).is_ok());
         chip.with(|script| {
             assert_eq!(script.image[1..], *image.bytes());
@@ -207,34 +209,34 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_echo_begins_the_load_again() {
+    fn a_wrong_echo_restarts_the_load() {
         let (chip, image) = (Fake::silent(), Image::synthetic(200));
         chip.with(|script| script.wrong_echoes = (3, 130));
-        load(&chip, &image).expect("loaded the fourth time");
+        load(&chip, &image).expect("loaded in the fourth attempt");
         assert_eq!(chip.with(|script| script.loads), 4);
     }
 
     #[test]
-    fn an_echo_that_stays_wrong_is_an_error_with_its_place() {
+    fn a_permanently_wrong_echo_is_an_error_with_its_position() {
         let (chip, image) = (Fake::silent(), Image::synthetic(200));
         chip.with(|script| script.wrong_echoes = (1000, 130));
         assert_eq!(load(&chip, &image), Err(LoadError::Echo { at: Some(130) }));
-        assert_eq!(chip.with(|script| script.loads), LOADS);
+        assert_eq!(chip.with(|script| script.loads), MAX_LOADS);
     }
 
     #[test]
-    fn a_loader_that_hears_nothing_and_a_cable_that_is_out_are_told_apart() {
+    fn a_missing_loader_and_an_unplugged_cable_are_distinguished() {
         let (chip, image) = (Fake::silent(), Image::synthetic(2));
-        chip.with(|script| script.deaf_calls = 1000);
+        chip.with(|script| script.ignored_calls = 1000);
         assert_eq!(load(&chip, &image), Err(LoadError::NoLoader));
-        assert_eq!(chip.with(|script| script.deaf_calls), 1000 - CALLS);
+        assert_eq!(chip.with(|script| script.ignored_calls), 1000 - MAX_CALLS);
         chip.with(|script| script.unplugged = true);
         let gone = DeviceError::new(DeviceErrorKind::Disconnected);
         assert_eq!(load(&chip, &image), Err(LoadError::Device(gone)));
     }
 
     #[test]
-    fn errors_are_one_line_with_the_mend() {
+    fn errors_are_one_line_and_name_the_fix() {
         let gone = LoadError::Device(DeviceError::new(DeviceErrorKind::Disconnected));
         for error in [
             gone,

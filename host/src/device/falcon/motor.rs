@@ -1,21 +1,21 @@
-//! From a force for the hand to three motor commands, limited on the way without turning the force.
+//! Converts a force for the hand to three motor commands. Limits shorten the force and keep its direction.
 
 use super::kinematics::Pose;
 use palpate_core::Vec3;
 
-/// Largest motor command, counts either way.
+/// Largest motor command, counts in either direction.
 pub const MAX_COUNTS: i16 = 4096;
 
-/// How forces become motor commands.
+/// Conversion of forces to motor commands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotorConfig {
-    /// Counts of each motor to one N m at its crank, with their sign: the profile's calibration.
+    /// Motor counts per N m at the crank, with sign: the profile's calibration.
     pub counts_per_n_m: [f64; 3],
     /// Largest force, N.
     pub max_force_n: f64,
 }
 
-/// Counts to one N m as long as nobody has calibrated a motor. Source: libnifalcon.
+/// Default for motors that are not calibrated, counts per N m. Source: libnifalcon.
 const UNCALIBRATED: f64 = -10_000.0;
 
 impl Default for MotorConfig {
@@ -25,13 +25,16 @@ impl Default for MotorConfig {
 }
 
 impl MotorConfig {
-    /// Motor commands that put this force on the hand, where the handle is now, and no more than the limit where it will be.
+    /// Motor commands that exert this force on the hand at the current pose and stay within the limit at the
+    /// predicted pose.
     ///
-    /// counts = s k J^T F,   |F| <= `max_force_n`, k `counts_per_n_m`, s <= 1 so that none is above [`MAX_COUNTS`]
+    /// counts = s k J^T F,   |F| <= `max_force_n`, k = `counts_per_n_m`, s <= 1 such that no count exceeds
+    /// [`MAX_COUNTS`]
     ///
-    /// Torques are held until the next command, and what force they are changes with the handle: |s J_ahead^-T J^T F| <= `max_force_n` as well,
-    /// for the pose `ahead` that it may have come to by then. Clamps keep the direction of F: they shorten it, and all three torques together.
-    /// What is no number is no force.
+    /// Torques are held until the next command, while the force that they exert changes with the pose.
+    /// Therefore |s J_ahead^-T J^T F| <= `max_force_n` must hold too, for the predicted pose `ahead`. All
+    /// limits scale the three torques together, so the direction of F is kept. A force that is not finite
+    /// gives zero.
     #[must_use]
     pub fn commands(&self, pose: &Pose, ahead: &Pose, force_n: Vec3) -> [i16; 3] {
         if force_n == [0.0; 3] {
@@ -39,7 +42,7 @@ impl MotorConfig {
         }
         let within = |force_n: [f64; 3]| {
             let size_n = norm(force_n);
-            // So that what is no number stays none.
+            // This form of the condition keeps NaN.
             if size_n <= self.max_force_n { 1.0 } else { self.max_force_n / size_n }
         };
         let force_n = force_n.map(f64::from);
@@ -54,7 +57,8 @@ impl MotorConfig {
         let largest = counts.iter().fold(0.0_f64, |largest, count| largest.max(count.abs()));
         let most = f64::from(MAX_COUNTS);
         let shorten = if largest > most { most / largest } else { 1.0 };
-        // A cast of a float saturates; a wrapped command would push the other way with all the motor has.
+        // The cast saturates: a command that wrapped round would push in the opposite direction at full
+        // force.
         counts.map(|count| ((count * shorten).round() as i16).clamp(-MAX_COUNTS, MAX_COUNTS))
     }
 }
@@ -72,12 +76,12 @@ mod tests {
         *Kinematics::default().pose()
     }
 
-    /// F of the commands that really go out.
+    /// Force of the rounded commands.
     fn rendered_n(config: &MotorConfig, pose: &Pose, commands: [i16; 3]) -> [f64; 3] {
         pose.force_n(core::array::from_fn(|i| f64::from(commands[i]) / config.counts_per_n_m[i]))
     }
 
-    /// At rest.
+    /// Commands at rest.
     fn commands(config: &MotorConfig, force_n: Vec3) -> [i16; 3] {
         config.commands(&centre(), &centre(), force_n)
     }
@@ -96,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn small_forces_come_out_as_they_went_in() {
+    fn small_forces_are_rendered_unchanged() {
         let config = MotorConfig::default();
         for force_n in [[1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.5, 1.0, -3.0]] {
             let rendered = rendered_n(&config, &centre(), commands(&config, force_n));
@@ -107,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn too_large_a_force_is_shortened_and_not_turned() {
+    fn an_excessive_force_is_shortened_and_keeps_its_direction() {
         let config = MotorConfig::default();
         for force_n in [[30.0, 20.0, -10.0], [0.0, 1e20, 1e20], [f32::MAX, 0.0, 0.0], [-9.0, 0.0, 0.0]] {
             let rendered = rendered_n(&config, &centre(), commands(&config, force_n));
@@ -129,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_what_is_no_number_are_no_force() {
+    fn zero_and_values_that_are_not_finite_give_no_force() {
         let config = MotorConfig::default();
         for force_n in [[0.0; 3], [f32::NAN, 0.0, 1.0], [f32::INFINITY, 0.0, 0.0]] {
             assert_eq!(commands(&config, force_n), [0; 3], "{force_n:?}");
@@ -139,7 +143,8 @@ mod tests {
         assert_eq!(config.commands(&centre(), &broken, [1.0; 3]), [0; 3]);
     }
 
-    /// Two motors of another make, one of them turned round: the force is the same, the commands are not.
+    /// Two motors with other calibrations, one with the opposite sign: the force is the same, the commands
+    /// differ.
     #[test]
     fn each_motor_has_its_own_scale_and_sign() {
         let config =
@@ -153,9 +158,10 @@ mod tests {
         assert!((f64::from(b) + 1.2 * f64::from(y)).abs() < 1.0, "{b}, {y}");
     }
 
-    /// Torques that are the limit here are more than it a few millimetres on: they are shortened before the handle gets there.
+    /// Torques within the limit here would exceed it a few millimetres further on: they are reduced before
+    /// the handle gets there.
     #[test]
-    fn held_torques_stay_within_the_limit_where_the_handle_is_going() {
+    fn held_torques_stay_within_the_limit_at_the_predicted_pose() {
         let (config, mechanism) = (MotorConfig::default(), Kinematics::default());
         let mut most_n: f64 = 0.0;
         for from_m in [[0.0, 0.0, 0.12], [0.03, 0.0, 0.11], [-0.02, 0.03, 0.14], [0.0, -0.03, 0.095]] {
@@ -175,9 +181,6 @@ mod tests {
                 }
             }
         }
-        assert!(
-            most_n > 1.05 * config.max_force_n,
-            "otherwise there is nothing to look ahead for: {most_n} N"
-        );
+        assert!(most_n > 1.05 * config.max_force_n, "the prediction must matter: {most_n} N");
     }
 }

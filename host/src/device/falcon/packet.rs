@@ -1,30 +1,32 @@
-//! The 16-byte packet of the Falcon's firmware, both ways, and a decoder that finds packets in a damaged stream.
+//! The 16-byte packet of the Falcon's firmware in both directions, and a decoder that resynchronises after
+//! damage.
 //!
-//! `<`, fourteen bytes, `>`. Each inner byte is 0x41 plus a value. Bytes 1-4, 5-8 and 9-12 are three i16 of four nibbles each, low nibble
-//! first; byte 13 holds bits; byte 14 is 0x41 to the device and means nothing from it. To the device byte 13 is a nibble (homing request,
-//! lights); from it it has seven bits (four buttons, three homed flags), so that its range is 0x41 to 0xC0.
-//! Source of the facts: libnifalcon.
+//! `<`, fourteen bytes, `>`. Each inner byte is 0x41 plus a value. Bytes 1-4, 5-8 and 9-12 are three i16 of
+//! four nibbles each, low nibble first. Byte 13 holds bits. Byte 14 is 0x41 to the device and unused from it.
+//! To the device byte 13 is a nibble (homing request, lights). From the device it has seven bits (four
+//! buttons, three homed flags), so its range is 0x41 to 0xC0.
+//! Source: libnifalcon.
 
 /// Length of a packet, both ways.
 pub const PACKET_LEN: usize = 16;
-/// First byte of a packet. It is no value of any inner byte: where it is seen a packet begins.
+/// First byte of a packet. No inner byte has this value, so it always marks the start of a packet.
 pub const START: u8 = b'<';
 /// Last byte of a packet.
 pub const END: u8 = b'>';
-/// What an inner byte of value 0 looks like.
+/// Code of an inner byte with the value 0.
 const ZERO: u8 = 0x41;
 /// Largest value of a nibble.
 const NIBBLE_MAX: u8 = 0x0F;
 /// Largest value of byte 13 from the device: buttons and homed flags.
 const REPLY_BITS_MAX: u8 = 0x7F;
-/// Where the bits are.
+/// Index of the bits.
 const BITS_AT: usize = 13;
-/// The byte that means nothing.
+/// Index of the unused byte.
 const SPARE_AT: usize = 14;
 /// The three homed flags within [`Reply::homed`].
 pub const ALL_HOMED: u8 = 0b111;
 
-/// Lights of the grip's base, each on or off.
+/// Lights of the base, each on or off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Lights {
     /// Bit 1 of byte 13.
@@ -35,18 +37,18 @@ pub struct Lights {
     pub red: bool,
 }
 
-/// What the host asks of the device.
+/// A request of the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Request {
     /// Motor commands, counts.
     pub motors: [i16; 3],
-    /// Asks the device to look for its home.
+    /// Requests homing.
     pub homing: bool,
     /// The lights.
     pub lights: Lights,
 }
 
-/// What the device says of itself.
+/// A reply of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reply {
     /// Encoders, counts from home.
@@ -58,25 +60,25 @@ pub struct Reply {
 }
 
 impl Reply {
-    /// Whether all three axes know where they are.
+    /// Whether all three axes are homed.
     #[must_use]
     pub const fn is_homed(&self) -> bool {
         self.homed & ALL_HOMED == ALL_HOMED
     }
 
-    /// As the device sends it.
+    /// Encodes the reply, as the device does.
     #[must_use]
     pub fn encode(&self) -> [u8; PACKET_LEN] {
         encode(self.encoders, (self.buttons & NIBBLE_MAX) | (self.homed & ALL_HOMED) << 4)
     }
 
-    /// Reads a packet; `None` if it is damaged.
+    /// Decodes a packet; `None` if it is damaged.
     #[must_use]
     pub fn decode(packet: &[u8; PACKET_LEN]) -> Option<Self> {
         is_whole(packet, REPLY_BITS_MAX).then(|| Self::of(packet))
     }
 
-    /// Reads a packet that is known to be whole.
+    /// Decodes a packet that is known to be valid.
     fn of(packet: &[u8; PACKET_LEN]) -> Self {
         let bits = packet[BITS_AT].wrapping_sub(ZERO);
         Self { encoders: values(packet), buttons: bits & NIBBLE_MAX, homed: bits >> 4 }
@@ -84,7 +86,7 @@ impl Reply {
 }
 
 impl Request {
-    /// As the device expects it.
+    /// Encodes the request.
     #[must_use]
     pub fn encode(&self) -> [u8; PACKET_LEN] {
         let Lights { green, blue, red } = self.lights;
@@ -92,7 +94,7 @@ impl Request {
         encode(self.motors, bits)
     }
 
-    /// Reads a packet; `None` if it is damaged.
+    /// Decodes a packet; `None` if it is damaged.
     #[must_use]
     pub fn decode(packet: &[u8; PACKET_LEN]) -> Option<Self> {
         let is_set = |bit: u8| packet[BITS_AT].wrapping_sub(ZERO) & bit != 0;
@@ -113,12 +115,12 @@ fn encode(values: [i16; 3], bits: u8) -> [u8; PACKET_LEN] {
     packet
 }
 
-/// Whether a byte may stand at this place of a packet.
+/// Whether a byte is allowed at this index of a packet.
 const fn fits(at: usize, byte: u8, bits_max: u8) -> bool {
     match at {
         0 => byte == START,
         BITS_AT => byte >= ZERO && byte - ZERO <= bits_max,
-        // Whatever it is, it is no start.
+        // Any value except the start byte.
         SPARE_AT => byte != START,
         _ if at == PACKET_LEN - 1 => byte == END,
         _ => byte >= ZERO && byte - ZERO <= NIBBLE_MAX,
@@ -136,27 +138,28 @@ fn values(packet: &[u8; PACKET_LEN]) -> [i16; 3] {
     })
 }
 
-/// What some bytes held.
+/// Result of decoding some bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Decoded {
-    /// The last whole packet.
+    /// The last valid packet.
     pub newest: Option<Reply>,
-    /// Whole packets.
+    /// Number of valid packets.
     pub whole: u32,
-    /// Packets of which only a part, or something else, came.
+    /// Number of incomplete or damaged packets.
     pub damaged: u32,
 }
 
-/// Finds the device's packets in bytes as they come, cut anywhere.
+/// Finds the device's packets in a byte stream that may be split anywhere.
 ///
-/// A byte that cannot stand where it does ends the packet as damaged; nothing is looked at then until the next [`START`]. That byte never
-/// occurs within a packet, so one damaged packet costs one packet, or two if its end is what is missing.
-/// Cost: one comparison and one store a byte; no allocation.
+/// A byte that is not allowed at its index ends the packet as damaged; then all bytes are skipped until the
+/// next [`START`]. That byte never occurs within a packet, so a damaged packet costs one packet, or two if
+/// its end is missing.
+/// Cost: one comparison and one store per byte; no allocation.
 #[derive(Debug, Clone, Copy)]
 pub struct Decoder {
     packet: [u8; PACKET_LEN],
     len: usize,
-    /// The rest of a packet that is counted already, or of one that began before we listened.
+    /// Whether it skips the rest of a damaged packet, or of one that began before the first byte.
     skipping: bool,
 }
 
@@ -196,7 +199,7 @@ impl Decoder {
 mod tests {
     use super::*;
 
-    /// Written down by hand from the description, not by the encoder.
+    /// Written by hand from the description, not by the encoder.
     const ONE_TWO_MINUS_TWO: &[u8; PACKET_LEN] = b"<BAAACBAAOPPPFAA";
 
     fn reply(seed: i16) -> Reply {
@@ -213,7 +216,7 @@ mod tests {
         let request = Request { motors: [1, 0x12, -2], homing: true, lights };
         assert_eq!(core::str::from_utf8(&request.encode()), core::str::from_utf8(&expected));
         assert_eq!(Request::decode(&expected), Some(request));
-        // The same bits from the device are the buttons plus and centre.
+        // From the device the same bits are the buttons plus and centre.
         let reply = Reply { encoders: [1, 0x12, -2], buttons: 0b0101, homed: 0 };
         assert_eq!(Reply::decode(&expected), Some(reply));
         expected[BITS_AT] = 0x41 + 0x75;
@@ -222,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn every_value_and_every_bit_comes_back() {
+    fn every_value_and_every_bit_survives_a_round_trip() {
         for value in i16::MIN..=i16::MAX {
             let motors = [value, value.wrapping_mul(3), !value];
             let bit = |i: u16| value as u16 >> i & 1 == 1;
@@ -235,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_out_of_range_is_damage_wherever_it_is() {
+    fn a_byte_out_of_range_damages_the_packet_at_any_index() {
         let good = reply(1234).encode();
         for at in 0..PACKET_LEN {
             for byte in 0..=u8::MAX {
@@ -256,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn packets_cut_anywhere_are_put_together() {
+    fn packets_split_anywhere_are_assembled() {
         let stream: Vec<u8> = (0..20).flat_map(|i| reply(i).encode()).collect();
         for step in 1..=40 {
             let mut decoder = Decoder::default();
@@ -273,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_next_packet_after_any_damage_is_found() {
+    fn the_next_packet_after_damage_is_found() {
         let good = reply(-300).encode();
         for cut in 1..PACKET_LEN {
             let stream = [&good[..cut], &good[..]].concat();
@@ -292,14 +295,14 @@ mod tests {
             assert_eq!((decoded.whole, decoded.damaged), (2, 1), "byte {cut} is damaged");
             assert_eq!(decoded.newest, Some(reply(-300)));
         }
-        // Half a packet from before we listened is nobody's damage.
+        // A partial packet from before the first byte does not count as damage.
         let decoded = Decoder::default().push(&[&good[7..], &good[..]].concat());
         assert_eq!((decoded.whole, decoded.damaged), (1, 0));
     }
 
-    /// No value is ever taken from bytes that no device sent as one packet.
+    /// The decoder accepts no bytes that a device did not send as one packet.
     #[test]
-    fn noise_is_survived() {
+    fn noise_does_not_stop_the_decoder() {
         let mut decoder = Decoder::default();
         let mut state = 1_u32;
         let mut whole = 0;

@@ -1,6 +1,6 @@
 //! A real FTDI chip, through libusb.
 //!
-//! With a context of our own throughout: libusb's global one panics in `rusb` where there is no usbfs.
+//! It uses its own libusb context: the global one panics in `rusb` where there is no usbfs.
 
 use super::ftdi::Ftdi;
 use crate::device::{DeviceError, DeviceErrorKind};
@@ -9,9 +9,9 @@ use core::time::Duration;
 use rusb::{Context, DeviceHandle, UsbContext};
 use std::time::Instant;
 
-/// Novint's number under FTDI's vendor id.
+/// FTDI's vendor id.
 pub const VENDOR_ID: u16 = 0x0403;
-/// The Falcon.
+/// Novint's product id of the Falcon.
 pub const PRODUCT_ID: u16 = 0xCB48;
 const INTERFACE: u8 = 0;
 const BULK_IN: u8 = 0x81;
@@ -19,21 +19,22 @@ const BULK_OUT: u8 = 0x02;
 /// A vendor request to the device, without data.
 const REQUEST_TYPE: u8 = 0x40;
 const CONTROL_TIMEOUT: Duration = Duration::from_secs(1);
-/// How long the device is looked for: right after it was plugged in, opening it, configuring and claiming may each come too early.
-const SEARCH: Duration = Duration::from_secs(1);
-/// Pause between two looks.
+/// How long to search for the device. Right after it was plugged in, opening, configuring and claiming can
+/// fail.
+const SEARCH_TIMEOUT: Duration = Duration::from_secs(1);
+/// Pause between two searches.
 const SEARCH_PAUSE: Duration = Duration::from_millis(50);
 
-/// Why there is no chip to talk to.
+/// Reason why the chip cannot be opened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum UsbError {
-    /// The system shows no USB at all.
+    /// The system has no USB.
     NoUsb,
     /// There is no Falcon.
     NotFound,
-    /// There is one, and this user may not open it.
+    /// This user may not open it.
     Denied,
-    /// Another program has it.
+    /// Another program uses it.
     Busy,
     /// Anything else.
     Device(DeviceError),
@@ -43,7 +44,7 @@ impl fmt::Display for UsbError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoUsb => {
-                f.write_str("this system gives programs no USB (no usbfs); run where /dev/bus/usb exists")
+                f.write_str("this system has no USB for programs (no usbfs); use a system with /dev/bus/usb")
             }
             Self::NotFound => write!(
                 f,
@@ -72,7 +73,7 @@ impl From<rusb::Error> for UsbError {
     }
 }
 
-/// What to decide by.
+/// Converts an error of the crate.
 fn from_usb(error: rusb::Error) -> DeviceError {
     DeviceError::new(match error {
         rusb::Error::Timeout | rusb::Error::Interrupted => DeviceErrorKind::Timeout,
@@ -88,9 +89,10 @@ fn from_usb(error: rusb::Error) -> DeviceError {
     })
 }
 
-/// A transfer on a pipe. One that is halted stays so until it is cleared, however often it is closed and opened: then it is cleared and tried once
-/// more. What was refused the device has not taken, so nothing is sent twice.
-fn past_halt<T>(
+/// Performs a transfer on a pipe. A halted pipe stays halted, even if it is closed and opened, until the halt
+/// is cleared: then the halt is cleared and the transfer repeated once. The device did not accept the failed
+/// transfer, so nothing is sent twice.
+fn retry_after_halt<T>(
     mut transfer: impl FnMut() -> rusb::Result<T>,
     clear: impl FnOnce() -> rusb::Result<()>,
 ) -> Result<T, DeviceError> {
@@ -101,12 +103,12 @@ fn past_halt<T>(
     .map_err(from_usb)
 }
 
-/// Whole milliseconds, at least one: libusb takes zero for ever.
+/// Whole milliseconds, at least one: libusb takes zero as no timeout.
 fn at_least_a_millisecond(timeout: Duration) -> Duration {
     timeout.max(Duration::from_millis(1))
 }
 
-/// An open chip. Reading and writing from two threads at a time is what libusb allows.
+/// An open chip. libusb permits reading and writing from two threads at a time.
 pub struct UsbFtdi {
     handle: DeviceHandle<Context>,
 }
@@ -118,13 +120,13 @@ impl fmt::Debug for UsbFtdi {
 }
 
 impl UsbFtdi {
-    /// Opens the first Falcon there is. Blocks for up to a second if there is none.
+    /// Opens the first Falcon found. Blocks for up to a second if there is none.
     pub fn open() -> Result<Self, UsbError> {
-        let give_up = Instant::now() + SEARCH;
+        let give_up = Instant::now() + SEARCH_TIMEOUT;
         loop {
             let error = match Self::try_open() {
                 Ok(chip) => return Ok(chip),
-                // What the system does not have it will not have in a second either.
+                // The USB system does not appear within a second.
                 Err(UsbError::NoUsb) => return Err(UsbError::NoUsb),
                 Err(error) => error,
             };
@@ -138,7 +140,7 @@ impl UsbFtdi {
     fn try_open() -> Result<Self, UsbError> {
         let context = Context::new().map_err(|_| UsbError::NoUsb)?;
         let devices = context.devices()?;
-        // One that cannot even be read is none of ours.
+        // A device whose descriptor cannot be read is skipped.
         let is_falcon = |device: &rusb::Device<Context>| {
             let ids = device.device_descriptor().map(|d| (d.vendor_id(), d.product_id()));
             ids == Ok((VENDOR_ID, PRODUCT_ID))
@@ -148,13 +150,13 @@ impl UsbFtdi {
         if handle.active_configuration()? == 0 {
             handle.set_active_configuration(1)?;
         }
-        // Linux gives the chip to its serial port driver; it is given back when the handle is closed.
+        // Linux binds the chip to its serial driver; the driver is restored when the handle is closed.
         match handle.set_auto_detach_kernel_driver(true) {
             Ok(()) | Err(rusb::Error::NotSupported) => {}
             Err(error) => return Err(error.into()),
         }
         handle.claim_interface(INTERFACE)?;
-        // Halts of an earlier session. What cannot be cleared shows with the first transfer.
+        // Clear halts of an earlier session. If that fails, the first transfer reports it.
         for endpoint in [BULK_IN, BULK_OUT] {
             let _ = handle.clear_halt(endpoint);
         }
@@ -172,12 +174,18 @@ impl Ftdi for UsbFtdi {
 
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
         let timeout = at_least_a_millisecond(timeout);
-        past_halt(|| self.handle.write_bulk(BULK_OUT, bytes, timeout), || self.handle.clear_halt(BULK_OUT))
+        retry_after_halt(
+            || self.handle.write_bulk(BULK_OUT, bytes, timeout),
+            || self.handle.clear_halt(BULK_OUT),
+        )
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         let timeout = at_least_a_millisecond(timeout);
-        past_halt(|| self.handle.read_bulk(BULK_IN, buffer, timeout), || self.handle.clear_halt(BULK_IN))
+        retry_after_halt(
+            || self.handle.read_bulk(BULK_IN, buffer, timeout),
+            || self.handle.clear_halt(BULK_IN),
+        )
     }
 }
 
@@ -186,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_find_their_kind_and_only_a_timeout_or_an_overflow_passes() {
+    fn errors_map_to_a_kind_and_only_timeout_and_overflow_are_transient() {
         use rusb::Error as E;
         for (error, kind) in [
             (E::Timeout, DeviceErrorKind::Timeout),
@@ -202,8 +210,8 @@ mod tests {
         assert_eq!(UsbError::from(E::Access), UsbError::Denied);
     }
 
-    /// What came of it, how often it was tried, and how often cleared.
-    fn tried(
+    /// The result, the number of attempts and the number of cleared halts.
+    fn attempts(
         answers: &[rusb::Result<usize>],
         cleared: rusb::Result<()>,
     ) -> (Result<usize, DeviceErrorKind>, usize, u32) {
@@ -216,31 +224,31 @@ mod tests {
             clears += 1;
             cleared
         };
-        let done = past_halt(transfer, clear).map_err(|error| error.kind());
+        let done = retry_after_halt(transfer, clear).map_err(|error| error.kind());
         (done, tries, clears)
     }
 
     #[test]
-    fn a_halted_pipe_is_cleared_once_and_tried_once_more() {
+    fn a_halted_pipe_is_cleared_and_the_transfer_repeated_once() {
         use rusb::Error as E;
         let gone = Err(DeviceErrorKind::Disconnected);
-        assert_eq!(tried(&[Ok(16)], Ok(())), (Ok(16), 1, 0));
-        assert_eq!(tried(&[Err(E::Pipe), Ok(16)], Ok(())), (Ok(16), 2, 1));
-        assert_eq!(tried(&[Err(E::Pipe); 2], Ok(())), (gone, 2, 1), "bounded");
-        assert_eq!(tried(&[Err(E::Pipe)], Err(E::NoDevice)), (gone, 1, 1));
-        assert_eq!(tried(&[Err(E::Pipe), Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 2, 1));
-        assert_eq!(tried(&[Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 1, 0));
+        assert_eq!(attempts(&[Ok(16)], Ok(())), (Ok(16), 1, 0));
+        assert_eq!(attempts(&[Err(E::Pipe), Ok(16)], Ok(())), (Ok(16), 2, 1));
+        assert_eq!(attempts(&[Err(E::Pipe); 2], Ok(())), (gone, 2, 1), "bounded");
+        assert_eq!(attempts(&[Err(E::Pipe)], Err(E::NoDevice)), (gone, 1, 1));
+        assert_eq!(attempts(&[Err(E::Pipe), Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 2, 1));
+        assert_eq!(attempts(&[Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 1, 0));
     }
 
     #[test]
-    fn no_timeout_is_for_ever() {
+    fn no_timeout_is_infinite() {
         assert_eq!(at_least_a_millisecond(Duration::ZERO), Duration::from_millis(1));
         assert_eq!(at_least_a_millisecond(Duration::from_nanos(1)), Duration::from_millis(1));
         assert_eq!(at_least_a_millisecond(Duration::from_millis(20)), Duration::from_millis(20));
     }
 
     #[test]
-    fn errors_are_one_line_with_the_mend() {
+    fn errors_are_one_line_and_name_the_fix() {
         let lost = UsbError::Device(DeviceError::new(DeviceErrorKind::Io));
         for error in [UsbError::NoUsb, UsbError::NotFound, UsbError::Denied, UsbError::Busy, lost] {
             let text = error.to_string();
@@ -248,9 +256,9 @@ mod tests {
         }
     }
 
-    /// Where there is no USB, or no Falcon on it, opening says so: it neither panics nor hangs.
+    /// Without USB, or without a Falcon, opening returns an error: it neither panics nor hangs.
     #[test]
-    fn opening_ends_wherever_it_runs() {
+    fn opening_returns_on_every_system() {
         let begun = Instant::now();
         let _ = UsbFtdi::open();
         assert!(begun.elapsed() < Duration::from_secs(10));

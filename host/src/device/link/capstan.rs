@@ -1,23 +1,25 @@
-//! Three axes at right angles, each driven by a cable or belt on a drum: a gantry.
+//! A gantry: three perpendicular axes, each driven by a cable or belt on a drum.
 //!
 //! ```text
 //! position [m]   = origin + metres_per_turn * counts / counts_per_turn
 //! torque [N m]   = force * metres_per_turn / (2 pi)
 //! ```
 //!
-//! The second is the first one's virtual work: what the motor does over a turn is what the force does over the metres of a turn.
-//! `metres_per_turn` has the sign of the axis. A firmware counts up in the direction in which a positive torque turns.
+//! The second relation follows from the first by virtual work: the work of the motor over a turn equals the
+//! work of the force over the path of a turn. `metres_per_turn` has the sign of the axis. The firmware counts
+//! up in the direction of positive torque.
 
 use core::f64::consts::TAU;
 use palpate_core::Vec3;
 use palpate_core::link::guard::clamp_torque;
 
-/// What a profile says of such a mechanism.
+/// Parameters of the mechanism, from the profile.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capstan {
-    /// Way of the handle along each axis of the device in one turn of its encoder, m; negative where it goes down as the counts go up.
+    /// Path of the handle along each device axis per turn of its encoder, m; negative if it moves down as the
+    /// counts increase.
     pub metres_per_turn: [f64; 3],
-    /// Where the handle is with all counts zero: at home. Device frame, m.
+    /// Position of the handle at zero counts, that is at home; device frame, m.
     pub origin_m: [f64; 3],
 }
 
@@ -31,18 +33,19 @@ impl Capstan {
         })
     }
 
-    /// Torques for a force in the device's frame, micro-newton-metres; shortened together to the limits, so that the direction stays.
+    /// Torques for a force in the device frame, micro-newton-metres. All three are scaled together to the
+    /// limits, so the direction is kept.
     #[must_use]
     pub fn torque_unm(&self, device_n: Vec3, limit_unm: [u32; 3]) -> [i32; 3] {
         let wanted: [f64; 3] =
             core::array::from_fn(|axis| 1e6 * f64::from(device_n[axis]) * self.metres_per_turn[axis] / TAU);
-        // A cast saturates each axis alone, which would turn the force.
+        // A saturating cast would clamp each axis alone and change the direction of the force.
         let largest = wanted.iter().fold(0.0_f64, |most, torque| most.max(torque.abs()));
         let share = (f64::from(i32::MAX) / largest).min(1.0);
         clamp_torque(wanted.map(|torque| (share * torque).round() as i32), limit_unm).0
     }
 
-    /// Largest force that these torques give in every direction, N.
+    /// Largest force that these torque limits permit in every direction, N.
     #[must_use]
     pub fn max_force_n(&self, limit_unm: [u32; 3]) -> f32 {
         let axes = self.metres_per_turn.iter().zip(limit_unm);
@@ -50,7 +53,7 @@ impl Capstan {
         forces_n.fold(f64::INFINITY, f64::min) as f32
     }
 
-    /// Coarsest step of the position, m.
+    /// Coarsest resolution of the position, m.
     #[must_use]
     pub fn resolution_m(&self, counts_per_turn: [u32; 3]) -> f32 {
         let axes = self.metres_per_turn.iter().zip(counts_per_turn);
@@ -58,15 +61,15 @@ impl Capstan {
     }
 }
 
-/// Counts of the encoders without their wrap-around. Two readings must be less than 2^31 counts apart.
+/// Encoder counts without wrap-around. Two readings must be less than 2^31 counts apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Counter {
     last: Option<([i32; 3], [i64; 3])>,
 }
 
 impl Counter {
-    /// Takes a reading. The first one is taken as it stands: from home, with its sign.
-    pub(super) fn take(&mut self, encoders: [i32; 3]) -> [i64; 3] {
+    /// Adds a reading. The first one is taken as it is: counts from home, with sign.
+    pub(super) fn update(&mut self, encoders: [i32; 3]) -> [i64; 3] {
         let counts = match self.last {
             None => encoders.map(i64::from),
             Some((before, counts)) => core::array::from_fn(|axis| {
@@ -77,7 +80,7 @@ impl Counter {
         counts
     }
 
-    /// Homing has set the counts anew.
+    /// Restarts after homing has reset the counts.
     pub(super) const fn restart(&mut self) {
         self.last = None;
     }
@@ -92,11 +95,11 @@ mod tests {
     const AMPLE: [u32; 3] = [i32::MAX as u32; 3];
 
     #[test]
-    fn a_turn_is_its_metres_and_work_is_the_same_on_both_sides() {
+    fn a_turn_moves_by_metres_per_turn_and_work_is_equal_on_both_sides() {
         let counts = [2_000, -1_000, 4_000];
         let at_m = CAPSTAN.position_m(counts, [2_000; 3]);
         assert!(vec3::distance(at_m, [-0.04, -0.015, -0.02]) < 1e-7, "{at_m:?}");
-        // Work of the force over a turn of one axis: that of its torque over 2 pi.
+        // The work of the force over a turn of one axis equals its torque times 2 pi.
         let force_n = [1.5, -2.0, 0.7];
         let torque_unm = CAPSTAN.torque_unm(force_n, AMPLE);
         for axis in 0..3 {
@@ -119,7 +122,7 @@ mod tests {
                 "axis {axis}: {short:?} of {whole:?}"
             );
         }
-        // Beyond every integer the direction stays as well.
+        // The direction is kept beyond the range of the integer too.
         let huge = CAPSTAN.torque_unm([f32::MAX, f32::MAX, -f32::MAX], AMPLE);
         assert!(
             (f64::from(huge[0]) / f64::from(huge[1]) - 2.0).abs() < 1e-6 && huge[2] == huge[0],
@@ -130,12 +133,12 @@ mod tests {
     }
 
     #[test]
-    fn counts_go_on_where_they_wrap_round() {
+    fn counts_continue_across_the_wrap_round() {
         let mut counter = Counter::default();
-        assert_eq!(counter.take([i32::MAX - 1, i32::MIN + 1, -5])[0], i64::from(i32::MAX) - 1);
-        let counts = counter.take([i32::MIN + 1, i32::MAX - 1, 5]);
+        assert_eq!(counter.update([i32::MAX - 1, i32::MIN + 1, -5])[0], i64::from(i32::MAX) - 1);
+        let counts = counter.update([i32::MIN + 1, i32::MAX - 1, 5]);
         assert_eq!(counts, [i64::from(i32::MAX) + 2, i64::from(i32::MIN) - 2, 5]);
         counter.restart();
-        assert_eq!(counter.take([7, 8, -9]), [7, 8, -9]);
+        assert_eq!(counter.update([7, 8, -9]), [7, 8, -9]);
     }
 }

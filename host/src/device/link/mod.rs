@@ -2,27 +2,28 @@
 //!
 //! ```text
 //! open      Hello -> HelloAck: session, limits            blocks, before the loop
-//! exchange  not homed -> Home; a force is asked for -> Enable; then Command        State -> sample
-//! fault     the device's, or it no longer obeys, or silence -> latched, nothing but reset() goes on: Hello, a new session, disabled
-//! ```
+//! exchange  not homed -> Home; force requested -> Enable; then Command        State -> sample
+//! fault     reported by the device, unexpected disable, or silence -> latched until reset(): Hello, new session
 //!
-//! An exchange never waits. It reads what has come, and sends the next request once the last one was answered or given up. Answers have
-//! numbers: a sample is stamped with the time its own request was sent.
+//! An exchange never waits. It reads what has arrived, and sends the next request after the last one was
+//! answered or timed out. Replies have sequence numbers: the time stamp of a sample is the send time of its
+//! own request.
 //!
-//! A force is asked for only after the user has armed, so the first force of a session is what sends Enable. A device that obeyed and no
-//! longer does (it started anew, or somebody sent Disable) is a fault. [`Device::reset`], the user's, begins a new session.
+//! A force is requested only after the user has armed, so the first force of a session sends Enable. If a
+//! device was enabled and no longer is (it restarted, or another process sent Disable), this is a fault.
+//! [`Device::reset`], by the user, starts a new session.
 
 mod capstan;
 mod opening;
 mod requests;
-mod rise;
+mod slew;
 mod stopping;
 
 pub use capstan::Capstan;
 pub use opening::LinkError;
 
 use super::profile::Profile;
-use super::serial::{MOST_READS, read_waiting};
+use super::serial::{MAX_READS, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
 use capstan::Counter;
@@ -32,59 +33,61 @@ use palpate_core::link::message::{ENABLED, HOMED, HOMING, REFUSED};
 use palpate_core::link::{self, DeviceFault, DeviceMessage, FrameReader, HostMessage, VERSION};
 use palpate_core::{Sample, Vec3, limit, vec3};
 use requests::{REPLY_TIMEOUT_US, Requests};
-use rise::Rise;
 use serialport::SerialPort;
+use slew::SlewLimiter;
 use std::sync::Arc;
 use std::time::Duration;
 use stopping::{SecondHandle, write};
 
-/// How long a torque acts without another command, us, where the watchdog waits as long.
+/// Validity of a torque without another command, us; limited by the watchdog's time.
 ///
-/// While requests are lost the loop holds its force for three ticks, and the last request with it goes 5 ms after the last one that came through. A
-/// torque that had ended by then would come back with it in one step.
+/// While samples are missing the loop holds its force for three ticks, so the last request with this force is
+/// sent 5 ms after the last one that arrived. If the torque ended before that, it would return in one step.
 const VALID_FOR_US: u16 = 7_000;
-/// Silence after which a device that does not obey is taken to have started anew, us. One that obeys has latched its watchdog sooner.
-const LOST_US: u64 = 250_000;
-/// Pause between two Hello, us.
+/// Silence after which a device that is not enabled counts as restarted, us. An enabled device latches its
+/// watchdog sooner.
+const SILENCE_LIMIT_US: u64 = 250_000;
+/// Pause between two Hello messages, us.
 const HELLO_PAUSE_US: u64 = 10_000;
 
-/// How to use the device.
+/// Settings of the device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkConfig {
-    /// Where the device's workspace lies in the model.
+    /// Placement of the device's workspace in the model.
     pub workspace: Workspace,
     /// The mechanism.
     pub capstan: Capstan,
-    /// Largest force, N; the device's torque limits may make it less.
+    /// Largest force, N; the device's torque limits may reduce it.
     pub max_force_n: f32,
-    /// Largest stiffness that may be rendered, N/m of the device: the cap of its profile.
+    /// Largest stiffness that may be rendered, N/m in device metres: the cap of its profile.
     pub max_stiffness_n_m: f32,
-    /// How long to try to open a session.
-    pub patience: Duration,
+    /// Timeout for opening a session.
+    pub open_timeout: Duration,
 }
 
 impl LinkConfig {
-    /// As a profile states it; `None` if it states no mechanism.
+    /// The configuration from a profile; `None` if the profile states no mechanism.
     #[must_use]
-    pub fn of(profile: &Profile, patience: Duration) -> Option<Self> {
+    pub fn of(profile: &Profile, open_timeout: Duration) -> Option<Self> {
         Some(Self {
             workspace: profile.workspace,
             capstan: profile.capstan?,
             max_force_n: profile.max_force_n,
             max_stiffness_n_m: profile.cap().n_m,
-            patience,
+            open_timeout,
         })
     }
 }
 
-/// Why the driver has given up a session until it is reset.
+/// Reason why the session is ended until a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinkFault {
-    /// The device says so.
+    /// The device reported a fault.
     Device(DeviceFault),
-    /// It obeyed, and does not any more.
+    /// The device was enabled and no longer is.
     Disabled,
-    /// No answer in this session for twice the watchdog's time while it obeyed, or for a quarter of a second: it may have started anew.
+    /// No reply in this session for twice the watchdog's time while enabled, or for a quarter of a second:
+    /// the device may have restarted.
     Silent,
 }
 
@@ -92,17 +95,19 @@ impl fmt::Display for LinkFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Device(fault) => write!(f, "the device has latched `{}`", fault.name()),
-            Self::Disabled => f.write_str("the device no longer obeys: it was disabled or started anew"),
-            Self::Silent => f.write_str("no answer in this session: the device may have started anew"),
+            Self::Disabled => {
+                f.write_str("the device is no longer enabled: it was disabled or has restarted")
+            }
+            Self::Silent => f.write_str("no reply in this session: the device may have restarted"),
         }
     }
 }
 
-/// What is known of the axes.
+/// State of the homing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Homing {
     Unknown,
-    /// It is not looking for home either.
+    /// Not homed, and not homing.
     Unhomed,
     Searching,
     Homed,
@@ -112,24 +117,24 @@ enum Homing {
 pub struct Link {
     port: Box<dyn SerialPort>,
     config: LinkConfig,
-    /// What the device is.
+    /// Description of the device, from its HelloAck.
     device: link::DeviceInfo,
     reader: FrameReader<DeviceMessage>,
-    /// The last session; the second handle disables it.
+    /// The last session; the second handle sends Disable for it.
     session: Arc<AtomicU32>,
-    /// A new one is asked for with this nonce.
-    greeting: bool,
+    /// Whether a new session is being requested, with this nonce.
+    opening_session: bool,
     nonce: u32,
-    greeted_us: Option<u64>,
+    hello_sent_us: Option<u64>,
     requests: Requests,
     homing: Homing,
     enabled: bool,
     latched: Option<LinkFault>,
-    /// The loop has not been told of it.
-    untold: bool,
+    /// Whether the latched fault has not yet been reported to the loop.
+    unreported: bool,
     counter: Counter,
-    rise: Rise,
-    /// The motors may have a torque of ours.
+    slew: SlewLimiter,
+    /// Whether the motors may have a torque.
     rendering: bool,
     lost: bool,
 }
@@ -143,7 +148,7 @@ impl fmt::Debug for Link {
     }
 }
 
-/// What one look at the port brought.
+/// Result of reading the port.
 #[derive(Debug, Clone, Copy, Default)]
 struct Received {
     sample: Option<Sample>,
@@ -151,13 +156,13 @@ struct Received {
 }
 
 impl Link {
-    /// What the device says it is.
+    /// The device's description of itself.
     #[must_use]
     pub const fn device(&self) -> &link::DeviceInfo {
         &self.device
     }
 
-    /// What has ended the session, until it is reset.
+    /// The fault that ended the session, until a reset.
     #[must_use]
     pub const fn fault(&self) -> Option<LinkFault> {
         self.latched
@@ -167,11 +172,11 @@ impl Link {
         self.session.load(Ordering::Acquire)
     }
 
-    /// Reads what is there.
+    /// Reads the bytes that have arrived.
     fn receive(&mut self, now_us: u64) -> Result<Received, DeviceError> {
         let mut received = Received::default();
         let mut chunk = [0; 256];
-        for _ in 0..MOST_READS {
+        for _ in 0..MAX_READS {
             let count = read_waiting(&mut *self.port, &mut chunk)?;
             if count == 0 {
                 break;
@@ -179,7 +184,7 @@ impl Link {
             let mut bytes = &chunk[..count];
             while let Some(outcome) = self.reader.read(&mut bytes) {
                 match outcome {
-                    Ok(message) => received.sample = self.take(now_us, &message)?.or(received.sample),
+                    Ok(message) => received.sample = self.process(now_us, &message)?.or(received.sample),
                     Err(_) => received.damaged = true,
                 }
             }
@@ -187,21 +192,21 @@ impl Link {
         Ok(received)
     }
 
-    /// One message of the device; the sample that is in it.
-    fn take(&mut self, now_us: u64, message: &DeviceMessage) -> Result<Option<Sample>, DeviceError> {
+    /// Processes one message of the device and returns its sample, if it has one.
+    fn process(&mut self, now_us: u64, message: &DeviceMessage) -> Result<Option<Sample>, DeviceError> {
         match *message {
             DeviceMessage::HelloAck { version, nonce, session, info } => {
-                if self.greeting && nonce == self.nonce {
+                if self.opening_session && nonce == self.nonce {
                     if info != self.device || version != VERSION || session == 0 {
-                        // Another one on the same port: its limits were never looked at.
+                        // Another device on the same port: its limits were not checked.
                         return Err(DeviceError::new(DeviceErrorKind::Disconnected));
                     }
                     self.begin(session);
                 }
                 Ok(None)
             }
-            // What comes before the answer to Hello belongs to a session that is over.
-            _ if self.greeting || self.latched.is_some() => Ok(None),
+            // A message before the reply to Hello belongs to an ended session.
+            _ if self.opening_session || self.latched.is_some() => Ok(None),
             DeviceMessage::Fault { code } => {
                 if code == DeviceFault::HomeLost {
                     self.homing = Homing::Unhomed;
@@ -210,18 +215,19 @@ impl Link {
                 Ok(None)
             }
             DeviceMessage::State { seq_echo, encoders, buttons, flags, .. } => {
-                // The answer to Enable is the first that says so, and was no torque. One that was overtaken tells as well.
+                // The first reply with the enabled flag answers Enable, which had no torque. Out-of-order
+                // replies count as well.
                 if let (true, 0, Some(sent_us)) =
                     (self.enabled, flags & REFUSED, self.requests.sent_us(seq_echo))
                 {
-                    self.rise.acted(sent_us);
+                    self.slew.acknowledged(sent_us);
                 }
                 let Some(t_us) = self.requests.answered(now_us, seq_echo) else { return Ok(None) };
-                self.note(flags);
+                self.update_flags(flags);
                 if self.homing != Homing::Homed || self.latched.is_some() {
                     return Ok(None);
                 }
-                let counts = self.counter.take(encoders);
+                let counts = self.counter.update(encoders);
                 let device_m = self.config.capstan.position_m(counts, self.device.counts_per_turn);
                 let position_m = self.config.workspace.to_model_m(device_m);
                 Ok(Some(Sample { t_us, position_m, buttons: u32::from(buttons) }))
@@ -229,35 +235,35 @@ impl Link {
         }
     }
 
-    /// A session, in which nothing is enabled.
+    /// Begins a session in which the motors are disabled.
     fn begin(&mut self, session: u32) {
         self.session.store(session, Ordering::Release);
-        self.greeting = false;
+        self.opening_session = false;
         self.requests = self.requests.next_session();
-        self.rise = Rise::default();
+        self.slew = SlewLimiter::default();
         (self.enabled, self.rendering) = (false, false);
     }
 
-    /// How long a torque acts without another command, us.
+    /// Validity of a torque without another command, us.
     fn valid_for_us(&self) -> u16 {
         VALID_FOR_US.min(self.device.watchdog_us)
     }
 
-    /// How long nothing may come, us. A device that obeys and had no request for the time of its watchdog has latched that; one whose answers
-    /// are lost is to be disabled.
-    fn patience_us(&self) -> u64 {
-        if self.enabled { 2 * u64::from(self.device.watchdog_us) } else { LOST_US }
+    /// Longest silence allowed, us. An enabled device that receives no request for its watchdog's time
+    /// latches a fault; a device whose replies are lost must be disabled.
+    fn silence_limit_us(&self) -> u64 {
+        if self.enabled { 2 * u64::from(self.device.watchdog_us) } else { SILENCE_LIMIT_US }
     }
 
-    /// What the device says of itself.
-    fn note(&mut self, flags: u8) {
+    /// Processes the device's flags.
+    fn update_flags(&mut self, flags: u8) {
         let homing = match (flags & HOMED != 0, flags & HOMING != 0) {
             (_, true) => Homing::Searching,
             (true, false) => Homing::Homed,
             (false, false) => Homing::Unhomed,
         };
         if homing != self.homing {
-            // Homing sets the counts anew.
+            // Homing resets the counts.
             self.homing = homing;
             self.counter.restart();
         }
@@ -268,29 +274,29 @@ impl Link {
         self.enabled = enabled;
     }
 
-    /// Gives the session up. What the device may still do ends with a Disable, and with its watchdog if that is lost.
+    /// Ends the session with Disable. If the message is lost, the device's watchdog stops it.
     fn latch(&mut self, fault: LinkFault) {
         if self.latched.is_none() {
-            (self.latched, self.untold) = (Some(fault), true);
+            (self.latched, self.unreported) = (Some(fault), true);
             self.disable();
         }
     }
 
-    /// The next request, if it is time for one.
-    fn speak(&mut self, now_us: u64, device_n: Vec3) -> Result<(), DeviceError> {
+    /// Sends the next request, if it is due.
+    fn send_request(&mut self, now_us: u64, device_n: Vec3) -> Result<(), DeviceError> {
         if self.latched.is_some() {
             return Ok(());
         }
-        if self.greeting {
-            if self.greeted_us.is_none_or(|us| now_us.saturating_sub(us) >= HELLO_PAUSE_US) {
-                self.greeted_us = Some(now_us);
+        if self.opening_session {
+            if self.hello_sent_us.is_none_or(|us| now_us.saturating_sub(us) >= HELLO_PAUSE_US) {
+                self.hello_sent_us = Some(now_us);
                 self.nonce = self.nonce.wrapping_add(1);
                 return write(&mut *self.port, &HostMessage::Hello { version: VERSION, nonce: self.nonce });
             }
             return Ok(());
         }
         let forced = device_n != vec3::ZERO && self.homing == Homing::Homed;
-        // Taking a force away never waits for an answer: a fault ends in zero whatever the link does.
+        // A release never waits for a reply: a fault ends in zero force, whatever the state of the link.
         let release = self.rendering && !forced;
         if !release && !self.requests.may_send(now_us) {
             return Ok(());
@@ -302,7 +308,7 @@ impl Link {
             Homing::Homed if forced && !self.enabled => HostMessage::Enable { session, seq },
             _ => {
                 if forced {
-                    let device_n = self.rise.limit(now_us, device_n, self.valid_for_us());
+                    let device_n = self.slew.limit(now_us, device_n, self.valid_for_us());
                     torque_unm = self.config.capstan.torque_unm(device_n, self.device.torque_limit_unm);
                 }
                 HostMessage::Command {
@@ -315,25 +321,28 @@ impl Link {
             }
         };
         let sent = write(&mut *self.port, &message);
-        // What may have gone is taken away again.
+        // A failed write may have transmitted a torque, so the flag stays set.
         self.rendering = torque_unm != [0; 3] || (self.rendering && sent.is_err());
         sent
     }
 
     fn exchange_frames(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let received = self.receive(now_us)?;
-        if !self.greeting && self.latched.is_none() && self.requests.silent_us(now_us) >= self.patience_us() {
+        if !self.opening_session
+            && self.latched.is_none()
+            && self.requests.silent_us(now_us) >= self.silence_limit_us()
+        {
             self.latch(LinkFault::Silent);
         }
-        let overdue = if self.greeting {
-            self.greeted_us.is_some_and(|us| now_us.saturating_sub(us) >= REPLY_TIMEOUT_US)
+        let overdue = if self.opening_session {
+            self.hello_sent_us.is_some_and(|us| now_us.saturating_sub(us) >= REPLY_TIMEOUT_US)
         } else {
             self.requests.is_overdue(now_us)
         };
-        // On the vector, whoever asks. What is no number is no force.
+        // Clamp the vector. A value that is not finite gives zero.
         let device_n = self.config.workspace.to_device_n(hand_force_n);
         let (device_n, _) = limit::clamp_force(device_n, self.config.max_force_n);
-        self.speak(now_us, device_n)?;
+        self.send_request(now_us, device_n)?;
         match (received.sample, self.latched) {
             (Some(sample), _) => Ok(Some(sample)),
             (None, Some(LinkFault::Device(code))) => Err(DeviceError::new(DeviceErrorKind::Faulted(code))),
@@ -353,11 +362,12 @@ impl Device for Link {
             return Err(DeviceError::new(DeviceErrorKind::Disconnected));
         }
         let result = self.exchange_frames(now_us, hand_force_n).map_err(|error| match error.kind() {
-            // The crate does not pass the OS code on; on a port that was open an unnamed error means that it is gone.
+            // The crate does not pass on the OS code. On an open port an unnamed error means that the device
+            // is disconnected.
             DeviceErrorKind::Io => DeviceError { kind: DeviceErrorKind::Disconnected, ..error },
             _ => error,
         });
-        self.lost = result.is_err_and(|error| !error.kind().is_passing());
+        self.lost = result.is_err_and(|error| !error.kind().is_transient());
         result
     }
 
@@ -392,11 +402,11 @@ impl Device for Link {
     }
 
     fn was_zeroed(&mut self) -> bool {
-        core::mem::take(&mut self.untold)
+        core::mem::take(&mut self.unreported)
     }
 
     fn reset(&mut self) {
         self.latched = None;
-        self.greeting = true;
+        self.opening_session = true;
     }
 }

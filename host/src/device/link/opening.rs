@@ -1,8 +1,8 @@
-//! Opening a session, before the loop: may block.
+//! Opens a session, before the loop; may block.
 
 use super::requests::Requests;
 use super::stopping::write;
-use super::{Counter, Homing, Link, LinkConfig, Rise};
+use super::{Counter, Homing, Link, LinkConfig, SlewLimiter};
 use crate::device::serial::{from_serial, open};
 use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
 use core::fmt;
@@ -14,28 +14,28 @@ use std::io::ErrorKind;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long one Hello is waited for. Twice the longest that an adapter of FTDI may hold bytes back, both ways.
+/// Wait for the reply to one Hello: twice the longest latency of an FTDI adapter, in both directions.
 const HELLO_WAIT: Duration = Duration::from_millis(70);
-/// Reads of one wait: a device that babbles is no reason to wait for ever.
-const MOST_READS: usize = 64;
+/// Largest number of reads in one wait, in case a device sends continuously.
+const MAX_READS: usize = 64;
 
-/// Why there is no session.
+/// Reason why there is no session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LinkError {
     /// The port failed.
     Device(DeviceError),
-    /// Nobody answers.
+    /// No reply.
     Silent,
-    /// The device speaks another version of the link.
+    /// The device uses another version of the link.
     Version {
-        /// Which.
+        /// Its version.
         theirs: u16,
     },
-    /// What the device says of itself cannot be worked with.
+    /// The device's description of itself is invalid.
     Info(InfoError),
-    /// Fewer axes than a hand moves in.
+    /// Too few axes.
     Axes {
-        /// How many.
+        /// Number of axes.
         dof: u8,
     },
 }
@@ -45,7 +45,7 @@ impl fmt::Display for LinkError {
         match self {
             Self::Device(error) => write!(f, "{error}; check port and power"),
             Self::Silent => {
-                f.write_str("no answer to Hello; check power, port and baud rate (link:PORT@BAUD)")
+                f.write_str("no reply to Hello; check power, port and baud rate (link:PORT@BAUD)")
             }
             Self::Version { theirs } => {
                 write!(
@@ -54,7 +54,7 @@ impl fmt::Display for LinkError {
                 )
             }
             Self::Info(error) => write!(f, "{error}; correct the firmware (docs/formats.md, section 7)"),
-            Self::Axes { dof } => write!(f, "the device has {dof} axes; only mechanisms of 3 can be driven"),
+            Self::Axes { dof } => write!(f, "the device has {dof} axes; use a device with 3"),
         }
     }
 }
@@ -68,37 +68,39 @@ impl From<DeviceError> for LinkError {
 }
 
 impl Link {
-    /// Opens a port by its name and a session with the device behind it.
+    /// Opens a port by its name and a session with the device.
     pub fn open(path: &str, baud: u32, config: LinkConfig) -> Result<Self, LinkError> {
         let port = open(serialport::new(path, baud))?;
         Self::with_port(port, config)
     }
 
-    /// Waits until it is homed, or until `stop`; true if it is homed. Before the loop, whose clock begins anew.
+    /// Waits until the device is homed, or until `stop`; true if it is homed. Runs before the loop, whose
+    /// clock starts at zero again.
     pub fn home(&mut self, stop: &AtomicBool) -> Result<bool, DeviceError> {
         wait_homed(self, stop)?;
-        // What is still open belongs to another time: a new session, whose first Hello goes with the first tick.
-        (self.greeting, self.greeted_us) = (true, None);
+        // Open requests have times of another clock: start a new session with the first tick.
+        (self.opening_session, self.hello_sent_us) = (true, None);
         Ok(self.homing == Homing::Homed)
     }
 
-    /// Opens a session with the device behind an open port: disabled, without a torque. Blocks for up to the patience.
+    /// Opens a session with the device behind an open port, disabled and without torque. Blocks for at most
+    /// the timeout.
     pub fn with_port(mut port: Box<dyn SerialPort>, config: LinkConfig) -> Result<Self, LinkError> {
         port.set_timeout(HELLO_WAIT).map_err(from_serial)?;
         let mut nonce = RandomState::new().hash_one(0) as u32;
-        let give_up = Instant::now() + config.patience;
+        let give_up = Instant::now() + config.open_timeout;
         let mut reader = FrameReader::new();
         let (session, device) = loop {
             nonce = nonce.wrapping_add(1);
             write(&mut *port, &HostMessage::Hello { version: VERSION, nonce })?;
-            if let Some(acknowledged) = acknowledged(&mut *port, &mut reader, nonce)? {
-                break acknowledged;
+            if let Some(ack) = wait_for_ack(&mut *port, &mut reader, nonce)? {
+                break ack;
             }
             if Instant::now() > give_up {
                 return Err(LinkError::Silent);
             }
         };
-        // From here on what cannot go at once is a fault of the link, not something to wait for.
+        // From here on a write that does not complete immediately is a fault of the link.
         port.set_timeout(Duration::ZERO).map_err(from_serial)?;
         Ok(Self {
             port,
@@ -106,30 +108,31 @@ impl Link {
             device,
             reader,
             session: Arc::new(session.into()),
-            greeting: false,
+            opening_session: false,
             nonce,
-            greeted_us: None,
+            hello_sent_us: None,
             requests: Requests::default(),
             homing: Homing::Unknown,
             enabled: false,
             latched: None,
-            untold: false,
+            unreported: false,
             counter: Counter::default(),
-            rise: Rise::default(),
+            slew: SlewLimiter::default(),
             rendering: false,
             lost: false,
         })
     }
 }
 
-/// Waits for the answer to one Hello: session and device, once they are sound. What comes before it is thrown away.
-fn acknowledged(
+/// Waits for the reply to one Hello and returns session and device, if they are valid. Earlier messages are
+/// discarded.
+fn wait_for_ack(
     port: &mut dyn SerialPort,
     reader: &mut FrameReader<DeviceMessage>,
     wanted: u32,
 ) -> Result<Option<(u32, DeviceInfo)>, LinkError> {
     let mut chunk = [0; 256];
-    for _ in 0..MOST_READS {
+    for _ in 0..MAX_READS {
         let count = match port.read(&mut chunk) {
             Ok(0) => return Ok(None),
             Ok(count) => count,

@@ -1,4 +1,5 @@
-//! The ways that take the torque away: Disable from the driver, at its end, and from a second handle; and how a message leaves.
+//! Removal of the torque: Disable from the driver, in its drop, and from a second handle; and the writing of
+//! messages.
 
 use super::Link;
 use crate::device::{DeviceError, DeviceErrorKind, EmergencyStop};
@@ -9,12 +10,12 @@ use std::sync::Arc;
 
 impl Link {
     pub(super) fn disable(&mut self) {
-        // A port that is gone cannot be helped, and there is nobody left to tell.
+        // If the port is gone, the error cannot be handled here.
         let _ = write(&mut *self.port, &disable(&self.session));
         (self.enabled, self.rendering) = (false, false);
     }
 
-    /// Twice: a frame is seldom lost, two in a row hardly ever.
+    /// Sends Disable twice: a frame is rarely lost, two in a row very rarely.
     pub(super) fn disable_twice(&mut self) {
         for _ in 0..2 {
             self.disable();
@@ -28,14 +29,15 @@ impl Drop for Link {
     }
 }
 
-/// The same port on a second handle. Disable is obeyed whatever its number, and the driver sees that the device no longer obeys.
+/// A second handle of the same port. The device executes Disable whatever its number, and the driver sees
+/// that the device is no longer enabled.
 pub(super) struct SecondHandle {
     port: Box<dyn SerialPort>,
     session: Arc<AtomicU32>,
 }
 
 impl SecondHandle {
-    /// Nothing where the port has only one.
+    /// `None` if the port cannot be cloned.
     pub(super) fn of(link: &Link) -> Option<Self> {
         let port = link.port.try_clone().ok()?;
         Some(Self { port, session: Arc::clone(&link.session) })
@@ -54,10 +56,10 @@ fn disable(session: &AtomicU32) -> HostMessage {
     HostMessage::Disable { session: session.load(Ordering::Acquire), seq: 0 }
 }
 
-/// Sends one message, a 00 before it: what was cut short before must not take it along.
+/// Writes one message with a leading 00, which ends an incomplete frame before it.
 pub(super) fn write(port: &mut dyn SerialPort, message: &HostMessage) -> Result<(), DeviceError> {
     let (mut frame, mut bytes) = ([0; MAX_FRAME], [0; MAX_FRAME + 1]);
-    // No message is longer than a frame.
+    // No message exceeds the size of a frame.
     let frame = encode(message, &mut frame).map_err(|_| DeviceError::new(DeviceErrorKind::Unsupported))?;
     bytes[1..=frame.len()].copy_from_slice(frame);
     port.write_all(&bytes[..=frame.len()]).map_err(DeviceError::from)

@@ -23,7 +23,7 @@ fn replies(bytes: &[u8]) -> Vec<Option<Reply>> {
 }
 
 #[test]
-fn a_reply_is_read_and_a_damaged_one_is_not() {
+fn a_valid_reply_is_parsed_and_a_damaged_one_is_not() {
     let good = line("  12.500  -3.250 101.000  0.1000  0.2000 -0.3000  0.0000 3");
     let expected = Reply { position_m: [0.0125, -0.00325, 0.101], info: 3 };
     let found = replies(&good)[0].expect("a reply");
@@ -37,14 +37,14 @@ fn a_reply_is_read_and_a_damaged_one_is_not() {
 }
 
 #[test]
-fn the_next_whole_line_after_any_damage_is_found() {
+fn the_next_complete_line_after_damage_is_found() {
     let good = line("1.000 2.000 3.000 0 0 0 0 0");
     for cut in 0..good.len() {
         let mut stream = good[..cut].to_vec();
         stream.push(b'\n');
         stream.extend(&good);
         assert!(replies(&stream).last().expect("a line").is_some(), "cut at {cut}");
-        // Without its newline the damaged line takes the next one with it, and only that.
+        // Without its newline the damaged line merges with the next one; the line after that is valid.
         let mut stream = good[..cut.min(LINE_LEN - 1)].to_vec();
         stream.extend(&good);
         stream.extend(&good);

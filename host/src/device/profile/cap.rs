@@ -1,42 +1,45 @@
-//! The stiffness a device may render, what that stands on, and whether a session's timing bore it out.
+//! The largest stiffness that a device may render, its derivation, and the check of a session's timing
+//! against it.
 
 use super::Profile;
 use crate::rt::LatencyReport;
 use core::fmt;
 use palpate_core::stiffness::{passive_n_m, stable_n_m};
 
-/// Cap where no damping is stated, N/m of the device.
+/// Cap for a device whose damping is not stated, N/m in device metres.
 pub const DEFAULT_CAP_N_M: f32 = 1_000.0;
 
-/// No figure in a profile lifts the cap beyond this, N/m of the device.
+/// Upper bound of the cap whatever the profile states, N/m in device metres.
 pub const HARD_CAP_N_M: f32 = 3_000.0;
 
-/// Lateness that a cap makes room for, as a share of the period: ticks are never quite punctual.
+/// Lateness that a cap allows for, as a share of the period.
 pub const LATENESS_ALLOWANCE: f32 = 0.1;
 
-/// What the stiffness depends on beside the mechanism.
+/// The timing that limits the stiffness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Timing {
-    /// Between two samples, s.
+    /// Time between two samples, s.
     pub cycle_s: f32,
-    /// From where the hand was to the force for it, without the half cycle for which the force is held, s.
+    /// Delay from the measurement of a position to the force for it, without the half cycle for which the
+    /// force is held, s.
     pub delay_s: f32,
 }
 
-/// Which of the limits is the lowest.
+/// The limit that determines the cap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CapReason {
-    /// What the profile lists.
+    /// The value listed in the profile.
     Listed,
-    /// No damping is stated.
+    /// The default, because no damping is stated.
     Default,
     /// [`HARD_CAP_N_M`].
     Hard,
-    /// K < 2 b / T: beyond it the device can give the hand energy.
+    /// K < 2 b / T: above it the device can give energy to the hand.
     Passivity,
-    /// K < b / (T / 2 + d): beyond it the device shakes by itself.
+    /// K < b / (T / 2 + d): above it the closed loop is unstable.
     Stability,
-    /// K <= 2 f_c / Delta: beyond it friction does not stop what the steps of the encoder start (Abbott and Okamura 2005).
+    /// K <= 2 f_c / Delta: above it friction does not stop a limit cycle excited by the encoder's
+    /// quantisation (Abbott and Okamura 2005).
     Quantisation,
 }
 
@@ -45,27 +48,28 @@ impl CapReason {
         match self {
             Self::Listed => "listed for the device",
             Self::Default => "no damping is stated",
-            Self::Hard => "never more",
+            Self::Hard => "upper bound",
             Self::Passivity => "passivity",
             Self::Stability => "stability with the delay",
-            Self::Quantisation => "steps of the encoder",
+            Self::Quantisation => "encoder quantisation",
         }
     }
 }
 
-/// Largest stiffness, and why.
+/// Largest stiffness and its reason.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StiffnessCap {
-    /// N/m of the device.
+    /// N/m in device metres.
     pub n_m: f32,
-    /// The lowest limit.
+    /// The limit that determines it.
     pub reason: CapReason,
-    /// The timing it stands on.
+    /// The timing that it assumes.
     pub timing: Timing,
 }
 
 impl Profile {
-    /// Timing as the profile states it: a cycle that may be late, and a force that leaves with the next exchange.
+    /// Timing as the profile states it: a cycle with the allowed lateness, and a force that is sent with the
+    /// next exchange.
     #[must_use]
     pub fn timing(&self) -> Timing {
         let cycle_s = (1.0 + LATENESS_ALLOWANCE) * self.period_us() as f32 * 1e-6;
@@ -82,7 +86,7 @@ impl Profile {
         self.cap_at(self.timing())
     }
 
-    /// The cap with another timing: the lowest of all that apply.
+    /// The cap at another timing: the minimum of all limits that apply.
     #[must_use]
     pub fn cap_at(&self, timing: Timing) -> StiffnessCap {
         let Timing { cycle_s, delay_s } = timing;
@@ -103,13 +107,15 @@ impl Profile {
         })
     }
 
-    /// The timing of a session with this device: the cycle that 99 % of the ticks kept to, and the delay that goes with it.
+    /// The timing of a session with this device: the cycle that 99 % of the ticks kept, and the corresponding
+    /// delay.
     ///
-    /// `report` knows lateness, exchange and compute time, not how long the link takes: that is the profile's.
+    /// `report` has lateness, exchange and compute times. The delay of the link is taken from the profile.
     #[must_use]
     pub fn measured(&self, report: &LatencyReport) -> Timing {
         let ticks = report.wake.count.max(1);
-        // One overrun in a hundred ticks is in the 99 %; then the cycle is longer by what such an overrun skips.
+        // With more than one overrun in a hundred ticks the 99 % cycle includes the periods that an overrun
+        // skips.
         let skips = if 100 * report.overruns > ticks {
             report.skipped_periods.div_ceil(report.overruns.max(1)) as f32
         } else {
@@ -122,28 +128,28 @@ impl Profile {
         Timing { cycle_s, delay_s }
     }
 
-    /// Whether the cap still held with the timing of a session.
+    /// Checks the cap against the timing of a session.
     #[must_use]
     pub fn verdict(&self, report: &LatencyReport) -> CapVerdict {
         let (cap, measured) = (self.cap(), self.measured(report));
         let as_stated = measured.cycle_s <= cap.timing.cycle_s && measured.delay_s <= cap.timing.delay_s;
-        // A stated damping says what another timing allows; the default cap was only ever meant for its own.
+        // A stated damping gives the cap at another timing. The default cap is valid only at its own timing.
         let at_measured = self.mechanism.damping.map(|_| self.cap_at(measured));
         let held = as_stated || at_measured.is_some_and(|at| at.n_m >= cap.n_m);
         CapVerdict { cap, measured, held, at_measured }
     }
 }
 
-/// A session's timing against what the cap stands on.
+/// Result of the check of a session's timing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CapVerdict {
     /// The cap that was used.
     pub cap: StiffnessCap,
-    /// The timing there was.
+    /// The measured timing.
     pub measured: Timing,
     /// Whether the cap was low enough for it.
     pub held: bool,
-    /// The cap with that timing; `None` without a stated damping.
+    /// The cap at the measured timing; `None` without a stated damping.
     pub at_measured: Option<StiffnessCap>,
 }
 
@@ -153,7 +159,7 @@ impl fmt::Display for CapVerdict {
         let ms = |seconds: f32| 1e3 * seconds;
         write!(
             f,
-            "the cap of {n_m:.0} N/m at the hand ({}) stands on a cycle of {:.2} ms and a delay of {:.2} ms; measured p99 \
+            "the cap of {n_m:.0} N/m at the hand ({}) assumes a cycle of {:.2} ms and a delay of {:.2} ms; measured p99 \
              {:.2} and {:.2} ms: ",
             reason.text(),
             ms(timing.cycle_s),
@@ -162,9 +168,9 @@ impl fmt::Display for CapVerdict {
             ms(self.measured.delay_s)
         )?;
         match (self.held, self.at_measured) {
-            (true, _) => f.write_str("it held"),
-            (false, Some(at)) => write!(f, "IT DID NOT HOLD, {:.0} N/m would have", at.n_m),
-            (false, None) => f.write_str("IT DID NOT HOLD, the loop was slower than it supposes"),
+            (true, _) => f.write_str("the cap was valid"),
+            (false, Some(at)) => write!(f, "THE CAP WAS TOO HIGH, at most {:.0} N/m is valid", at.n_m),
+            (false, None) => f.write_str("THE CAP IS NOT VALID, the loop was slower than it assumes"),
         }
     }
 }
@@ -180,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lowest_limit_is_the_cap_and_is_named() {
+    fn the_lowest_limit_determines_the_cap_and_is_named() {
         let timing = Timing { cycle_s: 1e-3, delay_s: 2e-3 };
         let with = |change: &dyn Fn(&mut Profile)| {
             let mut profile = simulated();
@@ -203,18 +209,18 @@ mod tests {
         close(with(&|p| p.mechanism.damping = None), 1000.0, CapReason::Default);
         close(with(&|p| p.max_stiffness_n_m = 400.0), 400.0, CapReason::Listed);
         close(with(&|p| p.mechanism.coulomb_n = Some(9e-3)), 600.0, CapReason::Quantisation);
-        // Known friction counts without a damping too, and a finer encoder lifts it.
+        // Known friction limits the stiffness without a damping too, and a finer encoder raises this limit.
         let friction = |p: &mut Profile| (p.mechanism.damping, p.mechanism.coulomb_n) = (None, Some(9e-3));
         close(with(&friction), 600.0, CapReason::Quantisation);
-        // Without a delay and with a long cycle it is the half cycle that counts: passivity and stability meet.
+        // Without a delay and with a long cycle, passivity and stability give the same limit.
         let mut profile = simulated();
         profile.mechanism.coulomb_n = None;
         close(profile.cap_at(Timing { cycle_s: 4e-3, delay_s: 0.0 }), 1000.0, CapReason::Passivity);
     }
 
-    /// A slower loop is another device: the cap is lower, and its own timing is what is judged.
+    /// A slower loop has a lower cap, and its session is checked against its own timing.
     #[test]
-    fn the_cap_falls_with_the_period_that_runs() {
+    fn the_cap_decreases_with_the_period() {
         let (nominal, slow) = (simulated(), simulated().at_period(2_500));
         assert_eq!((slow.period_us(), slow.timing().cycle_s), (2_500, 2.75e-3));
         assert!(slow.cap().n_m < 0.5 * nominal.cap().n_m, "{:?} and {:?}", slow.cap(), nominal.cap());
@@ -227,7 +233,7 @@ mod tests {
         let empty = LatencyRecorder::new().report();
         LatencyReport {
             wake: at(late_ns),
-            // Half of it the device's.
+            // Half of it is the device's.
             device: at(compute_ns / 2),
             compute: at(compute_ns / 2),
             overruns,
@@ -237,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_measured_timing_judges_the_cap() {
+    fn the_measured_timing_is_checked_against_the_cap() {
         let profile = simulated();
         let punctual = profile.verdict(&report(40_000, 20_000, 0));
         assert!(punctual.held, "{punctual}");
@@ -247,18 +253,18 @@ mod tests {
         let late = profile.verdict(&report(500_000, 20_000, 0));
         let would = late.at_measured.expect("its damping is stated").n_m;
         assert!(!late.held && would < 0.8 * late.cap.n_m, "{late}");
-        assert!(late.to_string().contains("DID NOT HOLD"), "{late}");
-        // Overruns count as soon as they are more than one tick in a hundred.
+        assert!(late.to_string().contains("TOO HIGH"), "{late}");
+        // Overruns matter above one tick in a hundred.
         assert!(profile.verdict(&report(40_000, 20_000, 99)).held);
         let skipping = profile.verdict(&report(40_000, 20_000, 101));
         assert!(!skipping.held && (skipping.measured.cycle_s - 3.04e-3).abs() < 1e-8, "{skipping}");
 
-        // A default cap stands on nothing that would say how much is still right.
+        // The default cap has no damping from which a cap at another timing could be computed.
         let falcon = Profile::bundled("falcon").expect("bundled");
         let late = falcon.verdict(&report(500_000, 20_000, 0));
         assert!(!late.held && late.at_measured.is_none(), "{late}");
         assert!(falcon.verdict(&report(40_000, 20_000, 0)).held);
-        // A listed limit far below what the damping bears holds with a late loop too.
+        // A listed limit far below the limits by damping is valid with a late loop too.
         let soft = Profile { max_stiffness_n_m: 300.0, ..profile };
         assert!(soft.verdict(&report(500_000, 20_000, 0)).held);
     }

@@ -1,4 +1,4 @@
-//! The profile as it is written: unknown keys are errors, and every error names file, line and mend.
+//! The file format of a profile. Unknown keys are errors, and every error names file, line and fix.
 
 use super::{Assumed, Calibration, Damping, Mechanism, Profile};
 use crate::device::link::Capstan;
@@ -9,24 +9,24 @@ use palpate_core::{Vec3, vec3};
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
-/// What is wrong with a profile, where, and how to mend it.
+/// Error in a profile, its position and its fix.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProfileError {
     /// The file, or the name of a profile.
     pub file: PathBuf,
-    /// 1-based line, where the fault has a place.
+    /// 1-based line, if the error has a position.
     pub line: Option<usize>,
     /// What is wrong.
     pub what: String,
-    /// What to do about it.
-    pub mend: String,
+    /// How to fix it.
+    pub fix: String,
 }
 
 impl fmt::Display for ProfileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let line = self.line.map_or_else(String::new, |line| format!(":{line}"));
-        let text = format!("{}{line}: {}; {}", self.file.display(), self.what, self.mend);
-        // One line, whatever the parts hold: scripts read errors line by line.
+        let text = format!("{}{line}: {}; {}", self.file.display(), self.what, self.fix);
+        // One line, whatever the parts contain: scripts read errors line by line.
         f.write_str(&text.replace(['\n', '\r'], " "))
     }
 }
@@ -125,16 +125,18 @@ struct SimulationTable {
     coulomb_n: Option<Number>,
 }
 
-/// Slowest and fastest cycle, Hz: below, a sample or two would be as old as a fault; above, no thread of this program wakes.
+/// Range of the rate, Hz. Below it one or two samples would reach the age of a fault; above it the threads of
+/// this program cannot wake in time.
 const RATES_HZ: Range<f64> = 400.0..10_000.0;
 
-/// Size of a motor's scale, counts to one N m: a tenth and ten times the uncalibrated figure. Beyond, a digit is wrong.
+/// Range of a motor's scale, counts per N m: a tenth to ten times the uncalibrated value. A value outside is
+/// a mistake.
 const COUNTS_PER_N_M: RangeInclusive<f64> = 1e3..=1e5;
-/// Least and largest way of a handle in a turn of a drum, m: a thread of a screw, a drum as wide as an arm.
+/// Range of a handle's path per turn of a drum, m: from a screw thread to a drum of arm's width.
 const METRES_PER_TURN: Range<f64> = 1e-4..1.0;
 
-/// Longest delay of a link, us: ten milliseconds are a fault of the controller.
-const LONGEST_DELAY_US: i64 = 9_000;
+/// Longest delay of a link, us. A delay of ten milliseconds is a fault of the controller.
+const MAX_DELAY_US: i64 = 9_000;
 
 /// Reads a profile from a file.
 pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
@@ -142,7 +144,7 @@ pub(super) fn read(path: &Path) -> Result<Profile, ProfileError> {
         file: path.into(),
         line: None,
         what: format!("cannot read the device profile ({error})"),
-        mend: "check the path".into(),
+        fix: "check the path".into(),
     })?;
     parse(path, &text)
 }
@@ -158,8 +160,8 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     }
     let rate_hz = place.positive("rate_hz", &limits.rate_hz)?;
     if !RATES_HZ.contains(&f64::from(rate_hz)) {
-        let mend = format!("give {} to {} Hz", RATES_HZ.start, RATES_HZ.end);
-        return Err(place.error(limits.rate_hz.span(), format!("`rate_hz` = {rate_hz}"), mend));
+        let fix = format!("give {} to {} Hz", RATES_HZ.start, RATES_HZ.end);
+        return Err(place.error(limits.rate_hz.span(), format!("`rate_hz` = {rate_hz}"), fix));
     }
     let twice = [
         (&mechanism.mass_kg, &simulation.mass_kg, "mass_kg"),
@@ -168,7 +170,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     ];
     for (known, assumed, key) in twice {
         if let (Some(_), Some(assumed)) = (known, assumed) {
-            let what = format!("`{key}` is assumed under [simulation] although [mechanism] states it");
+            let what = format!("`{key}` is assumed under [simulation] but [mechanism] states it");
             return Err(place.error(assumed.span(), what, "remove it there"));
         }
     }
@@ -197,28 +199,28 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Profile, ProfileError> {
     })
 }
 
-/// Turns spans of bytes into lines of a file.
+/// Converts byte spans to lines of a file.
 struct Place<'t> {
     path: &'t Path,
     text: &'t str,
 }
 
 impl Place<'_> {
-    fn error(&self, span: Range<usize>, what: impl Into<String>, mend: impl Into<String>) -> ProfileError {
+    fn error(&self, span: Range<usize>, what: impl Into<String>, fix: impl Into<String>) -> ProfileError {
         let before = self.text.as_bytes().iter().take(span.start);
         ProfileError {
             file: self.path.into(),
             line: Some(1 + before.filter(|&&byte| byte == b'\n').count()),
             what: what.into(),
-            mend: mend.into(),
+            fix: fix.into(),
         }
     }
 
-    /// The parser's error in the words of this project.
+    /// Rephrases an error of the parser.
     fn explain(&self, error: &toml::de::Error) -> ProfileError {
         let message = error.message();
         let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-        let (what, mend) = match (message.split(' ').next(), quoted.split_first()) {
+        let (what, fix) = match (message.split(' ').next(), quoted.split_first()) {
             (Some("unknown"), Some((key, allowed))) => {
                 (format!("unknown key `{key}`"), format!("remove it (allowed here: {})", allowed.join(", ")))
             }
@@ -228,7 +230,7 @@ impl Place<'_> {
             (Some("invalid"), _) => (message.to_owned(), "write a value of the expected type".into()),
             _ => (format!("not valid TOML ({message})"), "correct the syntax".into()),
         };
-        self.error(error.span().unwrap_or(0..0), what, mend)
+        self.error(error.span().unwrap_or(0..0), what, fix)
     }
 
     fn positive(&self, key: &str, value: &Number) -> Result<f32, ProfileError> {
@@ -262,10 +264,10 @@ impl Place<'_> {
 
     fn delay_us(&self, key: &str, value: Option<&Spanned<i64>>) -> Result<u32, ProfileError> {
         let Some(value) = value else { return Ok(0) };
-        let known = u32::try_from(*value.get_ref()).ok().filter(|us| i64::from(*us) <= LONGEST_DELAY_US);
+        let known = u32::try_from(*value.get_ref()).ok().filter(|us| i64::from(*us) <= MAX_DELAY_US);
         known.ok_or_else(|| {
             let what = format!("`{key}` = {}", value.get_ref());
-            self.error(value.span(), what, format!("give 0 to {LONGEST_DELAY_US} us"))
+            self.error(value.span(), what, format!("give 0 to {MAX_DELAY_US} us"))
         })
     }
 
@@ -274,19 +276,19 @@ impl Place<'_> {
         if let Some(given) = &table.counts_per_n_m {
             if !given.get_ref().iter().all(|counts| COUNTS_PER_N_M.contains(&counts.abs())) {
                 let what = format!("`counts_per_n_m` = {:?}", given.get_ref());
-                let mend = "give each motor 1000 to 100000 counts to one N m, with its sign (-10000 is not calibrated)";
-                return Err(self.error(given.span(), what, mend));
+                let fix = "give each motor 1000 to 100000 counts per N m, with its sign (-10000 is the uncalibrated default)";
+                return Err(self.error(given.span(), what, fix));
             }
             calibration.counts_per_n_m = given.get_ref().map(|counts| counts as f32);
         }
         if let Some(given) = &table.gravity_n {
-            // Beyond half of what the motors may do there is too little left to touch with.
+            // A larger compensation would leave too little of the motors' force for rendering.
             if !(0.0..=0.5 * max_force_n).contains(given.get_ref()) {
                 let what = format!("`gravity_n` = {}", given.get_ref());
                 return Err(self.error(
                     given.span(),
                     what,
-                    "give 0 to half of `max_force_n`: it carries upwards",
+                    "give 0 to half of `max_force_n`: it acts upwards",
                 ));
             }
             calibration.gravity_n = *given.get_ref() as f32;
@@ -297,12 +299,12 @@ impl Place<'_> {
     fn capstan(&self, table: &CapstanTable) -> Result<Capstan, ProfileError> {
         let (metres_per_turn, origin_m) = (*table.metres_per_turn.get_ref(), *table.origin_m.get_ref());
         if !metres_per_turn.iter().all(|metres| METRES_PER_TURN.contains(&metres.abs())) {
-            let mend = format!(
-                "give {} to {} m an axis, negative where it runs down",
+            let fix = format!(
+                "give {} to {} m per axis, negative if the handle moves down as the counts increase",
                 METRES_PER_TURN.start, METRES_PER_TURN.end
             );
             let what = format!("`metres_per_turn` = {metres_per_turn:?}");
-            return Err(self.error(table.metres_per_turn.span(), what, mend));
+            return Err(self.error(table.metres_per_turn.span(), what, fix));
         }
         if !origin_m.iter().all(|metres| metres.is_finite()) {
             return Err(self.error(
@@ -328,7 +330,7 @@ impl Place<'_> {
             }
             _ => Err(self.error(
                 table.span(),
-                "[workspace] does not say one workspace",
+                "[workspace] does not define one workspace",
                 "give `radius_m`, or `half_m`",
             )),
         }
@@ -351,8 +353,8 @@ impl Place<'_> {
                 if !is_rotation(&axes) {
                     return Err(self.error(
                         given.span(),
-                        "`axes` is no rotation",
-                        "give the model's x, y and z axes in device coordinates: unit length, square to each other, right-handed",
+                        "`axes` is not a rotation",
+                        "give the model's x, y and z axes in device coordinates: of unit length, orthogonal, right-handed",
                     ));
                 }
                 axes
@@ -367,7 +369,7 @@ impl Place<'_> {
     }
 }
 
-/// Orthonormal and right-handed: a mirrored hand would feel every force from the wrong side.
+/// Orthonormal and right-handed: with a reflection the hand would feel forces mirrored.
 fn is_rotation(axes: &[Vec3; 3]) -> bool {
     const ROUNDING: f32 = 1e-3;
     let [x, y, z] = *axes;

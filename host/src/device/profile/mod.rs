@@ -1,7 +1,8 @@
-//! What a device can do, as a TOML file says it: limits, mechanism, link, workspace.
+//! Profiles of devices in TOML: limits, mechanism, link, workspace.
 //!
-//! Bundled ones go by their name; any other is a file. What nobody has measured is left out of a profile, and then the cautious
-//! default holds instead of a guess; guesses stand under `[simulation]`, and no limit stands on them.
+//! A bundled profile is selected by its name, any other by its file. A profile omits quantities that are not
+//! measured, and conservative defaults apply instead. Assumptions for the simulation are under
+//! `[simulation]`; no limit depends on them.
 
 mod cap;
 mod file;
@@ -22,49 +23,50 @@ use std::path::Path;
 /// A device's profile.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// Name for people.
+    /// Name for the user.
     pub name: String,
     /// Largest force it renders, N.
     pub max_force_n: f32,
-    /// Largest stiffness its maker (or whoever lists it) names, N/m of the device; the cap is never above it.
+    /// Largest stiffness stated by its maker or by the listed source, N/m in device metres; an upper bound of
+    /// the cap.
     pub max_stiffness_n_m: f32,
-    /// Cycles a second.
+    /// Cycles per second.
     pub rate_hz: f32,
-    /// What is known of the mechanism.
+    /// Known properties of the mechanism.
     pub mechanism: Mechanism,
-    /// How long a position is on its way to this program, us.
+    /// Delay of a position from the device to this program, us.
     pub position_delay_us: u32,
-    /// How long a force is on its way from this program to the hand, us.
+    /// Delay of a force from this program to the hand, us.
     pub force_delay_us: u32,
-    /// Encoder counts to metres and newtons to torques, for a driver that must do it itself: that of the device link.
+    /// Conversion of encoder counts to metres and newtons to torques, for the driver of the device link.
     pub capstan: Option<Capstan>,
-    /// Where the handle can go, device frame, round the mapping's device origin.
+    /// Range of the handle round the mapping's device origin, device frame.
     pub reach: Reach,
-    /// Where that lies in the model.
+    /// Placement of the workspace in the model.
     pub workspace: Workspace,
-    /// What was found by trying on the device itself.
+    /// Values determined on the individual device.
     pub calibration: Calibration,
-    /// What the simulation assumes where nothing is known.
+    /// Assumptions of the simulation for unknown properties.
     pub assumed: Assumed,
 }
 
-/// What differs from one device of a kind to the next, found at its first power-up (docs/devices.md).
+/// Properties of an individual device, determined at its first power-up (docs/devices.md).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
-    /// Counts of each motor to one N m at its crank, with their sign. Of a Falcon.
+    /// Motor counts per N m at the crank, with sign; for a Falcon.
     pub counts_per_n_m: [f32; 3],
-    /// Force along the device's +y that carries the weight of the handle, N.
+    /// Force along the device's +y that compensates the weight of the handle, N.
     pub gravity_n: f32,
 }
 
 impl Default for Calibration {
     fn default() -> Self {
-        // Nobody has calibrated anything; libnifalcon's figure.
+        // The uncalibrated default; value from libnifalcon.
         Self { counts_per_n_m: [-10_000.0; 3], gravity_n: 0.0 }
     }
 }
 
-/// What is known of a mechanism; `None` is not known.
+/// Known properties of a mechanism; `None` is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Mechanism {
     /// Effective mass at the handle, kg.
@@ -73,22 +75,22 @@ pub struct Mechanism {
     pub damping: Option<Damping>,
     /// Coulomb friction at the handle, N.
     pub coulomb_n: Option<f32>,
-    /// Step of the position at the handle, the coarsest, m.
+    /// Resolution of the position at the handle, the coarsest, m.
     pub encoder_quantum_m: Option<f32>,
-    /// Step of the force at the handle, N.
+    /// Resolution of the force at the handle, N.
     pub motor_quantum_n: Option<f32>,
 }
 
-/// Damping that the cap on the stiffness may stand on.
+/// Damping for the cap on the stiffness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Damping {
     /// N s/m.
     pub n_s_m: f32,
-    /// Measured; otherwise a conservative figure.
+    /// Whether it is measured; otherwise it is a conservative value.
     pub measured: bool,
 }
 
-/// Figures for the simulation only.
+/// Assumed properties for the simulation only.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Assumed {
     /// Effective mass at the handle, kg.
@@ -101,13 +103,13 @@ pub struct Assumed {
 
 impl Default for Assumed {
     fn default() -> Self {
-        // A light mechanism that takes no energy away: nothing shakes more easily.
+        // A light mechanism without dissipation is the least stable case.
         Self { mass_kg: 0.1, damping_n_s_m: 0.0, coulomb_n: 0.0 }
     }
 }
 
 impl Profile {
-    /// The bundled profile of that name, or the one in a file whose name ends in `.toml`.
+    /// The bundled profile with that name, or the profile in a file whose name ends in `.toml`.
     pub fn load(name_or_file: &str) -> Result<Self, ProfileError> {
         if name_or_file.ends_with(".toml") {
             return file::read(Path::new(name_or_file));
@@ -117,26 +119,26 @@ impl Profile {
             ProfileError {
                 file: name_or_file.into(),
                 line: None,
-                what: "no device profile of this name".into(),
-                mend: format!("choose {}, or give a file that ends in .toml", names.join(", ")),
+                what: "there is no device profile with this name".into(),
+                fix: format!("choose {}, or give a file that ends in .toml", names.join(", ")),
             }
         })
     }
 
-    /// A profile that comes with Palpate.
+    /// A bundled profile.
     #[must_use]
     pub fn bundled(name: &str) -> Option<Self> {
         let (name, text) = bundled::PROFILES.into_iter().find(|(known, _)| *known == name)?;
-        // A test reads them all.
-        Some(file::parse(Path::new(name), text).expect("bundled profiles are sound"))
+        // A test parses all of them.
+        Some(file::parse(Path::new(name), text).expect("bundled profiles are valid"))
     }
 
-    /// Names of those.
+    /// Names of the bundled profiles.
     pub fn names() -> impl Iterator<Item = &'static str> {
         bundled::PROFILES.into_iter().map(|(name, _)| name)
     }
 
-    /// Reads a profile from text; `path` is where messages say it stands.
+    /// Parses a profile; `path` is the file in messages.
     pub fn parse(path: &Path, text: &str) -> Result<Self, ProfileError> {
         file::parse(path, text)
     }
@@ -147,34 +149,34 @@ impl Profile {
         (1e6 / f64::from(self.rate_hz)).round().max(1.0) as u32
     }
 
-    /// The same device in a loop with another period: the cap, the simulation and the verdict are then about that.
+    /// The same device with another period of the loop; cap, simulation and verdict use that period.
     #[must_use]
     pub fn at_period(self, period_us: u32) -> Self {
         Self { rate_hz: (1e6 / f64::from(period_us.max(1))) as f32, ..self }
     }
 
-    /// Largest stiffness of the MODEL that may be rendered, N/m: the cap, divided by the metres of the model to one of the device.
+    /// Largest stiffness of the MODEL that may be rendered, N/m: the cap divided by the workspace scale.
     #[must_use]
     pub fn max_model_stiffness_n_m(&self) -> f32 {
         self.cap().n_m / self.workspace.scale
     }
 
-    /// Force that carries the weight of the handle, model frame, N.
+    /// Force that compensates the weight of the handle, model frame, N.
     #[must_use]
-    pub fn carried_n(&self) -> Vec3 {
-        // The model's axes in device coordinates: what of each is up.
+    pub fn gravity_compensation_n(&self) -> Vec3 {
+        // The model's axes in device coordinates: the y component of each.
         self.workspace.axes.map(|axis| axis[1] * self.calibration.gravity_n)
     }
 
-    /// Tightens limits to what the device can do; none is ever loosened.
-    pub fn tighten(&self, limits: &mut LimitConfig) {
+    /// Lowers limits to those of the device; no limit is raised.
+    pub fn lower_limits(&self, limits: &mut LimitConfig) {
         limits.max_force_n = limits.max_force_n.min(self.max_force_n);
         limits.max_stiffness_n_m = limits.max_stiffness_n_m.min(self.max_model_stiffness_n_m());
     }
 
-    /// Half-width of the box round the model's origin that holds every place the handle can be at, m.
+    /// Half-width of the box round the model's origin that contains all positions of the handle, m.
     ///
-    /// With a tenth of the workspace's size to spare, because a mechanism goes a little beyond what is listed.
+    /// It includes a margin of a tenth, because a mechanism reaches slightly beyond its listed workspace.
     #[must_use]
     pub fn largest_position_m(&self) -> f32 {
         let Workspace { scale, model_origin_m, .. } = self.workspace;
@@ -187,8 +189,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_bundled_profile_is_sound_and_says_what_is_listed() {
-        // Force and stiffness as CHAI3D lists them, in newtons and newtons a metre.
+    fn every_bundled_profile_is_valid_and_within_the_listed_values() {
+        // Force and stiffness as listed by CHAI3D, in newtons and newtons per metre.
         let listed = [
             ("touch", 3.3, 400.0),
             ("omni", 3.3, 700.0),
@@ -204,7 +206,7 @@ mod tests {
             assert_eq!((profile.max_force_n, profile.max_stiffness_n_m), (force_n, stiffness_n_m), "{name}");
         }
         for name in Profile::names() {
-            let profile = Profile::load(name).expect("sound");
+            let profile = Profile::load(name).expect("valid");
             let cap = profile.cap();
             assert!(cap.n_m <= HARD_CAP_N_M.min(profile.max_stiffness_n_m), "{name}: {cap:?}");
             if profile.mechanism.damping.is_none() {
@@ -214,28 +216,29 @@ mod tests {
         }
         assert!(Profile::names().is_sorted(), "as `--profile` lists them");
         for name in ["falcon", "polhem", "link", "touch", "omni"] {
-            // Nobody has measured it here; who writes a figure in must change this line, and the comment in the profile.
+            // The damping is not measured. Adding a value requires a change of this line and of the comment
+            // in the profile.
             assert_eq!(Profile::bundled(name).expect("bundled").mechanism.damping, None, "{name}");
         }
     }
 
     #[test]
-    fn limits_are_tightened_and_never_loosened() {
+    fn limits_are_lowered_and_never_raised() {
         let falcon = Profile::bundled("falcon").expect("bundled");
         let mut limits = LimitConfig::default();
-        falcon.tighten(&mut limits);
+        falcon.lower_limits(&mut limits);
         assert_eq!(limits.max_force_n, 8.0);
-        // Three metres of the model to one of the hand: a third of the 1000 N/m that the hand may feel.
+        // With a workspace scale of three: a third of the cap of 1000 N/m.
         assert!((limits.max_stiffness_n_m - 1000.0 / 3.0).abs() < 1e-3);
         let before = limits;
-        Profile::bundled("delta.3").expect("bundled").tighten(&mut limits);
+        Profile::bundled("delta.3").expect("bundled").lower_limits(&mut limits);
         assert_eq!(limits, before);
-        // 40 mm, three times, and a tenth.
+        // 40 mm, times the scale of three, plus a tenth.
         assert!((falcon.largest_position_m() - 0.132).abs() < 1e-6);
     }
 
     #[test]
-    fn an_unknown_name_lists_the_known() {
+    fn the_error_for_an_unknown_name_lists_the_known_ones() {
         let refused = Profile::load("falcom").expect_err("no such profile").to_string();
         assert!(refused.contains("falcon") && refused.contains(".toml"), "{refused}");
     }

@@ -4,7 +4,7 @@ use palpate_core::{Config, Controller, Method, State};
 
 fn run(config: SimulatedConfig, stiffness_n_m: f32, steps: u64) -> Vec<(Vec3, Vec3, Vec3)> {
     let blob = synthetic::organ(&synthetic::Shape { stiffness_n_m, ..synthetic::Shape::default() });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Trilinear)).expect("has the method");
     let mut hand = SimulatedHand::new(&organ, config);
     let (mut state, mut force) = (State::new(), vec3::ZERO);
@@ -29,7 +29,8 @@ fn the_same_seed_gives_the_same_bits_and_another_seed_others() {
     assert_ne!(one, run(SimulatedConfig { hand, ..SimulatedConfig::default() }, 300.0, 9_000));
 }
 
-/// From soft to as stiff as a Falcon may render: strokes reach the organ, stay bounded, and no oscillation builds up.
+/// From soft to the stiffest organ for a Falcon: strokes reach the organ, stay bounded, and no oscillation
+/// builds up.
 #[test]
 fn strokes_are_bounded_and_stable_on_soft_and_stiff_organs() {
     for stiffness_n_m in [100.0, 300.0, 1000.0, 2500.0] {
@@ -38,12 +39,12 @@ fn strokes_are_bounded_and_stable_on_soft_and_stiff_organs() {
         assert!(deepest > 0.004 && deepest < 0.045, "{stiffness_n_m}: {deepest}");
         // Largest step between two ticks: a stroke is slow, a limit cycle is not.
         let fastest = trace.windows(2).map(|pair| vec3::distance(pair[0].0, pair[1].0)).fold(0.0, f32::max);
-        assert!(fastest < 0.6e-3, "{stiffness_n_m}: {fastest} m a tick");
+        assert!(fastest < 0.6e-3, "{stiffness_n_m}: {fastest} m per tick");
     }
 }
 
 #[test]
-fn a_press_reaches_most_of_its_depth_because_the_hand_leans_in() {
+fn a_persistent_hand_reaches_most_of_the_press_depth() {
     let depth = |persistence| {
         let hand = HandConfig { persistence, tremor_m: 0.0, ..HandConfig::default() };
         let config = SimulatedConfig { hand, ..SimulatedConfig::default() };
@@ -67,7 +68,7 @@ fn samples_lie_on_the_encoder_grid() {
 fn it_pushes_and_pulls() {
     let trace = run(SimulatedConfig::default(), 300.0, 7_000);
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let normal = organ.spaces[0].outward_normal;
     let along: Vec<f32> = trace.iter().map(|(_, _, h)| vec3::dot(*h, normal)).collect();
     assert!(along.iter().copied().fold(0.0, f32::min) < -1.0, "presses into the body");
@@ -75,17 +76,20 @@ fn it_pushes_and_pulls() {
 }
 
 fn on(profile: &Profile, palpation: Palpation, hand: HandConfig) -> SimulatedHand {
-    SimulatedHand::with_palpation(palpation, SimulatedConfig { hand, ..SimulatedConfig::on(profile) })
+    SimulatedHand::with_palpation(
+        palpation,
+        SimulatedConfig { hand, ..SimulatedConfig::for_profile(profile) },
+    )
 }
 
 fn still(at_m: Vec3) -> Palpation {
-    // Higher than anything touches: it stays there for a second, then goes on.
+    // Above the surface, without contact: it stays there for an hour.
     Palpation::Tour(Script::press_and_hold(at_m, [0.0, 0.0, 1.0], -Script::PRESS_FROM_M, 3_600.0))
 }
 
-/// A force of a tick is in the next samples but two: a cycle in the loop, the link each way, and the mass.
+/// A force appears in a sample after one cycle of the loop and the delay of the link in both directions.
 #[test]
-fn the_loop_and_the_link_hold_a_force_back() {
+fn a_force_acts_after_the_delay_of_loop_and_link() {
     let mut profile = Profile::bundled("simulated").expect("bundled");
     (profile.position_delay_us, profile.force_delay_us) = (1_000, 2_000);
     (profile.mechanism.encoder_quantum_m, profile.mechanism.coulomb_n) = (None, None);
@@ -94,11 +98,11 @@ fn the_loop_and_the_link_hold_a_force_back() {
         .map(|tick| {
             let force_n = if tick == 1 { [5.0, 0.0, 0.0] } else { vec3::ZERO };
             let sample = hand.exchange(tick * 1_000, force_n).expect("never fails").expect("always samples");
-            assert_eq!(sample.t_us, (tick - 1) * 1_000, "as old as the link is long");
+            assert_eq!(sample.t_us, (tick - 1) * 1_000, "its age is the delay of the link");
             sample.position_m[0]
         })
         .collect();
-    // Sent at the first exchange, it acts from 2 ms later for 1 ms, and is seen 1 ms after that.
+    // Sent at the first exchange, the force acts for 1 ms from 2 ms later and is measured 1 ms after that.
     assert!(seen[..4].iter().all(|x| *x == 0.0), "{seen:?}");
     assert!(seen[4] > 1e-6 && seen[5] > seen[4], "{seen:?}");
     // 5 N on 0.15 kg for 1 ms: 33 mm/s.
@@ -106,14 +110,14 @@ fn the_loop_and_the_link_hold_a_force_back() {
 }
 
 #[test]
-fn a_profile_says_where_the_hand_is_and_how_far_it_goes() {
+fn a_profile_gives_the_placement_and_the_reach_of_the_hand() {
     let profile = Profile::bundled("falcon").expect("bundled");
     let mut hand = on(&profile, still([0.03, 0.02, 0.01]), HandConfig::default());
     let sample = hand.exchange(2_000, vec3::ZERO).expect("never fails").expect("always samples");
-    // Three steps of the encoder, because three metres of the model are one of the hand.
+    // Three encoder steps, with a workspace scale of three.
     assert!(vec3::distance(sample.position_m, [0.03, 0.02, 0.015]) < 3.0 * 3.0 * 54e-6, "{sample:?}");
     assert!(vec3::distance(hand.device_position_m(), [0.01, 0.02 / 3.0, 0.125]) < 1e-4);
-    // A metre away the hand wants to be; the handle stops at 40 mm, 120 mm of the model.
+    // The target is a metre away; the handle stops at 40 mm, which is 120 mm in the model.
     let mut hand = on(&profile, still([1.0, 0.0, 0.0]), HandConfig::default());
     for tick in 0..2_000_u64 {
         let sample = hand.exchange(tick * 1_000, vec3::ZERO).expect("never fails").expect("always samples");
@@ -125,9 +129,9 @@ fn a_profile_says_where_the_hand_is_and_how_far_it_goes() {
     assert!((info.max_stiffness_n_m - 1_000.0 / 3.0).abs() < 1e-3);
 }
 
-/// What the motors give goes into the hand's motion and the mechanism's drag, to the last part in a hundred.
+/// The work of the motors equals the hand's kinetic energy plus the loss by drag, within one percent.
 #[test]
-fn the_energy_that_goes_through_the_handle_is_all_accounted_for() {
+fn the_energy_through_the_handle_is_balanced() {
     let profile = Profile::bundled("simulated").expect("bundled");
     let limp = HandConfig { stiffness_n_m: 0.0, ..HandConfig::LIGHT };
     let mut hand = on(&profile, still([0.0, 0.0, 0.05]), limp);
@@ -137,5 +141,5 @@ fn the_energy_that_goes_through_the_handle_is_all_accounted_for() {
     let (work, mass_kg) = (hand.work(), 0.1 + limp.mass_kg);
     let motion_j = 0.5 * f64::from(mass_kg * vec3::norm_squared(hand.hand.velocity_m_s()));
     assert!(work.motors_j > 0.01 && work.drag_j < -1e-3, "{work:?}");
-    assert!((work.of_device_j() / motion_j - 1.0).abs() < 0.01, "{work:?}, {motion_j} J of motion");
+    assert!((work.device_j() / motion_j - 1.0).abs() < 0.01, "{work:?}, {motion_j} J of motion");
 }

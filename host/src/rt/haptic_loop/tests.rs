@@ -1,4 +1,4 @@
-//! The loop on a virtual clock, with a probe for a device.
+//! The loop on a virtual clock, with a probe device.
 
 use super::*;
 use crate::device::{DeviceErrorKind, DeviceInfo, EmergencyStop};
@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 
 type Forces = Mutex<Vec<Vec3>>;
 
-/// Presses into the first node and remembers every force it was given; stopping is a zero.
+/// Presses into the first node and records every force it receives; a stop is recorded as zero.
 struct Probe<'t, F> {
     forces: &'t Forces,
     rest_m: Vec3,
@@ -77,10 +77,10 @@ impl<'h> Bench<'h> {
         each: impl FnMut(u64) -> Result<bool, DeviceError> + Send,
     ) -> Run {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let controller = Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
         let (records, mut drained) = rtrb::RingBuffer::new(self.queue);
-        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+        let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let forces = Forces::default();
         let device = Probe {
             forces: &forces,
@@ -93,7 +93,7 @@ impl<'h> Bench<'h> {
         let outputs = Outputs { records, latest };
         let mut haptic = HapticLoop::new(controller, device, clock, self.config, controls, outputs);
         if let Some(heartbeat) = self.heartbeat {
-            haptic = haptic.watched(heartbeat);
+            haptic = haptic.with_heartbeat(heartbeat);
         }
         let outcome = haptic.run(stop, self.periods);
         let records = core::iter::from_fn(|| drained.pop().ok()).collect();
@@ -101,7 +101,7 @@ impl<'h> Bench<'h> {
     }
 }
 
-/// A clock on which the tick with this number takes that long.
+/// A clock on which the tick with this number takes `stall_ns`.
 struct Stalling<'t> {
     clock: VirtualClock,
     calls: &'t AtomicU64,
@@ -145,7 +145,7 @@ fn the_stop_flag_ends_the_loop_with_zero_force() {
 }
 
 #[test]
-fn an_overrun_skips_what_has_passed_and_never_bursts() {
+fn an_overrun_skips_the_deadlines_that_have_passed() {
     let calls = AtomicU64::new(0);
     // Tick 100 is 3.4 ms late: deadlines 101, 102 and 103 have passed when it ends.
     let clock = Stalling {
@@ -170,14 +170,14 @@ fn an_overrun_skips_what_has_passed_and_never_bursts() {
 }
 
 #[test]
-fn a_full_queue_drops_and_counts_but_does_not_wait() {
+fn a_full_queue_drops_and_counts_without_blocking() {
     let bench = Bench { periods: 500, queue: 64, ..Bench::default() };
     let run = bench.run(VirtualClock::default(), &Controls::default(), &AtomicBool::new(false), |_| Ok(true));
     assert_eq!((run.records.len(), run.outcome.dropped_records), (64, 436));
 }
 
 #[test]
-fn a_real_device_stays_without_force_until_armed() {
+fn a_real_device_has_no_force_until_armed() {
     let controls = Controls::default();
     let bench = Bench { self_arming: false, ..Bench::default() };
     let never = bench.run(VirtualClock::default(), &controls, &AtomicBool::new(false), |_| Ok(true));
@@ -205,7 +205,7 @@ fn a_real_device_stays_without_force_until_armed() {
 }
 
 #[test]
-fn silence_of_the_device_latches_a_fault_until_reset_and_armed() {
+fn missing_samples_latch_a_fault_until_reset_and_armed() {
     let controls = Controls::default();
     let run =
         Bench::default().run(
@@ -232,7 +232,7 @@ fn silence_of_the_device_latches_a_fault_until_reset_and_armed() {
     assert_eq!(run.outcome.phase, Phase::Active);
 }
 
-/// Zeroes go into the same list as the loop's own forces.
+/// Records its zeroes in the same list as the loop's forces.
 struct SecondPath(Arc<Mutex<Vec<u64>>>, Arc<AtomicU64>);
 
 impl EmergencyStop for SecondPath {
@@ -242,9 +242,9 @@ impl EmergencyStop for SecondPath {
     }
 }
 
-/// Tick 1,500 hangs in its exchange for 60 ms of virtual time, in which the watchdog looks each 2 ms.
+/// Tick 1,500 hangs in its exchange for 60 ms of virtual time. The watchdog checks every 2 ms.
 #[test]
-fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
+fn a_stall_is_zeroed_by_the_watchdog_and_latched_until_reset_and_armed() {
     let (heartbeat, controls, clock) = (Heartbeat::default(), Controls::default(), VirtualClock::default());
     let (zeros, now_ns) = (Arc::default(), Arc::new(AtomicU64::new(0)));
     let path = SecondPath(Arc::clone(&zeros), Arc::clone(&now_ns));
@@ -257,13 +257,13 @@ fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
             stalled_at_ns = clock.now_ns();
         }
         if call == 1_501 {
-            // Keys pressed while everything hung, found by the first tick after it, count for nothing.
+            // Keys pressed during the stall are found by the first tick after it and are ignored.
             controls.reset();
             controls.arm();
         }
         for _ in 0..=stall_ns / 2_000_000 {
             now_ns.store(clock.now_ns(), Ordering::Relaxed);
-            watchdog.look(clock.now_ns());
+            watchdog.check(clock.now_ns());
             clock.advance_ns(if stall_ns > 0 { 2_000_000 } else { 0 });
         }
         if call == 2_500 {
@@ -274,11 +274,11 @@ fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
     });
     let zeros = zeros.lock().expect("one thread").clone();
     let after_ms: Vec<u64> = zeros.iter().map(|at_ns| (at_ns - stalled_at_ns) / 1_000_000).collect();
-    assert_eq!(after_ms, [20, 40, 60], "zero within the limit, and again while it lasts");
+    assert_eq!(after_ms, [20, 40, 60], "zero at the limit, and once per limit while the stall lasts");
     assert_eq!(heartbeat.fired(), 1);
 
     let stall = run.records.iter().position(|record| record.compute_ns > 50_000_000).expect("it hung");
-    assert!(vec3::norm(run.records[stall - 1].hand_force_n) > 0.5, "there was a force to take away");
+    assert!(vec3::norm(run.records[stall - 1].hand_force_n) > 0.5, "the force was not zero");
     // The exchange after the stall does not send the force that was computed before it.
     assert_eq!(run.forces[stall + 1], vec3::ZERO);
     let latched = &run.records[stall + 1..2_499];
@@ -290,7 +290,7 @@ fn a_stall_is_zeroed_past_the_loop_and_latched_until_reset_and_armed() {
     assert!(run.forces[stall + 1..2_500].iter().all(|force| *force == vec3::ZERO));
     assert_eq!(run.outcome.phase, Phase::Active, "after reset and arm");
 
-    // And it is told that the device took the time, not the controller.
+    // The report attributes the time to the device, not to the controller.
     let report = run.outcome.latency.report();
     let worst = report.worst.first().expect("deadlines were missed");
     assert_eq!((worst.tick, worst.times.device_ns, worst.times.compute_ns), (1_499, 62_000_000, 0));
@@ -314,12 +314,12 @@ fn a_lost_device_ends_the_loop_at_once() {
 }
 
 #[test]
-fn the_newest_record_reaches_the_eye() {
+fn the_newest_record_reaches_the_viewer() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
     let (records, _drained) = rtrb::RingBuffer::new(8);
-    let (latest, mut seen) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, mut seen) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (forces, controls) = (Forces::default(), Controls::default());
     let device = Probe {
         forces: &forces,
@@ -343,7 +343,7 @@ fn the_newest_record_reaches_the_eye() {
     }
 }
 
-/// Says at some calls that it was zeroed past the loop, and counts the resets that it is given.
+/// Reports at some calls that it was zeroed by another path, and counts its resets.
 struct Latching<'t> {
     calls: u64,
     zeroed_at: [u64; 2],
@@ -372,15 +372,15 @@ impl Device for Latching<'_> {
     }
 }
 
-/// While nothing is armed there is nothing to reset, and the device is told so; armed, only the user's reset is passed on.
+/// While disarmed the loop resets the device itself. While armed it passes on only the user's reset.
 #[test]
-fn a_device_that_was_zeroed_past_the_loop_is_reset_by_the_user_or_while_disarmed() {
+fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
     let (records, mut drained) = rtrb::RingBuffer::new(100);
-    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls, resets) = (VirtualClock::default(), Controls::default(), AtomicU64::new(0));
     let device = Latching { calls: 0, zeroed_at: [10, 30], resets: &resets };
     let outputs = Outputs { records, latest };
@@ -389,7 +389,7 @@ fn a_device_that_was_zeroed_past_the_loop_is_reset_by_the_user_or_while_disarmed
     for index in 1..=60 {
         match index {
             20 => controls.arm(),
-            // In the very tick: a key that was pressed before the loop knew.
+            // In the same tick: a key that was pressed before the loop noticed.
             30 | 50 => controls.reset(),
             _ => {}
         }

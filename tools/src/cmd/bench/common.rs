@@ -51,7 +51,7 @@ impl Pinned {
     pub(super) fn pin(&self) -> String {
         let last = || std::thread::available_parallelism().map_or(0, |n| n.get() - 1);
         let cpu = self.cpu.unwrap_or_else(last);
-        let (granted, _) = enter_real_time(&RtRequest { cpu: Some(cpu), ..RtRequest::nothing() });
+        let (granted, _) = enter_real_time(&RtRequest { cpu: Some(cpu), ..RtRequest::none() });
         format!("CPU {cpu}: {}", granted.affinity)
     }
 }

@@ -132,10 +132,10 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
     let controllers =
         model::controllers(&[organ], Config::new(method), &mut memory).map_err(Failure::work)?;
     let (producer, mut records) = rtrb::RingBuffer::new(16);
-    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::NOTHING);
+    let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let outputs = Outputs { records: producer, latest };
-    let mut haptic = HapticLoop::of_models(
+    let mut haptic = HapticLoop::with_models(
         &controllers,
         Stroke::default(),
         &clock,
@@ -144,7 +144,7 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
         outputs,
     );
     let mut times = Histogram::<u64>::new_with_bounds(1, 10_000_000_000, 3).map_err(Failure::work)?;
-    let mut touch = palpate_host::session::TouchFigures::default();
+    let mut touch = palpate_host::session::TouchStatistics::default();
     let (mut blended, mut evicted) = (0_u64, vec![1_u8; if caches == "cold" { EVICTED_BYTES } else { 0 }]);
     let mut begin = 0;
     // Arming inside gives no force, so the hand has to come from outside first; a few cold ticks would be all without touch.
@@ -168,7 +168,7 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
         times.saturating_record(begun.elapsed().as_nanos() as u64);
         ended.map_err(Failure::work)?;
         let record = records.pop().map_err(Failure::work)?;
-        touch.take(&record);
+        touch.add(&record);
         blended += u64::from(record.shares.iter().filter(|share| share.weight > 0.0).count() > 1);
         if let palpate_core::Phase::SafeZero(fault) = record.phase {
             return Err(Failure::work(format!("{}: the stroke ended in {}", method.name(), fault.name())));

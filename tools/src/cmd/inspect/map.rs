@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use palpate_host::viewer::frames::write_still;
-use palpate_host::viewer::map::{Figure, SurfaceMap, draw};
+use palpate_host::viewer::map::{ScalarField, SurfaceMap, draw};
 use palpate_precompute::configuration_space::Store;
 use palpate_precompute::mesh::Surface;
 
@@ -38,7 +38,7 @@ pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
     }
     let vertex =
         |node: u32| surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes");
-    let figure = |name: &str, of: fn(&Touched) -> f32| Figure {
+    let figure = |name: &str, of: fn(&Touched) -> f32| ScalarField {
         name: name.into(),
         values: surface.nodes.iter().map(|node| touched.get(node).map(of)).collect(),
         is_logarithmic: true,
@@ -57,7 +57,7 @@ pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
         triangles: surface.triangles.iter().map(|t| t.map(|node| vertex(node) as u32)).collect(),
         position_m: surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize].map(|x| x as f32)).collect(),
         fixed: surface.nodes.iter().map(|n| fixed.binary_search(n).is_ok()).collect(),
-        figures: vec![
+        fields: vec![
             figure("stiffness at rest, pushed, N/m", |t| t.stiffness_n_m),
             figure("configurations needed", |t| t.configurations),
         ],

@@ -9,7 +9,7 @@ use palpate_core::Phase;
 use palpate_host::Recording;
 use palpate_host::recording::{End, Header};
 use palpate_host::rt::TickRecord;
-use palpate_host::session::TouchFigures;
+use palpate_host::session::TouchStatistics;
 use serde::Serialize;
 use serde_json::json;
 
@@ -43,7 +43,7 @@ struct Figures {
     ticks: u64,
     last_us: u64,
     without_sample: u64,
-    touch: TouchFigures,
+    touch: TouchStatistics,
     /// Times each fault was latched.
     faults: BTreeMap<&'static str, u64>,
     phase: Option<Phase>,
@@ -58,7 +58,7 @@ impl Figures {
         self.ticks += 1;
         self.last_us = record.t_us;
         self.without_sample += u64::from(record.sample.is_none());
-        self.touch.take(record);
+        self.touch.add(record);
         if let Phase::SafeZero(fault) = record.phase
             && self.phase != Some(record.phase)
         {

@@ -3,7 +3,7 @@ use crate::device::falcon::Mode;
 use crate::device::falcon::fake::{self, Fake};
 use crate::device::falcon::kinematics::CENTRE_M;
 use crate::device::falcon::usb::UsbError;
-use crate::device::motion::REFUSALS;
+use crate::device::position_check::MAX_REJECTIONS;
 use crate::device::profile::Profile;
 use crate::device::workspace::Workspace;
 use palpate_core::vec3;
@@ -26,7 +26,7 @@ fn start(chip: &Arc<Fake>) -> Falcon<Fake> {
     Falcon::start(Arc::clone(chip), POLLED, None).expect("running")
 }
 
-/// A device with threads that was homed.
+/// A homed device with threads.
 fn threaded(chip: &Arc<Fake>) -> Falcon<Fake> {
     let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
     let mut falcon = Falcon::start(Arc::clone(chip), config, None).expect("running");
@@ -35,7 +35,7 @@ fn threaded(chip: &Arc<Fake>) -> Falcon<Fake> {
     falcon
 }
 
-/// A device that has been exchanged with until it gave a sample, and the time then.
+/// A device after exchanges until its first sample, and the time of that.
 fn homed(chip: &Arc<Fake>) -> (Falcon<Fake>, u64) {
     let mut falcon = start(chip);
     chip.home();
@@ -49,7 +49,7 @@ fn kind(result: Result<Option<Sample>, DeviceError>) -> DeviceErrorKind {
 }
 
 #[test]
-fn a_sample_is_where_the_hand_was_when_it_was_asked_for() {
+fn a_sample_has_the_position_at_the_time_of_its_request() {
     let chip = Fake::running();
     chip.with(|script| script.reply.buttons = 0b1010);
     let mut falcon = start(&chip);
@@ -63,7 +63,7 @@ fn a_sample_is_where_the_hand_was_when_it_was_asked_for() {
 }
 
 #[test]
-fn a_silent_device_needs_its_firmware_and_gets_it() {
+fn a_device_without_firmware_needs_it_and_loads_it() {
     let silent = Fake::silent();
     let without = Falcon::start(Arc::clone(&silent), POLLED, None);
     assert_eq!(without.err(), Some(FalconError::NeedsFirmware));
@@ -76,16 +76,17 @@ fn a_silent_device_needs_its_firmware_and_gets_it() {
     assert_eq!(running.with(|script| script.loads), 0, "not loaded twice");
 }
 
-/// A board that kept its power says that it is homed. Nobody of this session has seen that, so it counts for nothing: one axis is too many.
+/// A board that kept its power reports that it is homed. The homing of an earlier session is invalid, even of
+/// a single axis.
 #[test]
-fn a_homing_of_an_earlier_session_is_forgotten_or_refused() {
+fn a_homing_of_an_earlier_session_is_cleared_or_refused() {
     let image = Image::synthetic(100);
     for homed in [ALL_HOMED, 1, 4] {
         let chip = Fake::running();
         chip.with(|script| script.reply.homed = homed);
         let without = Falcon::start(Arc::clone(&chip), POLLED, None);
         assert_eq!(without.err(), Some(FalconError::HomedBefore), "{homed}");
-        let mut falcon = Falcon::start(Arc::clone(&chip), POLLED, Some(&image)).expect("loaded anew");
+        let mut falcon = Falcon::start(Arc::clone(&chip), POLLED, Some(&image)).expect("loaded again");
         assert_eq!(chip.with(|script| script.loads), 1);
         for tick in 0..20 {
             assert_eq!(falcon.exchange(1_000 * tick, [0.0, 0.0, 3.0]), Ok(None));
@@ -96,10 +97,10 @@ fn a_homing_of_an_earlier_session_is_forgotten_or_refused() {
         let _ = falcon.exchange(20_000, [0.0; 3]);
         assert!(falcon.exchange(21_000, [0.0; 3]).expect("a link").is_some());
     }
-    let stubborn = Fake::running();
-    stubborn.with(|script| (script.never_forgets, script.reply.homed) = (true, ALL_HOMED));
-    let refused = Falcon::start(Arc::clone(&stubborn), POLLED, Some(&image));
-    assert_eq!(refused.err(), Some(FalconError::HomedBefore), "it was loaded and still says so");
+    let keeping = Fake::running();
+    keeping.with(|script| (script.keeps_homing, script.reply.homed) = (true, ALL_HOMED));
+    let refused = Falcon::start(Arc::clone(&keeping), POLLED, Some(&image));
+    assert_eq!(refused.err(), Some(FalconError::HomedBefore), "it was loaded and still reports homing");
 }
 
 #[test]
@@ -115,7 +116,7 @@ fn there_is_no_force_and_no_sample_before_all_three_axes_are_homed() {
     }
     assert_eq!(falcon.state(), DeviceState::Unhomed);
     chip.with(|script| script.reply.homed = ALL_HOMED);
-    assert_eq!(falcon.exchange(20_000, [0.0; 3]), Ok(None), "this reply is from before");
+    assert_eq!(falcon.exchange(20_000, [0.0; 3]), Ok(None), "this reply is to an earlier request");
     assert!(falcon.exchange(21_000, [0.0; 3]).expect("a link").is_some());
     assert_eq!(falcon.state(), DeviceState::Homed);
     let request = chip.last();
@@ -124,7 +125,7 @@ fn there_is_no_force_and_no_sample_before_all_three_axes_are_homed() {
 }
 
 #[test]
-fn a_force_reaches_the_motors_and_loses_them_with_the_homed_bits() {
+fn a_force_reaches_the_motors_until_the_homed_flags_are_lost() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     falcon.exchange(now_us + 1_000, [0.0, 0.0, 2.0]).expect("a link");
@@ -139,19 +140,19 @@ fn a_force_reaches_the_motors_and_loses_them_with_the_homed_bits() {
     assert_eq!((chip.last().motors, chip.last().homing), ([0; 3], true));
 }
 
-/// Homing sets the counts anew: the same place may have others, which is no jump.
+/// Homing resets the counts: the same position may have other counts, and this is not a jump.
 #[test]
 fn homing_again_resets_the_coordinates() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     chip.with(|script| script.reply.homed = 0);
     assert!(falcon.exchange(now_us + 1_000, [0.0; 3]).is_ok());
-    for tick in 2..2 + u64::from(FORGOTTEN) {
+    for tick in 2..2 + u64::from(MIN_UNHOMED_REPLIES) {
         assert_eq!(falcon.exchange(now_us + 1_000 * tick, [0.0; 3]), Ok(None));
     }
     chip.with(|script| {
         script.reply.homed = ALL_HOMED;
-        script.put([0.03, -0.02, 0.14]);
+        script.move_hand([0.03, -0.02, 0.14]);
     });
     falcon.exchange(now_us + 6_000, [0.0; 3]).expect("a link");
     let sample = falcon.exchange(now_us + 7_000, [0.0; 3]).expect("a link").expect("a sample");
@@ -159,37 +160,37 @@ fn homing_again_resets_the_coordinates() {
 }
 
 #[test]
-fn a_late_reply_is_as_old_as_its_request() {
+fn a_late_reply_has_the_time_of_its_request() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
-    // One is answered at once; the next waits.
+    // One is answered at once; the next reply is held.
     falcon.exchange(now_us + 1_000, [0.0; 3]).expect("a link");
     chip.with(|script| script.holds = true);
     falcon.exchange(now_us + 2_000, [0.0; 3]).expect("a link");
-    assert_eq!(falcon.exchange(now_us + 3_000, [0.0; 3]), Ok(None), "nothing yet, and nothing is sent");
+    assert_eq!(falcon.exchange(now_us + 3_000, [0.0; 3]), Ok(None), "no reply yet, and nothing is sent");
     let sent = chip.with(|script| script.requests.len());
     assert_eq!(kind(falcon.exchange(now_us + 4_000, [0.0; 3])), DeviceErrorKind::Timeout);
-    assert_eq!(chip.with(|script| script.requests.len()), sent + 1, "given up, and the next is sent");
+    assert_eq!(chip.with(|script| script.requests.len()), sent + 1, "timed out, and the next is sent");
     chip.with(|script| {
         script.held.truncate(1);
         script.release();
     });
     let sample = falcon.exchange(now_us + 5_000, [0.0; 3]).expect("a link").expect("a sample");
     assert_eq!(sample.t_us, now_us + 2_000);
-    // The other one is never answered: silence, and then all is as before.
+    // The other request is never answered: after a silence exchanges continue as before.
     chip.with(|script| script.holds = false);
     let mut samples = (6..12).filter_map(|tick| falcon.exchange(now_us + 1_000 * tick, [0.0; 3]).ok()?);
     assert!(samples.any(|sample| sample.t_us > now_us + 6_000 && sample.t_us < now_us + 11_000));
 }
 
 #[test]
-fn a_force_is_taken_away_whatever_the_link_does() {
+fn a_force_is_zeroed_in_every_state_of_the_link() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     chip.with(|script| script.holds = true);
     falcon.exchange(now_us + 1_000, [1.0, 0.0, 0.0]).expect("a link");
     assert_ne!(chip.last().motors, [0; 3]);
-    // No reply yet; the write fails as well, and is done again.
+    // No reply yet; the write fails as well and is repeated.
     chip.with(|script| script.failing_writes = 1);
     assert_eq!(kind(falcon.exchange(now_us + 1_500, [0.0; 3])), DeviceErrorKind::Timeout);
     assert_ne!(chip.last().motors, [0; 3]);
@@ -198,10 +199,10 @@ fn a_force_is_taken_away_whatever_the_link_does() {
 }
 
 #[test]
-fn stopping_dropping_and_the_second_way_send_zero_twice() {
+fn stop_drop_and_emergency_stop_send_zero_twice() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
-    let mut second = falcon.emergency_stop().expect("a second way");
+    let mut second = falcon.emergency_stop().expect("an emergency stop");
     let zeros = |act: &mut dyn FnMut()| {
         let before = chip.with(|script| script.requests.len());
         act();
@@ -219,33 +220,33 @@ fn stopping_dropping_and_the_second_way_send_zero_twice() {
 }
 
 #[test]
-fn damage_is_no_sample_and_the_next_packet_is() {
+fn a_damaged_packet_gives_no_sample_and_the_next_one_does() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     let whole = chip.with(|script| script.reply.encode());
     chip.with(|script| script.holds = true);
     falcon.exchange(now_us + 1_000, [0.0; 3]).expect("a link");
-    // Cut in two by the transfer: not damaged.
-    chip.with(|script| script.say(&whole[..9]));
+    // Split by the transfer: not damaged.
+    chip.with(|script| script.queue(&whole[..9]));
     assert_eq!(falcon.exchange(now_us + 2_000, [0.0; 3]), Ok(None));
-    chip.with(|script| script.say(&whole[9..]));
+    chip.with(|script| script.queue(&whole[9..]));
     assert!(falcon.exchange(now_us + 2_500, [0.0; 3]).expect("a link").is_some());
-    // Cut for good: said so, then a pause, then a sample.
-    chip.with(|script| script.say(&[&whole[..5], b"\xFF"].concat()));
+    // Truncated: an error, then a pause, then a sample.
+    chip.with(|script| script.queue(&[&whole[..5], b"\xFF"].concat()));
     assert_eq!(kind(falcon.exchange(now_us + 3_000, [0.0; 3])), DeviceErrorKind::BadFrame);
     chip.with(|script| script.holds = false);
     let found =
         (4..12).any(|tick| falcon.exchange(now_us + 1_000 * tick, [0.0; 3]).is_ok_and(|s| s.is_some()));
-    assert!(found, "it goes on");
+    assert!(found, "exchanges continue");
 }
 
 #[test]
-fn where_no_hand_can_be_is_an_error_and_no_sample() {
+fn an_unreachable_position_is_an_error_without_a_sample() {
     for far in [[4000, -516, 900], [-100, -516, -900]] {
         let chip = Fake::running();
         let (mut falcon, now_us) = homed(&chip);
         let good = chip.with(|script| core::mem::replace(&mut script.reply.encoders, far));
-        falcon.exchange(now_us + 1_000, [0.0; 3]).expect("from before");
+        falcon.exchange(now_us + 1_000, [0.0; 3]).expect("an earlier request");
         assert_eq!(kind(falcon.exchange(now_us + 2_000, [0.0; 3])), DeviceErrorKind::BadFrame, "{far:?}");
         chip.with(|script| script.reply.encoders = good);
         let _ = falcon.exchange(now_us + 3_000, [0.0; 3]);
@@ -254,18 +255,18 @@ fn where_no_hand_can_be_is_an_error_and_no_sample() {
     }
 }
 
-/// One damaged packet that looks whole, or two, whatever the hand does meanwhile.
+/// One or two damaged packets that look valid, while the hand rests or moves.
 #[test]
-fn single_positions_that_cannot_be_are_ridden_out() {
-    for wrong in 1..REFUSALS as u64 {
+fn single_unreachable_positions_are_skipped() {
+    for wrong in 1..MAX_REJECTIONS as u64 {
         let chip = Fake::running();
         let (mut falcon, mut now_us) = homed(&chip);
         let mut errors = 0;
         for tick in 1..200_u64 {
             now_us += 1_000;
-            // 1 m/s, to and fro.
+            // 1 m/s, back and forth.
             let phase = (tick % 40) as f64;
-            chip.with(|script| script.put([1e-3 * phase.min(40.0 - phase), 0.0, 0.12]));
+            chip.with(|script| script.move_hand([1e-3 * phase.min(40.0 - phase), 0.0, 0.12]));
             if tick % 10 < wrong {
                 chip.with(|script| script.reply.encoders[0] += 0x100);
             }
@@ -282,13 +283,14 @@ fn single_positions_that_cannot_be_are_ridden_out() {
     }
 }
 
-/// What is refused once is not taken later, and what goes on being refused is no damaged packet: the motors are at zero at once, and nothing of
-/// the board is believed until it has lost its homing and was homed again.
+/// A rejected position is not accepted later, and repeated rejection is not a damaged packet: the motors are
+/// zeroed at once, and the board's positions are rejected until it reports a loss of the homing and is homed
+/// again.
 #[test]
 fn an_encoder_that_has_miscounted_ends_the_homing() {
     for counts in [75, -75, 150, 280, 560, -560] {
         for axis in 0..3 {
-            // A reply each tick, or each second one.
+            // A reply in every tick, or in every second one.
             for period_us in [1_000, 2_000] {
                 let chip = Fake::running();
                 let (mut falcon, mut now_us) = homed(&chip);
@@ -302,8 +304,8 @@ fn an_encoder_that_has_miscounted_ends_the_homing() {
                 assert_ne!(chip.last().motors, [0; 3]);
                 chip.with(|script| script.reply.encoders[axis] += counts);
                 let case = format!("{counts} on {axis}, every {period_us} us");
-                assert!(tick(&mut falcon).expect("from before").is_some());
-                for _ in 1..REFUSALS {
+                assert!(tick(&mut falcon).expect("an earlier request").is_some());
+                for _ in 1..MAX_REJECTIONS {
                     assert_eq!(kind(tick(&mut falcon)), DeviceErrorKind::BadFrame, "{case}");
                 }
                 assert_eq!(
@@ -319,31 +321,36 @@ fn an_encoder_that_has_miscounted_ends_the_homing() {
                     );
                     assert_eq!(tick(&mut falcon), Ok(None), "{case}");
                 }
-                // Where it was before: the board says that it is homed, and is not believed.
+                // The old position again: the board reports that it is homed, and its positions are rejected.
                 chip.with(|script| script.reply.encoders[axis] -= counts);
                 falcon.reset();
                 assert_eq!((tick(&mut falcon), tick(&mut falcon)), (Ok(None), Ok(None)), "{case}");
-                // Nor is it homed anew after one reply less than it takes to say that it has forgotten; the first of each is from before.
-                for (homed, ticks) in
-                    [(0b011, 2), (ALL_HOMED, 2), (0, FORGOTTEN - 1), (ALL_HOMED, 4), (0, FORGOTTEN + 1)]
-                {
+                // One reply fewer than needed to report the loss does not restore the homing. The first reply
+                // of each group is to an earlier request.
+                for (homed, ticks) in [
+                    (0b011, 2),
+                    (ALL_HOMED, 2),
+                    (0, MIN_UNHOMED_REPLIES - 1),
+                    (ALL_HOMED, 4),
+                    (0, MIN_UNHOMED_REPLIES + 1),
+                ] {
                     chip.with(|script| script.reply.homed = homed);
                     for _ in 0..ticks {
                         assert_eq!(tick(&mut falcon), Ok(None), "{case}, {homed}");
                     }
                 }
                 chip.home();
-                assert_eq!(tick(&mut falcon), Ok(None), "from before");
-                assert!(tick(&mut falcon).expect("a link").is_some(), "homed anew");
+                assert_eq!(tick(&mut falcon), Ok(None), "an earlier request");
+                assert!(tick(&mut falcon).expect("a link").is_some(), "homed again");
             }
         }
     }
 }
 
-/// A damaged packet that says that it is not homed, and the next that it is: the hand is where it was, and nowhere else.
+/// A damaged packet without the homed flags, and the next one with them: only the old position is accepted.
 #[test]
-fn a_damaged_flag_does_not_make_any_place_believed() {
-    for unhomed in 1..FORGOTTEN {
+fn a_damaged_flag_does_not_reset_the_position_check() {
+    for unhomed in 1..MIN_UNHOMED_REPLIES {
         let chip = Fake::running();
         let (mut falcon, mut now_us) = homed(&chip);
         let mut tick = |falcon: &mut Falcon<Fake>| {
@@ -351,7 +358,7 @@ fn a_damaged_flag_does_not_make_any_place_believed() {
             falcon.exchange(now_us, [0.0; 3])
         };
         chip.with(|script| script.reply.homed = 0);
-        assert!(tick(&mut falcon).expect("a link").is_some(), "from before");
+        assert!(tick(&mut falcon).expect("a link").is_some(), "an earlier request");
         for _ in 1..unhomed {
             assert_eq!(tick(&mut falcon), Ok(None));
         }
@@ -363,23 +370,23 @@ fn a_damaged_flag_does_not_make_any_place_believed() {
         assert_eq!(kind(tick(&mut falcon)), DeviceErrorKind::BadFrame, "{unhomed}");
         chip.with(|script| script.reply.encoders[0] -= 280);
         let _ = tick(&mut falcon);
-        assert!(tick(&mut falcon).expect("a link").is_some(), "{unhomed}: where it was");
+        assert!(tick(&mut falcon).expect("a link").is_some(), "{unhomed}: the old position");
     }
 }
 
 #[test]
-fn a_fast_hand_is_followed() {
+fn a_fast_hand_is_tracked() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     for tick in 1..20 {
         // 2 m/s.
-        chip.with(|script| script.put([2e-3 * f64::from(tick), 0.0, 0.12]));
+        chip.with(|script| script.move_hand([2e-3 * f64::from(tick), 0.0, 0.12]));
         assert!(falcon.exchange(now_us + 1_000 * tick as u64, [0.0; 3]).expect("a link").is_some());
     }
 }
 
 #[test]
-fn a_pulled_cable_ends_it() {
+fn a_pulled_cable_disconnects_the_device() {
     let chip = Fake::running();
     let (mut falcon, now_us) = homed(&chip);
     chip.with(|script| script.unplugged = true);
@@ -389,7 +396,7 @@ fn a_pulled_cable_ends_it() {
 }
 
 #[test]
-fn the_workspace_turns_the_force_and_the_profile_limits_it() {
+fn the_workspace_rotates_the_force_and_the_profile_limits_it() {
     let chip = Fake::running();
     let profile = crate::device::profile::Profile::bundled("falcon").expect("bundled");
     let profile = Profile { max_stiffness_n_m: 600.0, ..profile };
@@ -398,10 +405,10 @@ fn the_workspace_turns_the_force_and_the_profile_limits_it() {
     chip.home();
     assert_eq!(falcon.exchange(0, [0.0; 3]), Ok(None));
     let sample = falcon.exchange(1_000, [0.0; 3]).expect("a link").expect("a sample");
-    // The middle of the device is the model's origin; three metres of the model to one of the hand.
+    // The middle of the device is the model's origin; the workspace scale is three.
     assert!(vec3::norm(sample.position_m) < 3.0 * 60e-6, "{sample:?}");
     assert_eq!(falcon.info().max_force_n, 8.0);
-    // What its profile states, and nothing that stands in the driver.
+    // The value of its profile, not a constant of the driver.
     assert!((falcon.info().max_stiffness_n_m - 600.0 / 3.0).abs() < 1e-3);
     falcon.exchange(2_000, [0.0, 0.0, 1e6]).expect("a link");
     let limited = chip.last().motors;
@@ -410,7 +417,7 @@ fn the_workspace_turns_the_force_and_the_profile_limits_it() {
 }
 
 #[test]
-fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
+fn the_thread_reads_between_exchanges_and_ends_with_the_device() {
     let chip = Fake::running();
     let config = FalconConfig { mode: Mode::Threaded { fifo_priority: None }, ..POLLED };
     let mut falcon = Falcon::start(Arc::clone(&chip), config, None).expect("running");
@@ -429,13 +436,14 @@ fn the_thread_reads_while_nobody_looks_and_ends_with_the_device() {
     }
     drop(falcon);
     assert_eq!(chip.last().motors, [0; 3]);
-    // The threads had a share of the chip.
+    // The threads held references to the chip.
     assert_eq!(Arc::strong_count(&chip), 1);
 }
 
-/// A chip without room: no exchange waits for it, and what it gets when there is room is the newest, not all that came in between.
+/// A chip without room: no exchange waits for it. When there is room it receives the newest request, not all
+/// that were sent in between.
 #[test]
-fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
+fn an_exchange_does_not_wait_for_a_blocked_write() {
     let chip = Fake::running();
     let mut falcon = threaded(&chip);
     let begun = Instant::now();
@@ -446,7 +454,7 @@ fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
     };
     let settle = |done: &dyn Fn() -> bool| {
         while !done() {
-            assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+            assert!(begun.elapsed() < fake::STALL, "the event does not happen");
             std::thread::sleep(Duration::from_micros(200));
         }
     };
@@ -463,30 +471,31 @@ fn an_exchange_does_not_wait_for_a_write_that_is_stalled() {
     let before = chip.with(|script| script.requests.len());
     let mut timeouts = 0;
     for n in 0..40_u8 {
-        // As the stale policy does it: the last force, then none.
+        // As in the stale-sample policy: the last force, then none.
         let force_n = if n < 4 { [0.0, 0.0, 2.0 + f32::from(n)] } else { [0.0; 3] };
         let exchanged = tick(&mut falcon, force_n);
         timeouts += u32::from(exchanged.is_err_and(|error| error.kind() == DeviceErrorKind::Timeout));
-        assert_eq!(chip.with(|script| script.stalled), 1, "tick {n} has waited for the write");
+        assert_eq!(chip.with(|script| script.stalled), 1, "tick {n} waited for the write");
     }
-    assert!(timeouts > 15, "{timeouts}: the loop is told that nothing comes");
+    assert!(timeouts > 15, "{timeouts}: the loop receives timeout errors");
     chip.make_room();
     settle(&|| chip.last().motors == [0; 3]);
-    // The one that was stalled, and the newest.
+    // The blocked one and the newest.
     let written = chip.with(|script| script.requests.split_off(before));
     assert!(written.len() <= 2, "a burst: {written:?}");
 }
 
-/// A zero is tried again until it is written, also if nobody asks for anything after it: by the thread, and at the end.
+/// A failed zero is repeated until it is written, even without further exchanges: by the thread, and at the
+/// end.
 #[test]
-fn a_zero_that_is_refused_is_written_all_the_same() {
+fn a_failed_zero_is_repeated_until_it_is_written() {
     let begun = Instant::now();
     for ends in [false, true] {
         let chip = Fake::running();
         let mut falcon = threaded(&chip);
         let wait = |done: &dyn Fn() -> bool| {
             while !done() {
-                assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+                assert!(begun.elapsed() < fake::STALL, "the event does not happen");
                 std::thread::sleep(Duration::from_micros(200));
             }
         };
@@ -508,20 +517,21 @@ fn a_zero_that_is_refused_is_written_all_the_same() {
     }
 }
 
-/// A request that was replaced before it was written gets no reply: nobody waits for one, and the others are as old as they are.
+/// A request that was replaced before it was written has no reply: none is awaited, and the other replies
+/// keep their ages.
 #[test]
-fn what_was_replaced_before_it_was_written_holds_nothing_up() {
+fn a_request_replaced_before_its_write_does_not_block_later_ones() {
     let chip = Fake::running();
     let mut falcon = threaded(&chip);
     let begun = Instant::now();
     let wait = |done: &dyn Fn() -> bool| {
         while !done() {
-            assert!(begun.elapsed() < fake::STALL, "it does not come to that");
+            assert!(begun.elapsed() < fake::STALL, "the event does not happen");
             std::thread::sleep(Duration::from_micros(200));
         }
     };
     chip.with(|script| script.stalls = true);
-    // The first is being written when the second, overdue, waits in the slot; the third takes its place.
+    // While the first is being written, the second, overdue, waits in the slot; the third replaces it.
     for now_us in [1_000, 3_000, 5_000] {
         let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
         wait(&|| chip.with(|script| script.stalled) == 1);
@@ -530,25 +540,25 @@ fn what_was_replaced_before_it_was_written_holds_nothing_up() {
     chip.make_room();
     wait(&|| chip.with(|script| script.requests.len()) == before + 2);
     let seen = falcon.seen.whole;
-    while falcon.intake.look(&*chip).whole < seen + 2 {
+    while falcon.reply_reader.poll(&*chip).whole < seen + 2 {
         assert!(begun.elapsed() < fake::STALL, "no replies");
         std::thread::sleep(Duration::from_micros(200));
     }
     let sample = falcon.exchange(6_000, [0.0, 0.0, 2.0]).expect("a link");
     assert_eq!(sample.map(|sample| sample.t_us), Some(5_000), "the reply to the third");
-    // Nothing is open: the exchange has sent the next one, without a pause.
+    // No request is open: the exchange has sent the next one without a pause.
     wait(&|| chip.with(|script| script.requests.len()) == before + 3);
 }
 
 #[test]
-fn homing_is_given_up_when_the_session_is_stopped() {
+fn homing_ends_when_the_session_is_stopped() {
     let chip = Fake::running();
     let stop = AtomicBool::new(true);
     assert_eq!(start(&chip).home(&stop), Ok(false));
 }
 
 #[test]
-fn errors_are_one_line_with_the_mend() {
+fn errors_are_one_line_and_name_the_fix() {
     let gone = DeviceError::new(DeviceErrorKind::Disconnected);
     for error in [
         FalconError::Device(gone),

@@ -1,6 +1,6 @@
 use super::*;
 
-/// Positions of a box of 80 x 80 x 70 mm, 4 mm apart, that the mechanism reaches.
+/// Reachable positions of a box of 80 x 80 x 70 mm, 4 mm apart.
 fn workspace(mechanism: &Kinematics) -> Vec<([f64; 3], [f64; 3])> {
     let axis = |count: u32, from: f64, to: f64| {
         (0..count).map(move |i| from + (to - from) * f64::from(i) / f64::from(count - 1))
@@ -17,7 +17,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 #[test]
-fn counts_on_the_axis_are_those_of_the_description() {
+fn counts_on_the_axis_match_the_description() {
     let mechanism = Kinematics::default();
     for (z, count) in [(0.075, -1463), (0.11, -516), (0.13, -96), (0.15, 336), (0.17, 872)] {
         assert_eq!(mechanism.counts([0.0, 0.0, z]), Some([count; 3]), "z = {z}");
@@ -26,9 +26,9 @@ fn counts_on_the_axis_are_those_of_the_description() {
     assert_eq!(mechanism.counts([0.2, 0.0, 0.12]), None);
 }
 
-/// Each from the centre, the hardest start there is.
+/// Each solution starts from the centre, the worst initial guess.
 #[test]
-fn positions_come_back_from_their_angles_all_over_the_workspace() {
+fn positions_are_recovered_from_their_angles_in_the_whole_workspace() {
     let mechanism = Kinematics::default();
     let places = workspace(&mechanism);
     let (mut failed, mut worst_m, mut most) = (0, 0.0_f64, 0);
@@ -47,9 +47,9 @@ fn positions_come_back_from_their_angles_all_over_the_workspace() {
     assert!(places.len() > 7900 && failed <= 5, "{failed} of {}", places.len());
 }
 
-/// Along a path of the hand, as the driver goes: rounded to whole counts, from the last pose.
+/// Along a path of the hand, as in the driver: counts are rounded, each solution starts from the last pose.
 #[test]
-fn a_hand_in_motion_is_followed_to_within_a_count() {
+fn a_moving_hand_is_tracked_within_a_count() {
     let mut mechanism = Kinematics::default();
     let (mut worst_m, mut most) = (0.0_f64, 0);
     for i in 0..20_000 {
@@ -57,16 +57,16 @@ fn a_hand_in_motion_is_followed_to_within_a_count() {
         let p = [0.038 * (9.0 * t).sin(), 0.038 * (7.0 * t).cos(), 0.12 + 0.033 * (5.0 * t).sin()];
         let counts = mechanism.counts(p).expect("within reach");
         let Solution::Solved { iterations } = mechanism.solve(counts) else { panic!("lost at {p:?}") };
-        // The first begins in the centre.
+        // The first solution starts from the centre.
         most = if i == 0 { 0 } else { most.max(iterations) };
         worst_m = worst_m.max(distance(mechanism.pose().position_m, p));
     }
-    // Half a count of every encoder; a count is 54 um at most, and more towards the corners.
+    // Half a count of every encoder; a count is at most 54 um, and more near the corners.
     assert!(worst_m < 60e-6 && most <= 4, "{worst_m} m, {most} iterations");
 }
 
 #[test]
-fn the_jacobian_is_what_differences_say() {
+fn the_jacobian_matches_differences() {
     let mut mechanism = Kinematics::default();
     let step = 1e-4;
     for (p, angles) in workspace(&mechanism).into_iter().step_by(37) {
@@ -89,7 +89,7 @@ fn the_jacobian_is_what_differences_say() {
     }
 }
 
-/// tau . dtheta = F . dp, and in the centre a push along the axis turns all cranks alike.
+/// tau . dtheta = F . dp, and in the centre a push along the axis gives three equal torques.
 #[test]
 fn torques_do_the_work_of_the_force() {
     let mut mechanism = Kinematics::default();
@@ -108,7 +108,7 @@ fn torques_do_the_work_of_the_force() {
 }
 
 #[test]
-fn counts_of_no_pose_keep_the_last_good_one() {
+fn counts_without_a_pose_keep_the_last_one() {
     let mut mechanism = Kinematics::default();
     assert_ne!(mechanism.solve([-516, -500, -530]), Solution::Kept);
     let good = *mechanism.pose();
@@ -119,14 +119,14 @@ fn counts_of_no_pose_keep_the_last_good_one() {
         assert_eq!(*mechanism.pose(), good);
     }
     assert_eq!(mechanism.solve_angles([f64::NAN, 0.0, 0.0]), Solution::Kept);
-    assert_ne!(mechanism.solve([-516, -500, -530]), Solution::Kept, "and it goes on");
+    assert_ne!(mechanism.solve([-516, -500, -530]), Solution::Kept, "later counts are solved");
     mechanism.reset();
     assert!(distance(mechanism.pose().position_m, CENTRE_M) < 1e-12);
 }
 
-/// Whatever comes, a pose that is accepted has these counts.
+/// For any input, an accepted pose has the given counts.
 #[test]
-fn no_pose_is_accepted_that_has_other_counts() {
+fn an_accepted_pose_has_the_given_counts() {
     let (mut state, mut accepted) = (7_u32, 0);
     let mut mechanism = Kinematics::default();
     for _ in 0..20_000 {

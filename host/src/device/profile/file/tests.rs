@@ -1,6 +1,6 @@
 use super::*;
 
-const SOUND: &str = r#"name = "bench"
+const VALID: &str = r#"name = "bench"
 
 [limits]
 max_force_n = 5.0
@@ -35,8 +35,8 @@ mass_kg = 0.3
 "#;
 
 #[test]
-fn every_figure_is_read() {
-    let profile = parse(Path::new("bench.toml"), SOUND).expect("sound");
+fn every_value_is_read() {
+    let profile = parse(Path::new("bench.toml"), VALID).expect("valid");
     assert_eq!((profile.max_force_n, profile.max_stiffness_n_m, profile.period_us()), (5.0, 900.0, 500));
     assert_eq!(profile.mechanism.damping, Some(Damping { n_s_m: 0.5, measured: false }));
     assert_eq!((profile.mechanism.coulomb_n, profile.mechanism.encoder_quantum_m), (Some(0.1), None));
@@ -47,22 +47,22 @@ fn every_figure_is_read() {
     assert_eq!((profile.assumed.mass_kg, profile.assumed.damping_n_s_m), (0.3, 0.0));
     assert_eq!(profile.calibration.counts_per_n_m, [-9e3, 11e3, -1e4]);
     // The device's y is the model's x.
-    assert_eq!(profile.carried_n(), [0.7, 0.0, 0.0]);
+    assert_eq!(profile.gravity_compensation_n(), [0.7, 0.0, 0.0]);
     assert_eq!(profile.workspace.to_model_m([0.0, 0.01, 0.0]), [0.02, 0.0, 0.05]);
 }
 
 #[track_caller]
-fn refuses(from: &str, to: &str, line: usize, what: &str, mend: &str) {
-    assert!(SOUND.contains(from));
-    let text = SOUND.replacen(from, to, 1);
-    let error = parse(Path::new("bench.toml"), &text).expect_err("planted fault").to_string();
+fn refuses(from: &str, to: &str, line: usize, what: &str, fix: &str) {
+    assert!(VALID.contains(from));
+    let text = VALID.replacen(from, to, 1);
+    let error = parse(Path::new("bench.toml"), &text).expect_err("injected fault").to_string();
     assert!(error.starts_with(&format!("bench.toml:{line}: ")), "{error}");
-    let (said, mended) = error.split_once("; ").expect("a what and a mend");
-    assert!(said.contains(what) && mended.contains(mend) && !error.contains('\n'), "{error}");
+    let (problem, remedy) = error.split_once("; ").expect("a problem and a fix");
+    assert!(problem.contains(what) && remedy.contains(fix) && !error.contains('\n'), "{error}");
 }
 
 #[test]
-fn every_fault_has_its_line_and_its_mend() {
+fn every_error_has_its_line_and_its_fix() {
     refuses("coulomb_n", "coulomb", 10, "unknown key `coulomb`", "coulomb_n");
     refuses("[link]", "[links]", 12, "unknown key `links`", "link");
     refuses("measured = false", "measurd = false", 9, "unknown key `measurd`", "measured");
@@ -74,14 +74,14 @@ fn every_fault_has_its_line_and_its_mend() {
     refuses("2000.0", "50", 6, "`rate_hz` = 50", "400 to 10000 Hz");
     refuses("= 40", "= -1", 13, "`force_delay_us` = -1", "0 to 9000 us");
     refuses("= 40", "= 20000", 13, "`force_delay_us` = 20000", "0 to 9000 us");
-    refuses("-0.03]", "0.0]", 16, "`metres_per_turn`", "runs down");
-    refuses("-0.03]", "nan]", 16, "`metres_per_turn`", "runs down");
+    refuses("-0.03]", "0.0]", 16, "`metres_per_turn`", "moves down");
+    refuses("-0.03]", "nan]", 16, "`metres_per_turn`", "moves down");
     refuses("[-0.1, 0.0", "[-0.1, inf", 17, "`origin_m`", "finite");
     refuses("origin_m = [-0.1", "origin = [-0.1", 17, "unknown key `origin`", "origin_m");
     refuses("half_m =", "radius_m = 0.1\nhalf_m =", 19, "[workspace]", "`radius_m`, or `half_m`");
     refuses("0.1, 0.2", "0.1, 0.0", 20, "`half_m`", "above zero");
-    refuses("[1, 0, 0]]", "[-1, 0, 0]]", 23, "`axes` is no rotation", "right-handed");
-    refuses("[0, 1, 0],", "[0, 2, 0],", 23, "`axes` is no rotation", "unit length");
+    refuses("[1, 0, 0]]", "[-1, 0, 0]]", 23, "`axes` is not a rotation", "right-handed");
+    refuses("[0, 1, 0],", "[0, 2, 0],", 23, "`axes` is not a rotation", "unit length");
     refuses("scale = 2", "scale = 0", 24, "`scale` = 0", "above zero");
     refuses("0.0, 0.05", "0.0, inf", 25, "`model_origin_m`", "finite");
     refuses("-9000,", "-900,", 28, "`counts_per_n_m`", "1000 to 100000");

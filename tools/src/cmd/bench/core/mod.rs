@@ -116,7 +116,9 @@ fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
     let peers = peers::Peers::of(space, grid);
     let mut runs: Vec<Run<'_>> = Vec::new();
     for method in methods() {
-        for interpolator in Instructions::ALL.into_iter().filter_map(|i| Interpolator::on(i, method)) {
+        for interpolator in
+            Instructions::ALL.into_iter().filter_map(|i| Interpolator::with_instructions(i, method))
+        {
             runs.push(Run::ours(space, interpolator));
         }
     }

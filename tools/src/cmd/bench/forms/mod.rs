@@ -130,7 +130,9 @@ fn of_space(
             Method::Kernel => space.kernel.as_ref().map_or(0, |table| table.bytes()),
             _ => space.hermite.as_ref().map_or(0, |table| table.bytes()),
         };
-        for interpolator in Instructions::ALL.into_iter().filter_map(|i| Interpolator::on(i, method)) {
+        for interpolator in
+            Instructions::ALL.into_iter().filter_map(|i| Interpolator::with_instructions(i, method))
+        {
             let instructions = interpolator.instructions().name();
             let ask =
                 move |at: &Vec3| interpolator.force(space, at).map_or(vec3::ZERO, |answer| answer.force_n);

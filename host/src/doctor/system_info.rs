@@ -1,4 +1,4 @@
-//! What a session runs in and cannot ask for: shown beside what it was granted.
+//! Properties of the system that a session cannot request; the report shows them next to what was granted.
 
 use super::cpu::governor_of;
 use super::kernel::{Preemption, release};
@@ -7,17 +7,17 @@ use core::fmt;
 
 /// Kernel and CPUs of a session.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Surroundings {
+pub struct SystemInfo {
     /// Release and preemption.
     pub kernel: String,
-    /// Governor of the CPU the loop is pinned to, or of all of them.
+    /// Governor of the loop's CPU if it is pinned, otherwise of all CPUs.
     pub governor: String,
-    /// CPUs that the scheduler leaves alone, as the kernel lists them; empty if there are none.
+    /// CPUs isolated from the scheduler, as the kernel lists them; empty if there are none.
     pub isolated: String,
 }
 
-impl Surroundings {
-    /// Looks at a PC.
+impl SystemInfo {
+    /// Reads the properties of a PC.
     #[must_use]
     pub fn of(probe: &Probe, cpu: Option<usize>) -> Self {
         let preemption = Preemption::of(probe).map_or("preemption unknown", Preemption::name);
@@ -27,13 +27,13 @@ impl Surroundings {
         governors.dedup();
         Self {
             kernel: format!("{}, {preemption}", release(probe)),
-            governor: if governors.is_empty() { "not known".into() } else { governors.join(", ") },
+            governor: if governors.is_empty() { "unknown".into() } else { governors.join(", ") },
             isolated: probe.read("/sys/devices/system/cpu/isolated").unwrap_or_default(),
         }
     }
 }
 
-impl fmt::Display for Surroundings {
+impl fmt::Display for SystemInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let isolated = if self.isolated.is_empty() { "none" } else { &self.isolated };
         write!(

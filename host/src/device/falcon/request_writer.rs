@@ -1,16 +1,17 @@
-//! What goes to the device: written by the caller, or by a thread, so that no tick waits for a transfer.
+//! Sends requests, in the exchange or on a thread, so that no tick waits for a transfer.
 //!
 //! ```text
 //! exchange -> slot (the newest request, wait-free) -> thread -> bulk out
 //!          <- outcome (what was written, what failed) <-
 //! ```
 //!
-//! A transfer to a chip whose buffer is full waits for room. With a thread that is the thread's affair: what it has not begun to write when a newer
-//! request comes is never written, so a stall ends with the newest request and not with a burst of old forces.
+//! A transfer to a chip with a full buffer blocks. The thread absorbs this: a request that is replaced by a
+//! newer one before its write begins is never written, so a stall ends with the newest request and not with a
+//! burst of old forces.
 
 use super::ftdi::Ftdi;
-use super::intake::Mode;
 use super::packet::Request;
+use super::reply_reader::Mode;
 use crate::device::{DeviceError, DeviceErrorKind};
 use crate::sys::{self, RtRequest};
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -19,19 +20,19 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-/// Longest wait of a request that is written by a thread, or outside a tick; a healthy link takes a tenth of a millisecond.
+/// Timeout of a write on the thread or outside a tick; an undisturbed link takes a tenth of a millisecond.
 pub(super) const WRITE_TIMEOUT: Duration = Duration::from_millis(2);
-/// The same within an exchange, for an emulator in memory: well below a tick.
+/// Timeout of a write within an exchange, for an emulator in memory: well below a tick.
 const TICK_TIMEOUT: Duration = Duration::from_micros(200);
-/// How often an idle thread looks whether it is still wanted.
+/// Period at which an idle thread checks for its end.
 const IDLE: Duration = Duration::from_millis(100);
-/// Between two tries to write a zero.
+/// Pause between two attempts to write a zero.
 const RETRY: Duration = Duration::from_millis(1);
 
-/// Looks at what became of a request before whoever waits for it sleeps in between.
-const SPINS: u32 = 100;
-/// Between two looks from then on.
-const LOOK: Duration = Duration::from_micros(100);
+/// Number of polls with a yield before polling with a sleep.
+const YIELD_POLLS: u32 = 100;
+/// Period of polling with a sleep.
+const POLL_PERIOD: Duration = Duration::from_micros(100);
 
 /// A request with its number, from 1.
 #[derive(Debug, Clone, Copy, Default)]
@@ -40,24 +41,24 @@ struct Slot {
     request: Request,
 }
 
-/// What became of the requests.
+/// State of the requests.
 #[derive(Debug, Clone, Copy, Default)]
 struct Outcome {
-    /// The newest that was taken to be written.
+    /// Number of the newest request whose write has begun.
     begun: u64,
-    /// Bit i: request `begun` - i was not, because a newer one was there before.
+    /// Bit i: request `begun` - i was skipped, because it was replaced by a newer one before its write began.
     skipped: u64,
-    /// The newest that was written, or given up.
+    /// Number of the newest request that is written or given up.
     done: u64,
-    /// Writes that failed in passing.
+    /// Number of writes that failed with a transient error.
     failures: u64,
-    /// Why nothing is written any more.
+    /// The error after which nothing is written.
     lost: Option<DeviceError>,
 }
 
 impl Outcome {
-    /// A request is taken to be written; what came between it and the one before is not.
-    fn take(&mut self, number: u64) {
+    /// Begins the write of a request. The requests between it and the previous one are skipped.
+    fn begin(&mut self, number: u64) {
         let newer = number - self.begun;
         if newer > 0 {
             let between = 1_u64.checked_shl((newer - 1).min(64) as u32).map_or(u64::MAX, |bit| bit - 1) << 1;
@@ -67,29 +68,29 @@ impl Outcome {
     }
 }
 
-/// Either way of writing.
+/// The writer in either mode.
 #[derive(Debug)]
-pub(super) enum Outlet {
+pub(super) enum RequestWriter {
     Direct,
     Threaded(Threaded),
 }
 
-/// The caller's end of the thread.
+/// The caller's side of the thread.
 #[derive(Debug)]
 pub(super) struct Threaded {
     slot: triple_buffer::Input<Slot>,
-    /// Of the newest request.
+    /// Number of the newest request.
     number: u64,
     outcome: triple_buffer::Output<Outcome>,
-    /// Failures that were looked at.
+    /// Failures already reported.
     failures: u64,
-    /// The newest of those taken that was looked at.
+    /// Number of the newest begun request that is already processed.
     begun: u64,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// Sends a request in one piece: what is cut the device throws away.
+/// Sends a request in one piece: the device discards an incomplete packet.
 pub(super) fn write_whole(ftdi: &impl Ftdi, request: &Request, timeout: Duration) -> Result<(), DeviceError> {
     let packet = request.encode();
     if ftdi.write(&packet, timeout)? < packet.len() {
@@ -98,8 +99,9 @@ pub(super) fn write_whole(ftdi: &impl Ftdi, request: &Request, timeout: Duration
     Ok(())
 }
 
-impl Outlet {
-    /// Begins to write. A force is held back while `disturbed`: somebody else has just taken it away.
+impl RequestWriter {
+    /// Starts writing. While `disturbed`, forces are held back, because the emergency stop has just zeroed
+    /// the motors.
     pub(super) fn start<F: Ftdi + 'static>(
         ftdi: &Arc<F>,
         mode: Mode,
@@ -107,19 +109,19 @@ impl Outlet {
     ) -> Result<Self, DeviceError> {
         let Mode::Threaded { fifo_priority } = mode else { return Ok(Self::Direct) };
         let (slot, newest) = triple_buffer::triple_buffer(&Slot::default());
-        let (told, outcome) = triple_buffer::triple_buffer(&Outcome::default());
+        let (published, outcome) = triple_buffer::triple_buffer(&Outcome::default());
         let stop = Arc::new(AtomicBool::new(false));
-        let writer = Writer {
+        let writer = WriterThread {
             ftdi: Arc::clone(ftdi),
             newest,
-            told,
+            published,
             outcome: Outcome::default(),
             disturbed: Arc::clone(disturbed),
             stop: Arc::clone(&stop),
         };
         let write = move || {
-            // Refused, it still writes: only later under load.
-            let _ = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::nothing() });
+            // Without the priority it still writes, but late under load.
+            let _ = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::none() });
             writer.run();
         };
         let thread = std::thread::Builder::new().name("palpate-falcon-out".into()).spawn(write)?;
@@ -134,21 +136,23 @@ impl Outlet {
         }))
     }
 
-    /// Sends a request, or hands it to the thread, which waits for nothing, locks nothing and allocates nothing.
+    /// Sends a request, or passes it to the thread without waiting, locking or allocating.
     ///
-    /// A thread tries a zero again until it is written or something newer is there. A force that did not go in time is given up.
+    /// The thread repeats a zero until it is written or replaced by a newer request. A force that was not
+    /// written in time is given up.
     pub(super) fn send(&mut self, ftdi: &impl Ftdi, request: Request) -> Result<(), DeviceError> {
         match self {
             Self::Direct => write_whole(ftdi, &request, TICK_TIMEOUT),
             Self::Threaded(threaded) => {
-                threaded.hand_over(request);
+                threaded.submit(request);
                 Ok(())
             }
         }
     }
 
-    /// Requests that were replaced by newer ones before they were written, found out since the last look: how many were sent after each, oldest
-    /// first. Whoever has seen a reply is told of all that was replaced before its request.
+    /// Requests that were replaced before they were written, found since the last call, oldest first: for
+    /// each the number of requests sent after it. If a reply has been received, all requests replaced before
+    /// its request have been reported.
     pub(super) fn skipped(&mut self) -> impl Iterator<Item = u64> + use<> {
         let (mut skipped, mut begun, mut seen, mut number) = (0, 0, 0, 0);
         if let Self::Threaded(threaded) = self {
@@ -162,7 +166,7 @@ impl Outlet {
             .map(move |bit| number - begun + bit)
     }
 
-    /// What went wrong in the thread since the last look.
+    /// The thread's error since the last call.
     pub(super) fn failure(&mut self) -> Option<DeviceError> {
         let Self::Threaded(Threaded { outcome, failures, .. }) = self else { return None };
         let Outcome { failures: failed, lost, .. } = *outcome.read();
@@ -170,36 +174,36 @@ impl Outlet {
         lost.or_else(|| (failed > before).then(|| DeviceError::new(DeviceErrorKind::Timeout)))
     }
 
-    /// Waits until the thread is done with the newest request, or for so long.
-    pub(super) fn flush(&mut self, patience: Duration) {
-        self.wait(patience, |_| false);
+    /// Waits until the thread is done with the newest request, or for the timeout.
+    pub(super) fn flush(&mut self, timeout: Duration) {
+        self.wait(timeout, |_| false);
     }
 
-    /// The same, but no longer than until a try that began after this call was refused.
-    pub(super) fn wait_tried(&mut self, patience: Duration) {
+    /// Like `flush`, but ends when an attempt that began after this call has failed.
+    pub(super) fn wait_attempted(&mut self, timeout: Duration) {
         let Self::Threaded(Threaded { outcome, .. }) = self else { return };
-        // The next refusal to be told of may be of a try that had begun before.
+        // The next failure may belong to an attempt that began before this call.
         let refused = outcome.read().failures + 2;
-        self.wait(patience, |outcome| outcome.failures >= refused);
+        self.wait(timeout, |outcome| outcome.failures >= refused);
     }
 
-    fn wait(&mut self, patience: Duration, is_enough: impl Fn(&Outcome) -> bool) {
+    fn wait(&mut self, timeout: Duration, is_enough: impl Fn(&Outcome) -> bool) {
         let Self::Threaded(Threaded { outcome, number, .. }) = self else { return };
-        let give_up = Instant::now() + patience;
-        for looks in 0_u32.. {
+        let give_up = Instant::now() + timeout;
+        for polls in 0_u32.. {
             let so_far = outcome.read();
             let is_over = so_far.done >= *number || so_far.lost.is_some() || is_enough(so_far);
             if is_over || Instant::now() >= give_up {
                 return;
             }
             // A write takes a tenth of a millisecond, and in memory less than a sleep.
-            if looks < SPINS { std::thread::yield_now() } else { std::thread::sleep(LOOK) }
+            if polls < YIELD_POLLS { std::thread::yield_now() } else { std::thread::sleep(POLL_PERIOD) }
         }
     }
 }
 
 impl Threaded {
-    fn hand_over(&mut self, request: Request) {
+    fn submit(&mut self, request: Request) {
         self.number += 1;
         self.slot.write(Slot { number: self.number, request });
         if let Some(thread) = &self.thread {
@@ -213,31 +217,31 @@ impl Drop for Threaded {
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             thread.thread().unpark();
-            // At most one write later. If it has panicked there is nothing more to be ended.
+            // It ends after at most one more write. If it has panicked, nothing is left to end.
             let _ = thread.join();
         }
     }
 }
 
-struct Writer<F: Ftdi> {
+struct WriterThread<F: Ftdi> {
     ftdi: Arc<F>,
     newest: triple_buffer::Output<Slot>,
-    told: triple_buffer::Input<Outcome>,
+    published: triple_buffer::Input<Outcome>,
     outcome: Outcome,
     disturbed: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
 }
 
-impl<F: Ftdi> Writer<F> {
+impl<F: Ftdi> WriterThread<F> {
     fn run(mut self) {
         while self.outcome.lost.is_none() {
             let slot = *self.newest.read();
             if slot.number > self.outcome.done {
-                self.outcome.take(slot.number);
-                // Before the write: no reply is seen before this is.
-                self.told.write(self.outcome);
+                self.outcome.begin(slot.number);
+                // Publish before the write, so that this state is visible before a reply is.
+                self.published.write(self.outcome);
                 self.write(slot);
-                self.told.write(self.outcome);
+                self.published.write(self.outcome);
             } else if self.stop.load(Ordering::Relaxed) {
                 return;
             } else {
@@ -254,7 +258,7 @@ impl<F: Ftdi> Writer<F> {
         }
         match write_whole(&*self.ftdi, &request, WRITE_TIMEOUT) {
             Ok(()) => self.outcome.done = number,
-            Err(error) if error.kind().is_passing() => {
+            Err(error) if error.kind().is_transient() => {
                 self.outcome.failures += 1;
                 if is_zero && !self.stop.load(Ordering::Relaxed) {
                     std::thread::sleep(RETRY);
@@ -272,17 +276,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_replaced_before_it_is_taken_is_skipped() {
+    fn a_request_replaced_before_its_write_is_skipped() {
         let mut outcome = Outcome::default();
         for (number, skipped) in
             [(1, 0), (2, 0), (2, 0), (4, 0b10), (5, 0b100), (8, 0b10_0110), (71, (1 << 63) - 2)]
         {
-            outcome.take(number);
+            outcome.begin(number);
             assert_eq!((outcome.begun, outcome.skipped), (number, skipped), "{number}");
         }
-        outcome.take(72);
+        outcome.begin(72);
         assert_eq!(outcome.skipped, u64::MAX << 2);
-        outcome.take(1_000);
+        outcome.begin(1_000);
         assert_eq!(outcome.skipped, u64::MAX << 1);
     }
 }

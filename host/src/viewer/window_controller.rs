@@ -1,6 +1,6 @@
-//! What stands round a window: navigation, keys, screenshots and films.
+//! Controller of a window: navigation, keys, screenshots and films.
 
-use super::hand::ScreenHand;
+use super::mouse_tool::MouseTool;
 use super::navigation::Navigation;
 use super::renderer::Help;
 use super::{FrameWriter, GifWriter, Renderer, RendererConfig, ViewWindow, ViewerError, WindowEvents};
@@ -12,17 +12,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Time between two pictures of a film.
+/// Time between two frames of a film.
 const FILM_INTERVAL: Duration = Duration::from_millis(80);
-/// Colour of the mark that a film is being made.
+/// Colour of the recording mark.
 const FILM_COLOUR: u32 = 0xff_4a3d;
 
-/// A window and everything its keys and its mouse do.
-pub(super) struct Desk {
+/// A window and the actions of its keys and mouse.
+pub(super) struct WindowController {
     window: ViewWindow,
     navigation: Navigation,
-    /// Moves the tool, if the mouse is the device.
-    hand: Option<ScreenHand>,
+    /// Moves the tool if the mouse is the device.
+    hand: Option<MouseTool>,
     directory: PathBuf,
     screenshots: Option<FrameWriter>,
     film: Option<Film>,
@@ -34,7 +34,7 @@ struct Film {
     due: Instant,
 }
 
-impl Desk {
+impl WindowController {
     pub(super) fn open(
         title: &str,
         directory: &Path,
@@ -44,7 +44,7 @@ impl Desk {
         Ok(Self {
             window: ViewWindow::open(title, picture.width, picture.height)?,
             navigation: Navigation::default(),
-            hand: mouse.map(ScreenHand::new),
+            hand: mouse.map(MouseTool::new),
             directory: directory.to_owned(),
             screenshots: None,
             film: None,
@@ -52,17 +52,17 @@ impl Desk {
         })
     }
 
-    /// The help to begin with.
+    /// The initial help.
     pub(super) const fn help(&self) -> Help {
         if self.hand.is_some() { Help::KeysAndHand } else { Help::Keys }
     }
 
-    /// Screenshots and films so far.
+    /// Number of screenshots and films.
     pub(super) fn written(&self) -> u64 {
         self.films + self.screenshots.as_ref().map_or(0, FrameWriter::written)
     }
 
-    /// Shows the renderer's picture and does what the user asks for; returns what is for the session.
+    /// Shows the renderer's picture and performs the user's actions; returns the events for the session.
     pub(super) fn show<const N: usize>(
         &mut self,
         renderer: &mut Renderer,
@@ -71,7 +71,7 @@ impl Desk {
     ) -> Result<WindowEvents, ViewerError> {
         self.add_to_film(renderer, record)?;
         let (events, pointer) = if self.film.is_some() {
-            // The mark is for the eye at the window, not for the film.
+            // The mark is shown in the window only, not in the film.
             let mut marked = renderer.image().clone();
             let size = marked.height() as i32 / 60;
             marked.fill_rect(marked.width() as i32 / 2, size, size, size, FILM_COLOUR, 1.0);
@@ -87,7 +87,7 @@ impl Desk {
             writer.write(renderer.image())?;
         }
         if events.film {
-            self.switch_film()?;
+            self.toggle_film()?;
         }
         let taken =
             self.hand.as_mut().is_some_and(|hand| hand.update(&renderer.view(), organ, &pointer, record));
@@ -106,7 +106,7 @@ impl Desk {
         Ok(events)
     }
 
-    /// Ends a film that is being made.
+    /// Completes a film in progress.
     pub(super) fn finish(&mut self) -> Result<(), ViewerError> {
         match self.film.take() {
             Some(mut film) => Ok(film.writer.finish()?),
@@ -114,12 +114,12 @@ impl Desk {
         }
     }
 
-    fn switch_film(&mut self) -> Result<(), ViewerError> {
+    fn toggle_film(&mut self) -> Result<(), ViewerError> {
         if self.film.is_some() {
             return self.finish();
         }
         std::fs::create_dir_all(&self.directory)?;
-        // Never over one that is there.
+        // An existing file is never replaced.
         let path = (self.films..).map(|number| self.directory.join(format!("film_{number:03}.gif")));
         let free = path.take(1000).find(|path| !path.exists());
         let path = free.ok_or_else(|| io::Error::from(io::ErrorKind::AlreadyExists))?;

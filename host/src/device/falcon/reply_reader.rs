@@ -1,4 +1,4 @@
-//! What comes from the device: looked for in every exchange, or read by a thread that keeps a transfer waiting.
+//! Receives replies, by polling in every exchange or on a thread that keeps a transfer pending.
 
 use super::ftdi::{Ftdi, PACKET_LEN};
 use super::line::payload;
@@ -13,52 +13,54 @@ use std::thread::JoinHandle;
 /// How replies are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Each exchange looks, without waiting: for an emulator in memory, whose time is that of the exchanges.
+    /// Each exchange polls without waiting: for an emulator in memory, whose time advances with the
+    /// exchanges.
     Polled,
-    /// A thread keeps a transfer waiting, so that a reply is taken as soon as it comes. It ends with the device.
+    /// A thread keeps a transfer pending, so a reply is read as soon as it arrives. The thread ends with the
+    /// device.
     Threaded {
-        /// Its priority under SCHED_FIFO, if that is granted; above the loop's, which may spin.
+        /// Its priority under SCHED_FIFO, if granted; above that of the loop, which may spin.
         fifo_priority: Option<i32>,
     },
 }
 
-/// All that has come since the device was opened.
+/// Counts of all packets since the device was opened.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Tally {
-    /// The last whole packet.
+pub(super) struct ReplyCounts {
+    /// The last valid packet.
     pub newest: Option<Reply>,
-    /// Whole packets.
+    /// Number of valid packets.
     pub whole: u64,
-    /// Damaged ones.
+    /// Number of damaged packets.
     pub damaged: u64,
-    /// Why nothing comes any more.
+    /// The error after which nothing is received.
     pub lost: Option<DeviceError>,
 }
 
-/// Longest wait of the thread for one transfer: what its end may take.
+/// Longest wait of the thread for one transfer; its end may take as long.
 const THREAD_READ: Duration = Duration::from_millis(100);
-/// Reads of one exchange: a babbling device must not hold the tick.
+/// Reads per exchange: a device that sends continuously must not delay the tick.
 const POLLED_READS: usize = 8;
-/// Room for one transfer.
+/// Size of one transfer.
 const TRANSFER_LEN: usize = 4 * PACKET_LEN;
 
 #[derive(Debug, Default)]
 pub(super) struct Receiver {
     decoder: Decoder,
-    tally: Tally,
+    counts: ReplyCounts,
 }
 
 impl Receiver {
     fn take(&mut self, transfer: &[u8]) {
         for bytes in payload(transfer) {
             let decoded = self.decoder.push(bytes);
-            self.tally.newest = decoded.newest.or(self.tally.newest);
-            self.tally.whole += u64::from(decoded.whole);
-            self.tally.damaged += u64::from(decoded.damaged);
+            self.counts.newest = decoded.newest.or(self.counts.newest);
+            self.counts.whole += u64::from(decoded.whole);
+            self.counts.damaged += u64::from(decoded.damaged);
         }
     }
 
-    /// One read; false if there is nothing more to read now.
+    /// Reads once; false if there is nothing more to read.
     fn read(&mut self, ftdi: &impl Ftdi, timeout: Duration) -> bool {
         let mut transfer = [0; TRANSFER_LEN];
         match ftdi.read(&mut transfer, timeout) {
@@ -67,44 +69,50 @@ impl Receiver {
                 count > 0
             }
             Err(error) if error.kind() == DeviceErrorKind::Timeout => false,
-            Err(error) if error.kind().is_passing() => {
-                self.tally.damaged += 1;
+            Err(error) if error.kind().is_transient() => {
+                self.counts.damaged += 1;
                 false
             }
             Err(error) => {
-                self.tally.lost = Some(error);
+                self.counts.lost = Some(error);
                 false
             }
         }
     }
 }
 
-/// Either way of reading.
+/// The reader in either mode.
 #[derive(Debug)]
-pub(super) enum Intake {
+pub(super) enum ReplyReader {
     Polled(Receiver),
-    Threaded { latest: triple_buffer::Output<Tally>, stop: Arc<AtomicBool>, thread: Option<JoinHandle<()>> },
+    Threaded {
+        latest: triple_buffer::Output<ReplyCounts>,
+        stop: Arc<AtomicBool>,
+        thread: Option<JoinHandle<()>>,
+    },
 }
 
-impl Intake {
-    /// Begins to read.
+impl ReplyReader {
+    /// Starts reading.
     pub(super) fn start<F: Ftdi + 'static>(ftdi: &Arc<F>, mode: Mode) -> Result<Self, DeviceError> {
         let Mode::Threaded { fifo_priority } = mode else { return Ok(Self::Polled(Receiver::default())) };
-        let (mut newest, latest) = triple_buffer::triple_buffer(&Tally::default());
+        let (mut newest, latest) = triple_buffer::triple_buffer(&ReplyCounts::default());
         let (ftdi, stop) = (Arc::clone(ftdi), Arc::new(AtomicBool::new(false)));
         let stopped = Arc::clone(&stop);
         let read = move || {
-            // Refused, it still reads: only later under load.
-            let _ = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::nothing() });
+            // Without the priority it still reads, but late under load.
+            let _ = sys::enter_real_time(&RtRequest { fifo_priority, ..RtRequest::none() });
             let mut receiver = Receiver::default();
-            while !stopped.load(Ordering::Relaxed) && receiver.tally.lost.is_none() {
-                let before = (receiver.tally.whole, receiver.tally.damaged);
+            while !stopped.load(Ordering::Relaxed) && receiver.counts.lost.is_none() {
+                let before = (receiver.counts.whole, receiver.counts.damaged);
                 let more = receiver.read(&*ftdi, THREAD_READ);
-                if (receiver.tally.whole, receiver.tally.damaged) != before || receiver.tally.lost.is_some() {
-                    newest.write(receiver.tally);
+                if (receiver.counts.whole, receiver.counts.damaged) != before
+                    || receiver.counts.lost.is_some()
+                {
+                    newest.write(receiver.counts);
                 }
                 if !more {
-                    // An emulator's read may come back at once.
+                    // An emulator's read may return immediately.
                     std::thread::yield_now();
                 }
             }
@@ -113,8 +121,8 @@ impl Intake {
         Ok(Self::Threaded { latest, stop, thread: Some(thread) })
     }
 
-    /// What has come so far. Waits for nothing, locks nothing, allocates nothing.
-    pub(super) fn look(&mut self, ftdi: &impl Ftdi) -> Tally {
+    /// The counts so far. Does not wait, lock or allocate.
+    pub(super) fn poll(&mut self, ftdi: &impl Ftdi) -> ReplyCounts {
         match self {
             Self::Polled(receiver) => {
                 for _ in 0..POLLED_READS {
@@ -122,18 +130,18 @@ impl Intake {
                         break;
                     }
                 }
-                receiver.tally
+                receiver.counts
             }
             Self::Threaded { latest, .. } => *latest.read(),
         }
     }
 }
 
-impl Drop for Intake {
+impl Drop for ReplyReader {
     fn drop(&mut self) {
         if let Self::Threaded { stop, thread, .. } = self {
             stop.store(true, Ordering::Relaxed);
-            // At most one read later. If it has panicked there is nothing more to be ended.
+            // It ends after at most one more read. If it has panicked, nothing is left to end.
             let _ = thread.take().map(JoinHandle::join);
         }
     }

@@ -1,8 +1,8 @@
-//! The mouse as the hand: where the cursor wants the tool.
+//! The mouse device's tool: converts cursor and buttons to the target of the tool.
 //!
 //! ```text
-//! hover: over the organ, a little above the surface under the cursor
-//!   left button on the organ -> approach: over the nearest active node -> hold: pushed in or grasped, dragged in the picture's plane
+//! hover: above the surface under the cursor
+//!   left button on the organ -> approach: above the nearest active node -> hold: pushed or grasped, dragged
 //!   left button up           -> hover
 //! ```
 
@@ -16,36 +16,36 @@ use crate::rt::TickRecord;
 use glam::{Vec2, Vec3};
 use palpate_core::{Organ, Space};
 
-/// Height of a hovering tool over the surface, in radii of the organ.
+/// Height of a hovering tool above the surface, in radii of the organ.
 const CLEARANCE: f32 = 0.12;
-/// How far a press goes in at once, before any drag, m: enough to be felt.
+/// Initial depth of a press before any drag, m: enough to be perceived.
 const FIRST_PRESS_M: f32 = 3.0e-3;
-/// Height over the node at which a grasp closes, m.
+/// Height above the node at which a grasp closes, m.
 const GRASP_HEIGHT_M: f32 = 1.0e-3;
-/// How near the tool must have come to where it was sent, m.
-const ARRIVED_M: f32 = 1.5e-3;
-/// Depth a step of the wheel, m.
+/// Distance from the target below which the tool has arrived, m.
+const ARRIVAL_TOLERANCE_M: f32 = 1.5e-3;
+/// Depth per step of the wheel, m.
 const DEPTH_PER_STEP_M: f32 = 1.5e-3;
-/// Depth a frame with W or S held, m: 30 mm/s.
+/// Depth per frame while W or S is held, m: 30 mm/s.
 const DEPTH_PER_FRAME_M: f32 = 1.0e-3;
-/// Furthest that a node is dragged, in radii of its lattice: beyond 1 the force is only continued.
-const FURTHEST: f32 = 1.2;
-/// Furthest that a hovering tool goes from the middle of the organ, in radii of the organ.
-const ROAM: f32 = 1.6;
-/// The bit of the button that grasps, as in `ContactConfig::default`.
+/// Largest drag of a node, in radii of its lattice: beyond 1 the force is extrapolated.
+const MAX_DRAG: f32 = 1.2;
+/// Largest distance of a hovering tool from the middle of the organ, in radii of the organ.
+const MAX_HOVER: f32 = 1.6;
+/// Bit of the grasp button, as in `ContactConfig::default`.
 const GRASP: u32 = 1;
 
-/// What the hand is doing.
+/// State of the interaction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Stage {
     Hover,
-    /// On the way to a node that was clicked on.
+    /// Moving to a clicked node.
     Approach {
         space: usize,
         from_px: Vec2,
         grasps: bool,
     },
-    /// Holding it.
+    /// Holding the node.
     Hold {
         space: usize,
         from_px: Vec2,
@@ -54,45 +54,45 @@ enum Stage {
     },
 }
 
-/// What the eye sees, for the cursor to point at.
+/// The displayed scene, for picking with the cursor.
 #[derive(Debug)]
-pub(super) struct Seen<'a> {
+pub(super) struct PickView<'a> {
     /// The camera of the picture.
     pub(super) projection: Projection,
-    /// The surface in it.
+    /// The deformed surface.
     pub(super) surface: &'a Deformation,
 }
 
-/// From the cursor to the tool.
+/// Converts the cursor to the target of the tool.
 #[derive(Debug)]
-pub(super) struct ScreenHand {
+pub(super) struct MouseTool {
     handle: MouseHandle,
     stage: Stage,
     left_before: bool,
-    /// Where the tool hovered last, m.
+    /// Last hover position, m.
     hover_m: Option<Vec3>,
 }
 
-impl ScreenHand {
+impl MouseTool {
     pub(super) const fn new(handle: MouseHandle) -> Self {
         Self { handle, stage: Stage::Hover, left_before: false, hover_m: None }
     }
 
-    /// Takes one frame's mouse. True while the organ is held: then the camera stays.
+    /// Processes the mouse state of one frame. True while the organ is held: then the camera does not move.
     pub(super) fn update<const N: usize>(
         &mut self,
-        seen: &Seen<'_>,
+        view: &PickView<'_>,
         organ: &Organ<'_, N>,
         pointer: &Pointer,
         record: &TickRecord,
     ) -> bool {
         let pressed_now = pointer.left && !self.left_before;
         self.left_before = pointer.left;
-        let under = pointer.at_px.and_then(|at_px| self.under(seen, organ, at_px));
+        let under = pointer.at_px.and_then(|at_px| self.under(view, organ, at_px));
         self.stage = match (self.stage, pointer.at_px) {
             _ if !pointer.left => Stage::Hover,
             (Stage::Hover, Some(from_px)) if pressed_now && under.is_some() && !pointer.shift => {
-                match nearest_node(seen, organ, from_px) {
+                match nearest_node(view, organ, from_px) {
                     Some(space) => Stage::Approach { space, from_px, grasps: pointer.grasp },
                     None => Stage::Hover,
                 }
@@ -101,12 +101,12 @@ impl ScreenHand {
         };
         let hip_m = Vec3::from_array(record.hip_m);
         let (target_m, buttons) = match self.stage {
-            Stage::Hover => (self.hover(seen, pointer, under), 0),
+            Stage::Hover => (self.hover(view, pointer, under), 0),
             Stage::Approach { space: index, from_px, grasps } => {
                 let Some(space) = organ.spaces.get(index) else { return false };
-                let height_m = if grasps { GRASP_HEIGHT_M } else { clearance_m(seen).min(6.0e-3) };
-                let over_m = place(space, height_m);
-                if hip_m.distance(over_m) < ARRIVED_M {
+                let height_m = if grasps { GRASP_HEIGHT_M } else { clearance_m(view).min(6.0e-3) };
+                let over_m = above_node(space, height_m);
+                if hip_m.distance(over_m) < ARRIVAL_TOLERANCE_M {
                     self.stage = Stage::Hold { space: index, from_px, depth_m: 0.0, grasps };
                 }
                 (Some(over_m), 0)
@@ -115,13 +115,13 @@ impl ScreenHand {
                 let Some(space) = organ.spaces.get(index) else { return false };
                 depth_m += DEPTH_PER_STEP_M * pointer.wheel.clamp(-5.0, 5.0);
                 depth_m += DEPTH_PER_FRAME_M * pointer.deeper;
-                // Once grasped, until the mouse button is let go.
+                // A grasp lasts until the mouse button is released.
                 grasps |= pointer.grasp;
                 self.stage = Stage::Hold { space: index, from_px, depth_m, grasps };
-                let from_m = place(space, if grasps { GRASP_HEIGHT_M } else { -FIRST_PRESS_M });
+                let from_m = above_node(space, if grasps { GRASP_HEIGHT_M } else { -FIRST_PRESS_M });
                 let at_px = pointer.at_px.unwrap_or(from_px);
-                let dragged_m = dragged(&seen.projection, from_m, (from_px, at_px), depth_m);
-                let most_m = FURTHEST * space.lattice.radius_m();
+                let dragged_m = dragged(&view.projection, from_m, (from_px, at_px), depth_m);
+                let most_m = MAX_DRAG * space.lattice.radius_m();
                 (Some(from_m + dragged_m.clamp_length_max(most_m)), if grasps { GRASP } else { 0 })
             }
         };
@@ -131,39 +131,40 @@ impl ScreenHand {
         self.stage != Stage::Hover
     }
 
-    fn under<const N: usize>(&self, seen: &Seen<'_>, organ: &Organ<'_, N>, at_px: Vec2) -> Option<Hit> {
-        // While it holds, nobody asks.
+    fn under<const N: usize>(&self, view: &PickView<'_>, organ: &Organ<'_, N>, at_px: Vec2) -> Option<Hit> {
+        // Not needed while a node is held.
         let free = self.stage == Stage::Hover;
         free.then(|| {
-            pick::hit(seen.surface.position_m(), organ.surface.triangles, seen.projection.ray(at_px))
+            pick::hit(view.surface.position_m(), organ.surface.triangles, view.projection.ray(at_px))
         })?
     }
 
-    /// Over the surface under the cursor; beside the organ, in the plane it hovered in last.
-    fn hover(&mut self, seen: &Seen<'_>, pointer: &Pointer, under: Option<Hit>) -> Option<Vec3> {
+    /// Hover position: above the surface under the cursor; beside the organ, in the plane of the last
+    /// position.
+    fn hover(&mut self, view: &PickView<'_>, pointer: &Pointer, under: Option<Hit>) -> Option<Vec3> {
         let at_px = pointer.at_px?;
-        let (centre_m, radius_m) = viewpoint::bounds(seen.surface);
+        let (centre_m, radius_m) = viewpoint::bounds(view.surface);
         let beside = || {
             let plane_m = self.hover_m.unwrap_or(centre_m);
-            let at_m = on_plane(&seen.projection, at_px, plane_m)?;
-            Some(centre_m + (at_m - centre_m).clamp_length_max(ROAM * radius_m))
+            let at_m = on_plane(&view.projection, at_px, plane_m)?;
+            Some(centre_m + (at_m - centre_m).clamp_length_max(MAX_HOVER * radius_m))
         };
-        let over = under.map(|hit| hit.point_m + hit.normal * clearance_m(seen));
+        let over = under.map(|hit| hit.point_m + hit.normal * clearance_m(view));
         self.hover_m = over.or_else(beside);
         self.hover_m
     }
 }
 
-fn clearance_m(seen: &Seen<'_>) -> f32 {
-    CLEARANCE * viewpoint::bounds(seen.surface).1
+fn clearance_m(view: &PickView<'_>) -> f32 {
+    CLEARANCE * viewpoint::bounds(view.surface).1
 }
 
-/// Above (or below) an active node at rest, along its normal.
-fn place(space: &Space<'_>, height_m: f32) -> Vec3 {
+/// Point above (or below) an active node at rest, along its normal.
+fn above_node(space: &Space<'_>, height_m: f32) -> Vec3 {
     Vec3::from_array(space.rest_position_m) + Vec3::from_array(space.outward_normal) * height_m
 }
 
-/// Where the ray through a pixel meets the plane through a place that faces the camera.
+/// Intersection of the ray through a pixel with the camera-facing plane through a point.
 fn on_plane(projection: &Projection, at_px: Vec2, plane_m: Vec3) -> Option<Vec3> {
     let (origin_m, direction) = projection.ray(at_px);
     let backward = projection.to_eye.row(2);
@@ -171,7 +172,7 @@ fn on_plane(projection: &Projection, at_px: Vec2, plane_m: Vec3) -> Option<Vec3>
     (along_m > 0.0).then(|| origin_m + direction * along_m)
 }
 
-/// A drag between two pixels in the plane through a place that faces the camera, and a depth away from the eye.
+/// A drag between two pixels in the camera-facing plane through a point, plus a depth away from the eye.
 fn dragged(projection: &Projection, plane_m: Vec3, (from_px, to_px): (Vec2, Vec2), depth_m: f32) -> Vec3 {
     let places = [from_px, to_px].map(|pixel| on_plane(projection, pixel, plane_m));
     let along = match places {
@@ -181,24 +182,24 @@ fn dragged(projection: &Projection, plane_m: Vec3, (from_px, to_px): (Vec2, Vec2
     along - projection.to_eye.row(2) * depth_m
 }
 
-/// The active node nearest to a pixel among those that nothing hides.
-fn nearest_node<const N: usize>(seen: &Seen<'_>, organ: &Organ<'_, N>, at_px: Vec2) -> Option<usize> {
+/// The visible active node nearest to a pixel.
+fn nearest_node<const N: usize>(view: &PickView<'_>, organ: &Organ<'_, N>, at_px: Vec2) -> Option<usize> {
     let mut near: Vec<(f32, usize, Vec2, Vec3)> = organ
         .spaces
         .iter()
         .enumerate()
         .filter_map(|(index, space)| {
-            let node_m = place(space, 0.0);
-            let (pixel, _) = seen.projection.project(node_m)?;
+            let node_m = above_node(space, 0.0);
+            let (pixel, _) = view.projection.project(node_m)?;
             Some((pixel.distance_squared(at_px), index, pixel, node_m))
         })
         .collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (_, radius_m) = viewpoint::bounds(seen.surface);
+    let (_, radius_m) = viewpoint::bounds(view.surface);
     let is_seen = |pixel: Vec2, node_m: Vec3| {
-        let hit = pick::hit(seen.surface.position_m(), organ.surface.triangles, seen.projection.ray(pixel));
-        // Nothing in front of it; a node on the rim may be missed by the ray.
-        hit.is_none_or(|hit| seen.projection.eye_m.distance(node_m) < hit.distance_m + 0.05 * radius_m)
+        let hit = pick::hit(view.surface.position_m(), organ.surface.triangles, view.projection.ray(pixel));
+        // Visible if no surface is in front of it. The ray may miss a node on the rim.
+        hit.is_none_or(|hit| view.projection.eye_m.distance(node_m) < hit.distance_m + 0.05 * radius_m)
     };
     near.into_iter().find(|(_, _, pixel, node_m)| is_seen(*pixel, *node_m)).map(|(_, index, ..)| index)
 }
@@ -218,10 +219,11 @@ mod tests {
         OrbitCamera::framing(Vec3::ZERO, 0.12, Vec3::new(0.2, -0.8, 0.7), Vec3::Z)
     }
 
-    /// The whole way from the cursor to the force: hand, mouse device and the real controller, a frame each 33 ticks.
-    struct Desk<'o, 'a> {
+    /// The chain from cursor to force: mouse tool, mouse device and the real controller, with one frame per
+    /// 33 ticks.
+    struct Fixture<'o, 'a> {
         organ: &'o Organ<'a>,
-        hand: ScreenHand,
+        hand: MouseTool,
         device: crate::device::mouse::Mouse,
         controller: Controller<'o, 'a>,
         state: State,
@@ -232,7 +234,7 @@ mod tests {
         peak_m: f32,
     }
 
-    impl<'o, 'a> Desk<'o, 'a> {
+    impl<'o, 'a> Fixture<'o, 'a> {
         fn new(organ: &'o Organ<'a>) -> Self {
             let (handle, device) = mouse([0.0, -0.2, 0.0], MouseConfig::default());
             let controller = Controller::new(organ, Config::new(Method::Tricubic)).expect("has the method");
@@ -240,26 +242,26 @@ mod tests {
             state.arm();
             Self {
                 organ,
-                hand: ScreenHand::new(handle),
+                hand: MouseTool::new(handle),
                 device,
                 controller,
                 state,
                 surface: Deformation::at_rest(organ),
-                record: TickRecord::NOTHING,
+                record: TickRecord::EMPTY,
                 tick: 0,
                 peak_n: 0.0,
                 peak_m: 0.0,
             }
         }
 
-        /// So many frames with this mouse; returns whether the organ is held at the end.
+        // Runs `count` frames with this pointer; returns whether the organ is held at the end.
         fn frames(&mut self, count: u32, pointer: Pointer) -> bool {
             let projection = camera().projection(PIXELS.0, PIXELS.1);
             let mut taken = false;
             for _ in 0..count {
                 self.surface.update(self.organ, &self.record.shares, self.record.displacement_m);
-                let seen = Seen { projection, surface: &self.surface };
-                taken = self.hand.update(&seen, self.organ, &pointer, &self.record);
+                let view = PickView { projection, surface: &self.surface };
+                taken = self.hand.update(&view, self.organ, &pointer, &self.record);
                 for _ in 0..33 {
                     self.tick();
                 }
@@ -282,110 +284,110 @@ mod tests {
         /// Pixel of an active node.
         fn node_px(&self, space: usize) -> Vec2 {
             let projection = camera().projection(PIXELS.0, PIXELS.1);
-            projection.project(place(&self.organ.spaces[space], 0.0)).expect("in front").0
+            projection.project(above_node(&self.organ.spaces[space], 0.0)).expect("in front").0
         }
     }
 
-    fn with_desk(test: impl FnOnce(&mut Desk<'_, '_>)) {
+    fn with_fixture(test: impl FnOnce(&mut Fixture<'_, '_>)) {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
-        test(&mut Desk::new(&organ));
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        test(&mut Fixture::new(&organ));
     }
 
     #[test]
-    fn hovering_touches_nothing_and_follows_the_cursor() {
-        with_desk(|desk| {
+    fn hovering_follows_the_cursor_without_contact() {
+        with_fixture(|fixture| {
             for offset in [Vec2::ZERO, Vec2::new(30.0, 10.0), Vec2::new(-40.0, 20.0)] {
-                let at_px = desk.node_px(0) + offset;
-                assert!(!desk.frames(40, Pointer { at_px: Some(at_px), ..Pointer::default() }));
-                assert_eq!(desk.record.engaged, None);
-                let hip = Vec3::from_array(desk.record.hip_m);
+                let at_px = fixture.node_px(0) + offset;
+                assert!(!fixture.frames(40, Pointer { at_px: Some(at_px), ..Pointer::default() }));
+                assert_eq!(fixture.record.engaged, None);
+                let hip = Vec3::from_array(fixture.record.hip_m);
                 let projection = camera().projection(PIXELS.0, PIXELS.1);
                 let (pixel, _) = projection.project(hip).expect("in front");
-                // It stands above the surface along the normal, so not quite under the cursor.
+                // The tool is above the surface along the normal, so not exactly under the cursor.
                 assert!((pixel - at_px).length() < 60.0, "{pixel} {at_px}");
             }
-            // Beside the organ too, and never out of reach.
-            desk.frames(60, Pointer { at_px: Some(Vec2::new(2.0, 2.0)), ..Pointer::default() });
-            assert!(vec3::norm(desk.record.hip_m) < 0.25 && desk.peak_n == 0.0);
+            // Beside the organ too, and within reach.
+            fixture.frames(60, Pointer { at_px: Some(Vec2::new(2.0, 2.0)), ..Pointer::default() });
+            assert!(vec3::norm(fixture.record.hip_m) < 0.25 && fixture.peak_n == 0.0);
         });
     }
 
     #[test]
     fn a_press_on_a_node_pushes_it_in_and_the_wheel_pushes_deeper() {
-        with_desk(|desk| {
-            let hover = Pointer { at_px: Some(desk.node_px(0)), ..Pointer::default() };
-            desk.frames(40, hover);
+        with_fixture(|fixture| {
+            let hover = Pointer { at_px: Some(fixture.node_px(0)), ..Pointer::default() };
+            fixture.frames(40, hover);
             let press = Pointer { left: true, ..hover };
-            assert!(desk.frames(40, press), "it holds");
-            assert_eq!(desk.record.engaged, Some(0));
-            let light_n = vec3::norm(desk.record.hand_force_n);
+            assert!(fixture.frames(40, press), "it holds");
+            assert_eq!(fixture.record.engaged, Some(0));
+            let light_n = vec3::norm(fixture.record.hand_force_n);
             assert!(light_n > 0.2, "{light_n}");
-            desk.frames(10, Pointer { wheel: 1.0, ..press });
-            desk.frames(20, press);
-            let deep_n = vec3::norm(desk.record.hand_force_n);
+            fixture.frames(10, Pointer { wheel: 1.0, ..press });
+            fixture.frames(20, press);
+            let deep_n = vec3::norm(fixture.record.hand_force_n);
             assert!(deep_n > light_n + 0.5 && deep_n <= 8.0, "{light_n} {deep_n}");
-            // The organ's spring holds the tool back from where the cursor wants it: 3 mm + 15 mm.
-            let depth_m = vec3::norm(desk.record.displacement_m);
+            // The organ's stiffness keeps the tool away from its target of 3 mm + 15 mm.
+            let depth_m = vec3::norm(fixture.record.displacement_m);
             assert!(depth_m > 0.006 && depth_m < 0.016, "{depth_m}");
-            assert!(!desk.frames(60, hover));
-            assert_eq!((desk.record.engaged, desk.record.hand_force_n), (None, vec3::ZERO));
+            assert!(!fixture.frames(60, hover));
+            assert_eq!((fixture.record.engaged, fixture.record.hand_force_n), (None, vec3::ZERO));
         });
     }
 
     #[test]
     fn a_drag_with_control_grasps_and_pulls() {
-        with_desk(|desk| {
-            let start = desk.node_px(0);
+        with_fixture(|fixture| {
+            let start = fixture.node_px(0);
             let hover = Pointer { at_px: Some(start), ..Pointer::default() };
-            desk.frames(40, hover);
+            fixture.frames(40, hover);
             let grasp = Pointer { left: true, grasp: true, ..hover };
-            desk.frames(60, grasp);
-            assert_eq!(desk.record.engaged, Some(0));
+            fixture.frames(60, grasp);
+            assert_eq!(fixture.record.engaged, Some(0));
             for step in 1..=20 {
                 let at_px = Some(start + Vec2::new(2.5, 1.5) * step as f32);
-                desk.frames(2, Pointer { at_px, grasp: false, ..grasp });
+                fixture.frames(2, Pointer { at_px, grasp: false, ..grasp });
             }
-            desk.frames(30, Pointer { at_px: Some(start + Vec2::new(50.0, 30.0)), grasp: false, ..grasp });
-            assert!(desk.peak_n > 0.5 && desk.peak_n <= 8.0, "{}", desk.peak_n);
-            assert_eq!(desk.record.engaged, Some(0), "held though control is up");
+            fixture.frames(30, Pointer { at_px: Some(start + Vec2::new(50.0, 30.0)), grasp: false, ..grasp });
+            assert!(fixture.peak_n > 0.5 && fixture.peak_n <= 8.0, "{}", fixture.peak_n);
+            assert_eq!(fixture.record.engaged, Some(0), "held after control is released");
             // Right and down in the picture.
             let projection = camera().projection(PIXELS.0, PIXELS.1);
-            let moved = projection.to_eye * Vec3::from_array(desk.record.displacement_m);
+            let moved = projection.to_eye * Vec3::from_array(fixture.record.displacement_m);
             assert!(moved.x > 3e-3 && moved.y < -1.5e-3 && moved.z.abs() < 2e-3, "{moved}");
-            desk.frames(60, hover);
-            assert_eq!(desk.record.engaged, None, "let go");
-            // Far beyond what the device can hold it slips off, and does not take hold again by itself.
-            desk.frames(60, grasp);
-            assert_eq!(desk.record.engaged, Some(0));
-            desk.frames(60, Pointer { at_px: Some(start + Vec2::new(150.0, 90.0)), ..grasp });
-            assert_eq!(desk.record.engaged, None, "slipped off");
+            fixture.frames(60, hover);
+            assert_eq!(fixture.record.engaged, None, "released");
+            // Beyond the device's force limit the grasp slips off, and it does not close again by itself.
+            fixture.frames(60, grasp);
+            assert_eq!(fixture.record.engaged, Some(0));
+            fixture.frames(60, Pointer { at_px: Some(start + Vec2::new(150.0, 90.0)), ..grasp });
+            assert_eq!(fixture.record.engaged, None, "slipped off");
         });
     }
 
     #[test]
-    fn a_press_beside_the_organ_or_with_shift_is_the_cameras() {
-        with_desk(|desk| {
+    fn a_press_beside_the_organ_or_with_shift_moves_the_camera() {
+        with_fixture(|fixture| {
             let beside = Pointer { left: true, at_px: Some(Vec2::new(5.0, 5.0)), ..Pointer::default() };
-            assert!(!desk.frames(5, beside));
-            // Moving onto the organ with the button down does not grab it.
-            assert!(!desk.frames(5, Pointer { at_px: Some(desk.node_px(0)), ..beside }));
-            desk.frames(1, Pointer::default());
-            let shifted = Pointer { at_px: Some(desk.node_px(0)), shift: true, ..beside };
-            assert!(!desk.frames(5, shifted));
+            assert!(!fixture.frames(5, beside));
+            // Moving onto the organ with the button down does not grasp it.
+            assert!(!fixture.frames(5, Pointer { at_px: Some(fixture.node_px(0)), ..beside }));
+            fixture.frames(1, Pointer::default());
+            let shifted = Pointer { at_px: Some(fixture.node_px(0)), shift: true, ..beside };
+            assert!(!fixture.frames(5, shifted));
         });
     }
 
     #[test]
-    fn the_nearest_node_in_the_picture_is_picked_and_never_a_hidden_one() {
+    fn the_nearest_visible_node_is_picked() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
         let surface = Deformation::at_rest(&organ);
         let pick = |direction: Vec3, space: usize| {
             let camera = OrbitCamera::framing(Vec3::ZERO, 0.12, direction, Vec3::Z);
             let projection = camera.projection(PIXELS.0, PIXELS.1);
-            let (pixel, _) = projection.project(place(&organ.spaces[space], 0.0)).expect("in front");
-            nearest_node(&Seen { projection, surface: &surface }, &organ, pixel + Vec2::new(6.0, -4.0))
+            let (pixel, _) = projection.project(above_node(&organ.spaces[space], 0.0)).expect("in front");
+            nearest_node(&PickView { projection, surface: &surface }, &organ, pixel + Vec2::new(6.0, -4.0))
         };
         for space in 0..3 {
             let towards = Vec3::from_array(organ.spaces[space].outward_normal);

@@ -1,41 +1,43 @@
-//! Devices that are another one with something about them: whatever they do not do themselves that one does.
+//! Wrappers of a device: they change part of its behaviour and delegate the rest.
 
 use super::{Device, DeviceError, DeviceInfo, DeviceState, EmergencyStop};
 use palpate_core::{Sample, Vec3};
 
-/// A device around another one. It is a [`Device`] by what it says here; all else goes on to the inner one.
+/// A wrapper of a [`Device`]. It implements [`Device`]: its own methods override three functions and all
+/// others go to the inner device.
 ///
-/// What a wrapper forgets to hand on would fall back to the defaults of [`Device`], and a fault that the inner one has latched would go unheard.
-/// So there is nothing that can be forgotten: stop, second handle, latch and reset are always the inner one's.
-pub trait Around: Send {
-    /// What is inside.
+/// A wrapper that implemented [`Device`] itself could omit a function and fall back to the trait's default,
+/// so a fault latched by the inner device would be lost. Here stop, emergency stop, latch and reset always go
+/// to the inner device.
+pub trait DeviceWrapper: Send {
+    /// The inner device.
     type Inner: Device + ?Sized;
 
-    /// The device inside.
+    /// The inner device.
     fn inner(&self) -> &Self::Inner;
 
-    /// The device inside.
+    /// The inner device, mutable.
     fn inner_mut(&mut self) -> &mut Self::Inner;
 
     /// [`Device::exchange`].
-    fn exchange_around(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
+    fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         self.inner_mut().exchange(now_us, hand_force_n)
     }
 
     /// [`Device::info`].
-    fn info_around(&self) -> DeviceInfo {
+    fn wrapped_info(&self) -> DeviceInfo {
         self.inner().info()
     }
 
     /// [`Device::state`].
-    fn state_around(&self) -> DeviceState {
+    fn wrapped_state(&self) -> DeviceState {
         self.inner().state()
     }
 }
 
-impl<A: Around> Device for A {
+impl<A: DeviceWrapper> Device for A {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        self.exchange_around(now_us, hand_force_n)
+        self.wrapped_exchange(now_us, hand_force_n)
     }
 
     fn stop(&mut self) {
@@ -43,11 +45,11 @@ impl<A: Around> Device for A {
     }
 
     fn info(&self) -> DeviceInfo {
-        self.info_around()
+        self.wrapped_info()
     }
 
     fn state(&self) -> DeviceState {
-        self.state_around()
+        self.wrapped_state()
     }
 
     fn emergency_stop(&mut self) -> Option<Box<dyn EmergencyStop>> {
@@ -63,7 +65,7 @@ impl<A: Around> Device for A {
     }
 }
 
-impl<D: Device + ?Sized> Around for Box<D> {
+impl<D: Device + ?Sized> DeviceWrapper for Box<D> {
     type Inner = D;
 
     fn inner(&self) -> &D {
@@ -75,7 +77,7 @@ impl<D: Device + ?Sized> Around for Box<D> {
     }
 }
 
-impl<D: Device + ?Sized> Around for &mut D {
+impl<D: Device + ?Sized> DeviceWrapper for &mut D {
     type Inner = D;
 
     fn inner(&self) -> &D {

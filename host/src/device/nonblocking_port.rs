@@ -1,8 +1,9 @@
-//! A serial port whose writes do not wait.
+//! A serial port whose writes do not block.
 //!
-//! `serialport` looks with poll(2) before each write whether there is room. On Linux poll of a terminal without input waits for the kernel's
-//! worker that carries input to it (n_tty_poll), whatever the time limit says: on a busy machine 200 ms were seen, in a thread with
-//! SCHED_FIFO. write(2) itself does not wait for that worker, and on a port that does not block it does not wait for room either.
+//! `serialport` calls poll(2) before each write. On Linux poll of a terminal without input waits for the
+//! kernel's worker that delivers its input (n_tty_poll), regardless of the timeout: on a busy machine 200 ms
+//! were measured, in a thread with SCHED_FIFO. write(2) itself does not wait for that worker, and on a
+//! non-blocking port it does not wait for room either.
 
 use serialport::{
     ClearBuffer, DataBits, FlowControl, Parity, Result, SerialPort, SerialPortBuilder, StopBits, TTYPort,
@@ -12,21 +13,21 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::time::Duration;
 
-/// The port, and a second handle of it for writing.
+/// The port, and a second file handle for writing.
 #[derive(Debug)]
-pub struct PromptPort {
+pub struct NonBlockingPort {
     port: TTYPort,
     out: File,
 }
 
-impl PromptPort {
-    /// Opens the port that is described.
+impl NonBlockingPort {
+    /// Opens the port described by `builder`.
     pub fn open(builder: SerialPortBuilder) -> Result<Self> {
-        Self::around(builder.open_native()?)
+        Self::from_port(builder.open_native()?)
     }
 
-    /// Around a port that is open, by its name.
-    pub fn around(mut port: TTYPort) -> Result<Self> {
+    /// Wraps an open port. The second handle is opened by the port's name.
+    pub fn from_port(mut port: TTYPort) -> Result<Self> {
         let name = port.name().ok_or_else(|| io::Error::from(ErrorKind::NotFound))?;
         port.set_exclusive(false)?;
         let flags = nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY;
@@ -36,14 +37,15 @@ impl PromptPort {
     }
 }
 
-impl Read for PromptPort {
+impl Read for NonBlockingPort {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         self.port.read(buffer)
     }
 }
 
-impl Write for PromptPort {
-    /// As much as there is room for, at once; [`ErrorKind::TimedOut`] if there is none, as `serialport` says.
+impl Write for NonBlockingPort {
+    /// Writes as much as there is room for, without blocking; [`ErrorKind::TimedOut`] if there is no room, as
+    /// in `serialport`.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.out.write(bytes).map_err(|error| match error.kind() {
             ErrorKind::WouldBlock => ErrorKind::TimedOut.into(),
@@ -56,7 +58,7 @@ impl Write for PromptPort {
     }
 }
 
-impl SerialPort for PromptPort {
+impl SerialPort for NonBlockingPort {
     fn name(&self) -> Option<String> {
         self.port.name()
     }
@@ -163,17 +165,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_arrives_and_a_full_port_is_said_at_once() {
+    fn written_bytes_arrive_and_a_full_port_fails_at_once() {
         let (mut far, near) = TTYPort::pair().expect("a pseudo terminal");
         far.set_timeout(Duration::from_secs(2)).expect("set");
-        let mut port = PromptPort::around(near).expect("it has a name");
+        let mut port = NonBlockingPort::from_port(near).expect("it has a name");
         let mut second = port.try_clone().expect("a second handle");
         port.write_all(b"one").expect("room");
         second.write_all(b"two").expect("room");
         let mut six = [0; 6];
         far.read_exact(&mut six).expect("they arrive");
         assert_eq!(&six, b"onetwo");
-        // Nobody reads any more: there is room for some, and then none, without a wait.
+        // The reader stops: writes fill the buffer, then fail without waiting.
         let begun = std::time::Instant::now();
         let full = (0..100_000).find_map(|_| port.write(&[b'x'; 1024]).err()).expect("it is full");
         assert_eq!(full.kind(), ErrorKind::TimedOut);
