@@ -144,9 +144,9 @@ fn models_change_under_the_hand_without_a_force_step() {
         }
     });
     let statistics = |records: &[TickRecord]| {
-        let mut figures = TouchStatistics::default();
-        records.iter().for_each(|record| figures.take(record));
-        figures
+        let mut statistics = TouchStatistics::default();
+        records.iter().for_each(|record| statistics.add(record));
+        statistics
     };
     let (steady, mixed) = (statistics(&steady), statistics(&changed));
     let switches = changed.windows(2).filter(|pair| pair[0].model != pair[1].model).count();

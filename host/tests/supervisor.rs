@@ -10,7 +10,7 @@ use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::{DeviceState, EmergencyStop};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
-use palpate_host::supervisor::wire::{Numbered, Order, Report};
+use palpate_host::supervisor::wire::{Order, OrderMessage, Report};
 use palpate_host::supervisor::{ServeSummary, StartError, Supervised, serve};
 use palpate_host::sys::{self, Policy};
 use palpate_host::{Device, DeviceError, DeviceErrorKind, DeviceInfo};
@@ -297,7 +297,7 @@ fn foreign_datagrams_have_no_effect() {
     bench.tick(FORCE_N).expect("connected");
     let before = lock(&bench.script).forces.len();
     let zeros = lock(&bench.script).zeros;
-    let order = |nonce, number, order| Numbered { nonce, number, sent_ns: u64::MAX, order }.encode();
+    let order = |nonce, number, order| OrderMessage { nonce, number, sent_ns: u64::MAX, order }.encode();
     let mut sent = 0;
     let mut seed = 1_u64;
     for round in 0..300_usize {
@@ -398,7 +398,7 @@ fn the_device_is_stopped_when_the_host_is_gone() {
     let thread = std::thread::spawn(move || serve(&theirs, Policy::Other, || Ok(scripted)));
     let order = |number, order| {
         let sent_ns = palpate_host::sys::monotonic_ns();
-        Numbered { nonce: 3, number, sent_ns, order }.encode()
+        OrderMessage { nonce: 3, number, sent_ns, order }.encode()
     };
     ours.send(&order(1, Order::Hello { limit_us: 500_000 })).expect("room");
     ours.send(&order(2, Order::Tick { session: 0, force_n: FORCE_N })).expect("room");

@@ -1,9 +1,10 @@
-//! Driver for the device link: postcard, COBS and CRC-32 over a serial port (docs/formats.md, section 7), for a mechanism of three axes.
+//! Driver for the device link: postcard, COBS and CRC-32 over a serial port (docs/formats.md, section 7). The
+//! mechanism has three axes.
 //!
 //! ```text
 //! open      Hello -> HelloAck: session, limits            blocks, before the loop
 //! exchange  not homed -> Home; force requested -> Enable; then Command        State -> sample
-//! fault     reported by the device, unexpected disable, or silence -> latched until reset(): Hello, new session
+//! fault     reported by the device, unexpected disable, silence -> latched until reset(): Hello, new session
 //!
 //! An exchange never waits. It reads what has arrived, and sends the next request after the last one was
 //! answered or timed out. Replies have sequence numbers: the time stamp of a sample is the send time of its
