@@ -3,6 +3,7 @@
 
 pub mod coarse_blob;
 pub mod space_bench;
+pub mod strata;
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};

@@ -1,0 +1,281 @@
+//! Strata inside a crate: a module imports only from its own stratum and from those below it.
+//!
+//! Modules are followed from `lib.rs` as the compiler does, `#[path]` attributes included. Two things are imports:
+//!
+//! - a path that begins with `crate`, `super`, `self` or a child module: in a `use`, an expression, a type or a macro;
+//! - a `#[path]` attribute: a file that belongs to another module is an import of that module. A file outside the
+//!   crate is always reported: what two crates compile belongs in a crate of its own.
+//!
+//! Items under `#[cfg(test)]` are skipped: a test may use whatever it needs.
+
+use std::fmt;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use proc_macro2::{Span, TokenStream, TokenTree};
+use syn::visit::{self, Visit};
+use syn::{Attribute, Item, ItemMod, ItemUse, Macro, UseTree, Visibility};
+
+/// One import that does not go downwards, or a module that is in no stratum.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Finding {
+    /// The importing file, relative to the source folder.
+    pub file: PathBuf,
+    /// Line of the import.
+    pub line: usize,
+    /// What is wrong with it.
+    pub what: String,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}: {}", self.file.display(), self.line, self.what)
+    }
+}
+
+/// Every import of a crate that does not go downwards, in the order of files and lines.
+///
+/// `src` is the folder of `lib.rs`. `strata` are module paths without `crate`, such as `"method"` or
+/// `"method::kernel"`, lowest first; a module belongs to the entry that is the longest prefix of its path. `lib.rs`
+/// stands above all strata: it may import anything, and nothing may import the names it exports.
+///
+/// # Panics
+///
+/// If a file of the crate cannot be read or parsed.
+#[must_use]
+pub fn findings(src: &Path, strata: &[&str]) -> Vec<Finding> {
+    let src = src.canonicalize().unwrap_or_else(|error| panic!("{}: {error}", src.display()));
+    let order: Vec<ModulePath> = strata.iter().map(|path| split(path)).collect();
+    let mut findings = walk_file(&src, &order, &src.join("lib.rs"), &[]);
+    findings.sort();
+    findings.dedup();
+    findings
+}
+
+type ModulePath = Vec<String>;
+
+fn split(path: &str) -> ModulePath {
+    path.split("::").map(String::from).collect()
+}
+
+/// Visits the items of one file, and of the files that it declares.
+struct Walk<'c> {
+    src: &'c Path,
+    order: &'c [ModulePath],
+    file: &'c Path,
+    /// Folder of the files that the module at hand declares.
+    folder: PathBuf,
+    module: ModulePath,
+    children: Vec<String>,
+    findings: Vec<Finding>,
+}
+
+fn walk_file(src: &Path, order: &[ModulePath], file: &Path, module: &[String]) -> Vec<Finding> {
+    let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let parsed = syn::parse_file(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let owns_folder = module.is_empty() || file.ends_with("mod.rs");
+    let folder = if owns_folder { file.with_file_name("") } else { file.with_extension("") };
+    let (module, children) = (module.to_vec(), declared(&parsed.items));
+    let mut walk = Walk { src, order, file, folder, module, children, findings: Vec::new() };
+    parsed.items.iter().for_each(|item| walk.visit_item(item));
+    walk.findings
+}
+
+fn declared(items: &[Item]) -> Vec<String> {
+    let name = |item: &Item| if let Item::Mod(module) = item { Some(module.ident.to_string()) } else { None };
+    items.iter().filter_map(name).collect()
+}
+
+impl Walk<'_> {
+    /// Place in the order of the stratum of a module or an item.
+    fn rank(&self, path: &[String]) -> Option<usize> {
+        let ranked = self.order.iter().enumerate().filter(|(_, prefix)| path.starts_with(prefix));
+        ranked.max_by_key(|(_, prefix)| prefix.len()).map(|(rank, _)| rank)
+    }
+
+    fn report(&mut self, span: Span, what: String) {
+        let file = self.file.strip_prefix(self.src).unwrap_or(self.file).to_path_buf();
+        self.findings.push(Finding { file, line: span.start().line, what });
+    }
+
+    /// A path as it is written: an import if it begins with a module of this crate.
+    fn path(&mut self, segments: &[String], span: Span) {
+        let [first, .., _] = segments else { return };
+        let supers = segments.iter().take_while(|segment| *segment == "super").count();
+        let (mut target, skip) = match first.as_str() {
+            "crate" => (Vec::new(), 1),
+            "self" => (self.module.clone(), 1),
+            "super" => (self.module[..self.module.len().saturating_sub(supers)].to_vec(), supers),
+            child if self.children.iter().any(|name| name == child) => (self.module.clone(), 0),
+            _ => return,
+        };
+        target.extend_from_slice(&segments[skip..]);
+        self.import(&target, span);
+    }
+
+    fn import(&mut self, target: &[String], span: Span) {
+        if self.module.is_empty() {
+            return;
+        }
+        let (module, name) = (self.module.join("::"), target.join("::"));
+        match (self.rank(&self.module), self.rank(target)) {
+            (Some(own), Some(other)) if other <= own => {}
+            (Some(_), Some(_)) => self.report(span, format!("{module} imports crate::{name} from above it")),
+            (Some(_), None) => {
+                self.report(span, format!("{module} imports crate::{name}, which is in no stratum"));
+            }
+            // Reported where the module is declared.
+            (None, _) => {}
+        }
+    }
+
+    /// The file of a declared module: that of its `#[path]`, or the one with its name.
+    fn file_of(&mut self, module: &ItemMod, child: &[String]) -> PathBuf {
+        let name = module.ident.to_string();
+        let Some(path) = module.attrs.iter().find_map(path_attribute) else {
+            let beside = self.folder.join(format!("{name}.rs"));
+            return if beside.exists() { beside } else { self.folder.join(name).join("mod.rs") };
+        };
+        let file = self.file.with_file_name(path);
+        let file = file.canonicalize().unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+        let natural = file.strip_prefix(self.src).map(module_of_file);
+        match natural {
+            Ok(natural) if natural.as_slice() == child => {}
+            Ok(natural) => {
+                let parent = std::mem::replace(&mut self.module, child.to_vec());
+                self.import(&natural, module.ident.span());
+                self.module = parent;
+            }
+            Err(_) => {
+                let what = format!("{} compiles {}, outside of the crate", child.join("::"), file.display());
+                self.report(module.ident.span(), what);
+            }
+        }
+        file
+    }
+
+    fn use_tree(&mut self, tree: &UseTree, before: &[String]) {
+        let with = |name: &syn::Ident| [before, &[name.to_string()]].concat();
+        match tree {
+            UseTree::Path(path) => self.use_tree(&path.tree, &with(&path.ident)),
+            UseTree::Name(name) => self.path(&with(&name.ident), name.ident.span()),
+            UseTree::Rename(name) => self.path(&with(&name.ident), name.ident.span()),
+            UseTree::Glob(glob) => {
+                self.path(&[before, &["*".into()]].concat(), glob.star_token.spans[0]);
+            }
+            UseTree::Group(group) => group.items.iter().for_each(|tree| self.use_tree(tree, before)),
+        }
+    }
+
+    /// Paths in the tokens of a macro.
+    fn tokens(&mut self, tokens: TokenStream) {
+        let (mut path, mut colons, mut start) = (Vec::new(), 0, Span::call_site());
+        for token in tokens {
+            match &token {
+                TokenTree::Ident(name) => {
+                    if colons != 2 {
+                        self.path(&std::mem::take(&mut path), start);
+                        start = name.span();
+                    }
+                    path.push(name.to_string());
+                    colons = 0;
+                }
+                TokenTree::Punct(punct) if punct.as_char() == ':' => colons += 1,
+                _ => {
+                    self.path(&std::mem::take(&mut path), start);
+                    colons = 0;
+                }
+            }
+            if let TokenTree::Group(group) = token {
+                self.tokens(group.stream());
+            }
+        }
+        self.path(&path, start);
+    }
+}
+
+impl<'ast> Visit<'ast> for Walk<'_> {
+    fn visit_item(&mut self, item: &'ast Item) {
+        if !attributes(item).iter().any(is_test) {
+            visit::visit_item(self, item);
+        }
+    }
+
+    fn visit_item_mod(&mut self, module: &'ast ItemMod) {
+        let name = module.ident.to_string();
+        let child = [self.module.as_slice(), std::slice::from_ref(&name)].concat();
+        if self.rank(&child).is_none() && !self.order.iter().any(|path| path.starts_with(&child)) {
+            self.report(module.ident.span(), format!("{} is in no stratum", child.join("::")));
+        }
+        match &module.content {
+            None => {
+                let file = self.file_of(module, &child);
+                let found = walk_file(self.src, self.order, &file, &child);
+                self.findings.extend(found);
+            }
+            Some((_, items)) => {
+                let outside = (self.folder.clone(), self.module.clone(), self.children.clone());
+                self.folder.push(name);
+                (self.module, self.children) = (child, declared(items));
+                items.iter().for_each(|item| self.visit_item(item));
+                (self.folder, self.module, self.children) = outside;
+            }
+        }
+    }
+
+    fn visit_item_use(&mut self, item: &'ast ItemUse) {
+        self.use_tree(&item.tree, &[]);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let segments: Vec<String> = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
+        if let (None, Some(first)) = (&path.leading_colon, path.segments.first()) {
+            self.path(&segments, first.ident.span());
+        }
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, invoked: &'ast Macro) {
+        visit::visit_macro(self, invoked);
+        self.tokens(invoked.tokens.clone());
+    }
+
+    /// `pub(in ...)` names a module and imports nothing.
+    fn visit_visibility(&mut self, _: &'ast Visibility) {}
+}
+
+fn attributes(item: &Item) -> &[Attribute] {
+    match item {
+        Item::Const(item) => &item.attrs,
+        Item::Enum(item) => &item.attrs,
+        Item::Fn(item) => &item.attrs,
+        Item::Impl(item) => &item.attrs,
+        Item::Macro(item) => &item.attrs,
+        Item::Mod(item) => &item.attrs,
+        Item::Static(item) => &item.attrs,
+        Item::Struct(item) => &item.attrs,
+        Item::Trait(item) => &item.attrs,
+        Item::Type(item) => &item.attrs,
+        Item::Use(item) => &item.attrs,
+        _ => &[],
+    }
+}
+
+fn is_test(attribute: &Attribute) -> bool {
+    let is = |name: &str| attribute.path().is_ident(name);
+    is("test") || (is("cfg") && attribute.parse_args::<syn::Ident>().is_ok_and(|of| of == "test"))
+}
+
+fn path_attribute(attribute: &Attribute) -> Option<String> {
+    let value = attribute.meta.require_name_value().ok().filter(|value| value.path.is_ident("path"))?;
+    match &value.value {
+        syn::Expr::Lit(syn::ExprLit { lit: syn::Lit::Str(path), .. }) => Some(path.value()),
+        _ => None,
+    }
+}
+
+/// The module of a file by its place in the source folder.
+fn module_of_file(file: &Path) -> ModulePath {
+    let file = if file.ends_with("mod.rs") { file.with_file_name("") } else { file.with_extension("") };
+    file.iter().map(|part| part.to_string_lossy().into_owned()).collect()
+}

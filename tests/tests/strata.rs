@@ -1,0 +1,79 @@
+//! Strata inside the crates, see [`palpate_tests::strata`]. The arrows between crates are in `architecture.rs`.
+
+use std::fs;
+
+use palpate_tests::strata::findings;
+
+/// The findings in a crate of three strata, of which one file is replaced.
+fn planted(file: &str, text: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let sound = [
+        ("src/lib.rs", "mod low; mod middle; mod high;\npub use high::Top;\npub use middle::inner::Deep;"),
+        ("src/low.rs", "pub(crate) fn base() {}"),
+        ("src/middle/mod.rs", "pub mod inner;\nuse crate::low::base;\npub fn on() { base(); inner::deep() }"),
+        ("src/middle/inner.rs", "pub struct Deep;\npub fn deep() { super::super::low::base() }"),
+        ("src/high.rs", "use crate::{low, middle::{self, inner::Deep}};\npub struct Top(Deep);"),
+        ("shared.rs", "use crate::high::Top;"),
+    ];
+    for (name, content) in sound.iter().filter(|(name, _)| *name != file).chain([&(file, text)]) {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().expect("in the folder")).expect("writable");
+        fs::write(path, content).expect("writable");
+    }
+    let found = findings(&folder.path().join("src"), &["low", "middle", "high"]);
+    found.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn a_wrong_import_is_found_in_every_kind_of_path() {
+    assert_eq!(planted("unused.rs", ""), [""; 0], "the crate itself is sound");
+    for (text, line, what) in [
+        ("use crate::middle;", 1, "low imports crate::middle"),
+        ("\nuse crate::{high::{Top}};", 2, "low imports crate::high::Top"),
+        ("pub use super::high::*;", 1, "low imports crate::high::*"),
+        ("fn f(_: crate::high::Top) {}", 1, "low imports crate::high::Top"),
+        ("fn f() { super::middle::on() }", 1, "low imports crate::middle::on"),
+        ("fn f() { vec![{ crate::middle::on(); 1 }]; }", 1, "low imports crate::middle::on"),
+        ("macro_rules! m { () => { $crate::high::Top } }", 1, "low imports crate::high::Top"),
+        ("mod inside { use super::super::high::Top; }", 1, "low::inside imports crate::high::Top"),
+    ] {
+        assert_eq!(planted("src/low.rs", text), [format!("low.rs:{line}: {what} from above it")]);
+    }
+    for sound in [
+        "#[cfg(test)]\nmod tests { use crate::high::Top; }",
+        "// use crate::high::Top;",
+        "pub(in crate::low) fn f() {}",
+    ] {
+        assert_eq!(planted("src/low.rs", sound), [""; 0]);
+    }
+}
+
+#[test]
+fn the_names_that_the_crate_exports_are_no_way_round() {
+    let found = planted("src/middle/inner.rs", "pub struct Deep;\nfn f(_: crate::Top) {}");
+    assert_eq!(found, ["middle/inner.rs:2: middle::inner imports crate::Top, which is in no stratum"]);
+}
+
+#[test]
+fn every_module_is_in_a_stratum() {
+    assert_eq!(planted("src/lib.rs", "mod low;\nmod other {}"), ["lib.rs:2: other is in no stratum"]);
+}
+
+#[test]
+fn a_file_shared_by_a_path_attribute_is_an_import() {
+    let found = planted("src/low.rs", "#[path = \"high.rs\"]\nmod copy;");
+    assert!(found.contains(&"low.rs:2: low::copy imports crate::high from above it".into()), "{found:?}");
+    let found = planted("src/high.rs", "#[path = \"../shared.rs\"]\nmod device;\npub struct Top;");
+    assert!(found.len() == 1 && found[0].starts_with("high.rs:2: high::device compiles "), "{found:?}");
+    // What it imports counts for the module that compiles it.
+    let found = planted(
+        "src/middle/inner.rs",
+        "pub struct Deep;\npub fn deep() {}\n#[path = \"../../shared.rs\"]\nmod device;",
+    );
+    assert!(
+        found
+            .iter()
+            .any(|found| found.contains("middle::inner::device imports crate::high::Top from above it")),
+        "{found:?}"
+    );
+}
