@@ -28,10 +28,14 @@ fn main() -> Result<(), Failure> {
     check("size of the screenshot", size(&rest), size(&rest) == "1280 x 720");
 
     // The screen shows the picture of the program.
-    for (name, own, most) in [("rest", &rest, 0), ("pressed", &pressed, 3_000)] {
+    for (name, own, limit) in [("rest", &rest, 0), ("pressed", &pressed, 3_000)] {
         let screen = xwd(&folder.join(format!("{name}.xwd")))?;
-        let off = own.differing(&screen, ORGAN, if most == 0 { 0 } else { 8 });
-        check(&format!("{name}: pixels that differ on the screen"), off.to_string(), off <= most);
+        let differences = own.differing(&screen, ORGAN, if limit == 0 { 0 } else { 8 });
+        check(
+            &format!("{name}: pixels that differ on the screen"),
+            differences.to_string(),
+            differences <= limit,
+        );
     }
 
     let red = |[r, g, b]: [i32; 3]| r > 60 && r > 2 * g && r > 2 * b;
@@ -76,9 +80,9 @@ impl Picture {
     }
 
     fn differing(&self, other: &Self, part: [usize; 4], slack: i32) -> usize {
-        let off =
+        let differs =
             |(a, b): &([i32; 3], [i32; 3])| (0..3).any(|channel| (a[channel] - b[channel]).abs() > slack);
-        self.inside(part).zip(other.inside(part)).filter(off).count()
+        self.inside(part).zip(other.inside(part)).filter(differs).count()
     }
 }
 

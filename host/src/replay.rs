@@ -350,8 +350,8 @@ impl Show {
                 }
                 is_due
             }
-            Playback::Real(begun) => {
-                std::thread::sleep(Duration::from_micros(record.t_us).saturating_sub(begun.elapsed()));
+            Playback::Real(started) => {
+                std::thread::sleep(Duration::from_micros(record.t_us).saturating_sub(started.elapsed()));
                 self.screen.is_due()
             }
         };

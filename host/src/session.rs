@@ -320,7 +320,7 @@ pub fn run_session<D: Device, const N: usize>(
     let controllers = model::controllers(organs, config, &mut memory)?;
     // The stiffest organ, and the smallest force share of all.
     let stiffest_n_m = controllers.iter().map(Controller::stiffest_n_m).fold(0.0, f32::max);
-    let felt = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
+    let stiffness = (stiffest_n_m, controllers.iter().map(Controller::force_share).fold(1.0, f32::min));
     let periods = periods(options)?;
     if let Some(priority) =
         options.real_time.fifo_priority.filter(|priority| *priority > MAX_LOOP_FIFO_PRIORITY)
@@ -394,7 +394,10 @@ pub fn run_session<D: Device, const N: usize>(
     screen.finish()?;
     let fired = heartbeat.fired();
     let watchdog = policy.map(|policy| WatchdogSummary { limit_ms: watchdog_ms, policy, fired });
-    Ok(SessionSummary { watchdog, ..summary(info, instructions, felt, real_time, outcome, touch, &screen) })
+    Ok(SessionSummary {
+        watchdog,
+        ..summary(info, instructions, stiffness, real_time, outcome, touch, &screen)
+    })
 }
 
 fn periods(options: &SessionOptions) -> Result<u64, SessionError> {
@@ -531,8 +534,8 @@ mod tests {
         run_session(&[&organ], config, ZeroObserved(hand, &zeroed), &endless, &stop, |_| {
             if !core::mem::replace(&mut requested, true) {
                 stop.store(true, Ordering::Relaxed);
-                let begun = Instant::now();
-                while !zeroed.load(Ordering::SeqCst) && begun.elapsed() < Duration::from_secs(20) {
+                let started = Instant::now();
+                while !zeroed.load(Ordering::SeqCst) && started.elapsed() < Duration::from_secs(20) {
                     std::thread::sleep(Duration::from_millis(1));
                 }
                 in_time = zeroed.load(Ordering::SeqCst);
@@ -590,9 +593,9 @@ mod tests {
     impl Device for Hanging {
         fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
             self.calls += 1;
-            let begun = Instant::now();
+            let started = Instant::now();
             while self.calls == 30 && self.zeros.load(Ordering::SeqCst) == 0 {
-                assert!(begun.elapsed() < Duration::from_secs(20), "no emergency stop came");
+                assert!(started.elapsed() < Duration::from_secs(20), "no emergency stop came");
                 std::thread::yield_now();
             }
             Ok(Some(Sample { t_us: now_us, position_m: [0.0; 3], buttons: 0 }))

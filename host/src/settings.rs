@@ -26,11 +26,11 @@ pub fn controller_config<const N: usize>(
     let (limits, contact, passivity) = (&mut config.limits, &mut config.contact, &mut config.passivity);
     limits.max_stiffness_n_m = limits.max_stiffness_n_m.min(device.max_stiffness_n_m);
     // A scene without a device and an ideal simulated device do not raise the default limit.
-    let weakest_n = organs.iter().fold(f32::INFINITY, |least, organ| least.min(organ.max_force_n));
+    let weakest_n = organs.iter().fold(f32::INFINITY, |smallest, organ| smallest.min(organ.max_force_n));
     limits.max_force_n = limits.max_force_n.min(device.max_force_n).min(weakest_n);
     // The workspace is a box round the model's origin. An organ in scanner coordinates may be far from it.
     let places = organs.iter().flat_map(|organ| organ.surface.position_m).flatten();
-    let reach_m = places.fold(0.0f32, |most, x| most.max(x.abs()));
+    let reach_m = places.fold(0.0f32, |largest, x| largest.max(x.abs()));
     limits.max_position_m = limits.max_position_m.max(reach_m + WORKSPACE_MARGIN_M);
     passivity.position_step_m = device.resolution_m;
     if let Some(profile) = profile {

@@ -144,7 +144,7 @@ fn every_rule_has_a_match_and_an_assignment() {
 }
 
 #[test]
-fn the_limits_have_four_columns_and_include_the_watchdog_s_priority() {
+fn the_limits_have_four_columns_and_include_the_watchdog_priority() {
     let lines: Vec<Vec<&str>> = LIMITS
         .lines()
         .filter(|line| !line.starts_with('#'))

@@ -32,7 +32,7 @@ fn bits(sample: ForceSample) -> ([u32; 3], palpate_core::Coverage) {
 
 #[test]
 fn instructions_do_not_change_the_result() {
-    // With holes and a fold, so that both methods of every blend and the transition are evaluated.
+    // With holes and a branch jump, so that both methods of every blend and the transition are evaluated.
     let recipe = Recipe {
         radius_m: 0.04,
         solved: |ijk| ijk != [2, 1, 0] && ijk != [-1, -3, 1],

@@ -30,7 +30,7 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 
 #[test]
 fn a_million_ticks_without_an_allocation() {
-    // Holes, folds and every method.
+    // Holes, branch jumps and every method.
     let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
     let mut words = vec![0_u64; blob.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);

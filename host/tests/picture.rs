@@ -226,19 +226,19 @@ fn the_picture_matches_the_reference() {
     }
     let expected = read(&reference());
     assert_eq!((expected.width(), expected.height()), (640, 360));
-    let off = worst_tile(&image, &expected);
-    assert!(off < TOLERANCE, "{off} of 255 in the worst tile");
+    let error = worst_tile(&image, &expected);
+    assert!(error < TOLERANCE, "{error} of 255 in the worst tile");
 
     // The comparison must detect another state of the organ, a missing legend, and two exchanged colours.
-    let elsewhere = worst_tile(&draw(&organ, small, &mut found[0]), &expected);
+    let other_state = worst_tile(&draw(&organ, small, &mut found[0]), &expected);
     let mut bare = image.clone();
     bare.fill_rect(595, 215, 30, 105, 0x14_191f, 1.0);
     let mut exchanged = image.clone();
     for pixel in exchanged.pixels_mut() {
         *pixel = (*pixel & 0xff_0000) | (*pixel & 0xff) << 8 | (*pixel >> 8 & 0xff);
     }
-    let faults = [elsewhere, worst_tile(&bare, &expected), worst_tile(&exchanged, &expected)];
-    assert!(faults.iter().all(|off| *off > 3.0 * TOLERANCE), "{faults:?}");
+    let faults = [other_state, worst_tile(&bare, &expected), worst_tile(&exchanged, &expected)];
+    assert!(faults.iter().all(|error| *error > 3.0 * TOLERANCE), "{faults:?}");
 }
 
 fn read(path: &Path) -> Image {

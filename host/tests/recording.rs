@@ -10,7 +10,7 @@ use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRec
 use palpate_host::session::View;
 use palpate_host::{BlobFile, Device, DeviceError, DeviceErrorKind, DeviceInfo, Recording, replay};
 
-/// Holes, folds and every method.
+/// Holes, branch jumps and every method.
 const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
 const TICKS: u64 = 4_000;
 

@@ -1,6 +1,7 @@
 //! Half an hour of random palpation on a simulated device, in virtual time: no drift and no growth of memory.
 //!
-//! The same in real time: `palpate run FILE.blob --device sim:random:1 --profile falcon --headless --seconds 1800`.
+//! The same in real time:
+//! `palpate run FILE.blob --device sim:random:1 --profile falcon --headless --seconds 1800`
 
 #[path = "common/synthetic.rs"]
 mod synthetic;

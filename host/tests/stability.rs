@@ -112,13 +112,13 @@ fn a_stiff_organ_oscillates_without_the_cap_and_not_with_it() {
     assert!((700.0..900.0).contains(&cap_n_m), "{cap_n_m} N/m");
 
     let (capped_m, share) = oscillation_m(&organ, cap_n_m, 1.0, UNGUARDED);
-    let (free_m, whole) = oscillation_m(&organ, 1e9, 1.0, UNGUARDED);
+    let (free_m, uncapped) = oscillation_m(&organ, 1e9, 1.0, UNGUARDED);
     println!(
         "peak to peak: {:.3} mm with the cap ({share:.2} of the force), {:.3} mm without",
         1e3 * capped_m,
         1e3 * free_m
     );
-    assert!(share < 0.6 && whole == 1.0);
+    assert!(share < 0.6 && uncapped == 1.0);
     assert!(capped_m < 4.0 * COUNT_M, "{capped_m} m with the cap");
     assert!(free_m > 20.0 * COUNT_M, "{free_m} m without the cap: this test could not fail");
 
@@ -150,7 +150,7 @@ fn the_cap_holds_at_the_depth_that_the_reduced_force_permits() {
     (config.limits.max_force_n, config.limits.max_stiffness_n_m) = (3.0, 250.0);
     let controller = Controller::new(&organ, config).expect("packed");
     let share = controller.force_share();
-    let (mut felt_n_m, mut in_limit_n_m) = (0.0_f32, 0.0_f32);
+    let (mut rendered_n_m, mut in_limit_n_m) = (0.0_f32, 0.0_f32);
     for slot in 0..space.flags.len() {
         let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
         if space.flags[slot] & clear != clear {
@@ -163,14 +163,14 @@ fn the_cap_holds_at_the_depth_that_the_reduced_force_permits() {
             palpate_core::stiffness::largest_singular_value(&found.stiffness_n_m),
         );
         if share * size_n <= 3.0 {
-            felt_n_m = felt_n_m.max(share * stiffness_n_m);
+            rendered_n_m = rendered_n_m.max(share * stiffness_n_m);
         }
         if size_n <= 3.0 {
             in_limit_n_m = in_limit_n_m.max(stiffness_n_m);
         }
     }
-    println!("rendered up to {felt_n_m} N/m with {share}; {in_limit_n_m} N/m within the force limit");
-    assert!(felt_n_m <= 250.0 * 1.001 && felt_n_m > 200.0, "{felt_n_m}");
+    println!("rendered up to {rendered_n_m} N/m with {share}; {in_limit_n_m} N/m within the force limit");
+    assert!(rendered_n_m <= 250.0 * 1.001 && rendered_n_m > 200.0, "{rendered_n_m}");
     assert!(
         share < 0.98 * 250.0 / in_limit_n_m,
         "the band beyond the limit is not stiffer: this test could not fail"
@@ -307,8 +307,7 @@ fn the_guard_counts_the_work_of_the_motors() {
         let hand = HandConfig { tremor_m: 0.0, ..HandConfig::default() };
         let found = palpate(&organ, Method::Trilinear, (hand, &profile), (seed, 60.0), Cap::On);
         println!(
-            "{name:11} {} touches, {} ticks blended, {} of {} damped; most from the motors {:+.2} mJ, of the device {:+.2} mJ; the guard is \
-             off by {:.3} mJ",
+            "{name:11} {} contacts, {} ticks blended, {} of {} damped; at most from the motors {:+.2} mJ, of the device {:+.2} mJ; error of the guard {:.3} mJ",
             found.contacts,
             found.blended_ticks,
             found.damped_ticks,

@@ -122,7 +122,7 @@ struct Bench {
     thread: JoinHandle<std::io::Result<ServeSummary>>,
     /// A second handle of the host's end, for datagrams that are not from the host.
     foreign: UnixDatagram,
-    begun: Instant,
+    started: Instant,
 }
 
 impl Bench {
@@ -133,11 +133,11 @@ impl Bench {
         let scripted = Scripted { script: Arc::clone(&script), requested_us: None };
         let thread = std::thread::spawn(move || serve(&theirs, Policy::Fifo(51), || Ok(scripted)));
         let device = Supervised::with_socket(ours, limit_ms).expect("it opens");
-        Self { device, script, thread, foreign, begun: Instant::now() }
+        Self { device, script, thread, foreign, started: Instant::now() }
     }
 
     fn now_us(&self) -> u64 {
-        self.begun.elapsed().as_micros() as u64
+        self.started.elapsed().as_micros() as u64
     }
 
     /// One tick; waits until the device has exchanged.
@@ -160,9 +160,9 @@ impl Bench {
 }
 
 fn wait(what: &str, mut done: impl FnMut() -> bool) {
-    let begun = Instant::now();
+    let started = Instant::now();
     while !done() {
-        assert!(begun.elapsed() < CERTAIN, "no {what}");
+        assert!(started.elapsed() < CERTAIN, "no {what}");
         std::thread::sleep(Duration::from_micros(100));
     }
 }
@@ -245,7 +245,7 @@ fn a_late_report_is_not_taken_for_a_recent_one() {
     lock(&bench.script).hangs = false;
     let mut late = None;
     wait("late report", || {
-        late = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).unwrap_or_default();
+        late = bench.device.exchange(bench.started.elapsed().as_micros() as u64, FORCE_N).unwrap_or_default();
         late.is_some()
     });
     let late = late.expect("a sample");
@@ -274,13 +274,13 @@ fn silence_zeroes_the_device_until_a_reset() {
     wait("zero again", || lock(&bench.script).zeros > zeros + 2);
     assert_eq!(bench.last_n(), vec3::ZERO);
 
-    let mut told = false;
+    let mut zeroed = false;
     for _ in 0..50 {
         bench.tick(FORCE_N).expect("connected");
-        told |= bench.device.was_zeroed();
+        zeroed |= bench.device.was_zeroed();
         assert_eq!(bench.last_n(), vec3::ZERO, "only a heartbeat");
     }
-    assert!(told && bench.device.supervision().zeroed() >= 1);
+    assert!(zeroed && bench.device.supervision().zeroed() >= 1);
     wait("force after the reset", || {
         bench.device.reset();
         bench.tick(FORCE_N).expect("connected");
@@ -359,7 +359,7 @@ fn a_host_accepts_reports_of_its_own_supervisor_only() {
 }
 
 #[test]
-fn the_watchdog_s_path_zeroes_the_device_and_ends_the_session() {
+fn the_watchdog_path_zeroes_the_device_and_ends_the_session() {
     let mut bench = Bench::new(LONG_MS);
     bench.tick(FORCE_N).expect("connected");
     let mut path = (&mut bench.device as &mut dyn Device).emergency_stop().expect("an emergency stop");
@@ -420,7 +420,7 @@ fn a_panic_of_the_supervisor_zeroes_the_force_and_disconnects_the_host() {
     lock(&bench.script).panics = true;
     let mut end = None;
     wait("end", || {
-        end = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).err();
+        end = bench.device.exchange(bench.started.elapsed().as_micros() as u64, FORCE_N).err();
         end.is_some_and(|error| !error.kind().is_transient())
     });
     assert_eq!(end.map(|error| error.kind()), Some(DeviceErrorKind::Disconnected));
@@ -436,7 +436,7 @@ fn errors_of_the_device_reach_the_loop_unchanged() {
         lock(&bench.script).fails = Some(kind);
         let mut seen = None;
         wait("error", || {
-            seen = bench.device.exchange(bench.begun.elapsed().as_micros() as u64, FORCE_N).err();
+            seen = bench.device.exchange(bench.started.elapsed().as_micros() as u64, FORCE_N).err();
             seen.is_some_and(|error| error.kind() == kind)
         });
     }
@@ -459,10 +459,10 @@ fn errors_of_the_device_reach_the_loop_unchanged() {
 fn an_exchange_neither_allocates_nor_blocks() {
     let mut bench = Bench::new(LONG_MS);
     bench.tick(FORCE_N).expect("connected");
-    let (begun, mut samples) = (bench.begun, 0);
+    let (started, mut samples) = (bench.started, 0);
     assert_no_alloc(|| {
         for _ in 0..2_000 {
-            let now_us = begun.elapsed().as_micros() as u64;
+            let now_us = started.elapsed().as_micros() as u64;
             samples += u64::from(matches!(bench.device.exchange(now_us, FORCE_N), Ok(Some(_))));
             let _ = bench.device.was_zeroed();
             bench.device.reset();
@@ -489,7 +489,7 @@ fn an_exchange_neither_allocates_nor_blocks() {
 /// With the core's controller: a silence latches the watchdog's fault, and keys pressed during it are
 /// ignored.
 #[test]
-fn a_loop_that_resumes_latches_the_watchdog_s_fault() {
+fn a_loop_that_resumes_latches_a_watchdog_fault() {
     let blob = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let controller: Controller<'_, '_> =

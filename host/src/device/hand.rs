@@ -157,8 +157,8 @@ impl Hand {
     /// First-order low-pass of the resistance, bounded. It is slow, so that it does not take part in an
     /// oscillation.
     fn adapt_effort(&mut self, force_n: Vec3, dt_s: f32) {
-        let wanted_n = vec3::scale(force_n, -self.config.persistence);
-        let change = vec3::scale(vec3::sub(wanted_n, self.effort_n), dt_s / REACTION_TIME_S);
+        let compensation_n = vec3::scale(force_n, -self.config.persistence);
+        let change = vec3::scale(vec3::sub(compensation_n, self.effort_n), dt_s / REACTION_TIME_S);
         self.effort_n = vec3::add(self.effort_n, change);
         let size_n = vec3::norm(self.effort_n);
         if size_n > self.config.max_effort_n {
@@ -187,11 +187,11 @@ fn velocity_after_drag(free_m_s: Vec3, drag: &Drag, step: f32) -> Vec3 {
         return viscous_m_s;
     }
     let speed_m_s = vec3::norm(viscous_m_s);
-    let taken_m_s = drag.coulomb_n * step;
-    if speed_m_s <= taken_m_s {
+    let friction_m_s = drag.coulomb_n * step;
+    if speed_m_s <= friction_m_s {
         return vec3::ZERO;
     }
-    vec3::scale(viscous_m_s, 1.0 - taken_m_s / speed_m_s)
+    vec3::scale(viscous_m_s, 1.0 - friction_m_s / speed_m_s)
 }
 
 #[cfg(test)]

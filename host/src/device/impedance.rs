@@ -2,7 +2,8 @@
 //! delayed, a force that is quantised and delayed.
 //!
 //! ```text
-//! force of a tick -> delay -> saturation, quantisation -> hand and mechanism -> quantisation -> delay -> sample
+//! force of a tick -> delay -> saturation, quantisation -> hand and mechanism
+//! hand and mechanism -> quantisation -> delay -> sample
 //! ```
 //!
 //! Everything is in the device frame. The delays are ring buffers that are allocated once.

@@ -240,9 +240,9 @@ const HOMING_PAUSE: Duration = Duration::from_millis(1);
 /// Exchanges without a force until the user has homed the device, or until `stop`. It may block, so it runs
 /// before the loop.
 fn wait_homed(device: &mut impl Device, stop: &AtomicBool) -> Result<(), DeviceError> {
-    let begun = Instant::now();
+    let started = Instant::now();
     while device.state() != DeviceState::Homed && !stop.load(Ordering::Relaxed) {
-        match device.exchange(begun.elapsed().as_micros() as u64, [0.0; 3]) {
+        match device.exchange(started.elapsed().as_micros() as u64, [0.0; 3]) {
             Err(error) if !error.kind().is_transient() => return Err(error),
             _ => std::thread::sleep(HOMING_PAUSE),
         }

@@ -72,7 +72,7 @@ impl PartialEq for MouseHandle {
 #[derive(Debug)]
 pub struct Mouse {
     config: MouseConfig,
-    wanted: triple_buffer::Output<MouseTarget>,
+    target: triple_buffer::Output<MouseTarget>,
     position_m: Vec3,
     last_us: Option<u64>,
 }
@@ -80,8 +80,8 @@ pub struct Mouse {
 /// Makes both ends; the tool starts at `start_m`.
 #[must_use]
 pub fn mouse(start_m: Vec3, config: MouseConfig) -> (MouseHandle, Mouse) {
-    let (input, wanted) = triple_buffer::triple_buffer(&MouseTarget { position_m: start_m, buttons: 0 });
-    let device = Mouse { config, wanted, position_m: start_m, last_us: None };
+    let (input, target) = triple_buffer::triple_buffer(&MouseTarget { position_m: start_m, buttons: 0 });
+    let device = Mouse { config, target, position_m: start_m, last_us: None };
     (MouseHandle(Arc::new(Mutex::new(input))), device)
 }
 
@@ -96,8 +96,8 @@ impl Mouse {
         let gap_m = vec3::sub(vec3::add(target_m, yields_m), self.position_m);
         let step_m = vec3::scale(gap_m, (dt_s / time_constant_s).min(1.0));
         let length_m = vec3::norm(step_m);
-        let most_m = max_speed_m_s * dt_s;
-        let share = if length_m > most_m { most_m / length_m } else { 1.0 };
+        let max_step_m = max_speed_m_s * dt_s;
+        let share = if length_m > max_step_m { max_step_m / length_m } else { 1.0 };
         self.position_m = vec3::add(self.position_m, vec3::scale(step_m, share));
     }
 }
@@ -106,7 +106,7 @@ impl Device for Mouse {
     fn exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let elapsed_us = self.last_us.map_or(0, |last_us| now_us.saturating_sub(last_us)).min(MAX_STEP_US);
         self.last_us = Some(now_us);
-        let MouseTarget { position_m, buttons } = *self.wanted.read();
+        let MouseTarget { position_m, buttons } = *self.target.read();
         self.follow(position_m, hand_force_n, elapsed_us as f32 * 1e-6);
         Ok(Some(Sample { t_us: now_us, position_m: self.position_m, buttons }))
     }

@@ -176,9 +176,9 @@ mod tests {
         far.read_exact(&mut six).expect("they arrive");
         assert_eq!(&six, b"onetwo");
         // The reader stops: writes fill the buffer, then fail without waiting.
-        let begun = std::time::Instant::now();
+        let started = std::time::Instant::now();
         let full = (0..100_000).find_map(|_| port.write(&[b'x'; 1024]).err()).expect("it is full");
         assert_eq!(full.kind(), ErrorKind::TimedOut);
-        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+        assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
     }
 }

@@ -148,18 +148,18 @@ impl RandomPalpation {
 
     /// Plans the next touch from the end of the last one.
     fn plan(&mut self) {
-        let here_m = self.motions[self.planned - 1].to_m;
+        let position_m = self.motions[self.planned - 1].to_m;
         (self.planned, self.current) = (0, 0);
         let drawn = self.random.next() % self.nodes.len().max(1) as u64;
         let Some(&(rest_m, normal)) = self.nodes.get(drawn as usize) else {
-            self.stay(here_m, 1.0, 0);
+            self.stay(position_m, 1.0, 0);
             return;
         };
         let config = self.config;
         let inward = self.direction(normal);
         let at = |metres: f32| vec3::add(rest_m, vec3::scale(inward, metres));
         let home_m = at(config.clearance_m);
-        self.travel(here_m, home_m);
+        self.travel(position_m, home_m);
         let drag_m = self.draw(config.drag_m);
         let aside = vec3::scale(self.sideways(inward), drag_m);
         let rest_s = self.draw(config.rest_s);

@@ -1,4 +1,5 @@
-//! Driver for the Polhem / WoodenHaptics text protocol over a serial port: 64-byte lines, strict request and reply.
+//! Driver for the Polhem / WoodenHaptics text protocol over a serial port: lines of 64 bytes, one reply per
+//! request.
 //!
 //! Host to device: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Device to host: `x y z` in
 //! mm, four angles in rad, an info word. Both are padded with spaces; the last byte is a newline.
@@ -244,8 +245,8 @@ impl Polhem {
         // A release never waits for a pause or a reply: a fault ends in zero force, whatever the state of the
         // link.
         let release = self.rendering && hand_force_n == [0.0; 3];
-        let again = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
-        if free || release || again {
+        let repeat = hand_force_n == [0.0; 3] && self.pending.may_repeat_zero(now_us);
+        if free || release || repeat {
             self.send(self.config.workspace.to_device_n(hand_force_n))?;
             self.pending.sent(now_us, hand_force_n == [0.0; 3]);
         }

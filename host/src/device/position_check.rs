@@ -35,7 +35,7 @@ struct TimedPosition {
     /// Time at which its request was sent.
     t_us: u64,
     /// Time at which the reply arrived.
-    came_us: u64,
+    arrived_us: u64,
     device_m: Vec3,
 }
 
@@ -43,7 +43,7 @@ impl TimedPosition {
     /// Largest time between two samplings, us. A position is sampled between request and arrival, and a
     /// driver in doubt assigns the older request to a reply.
     fn since_us(&self, before: &Self) -> u64 {
-        self.t_us.saturating_sub(before.t_us).max(self.came_us.saturating_sub(before.came_us))
+        self.t_us.saturating_sub(before.t_us).max(self.arrived_us.saturating_sub(before.arrived_us))
     }
 }
 
@@ -114,10 +114,10 @@ impl PositionCheck {
         (deviation_m, allowed_m.unwrap_or_else(|| self.reachable_m(at.since_us(last))))
     }
 
-    /// Checks the position in a reply to a request of `t_us` that arrived at `came_us`. `None` is a reply
+    /// Checks the position in a reply to a request of `t_us` that arrived at `arrived_us`. `None` is a reply
     /// whose values are no pose of the mechanism.
-    pub(super) fn check(&mut self, t_us: u64, came_us: u64, device_m: Option<Vec3>) -> Verdict {
-        let at = device_m.map(|device_m| TimedPosition { t_us, came_us, device_m });
+    pub(super) fn check(&mut self, t_us: u64, arrived_us: u64, device_m: Option<Vec3>) -> Verdict {
+        let at = device_m.map(|device_m| TimedPosition { t_us, arrived_us, device_m });
         let deviation = at.and_then(|at| Some(self.deviation(&self.last?, &at)));
         if at.is_none() || deviation.is_some_and(|(deviation_m, allowed_m)| deviation_m > allowed_m) {
             return self.reject(at, deviation.map_or(SLACK_M, |(_, allowed_m)| allowed_m));

@@ -75,8 +75,8 @@ mod tests {
         assert_eq!(device.state(), DeviceState::Homed);
         assert_eq!(device.exchange(501, vec3::ZERO), Ok(None));
         assert_eq!(device.state(), DeviceState::Unhomed);
-        let gone = device.exchange(502, vec3::ZERO).expect_err("nothing left");
-        assert_eq!(gone.kind(), DeviceErrorKind::Disconnected);
+        let disconnected = device.exchange(502, vec3::ZERO).expect_err("nothing left");
+        assert_eq!(disconnected.kind(), DeviceErrorKind::Disconnected);
         assert!(device.info().self_arming && device.info().name == "replay of a hand");
     }
 }

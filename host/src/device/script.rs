@@ -89,7 +89,7 @@ impl Script {
     #[must_use]
     pub fn press_and_hold(rest_m: Vec3, normal: Vec3, depth_m: f32, hold_s: f32) -> Self {
         let height = |metres: f32| vec3::add(rest_m, vec3::scale(normal, metres));
-        let mut plan = Plan { segments: Vec::new(), here_m: height(Self::PRESS_FROM_M), buttons: 0 };
+        let mut plan = Plan { segments: Vec::new(), position_m: height(Self::PRESS_FROM_M), buttons: 0 };
         plan.go(height(-depth_m), 1.0);
         plan.stay(hold_s);
         plan.go(height(Self::PRESS_FROM_M), 1.0);
@@ -98,7 +98,7 @@ impl Script {
     }
 
     fn over_nodes(nodes: &[(Vec3, Vec3)], centre_m: Vec3, config: &StrokeConfig) -> Self {
-        let mut plan = Plan { segments: Vec::new(), here_m: vec3::ZERO, buttons: 0 };
+        let mut plan = Plan { segments: Vec::new(), position_m: vec3::ZERO, buttons: 0 };
         let home_m = |(rest, normal): (Vec3, Vec3)| vec3::add(rest, vec3::scale(normal, config.clearance_m));
         for (i, &(rest, normal)) in nodes.iter().enumerate() {
             let (first, second) = tangents(normal);
@@ -107,7 +107,7 @@ impl Script {
             let (bottom, grip, top) =
                 (height(-config.press_m), height(GRIP_HEIGHT_M), height(GRIP_HEIGHT_M + config.pull_m));
 
-            plan.here_m = home_m((rest, normal));
+            plan.position_m = home_m((rest, normal));
             plan.go(bottom, 1.0);
             plan.stay(0.3);
             plan.go(aside(bottom, first, config.drag_m), 0.7);
@@ -132,9 +132,9 @@ impl Script {
             plan.stay(1.0);
         }
         let planned_s: f32 = plan.segments.iter().map(|segment| segment.duration_s).sum();
-        let wanted_s = config.seconds_per_node.max(0.1) * nodes.len().max(1) as f32;
+        let requested_s = config.seconds_per_node.max(0.1) * nodes.len().max(1) as f32;
         for segment in &mut plan.segments {
-            segment.duration_s *= wanted_s / planned_s;
+            segment.duration_s *= requested_s / planned_s;
             segment.slow_down_to(MAX_TARGET_SPEED_M_S);
         }
         Self { segments: plan.segments, current: 0, elapsed_s: 0.0 }
@@ -171,7 +171,7 @@ impl Script {
 
 struct Plan {
     segments: Vec<Segment>,
-    here_m: Vec3,
+    position_m: Vec3,
     buttons: u32,
 }
 
@@ -181,20 +181,26 @@ impl Plan {
     }
 
     fn stay(&mut self, duration_s: f32) {
-        self.push(self.here_m, vec3::ZERO, duration_s);
+        self.push(self.position_m, vec3::ZERO, duration_s);
     }
 
     /// Moves to another node on a path bowed away from the organ's centre by its length, so that it does not
     /// pass through the organ.
     fn travel(&mut self, to_m: Vec3, centre_m: Vec3, duration_s: f32) {
-        let middle = vec3::scale(vec3::add(self.here_m, to_m), 0.5);
+        let middle = vec3::scale(vec3::add(self.position_m, to_m), 0.5);
         let outward = vec3::normalize_or_zero(vec3::sub(middle, centre_m));
-        self.push(to_m, vec3::scale(outward, 0.5 * vec3::distance(self.here_m, to_m)), duration_s);
+        self.push(to_m, vec3::scale(outward, 0.5 * vec3::distance(self.position_m, to_m)), duration_s);
     }
 
     fn push(&mut self, to_m: Vec3, bow_m: Vec3, duration_s: f32) {
-        self.segments.push(Segment { from_m: self.here_m, to_m, bow_m, duration_s, buttons: self.buttons });
-        self.here_m = to_m;
+        self.segments.push(Segment {
+            from_m: self.position_m,
+            to_m,
+            bow_m,
+            duration_s,
+            buttons: self.buttons,
+        });
+        self.position_m = to_m;
     }
 }
 

@@ -130,17 +130,17 @@ impl SimulatedHand {
     /// A hand that follows the given motion.
     #[must_use]
     pub fn with_palpation(palpation: Palpation, config: SimulatedConfig) -> Self {
-        let mut wanted_m = palpation.target_m();
+        let mut target_m = palpation.target_m();
         let mechanism = config.mechanism.map(|SimulatedMechanism { impedance, workspace, .. }| {
             let middle_m = workspace.device_origin_m;
             let from_middle_m =
-                impedance.reach.nearest_m(vec3::sub(workspace.to_device_m(wanted_m), middle_m));
-            wanted_m = vec3::add(middle_m, from_middle_m);
+                impedance.reach.nearest_m(vec3::sub(workspace.to_device_m(target_m), middle_m));
+            target_m = vec3::add(middle_m, from_middle_m);
             let step_s = config.step_us as f32 * 1e-6 / config.substeps.max(1) as f32;
             Impedance::new(impedance, from_middle_m, step_s)
         });
         Self {
-            hand: Hand::new(config.hand, wanted_m),
+            hand: Hand::new(config.hand, target_m),
             palpation,
             mechanism,
             held_n: vec3::ZERO,
@@ -177,23 +177,23 @@ impl SimulatedHand {
         let SimulatedConfig { substeps, step_us, .. } = self.config;
         let dt_s = step_us as f32 * 1e-6 / substeps.max(1) as f32;
         let frame = self.frame();
-        let wanted_m = |palpation: &Palpation| match frame {
+        let target_m = |palpation: &Palpation| match frame {
             Some(frame) => frame.to_device_m(palpation.target_m()),
             None => palpation.target_m(),
         };
         for _ in 0..substeps.max(1) {
-            let from_m = wanted_m(&self.palpation);
+            let from_m = target_m(&self.palpation);
             self.palpation.advance(dt_s);
-            let to_m = wanted_m(&self.palpation);
-            let (given_n, drag) = match &mut self.mechanism {
+            let to_m = target_m(&self.palpation);
+            let (motor_n, drag) = match &mut self.mechanism {
                 Some(mechanism) => (mechanism.motor_n(), mechanism.config().drag),
                 None => (self.held_n, Drag::default()),
             };
             let before_m = self.hand.position_m();
-            let taken_j = self.hand.integrate(from_m, to_m, given_n, &drag, dt_s);
+            let drag_j = self.hand.integrate(from_m, to_m, motor_n, &drag, dt_s);
             let moved_m = vec3::sub(self.hand.position_m(), before_m);
-            self.work.motors_j += f64::from(vec3::dot(given_n, moved_m));
-            self.work.drag_j -= f64::from(taken_j);
+            self.work.motors_j += f64::from(vec3::dot(motor_n, moved_m));
+            self.work.drag_j -= f64::from(drag_j);
             if let (Some(mechanism), Some(frame)) = (&mut self.mechanism, frame) {
                 let from_middle_m = vec3::sub(self.hand.position_m(), frame.device_origin_m);
                 let held_m = mechanism.config().reach.nearest_m(from_middle_m);

@@ -89,12 +89,12 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
     };
     let isolated = probe.read("/sys/devices/system/cpu/isolated");
     let is_isolated = parameter("isolcpus") || isolated.is_some_and(|list| cpus(&list).contains(&cpu));
-    let given = [
+    let parameters = [
         ("isolcpus", is_isolated),
         ("nohz_full", parameter("nohz_full")),
         ("rcu_nocbs", parameter("rcu_nocbs")),
     ];
-    let missing: Vec<&str> = given.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
+    let missing: Vec<&str> = parameters.iter().filter(|(_, is)| !is).map(|(name, _)| *name).collect();
     if missing.is_empty() {
         return Check::new(
             NAME,
@@ -103,14 +103,14 @@ pub(super) fn isolation(probe: &Probe, cpu: usize) -> Check {
         );
     }
     let rest: Vec<usize> = online.iter().copied().filter(|other| *other != cpu).collect();
-    let wanted = format!(
+    let boot_line = format!(
         "+ isolcpus=domain,managed_irq,{cpu} nohz_full={cpu} rcu_nocbs={cpu} irqaffinity={}",
         list_of(&rest)
     );
     let found = format!("CPU {cpu} is shared with the rest of the system: no {}", missing.join(", "));
     Check::new(NAME, Better, found).fix([
         "add to GRUB_CMDLINE_LINUX in /etc/default/grub, then update-grub and reboot:",
-        &wanted,
+        &boot_line,
         &format!("and pin the loop: palpate run --cpu {cpu}"),
     ])
 }
@@ -134,24 +134,24 @@ pub(super) fn interrupts(probe: &Probe, cpu: usize) -> Check {
         ]);
     }
     // The effective affinity: the CPU that receives the interrupt now.
-    let here: Vec<&String> = numbers
+    let on_cpu: Vec<&String> = numbers
         .iter()
         .filter(|number| {
             let effective = probe.read(&format!("/proc/irq/{number}/effective_affinity_list"));
             effective.is_some_and(|list| cpus(&list).contains(&cpu))
         })
         .collect();
-    if here.is_empty() {
+    if on_cpu.is_empty() {
         return Check::new(NAME, Good, format!("none of {} goes to CPU {cpu}, no irqbalance", numbers.len()));
     }
-    let names: Vec<&str> = here.iter().take(8).map(|name| name.as_str()).collect();
-    let more = if here.len() > names.len() { ", ..." } else { "" };
+    let names: Vec<&str> = on_cpu.iter().take(8).map(|name| name.as_str()).collect();
+    let more = if on_cpu.len() > names.len() { ", ..." } else { "" };
     let found =
-        format!("{} of {} go to CPU {cpu} (number {}{more})", here.len(), numbers.len(), names.join(", "));
-    let elsewhere = probe.online().into_iter().find(|other| *other != cpu).unwrap_or(0);
+        format!("{} of {} go to CPU {cpu} (number {}{more})", on_cpu.len(), numbers.len(), names.join(", "));
+    let other_cpu = probe.online().into_iter().find(|other| *other != cpu).unwrap_or(0);
     Check::new(NAME, Better, found).fix([
         "boot with irqaffinity= (see isolation), or move a frequent one (see /proc/interrupts):",
-        &format!("$ echo {elsewhere} > /proc/irq/NUMBER/smp_affinity_list"),
+        &format!("$ echo {other_cpu} > /proc/irq/NUMBER/smp_affinity_list"),
     ])
 }
 

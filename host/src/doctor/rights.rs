@@ -22,15 +22,17 @@ pub(super) fn priority(probe: &Probe, fifo_priority: i32) -> Check {
     }
     let Some(limit) = limit else { return Check::unknown(NAME, "/proc/self/limits") };
     // The priority of the watchdog is one above the loop's.
-    let wanted = u64::from(fifo_priority.unsigned_abs()) + 1;
-    if limit >= wanted {
+    let watchdog_priority = u64::from(fifo_priority.unsigned_abs()) + 1;
+    if limit >= watchdog_priority {
         return Check::new(
             NAME,
             Good,
             format!("SCHED_FIFO up to {limit}; the loop requests {fifo_priority}"),
         );
     }
-    let found = format!("SCHED_FIFO up to {limit}; loop and watchdog request {fifo_priority} and {wanted}");
+    let found = format!(
+        "SCHED_FIFO up to {limit}; loop and watchdog request {fifo_priority} and {watchdog_priority}"
+    );
     Check::new(NAME, Verdict::Bad, found)
         .fix(["without it any other process of the PC can delay the loop:"])
         .fix(LIMITS)

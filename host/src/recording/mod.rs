@@ -2,7 +2,7 @@
 //! bit for bit.
 //!
 //! ```text
-//! haptic thread -> bounded queue -> calling thread -> Recorder (bounded queue) -> thread -> TickWriter -> FILE.mcap
+//! haptic thread -> bounded queue -> calling thread -> Recorder (bounded queue) -> TickWriter -> FILE.mcap
 //! FILE.mcap -> Recording (header, ticks, end) -> replay | inspect
 //! ```
 //!

@@ -59,8 +59,8 @@ impl<W: Write + Send + 'static> Recorder<W> {
 
     /// Queues a record; never blocks.
     pub fn push(&mut self, record: &TickRecord) {
-        let taken = self.running.as_ref().is_some_and(|(queue, _)| queue.try_send(*record).is_ok());
-        self.dropped += u64::from(!taken);
+        let queued = self.running.as_ref().is_some_and(|(queue, _)| queue.try_send(*record).is_ok());
+        self.dropped += u64::from(!queued);
     }
 
     /// Waits until the queued records are written, then ends the recording.
@@ -263,7 +263,7 @@ mod tests {
         let bytes = bytes.lock().expect("no panic").clone();
         let mut recording = Recording::open(bytes.as_slice()).expect("a beginning");
         let read: Result<Vec<_>, _> = recording.by_ref().collect();
-        let read = read.expect("sound up to its end").len();
+        let read = read.expect("valid up to its end").len();
         assert!(read > 1_000 && recording.is_cut(), "{read}");
     }
 }

@@ -135,9 +135,9 @@ impl fmt::Display for Bars<'_> {
             }
             write!(f, "{} (ticks by time; bar length is logarithmic)", quantity.title())?;
             let bins = coarse(self.0.of(quantity));
-            let most = bins.iter().map(|(_, count)| *count).max().unwrap_or(0);
+            let largest = bins.iter().map(|(_, count)| *count).max().unwrap_or(0);
             for (below_ns, count) in bins {
-                let length = BAR_WIDTH * (1.0 + count as f64).log2() / (1.0 + most as f64).log2();
+                let length = BAR_WIDTH * (1.0 + count as f64).log2() / (1.0 + largest as f64).log2();
                 // A count above zero is always visible.
                 let length = if count > 0 { length.round().max(1.0) as usize } else { 0 };
                 write!(f, "\n  < {:>7} {count:>9} {}", Duration(below_ns), "\u{2588}".repeat(length))?;

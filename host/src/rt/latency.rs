@@ -78,9 +78,9 @@ impl LatencyRecorder {
             (Some(first), Some(worst)) => (*first, *worst) = (miss, miss),
             _ => {
                 // The smallest, and the latest of equal ones: of equal misses the earlier stays.
-                let least = self.worst.iter_mut().rev().min_by_key(|kept| kept.late_ns);
-                if let Some(least) = least.filter(|least| least.late_ns < late_ns) {
-                    *least = miss;
+                let smallest = self.worst.iter_mut().rev().min_by_key(|kept| kept.late_ns);
+                if let Some(smallest) = smallest.filter(|smallest| smallest.late_ns < late_ns) {
+                    *smallest = miss;
                 }
             }
         }

@@ -107,9 +107,9 @@ mod tests {
     #[test]
     fn the_real_clock_paces_the_loop() {
         let stops = AtomicU64::new(0);
-        let begun = std::time::Instant::now();
+        let started = std::time::Instant::now();
         let outcome = run(u64::MAX, 40, &stops).expect("no panic");
-        assert!(begun.elapsed().as_secs_f64() >= 0.039, "40 periods of 1 ms");
+        assert!(started.elapsed().as_secs_f64() >= 0.039, "40 periods of 1 ms");
         assert_eq!(outcome.end, LoopEnd::Completed);
         assert_eq!(outcome.ticks + outcome.latency.report().skipped_periods, 40);
         assert_eq!(stops.load(Ordering::SeqCst), 1);

@@ -1,8 +1,8 @@
 //! The watchdog thread: if the haptic loop stalls, it zeroes the device through a second path.
 //!
 //! ```text
-//! loop:      beat -> (fired? send zero, drop the sample) -> exchange -> control      one store and one load per tick
-//! watchdog:  no beat for 20 ms? -> count a firing -> zero through the second path, once per limit while the stall lasts
+//! loop:      beat -> (fired? send zero, drop the sample) -> exchange -> control
+//! watchdog:  no beat for 20 ms? -> count a firing -> zero through the second path, once per limit
 //! ```
 //!
 //! The watchdog reads a counter, not a time. It needs no common clock, and it cannot fire early, because it
@@ -29,14 +29,14 @@ const ENDED: u64 = u64::MAX;
 /// Counters shared by loop and watchdog.
 #[derive(Debug, Default)]
 pub struct Heartbeat {
-    /// Number of ticks begun; 0 before the first.
+    /// Number of ticks started; 0 before the first.
     beats: AtomicU64,
     /// Number of firings of the watchdog.
     fired: AtomicU64,
 }
 
 impl Heartbeat {
-    /// Called by the loop at the start of every tick with the number of ticks begun. Returns the number of
+    /// Called by the loop at the start of every tick with the number of ticks started. Returns the number of
     /// firings so far.
     #[inline]
     pub fn beat(&self, ticks: u64) -> u64 {
@@ -91,7 +91,7 @@ impl core::fmt::Debug for Watchdog<'_> {
 /// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WatchdogStatus {
-    /// The loop has not begun, or beats.
+    /// The loop has not started, or beats.
     Alive,
     /// Zero was sent through the second path.
     Zeroed,
@@ -211,7 +211,7 @@ mod tests {
     fn the_watchdog_does_not_fire_while_the_loop_beats() {
         let heartbeat = Heartbeat::default();
         let (mut watchdog, zeros) = watchdog(&heartbeat);
-        // Not begun: opening and homing take time.
+        // Not started: opening and homing take time.
         assert!((0..1_000).all(|ms| watchdog.check(ms * 1_000_000) == WatchdogStatus::Alive));
         // A beat every 19 ms, a check every 2 ms.
         for ms in 1_000..5_000_u64 {

@@ -29,8 +29,8 @@ fn is_root() -> bool {
 ///
 /// With a finite RLIMIT_MEMLOCK, MCL_FUTURE would make a later allocation of the viewer fail and abort the
 /// process, which is worse than a page fault. So for an ordinary user only the present pages are locked.
-pub(super) fn lock_memory(wanted: bool) -> Outcome {
-    if !wanted {
+pub(super) fn lock_memory(requested: bool) -> Outcome {
+    if !requested {
         return Outcome::NotRequested;
     }
     let unlimited = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft == libc::RLIM_INFINITY);

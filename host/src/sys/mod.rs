@@ -145,8 +145,8 @@ impl RtReport {
             ("CPU pinning", self.affinity),
             ("CPUs awake", self.awake),
         ];
-        let named = |wanted: fn(&Outcome) -> bool| -> String {
-            let names = outcomes.iter().filter(|(_, outcome)| wanted(outcome)).map(|(name, _)| *name);
+        let named = |filter: fn(&Outcome) -> bool| -> String {
+            let names = outcomes.iter().filter(|(_, outcome)| filter(outcome)).map(|(name, _)| *name);
             names.collect::<Vec<_>>().join(", ")
         };
         let granted = named(|outcome| outcome.is_granted());

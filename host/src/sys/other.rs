@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 const UNSUPPORTED: Outcome = Outcome::Refused { os_code: 0, advice: "available on Linux only" };
 
-pub(super) fn lock_memory(wanted: bool) -> Outcome {
-    if wanted { UNSUPPORTED } else { Outcome::NotRequested }
+pub(super) fn lock_memory(requested: bool) -> Outcome {
+    if requested { UNSUPPORTED } else { Outcome::NotRequested }
 }
 
 pub(super) fn unlock_memory() {}

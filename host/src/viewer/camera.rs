@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn points_on_a_pixel_s_ray_project_to_the_pixel() {
+    fn points_on_the_ray_of_a_pixel_project_to_it() {
         let projection = camera().projection(640, 480);
         for pixel in [Vec2::new(320.0, 240.0), Vec2::new(11.0, 470.0), Vec2::new(600.5, 3.25)] {
             let (origin_m, direction) = projection.ray(pixel);

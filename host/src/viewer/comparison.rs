@@ -140,8 +140,8 @@ struct Surface {
 impl Surface {
     fn new(comparison: &Comparison) -> Self {
         let count = comparison.rest_m.len();
-        let sound = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
-        let triangles: Vec<[u32; 3]> = comparison.triangles.iter().filter(sound).copied().collect();
+        let in_range = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
+        let triangles: Vec<[u32; 3]> = comparison.triangles.iter().filter(in_range).copied().collect();
         let smooth = Smooth::new(&triangles, count);
         let rest_m: Vec<Vec3> = comparison.rest_m.iter().map(|p| Vec3::from_array(*p)).collect();
         let ends: Vec<[u32; 2]> = edges(&triangles, &rest_m).iter().map(|edge| edge.ends).collect();
@@ -263,21 +263,21 @@ fn frame(surface: &Surface, layout: &Layout, pull_m: [Vec3; 2], camera: &mut Orb
             .all()
             .chain(pull_m)
             .filter_map(|point| projection.project(point))
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(least, most), (pixel, _)| {
-                (least.min(pixel), most.max(pixel))
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(min, max), (pixel, _)| {
+                (min.min(pixel), max.max(pixel))
             })
     };
     for _ in 0..6 {
-        let (least, most) = extent(&picture(camera));
-        let ratio = ((most - least).max(Vec2::splat(1e-3)) / room).max_element();
+        let (min, max) = extent(&picture(camera));
+        let ratio = ((max - min).max(Vec2::splat(1e-3)) / room).max_element();
         if ratio.is_finite() && ratio > 0.0 {
             camera.zoom(ratio);
         }
     }
     let mut projection = picture(camera);
-    let (least, most) = extent(&projection);
-    if least.is_finite() && most.is_finite() {
-        projection.centre_px += 0.5 * (low + high) - 0.5 * (least + most);
+    let (min, max) = extent(&projection);
+    if min.is_finite() && max.is_finite() {
+        projection.centre_px += 0.5 * (low + high) - 0.5 * (min + max);
     }
     projection
 }
@@ -355,10 +355,10 @@ impl Painter {
         let clear_m = 26.0 * self.layout.scale / (self.projection.focal_px * self.depth_scale(vertices));
         let weight_of = |vertex: u32| {
             let vertex = vertex as usize;
-            let apart = solid
+            let separation = solid
                 .get(vertex)
                 .map_or(f32::MAX, |other| vertices[vertex].position_m.distance(other.position_m));
-            smooth_step((apart / clear_m - 0.08) / 0.9)
+            smooth_step((separation / clear_m - 0.08) / 0.9)
         };
         self.mask.reset(0, 0, image.width(), image.height());
         for ends in &surface.mesh {
@@ -463,9 +463,9 @@ impl Painter {
     /// Draws the key: names of the shapes and their values.
     fn key(&mut self, comparison: &Comparison, image: &mut Image) {
         let lines = |shape: &DeformedShape| 1.6 + shape.values.len() as f32 + f32::from(shape.note.is_some());
-        let wanted = comparison.shapes.iter().map(|shape| 21.0 * lines(shape) + 22.0).sum::<f32>();
+        let height = comparison.shapes.iter().map(|shape| 21.0 * lines(shape) + 22.0).sum::<f32>();
         let page = self.layout.size.y / self.layout.scale;
-        let scale = self.layout.scale * ((page - 190.0) / wanted).min(1.0);
+        let scale = self.layout.scale * ((page - 190.0) / height).min(1.0);
         let left = self.layout.key_left;
         let right = self.layout.size.x - 40.0 * self.layout.scale;
         let label = TextStyle::new(9.5 * scale, MUTED);
@@ -629,9 +629,9 @@ mod tests {
 
     #[test]
     fn a_different_shape_is_visible_and_an_equal_one_is_only_an_outline() {
-        let (apart, same) =
+        let (separation, same) =
             (bluish(&draw(&octahedra(1.3), 640, 360)), bluish(&draw(&octahedra(1.0), 640, 360)));
-        assert!(apart > 4_000 && same < apart / 4, "{apart} against {same}");
+        assert!(separation > 4_000 && same < separation / 4, "{separation} against {same}");
     }
 
     #[test]
@@ -642,16 +642,16 @@ mod tests {
             let surface = Surface::new(&comparison);
             let projection = viewpoint(&comparison, &surface, &layout);
             let [low, high] = layout.free;
-            let mut most = Vec2::ZERO;
+            let mut max = Vec2::ZERO;
             for point in surface.all() {
                 let (pixel, _) = projection.project(point).expect("in front");
                 assert!(
                     pixel.cmpge(low - 2.0).all() && pixel.cmple(high + 2.0).all(),
                     "{pixel} {low} {high}"
                 );
-                most = most.max((pixel - 0.5 * (low + high)).abs() / (0.5 * (high - low)));
+                max = max.max((pixel - 0.5 * (low + high)).abs() / (0.5 * (high - low)));
             }
-            assert!(most.max_element() > 0.95, "the area is filled: {most}");
+            assert!(max.max_element() > 0.95, "the area is filled: {max}");
         }
     }
 

@@ -40,13 +40,13 @@ impl Lanes {
 
     /// Larger of two values in one instruction; `f32::max` needs more because it does not propagate NaN.
     #[inline(always)]
-    pub(super) fn at_least(self, least: f32) -> Self {
-        self.map2(Self::of(least), |a, b| if a > b { a } else { b })
+    pub(super) fn at_least(self, low: f32) -> Self {
+        self.map2(Self::of(low), |a, b| if a > b { a } else { b })
     }
 
     #[inline(always)]
-    pub(super) fn at_most(self, most: f32) -> Self {
-        self.map2(Self::of(most), |a, b| if a < b { a } else { b })
+    pub(super) fn at_most(self, high: f32) -> Self {
+        self.map2(Self::of(high), |a, b| if a < b { a } else { b })
     }
 }
 

@@ -164,8 +164,8 @@ fn panel(
 ) -> Image {
     let mut image = Image::new(width, height);
     let count = map.position_m.len();
-    let sound = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
-    let triangles: Vec<[u32; 3]> = map.triangles.iter().filter(sound).copied().collect();
+    let in_range = |triangle: &&[u32; 3]| triangle.iter().all(|&corner| (corner as usize) < count);
+    let triangles: Vec<[u32; 3]> = map.triangles.iter().filter(in_range).copied().collect();
     if field.values.len() != count || triangles.is_empty() {
         return image;
     }
@@ -218,21 +218,21 @@ fn viewpoint(vertices: &[Vertex], [width, height]: [usize; 2], back: bool) -> Pr
         points
             .iter()
             .filter_map(|&point| projection.project(point))
-            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(least, most), (pixel, _)| {
-                (least.min(pixel), most.max(pixel))
+            .fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(min, max), (pixel, _)| {
+                (min.min(pixel), max.max(pixel))
             })
     };
     for _ in 0..4 {
-        let (least, most) = extent(&camera.projection(width, height));
-        let ratio = ((most - least).max(Vec2::splat(1e-3)) / (0.88 * size)).max_element();
+        let (min, max) = extent(&camera.projection(width, height));
+        let ratio = ((max - min).max(Vec2::splat(1e-3)) / (0.88 * size)).max_element();
         if ratio.is_finite() && ratio > 0.0 {
             camera.zoom(ratio);
         }
     }
     let mut projection = camera.projection(width, height);
-    let (least, most) = extent(&projection);
-    if least.is_finite() && most.is_finite() {
-        projection.centre_px += 0.5 * size - 0.5 * (least + most);
+    let (min, max) = extent(&projection);
+    if min.is_finite() && max.is_finite() {
+        projection.centre_px += 0.5 * size - 0.5 * (min + max);
     }
     projection
 }

@@ -121,8 +121,8 @@ impl MouseTool {
                 let from_m = above_node(space, if grasps { GRASP_HEIGHT_M } else { -FIRST_PRESS_M });
                 let at_px = pointer.at_px.unwrap_or(from_px);
                 let dragged_m = dragged(&view.projection, from_m, (from_px, at_px), depth_m);
-                let most_m = MAX_DRAG * space.lattice.radius_m();
-                (Some(from_m + dragged_m.clamp_length_max(most_m)), if grasps { GRASP } else { 0 })
+                let max_m = MAX_DRAG * space.lattice.radius_m();
+                (Some(from_m + dragged_m.clamp_length_max(max_m)), if grasps { GRASP } else { 0 })
             }
         };
         if let Some(target_m) = target_m {
@@ -257,16 +257,16 @@ mod tests {
         // Runs `count` frames with this pointer; returns whether the organ is held at the end.
         fn frames(&mut self, count: u32, pointer: Pointer) -> bool {
             let projection = camera().projection(PIXELS.0, PIXELS.1);
-            let mut taken = false;
+            let mut held = false;
             for _ in 0..count {
                 self.surface.update(self.organ, &self.record.shares, self.record.displacement_m);
                 let view = PickView { projection, surface: &self.surface };
-                taken = self.hand.update(&view, self.organ, &pointer, &self.record);
+                held = self.hand.update(&view, self.organ, &pointer, &self.record);
                 for _ in 0..33 {
                     self.tick();
                 }
             }
-            taken
+            held
         }
 
         fn tick(&mut self) {

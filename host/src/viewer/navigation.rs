@@ -47,17 +47,17 @@ impl Navigation {
     /// Moves the camera of a picture of this height. A pointer that is `taken` holds the organ and does not
     /// move the camera.
     pub fn update(&mut self, pointer: &Pointer, taken: bool, camera: &mut OrbitCamera, height_px: usize) {
-        let wanted = match (pointer.left, pointer.other) {
+        let drag = match (pointer.left, pointer.other) {
             (false, false) => Drag::None,
             (true, _) if taken => Drag::None,
             (_, true) => Drag::Pan,
             (true, false) if pointer.shift => Drag::Pan,
             (true, false) => Drag::Orbit,
         };
-        if wanted == Drag::None {
+        if drag == Drag::None {
             *self = Self::default();
         } else if self.drag == Drag::None {
-            *self = Self { drag: wanted, from_px: pointer.at_px };
+            *self = Self { drag, from_px: pointer.at_px };
         }
         if let (Some(from), Some(to)) = (self.from_px, pointer.at_px) {
             let moved = to - from;

@@ -156,8 +156,8 @@ fn occlusion_at_knots(raster: &Raster, grid: &Grid) -> Vec<Knot> {
         .map(|index| {
             let Some((surfel, ..)) = surfel_at(index) else { return Knot::default() };
             let (column, row) = (index as isize % columns, index as isize / columns);
-            let (here, normal) = (points[index], surfel.normal.normalize_or(Vec3::Z));
-            let fade = (2.5 * RADIUS * -here.z).recip();
+            let (point, normal) = (points[index], surfel.normal.normalize_or(Vec3::Z));
+            let fade = (2.5 * RADIUS * -point.z).recip();
             let mut closed = 0.0;
             for steps in &offsets {
                 let mut horizon = 0.0_f32;
@@ -166,11 +166,11 @@ fn occlusion_at_knots(raster: &Raster, grid: &Grid) -> Vec<Knot> {
                     if x < 0 || y < 0 || x >= columns || y >= rows {
                         continue;
                     }
-                    let there = points[(y * columns + x) as usize];
-                    if there.z == 0.0 {
+                    let sample = points[(y * columns + x) as usize];
+                    if sample.z == 0.0 {
                         continue;
                     }
-                    let offset = there - here;
+                    let offset = sample - point;
                     let distance = offset.length().max(1e-9);
                     // A far occluder is another object in front, not part of a crease.
                     let near = 1.0 - distance * fade;

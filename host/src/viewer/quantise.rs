@@ -176,8 +176,8 @@ mod tests {
         for pixel in image.pixels().iter().chain(&later) {
             let found = palette.colours[usize::from(palette.index(*pixel, 1, 2))];
             for (channel, shift) in found.into_iter().zip([16, 8, 0]) {
-                let off = (i32::from(channel) - (pixel >> shift & 255) as i32).abs();
-                assert!(off <= 24, "{pixel:06x} as {found:?}");
+                let error = (i32::from(channel) - (pixel >> shift & 255) as i32).abs();
+                assert!(error <= 24, "{pixel:06x} as {found:?}");
             }
         }
     }

@@ -136,9 +136,9 @@ impl Screen {
         end: &AtomicBool,
     ) -> Result<(), ViewerError> {
         let Some(renderer) = &mut self.renderer else { return Ok(()) };
-        let begun = Instant::now();
+        let started = Instant::now();
         renderer.render(organ, record, live);
-        self.drawing += begun.elapsed();
+        self.drawing += started.elapsed();
         self.drawn += 1;
         match &mut self.output {
             Output::Nothing => {}

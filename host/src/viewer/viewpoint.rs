@@ -137,8 +137,8 @@ pub(super) fn up_axis(normals: &[Vec3], long: Vec3) -> Vec3 {
 /// 1 if every stroke is seen in profile; below 0 if it is seen end-on or from behind.
 fn profile(normals: &[Vec3], view: Vec3) -> f32 {
     let merit = |normal: &Vec3| {
-        let off = (normal.dot(view) - PROFILE) / 0.5;
-        (1.0 - off * off).max(-1.5)
+        let deviation = (normal.dot(view) - PROFILE) / 0.5;
+        (1.0 - deviation * deviation).max(-1.5)
     };
     normals.iter().map(merit).sum::<f32>() / normals.len().max(1) as f32
 }
@@ -215,8 +215,8 @@ mod tests {
         let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
         let between = rest.rest_m().iter().filter(|point| {
             let along = (**point - eye_m).dot((node_m - eye_m).normalize());
-            let off = (**point - eye_m - along * (node_m - eye_m).normalize()).length();
-            along < eye_m.distance(node_m) - 0.010 && off < 0.004
+            let deviation = (**point - eye_m - along * (node_m - eye_m).normalize()).length();
+            along < eye_m.distance(node_m) - 0.010 && deviation < 0.004
         });
         let facing = Vec3::from_array(organ.spaces[0].outward_normal).dot((eye_m - node_m).normalize());
         match between.count() {

@@ -125,8 +125,8 @@ pub(crate) fn hold(
     let mut work_before = Work::default();
     for tick in 0..ticks(3.0 + HOLD_S) {
         let now_us = tick * period_us;
-        let given_n = if disturbed.contains(&tick) { vec3::add(force_n, disturbance_n) } else { force_n };
-        let sample = hand.exchange(now_us, given_n).expect("never fails").expect("always samples");
+        let applied_n = if disturbed.contains(&tick) { vec3::add(force_n, disturbance_n) } else { force_n };
+        let sample = hand.exchange(now_us, applied_n).expect("never fails").expect("always samples");
         let command = controller.tick(&mut state, now_us, Some(&sample));
         force_n = command.hand_force_n;
         assert!(vec3::is_finite(force_n) && vec3::is_finite(hand.device_position_m()), "tick {tick}");
@@ -227,8 +227,8 @@ pub(crate) fn palpate(
         motors_j.rotate_right(1);
         motors_j[0] = hand.work().motors_j;
         let (whole, part) = (delay_ticks as usize, delay_ticks.fract());
-        let seen_j = (1.0 - part) * motors_j[whole] + part * motors_j[whole + 1];
-        let now_j = [hand.work().device_j(), hand.work().motors_j, seen_j];
+        let delayed_j = (1.0 - part) * motors_j[whole] + part * motors_j[whole + 1];
+        let now_j = [hand.work().device_j(), hand.work().motors_j, delayed_j];
         let [device_j, from_motors_j, of_guard_j] = [0, 1, 2].map(|i| now_j[i] - at_touch[i]);
         match (engaged, command.engaged.is_some()) {
             (false, true) => {

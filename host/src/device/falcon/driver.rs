@@ -192,8 +192,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
     fn predicted_pose(&self, pose: &Pose, age_us: u64) -> Pose {
         let seconds = COMMAND_HOLD_S + age_us as f64 * 1e-6;
         let velocity_m_s = self.motion.velocity_m_s();
-        let there_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(velocity_m_s[axis]);
-        self.kinematics.pose_with(core::array::from_fn(there_m)).unwrap_or(*pose)
+        let predicted_m = |axis: usize| pose.position_m[axis] + seconds * f64::from(velocity_m_s[axis]);
+        self.kinematics.pose_with(core::array::from_fn(predicted_m)).unwrap_or(*pose)
     }
 
     fn send(&mut self, motors: [i16; 3]) -> Result<(), DeviceError> {
@@ -307,8 +307,8 @@ impl<F: Ftdi + 'static> Falcon<F> {
         // A release never waits for a pause or a reply: a fault ends in zero force, whatever the state of the
         // link.
         let release = self.rendering && motors == [0; 3];
-        let again = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
-        if self.pending.may_send(now_us) || release || again {
+        let repeat = motors == [0; 3] && self.pending.may_repeat_zero(now_us);
+        if self.pending.may_send(now_us) || release || repeat {
             // Also count a failed send: it may have arrived, and its reply must not be assigned to a later
             // request.
             self.pending.sent(now_us, motors == [0; 3]);

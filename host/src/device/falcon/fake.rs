@@ -20,7 +20,7 @@ pub(super) struct Script {
     pub ignored_calls: u32,
     /// Number of loads with a wrong echo, and the index of the wrong byte in the image.
     pub wrong_echoes: (u32, usize),
-    /// Number of loads begun.
+    /// Number of loads started.
     pub loads: u32,
     /// The received image.
     pub image: Vec<u8>,

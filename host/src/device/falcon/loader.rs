@@ -231,15 +231,15 @@ mod tests {
         assert_eq!(load(&chip, &image), Err(LoadError::NoLoader));
         assert_eq!(chip.with(|script| script.ignored_calls), 1000 - MAX_CALLS);
         chip.with(|script| script.unplugged = true);
-        let gone = DeviceError::new(DeviceErrorKind::Disconnected);
-        assert_eq!(load(&chip, &image), Err(LoadError::Device(gone)));
+        let disconnected = DeviceError::new(DeviceErrorKind::Disconnected);
+        assert_eq!(load(&chip, &image), Err(LoadError::Device(disconnected)));
     }
 
     #[test]
     fn errors_are_one_line_and_name_the_fix() {
-        let gone = LoadError::Device(DeviceError::new(DeviceErrorKind::Disconnected));
+        let disconnected = LoadError::Device(DeviceError::new(DeviceErrorKind::Disconnected));
         for error in [
-            gone,
+            disconnected,
             LoadError::NoLoader,
             LoadError::Echo { at: None },
             LoadError::Echo { at: Some(7) },

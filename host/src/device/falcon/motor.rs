@@ -46,20 +46,20 @@ impl MotorConfig {
             if size_n <= self.max_force_n { 1.0 } else { self.max_force_n / size_n }
         };
         let force_n = force_n.map(f64::from);
-        let shorten = within(force_n);
-        let torques_n_m = pose.torques_n_m(force_n.map(|f| f * shorten));
-        let shorten = within(ahead.force_n(torques_n_m));
+        let factor = within(force_n);
+        let torques_n_m = pose.torques_n_m(force_n.map(|f| f * factor));
+        let factor = within(ahead.force_n(torques_n_m));
         let counts: [f64; 3] =
-            core::array::from_fn(|motor| self.counts_per_n_m[motor] * torques_n_m[motor] * shorten);
+            core::array::from_fn(|motor| self.counts_per_n_m[motor] * torques_n_m[motor] * factor);
         if !counts.iter().all(|count| count.is_finite()) {
             return [0; 3];
         }
         let largest = counts.iter().fold(0.0_f64, |largest, count| largest.max(count.abs()));
-        let most = f64::from(MAX_COUNTS);
-        let shorten = if largest > most { most / largest } else { 1.0 };
+        let limit = f64::from(MAX_COUNTS);
+        let factor = if largest > limit { limit / largest } else { 1.0 };
         // The cast saturates: a command that wrapped round would push in the opposite direction at full
         // force.
-        counts.map(|count| ((count * shorten).round() as i16).clamp(-MAX_COUNTS, MAX_COUNTS))
+        counts.map(|count| ((count * factor).round() as i16).clamp(-MAX_COUNTS, MAX_COUNTS))
     }
 }
 
@@ -87,10 +87,10 @@ mod tests {
     }
 
     fn assert_along(rendered: [f64; 3], force_n: Vec3) {
-        let wanted = force_n.map(f64::from);
-        let along: f64 = rendered.iter().zip(wanted).map(|(a, b)| a * b).sum();
-        let cos = along / (norm(rendered) * norm(wanted));
-        assert!(cos > 0.9999, "{rendered:?} is not along {wanted:?}");
+        let expected = force_n.map(f64::from);
+        let along: f64 = rendered.iter().zip(expected).map(|(a, b)| a * b).sum();
+        let cos = along / (norm(rendered) * norm(expected));
+        assert!(cos > 0.9999, "{rendered:?} is not along {expected:?}");
     }
 
     #[test]
@@ -104,9 +104,9 @@ mod tests {
         let config = MotorConfig::default();
         for force_n in [[1.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.5, 1.0, -3.0]] {
             let rendered = rendered_n(&config, &centre(), commands(&config, force_n));
-            let off = core::array::from_fn(|i| rendered[i] - f64::from(force_n[i]));
+            let error = core::array::from_fn(|i| rendered[i] - f64::from(force_n[i]));
             // Half a count of three motors, 1e-4 N m each.
-            assert!(norm(off) < 2e-3, "{rendered:?}, not {force_n:?}");
+            assert!(norm(error) < 2e-3, "{rendered:?}, not {force_n:?}");
         }
     }
 
@@ -163,24 +163,24 @@ mod tests {
     #[test]
     fn held_torques_stay_within_the_limit_at_the_predicted_pose() {
         let (config, mechanism) = (MotorConfig::default(), Kinematics::default());
-        let mut most_n: f64 = 0.0;
+        let mut max_n: f64 = 0.0;
         for from_m in [[0.0, 0.0, 0.12], [0.03, 0.0, 0.11], [-0.02, 0.03, 0.14], [0.0, -0.03, 0.095]] {
-            let here = mechanism.pose_with(from_m).expect("within reach");
+            let now = mechanism.pose_with(from_m).expect("within reach");
             for axis in 0..6 {
                 let mut to_m = from_m;
                 to_m[axis % 3] += if axis < 3 { 5e-3 } else { -5e-3 };
-                let there = mechanism.pose_with(to_m).expect("within reach");
+                let predicted = mechanism.pose_with(to_m).expect("within reach");
                 for force_n in [[9.0, 0.0, 0.0], [0.0, -9.0, 0.0], [0.0, 0.0, 9.0], [-6.0, 6.0, 6.0]] {
-                    let counts = config.commands(&here, &there, force_n);
-                    for pose in [&here, &there] {
+                    let counts = config.commands(&now, &predicted, force_n);
+                    for pose in [&now, &predicted] {
                         let rendered = norm(rendered_n(&config, pose, counts));
                         assert!(rendered < config.max_force_n + 2e-3, "{rendered} N, {from_m:?} to {to_m:?}");
                     }
-                    let blind = config.commands(&here, &here, force_n);
-                    most_n = most_n.max(norm(rendered_n(&config, &there, blind)));
+                    let unpredicted = config.commands(&now, &now, force_n);
+                    max_n = max_n.max(norm(rendered_n(&config, &predicted, unpredicted)));
                 }
             }
         }
-        assert!(most_n > 1.05 * config.max_force_n, "the prediction must matter: {most_n} N");
+        assert!(max_n > 1.05 * config.max_force_n, "the prediction must matter: {max_n} N");
     }
 }

@@ -231,11 +231,11 @@ mod tests {
     #[test]
     fn a_halted_pipe_is_cleared_and_the_transfer_repeated_once() {
         use rusb::Error as E;
-        let gone = Err(DeviceErrorKind::Disconnected);
+        let disconnected = Err(DeviceErrorKind::Disconnected);
         assert_eq!(attempts(&[Ok(16)], Ok(())), (Ok(16), 1, 0));
         assert_eq!(attempts(&[Err(E::Pipe), Ok(16)], Ok(())), (Ok(16), 2, 1));
-        assert_eq!(attempts(&[Err(E::Pipe); 2], Ok(())), (gone, 2, 1), "bounded");
-        assert_eq!(attempts(&[Err(E::Pipe)], Err(E::NoDevice)), (gone, 1, 1));
+        assert_eq!(attempts(&[Err(E::Pipe); 2], Ok(())), (disconnected, 2, 1), "bounded");
+        assert_eq!(attempts(&[Err(E::Pipe)], Err(E::NoDevice)), (disconnected, 1, 1));
         assert_eq!(attempts(&[Err(E::Pipe), Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 2, 1));
         assert_eq!(attempts(&[Err(E::Timeout)], Ok(())), (Err(DeviceErrorKind::Timeout), 1, 0));
     }
@@ -259,8 +259,8 @@ mod tests {
     /// Without USB, or without a Falcon, opening returns an error: it neither panics nor hangs.
     #[test]
     fn opening_returns_on_every_system() {
-        let begun = Instant::now();
+        let started = Instant::now();
         let _ = UsbFtdi::open();
-        assert!(begun.elapsed() < Duration::from_secs(10));
+        assert!(started.elapsed() < Duration::from_secs(10));
     }
 }

@@ -37,12 +37,12 @@ impl Capstan {
     /// limits, so the direction is kept.
     #[must_use]
     pub fn torque_unm(&self, device_n: Vec3, limit_unm: [u32; 3]) -> [i32; 3] {
-        let wanted: [f64; 3] =
+        let requested: [f64; 3] =
             core::array::from_fn(|axis| 1e6 * f64::from(device_n[axis]) * self.metres_per_turn[axis] / TAU);
         // A saturating cast would clamp each axis alone and change the direction of the force.
-        let largest = wanted.iter().fold(0.0_f64, |most, torque| most.max(torque.abs()));
+        let largest = requested.iter().fold(0.0_f64, |largest, torque| largest.max(torque.abs()));
         let share = (f64::from(i32::MAX) / largest).min(1.0);
-        clamp_torque(wanted.map(|torque| (share * torque).round() as i32), limit_unm).0
+        clamp_torque(requested.map(|torque| (share * torque).round() as i32), limit_unm).0
     }
 
     /// Largest force that these torque limits permit in every direction, N.

@@ -129,7 +129,7 @@ impl Link {
 fn wait_for_ack(
     port: &mut dyn SerialPort,
     reader: &mut FrameReader<DeviceMessage>,
-    wanted: u32,
+    expected: u32,
 ) -> Result<Option<(u32, DeviceInfo)>, LinkError> {
     let mut chunk = [0; 256];
     for _ in 0..MAX_READS {
@@ -142,7 +142,7 @@ fn wait_for_ack(
         let mut bytes = &chunk[..count];
         while let Some(outcome) = reader.read(&mut bytes) {
             let Ok(DeviceMessage::HelloAck { version, nonce, session, info }) = outcome else { continue };
-            if nonce != wanted {
+            if nonce != expected {
                 continue;
             }
             if version != VERSION {

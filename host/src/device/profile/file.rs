@@ -241,7 +241,7 @@ impl Place<'_> {
         Err(self.error(
             value.span(),
             format!("`{key}` = {}", value.get_ref()),
-            "give a finite number above zero, or leave out what is not known",
+            "give a finite number above zero, or omit an unknown value",
         ))
     }
 

@@ -424,14 +424,14 @@ fn the_thread_reads_between_exchanges_and_ends_with_the_device() {
     let stop = AtomicBool::new(false);
     chip.home();
     assert_eq!(falcon.home(&stop), Ok(true));
-    let (mut samples, begun) = (0, Instant::now());
+    let (mut samples, started) = (0, Instant::now());
     while samples < 50 {
-        let now_us = begun.elapsed().as_micros() as u64;
+        let now_us = started.elapsed().as_micros() as u64;
         if let Ok(Some(sample)) = falcon.exchange(now_us, [0.5, 0.0, 0.0]) {
             assert!(sample.t_us < now_us);
             samples += 1;
         }
-        assert!(begun.elapsed() < Duration::from_secs(20), "{samples} samples");
+        assert!(started.elapsed() < Duration::from_secs(20), "{samples} samples");
         std::thread::sleep(Duration::from_micros(500));
     }
     drop(falcon);
@@ -446,7 +446,7 @@ fn the_thread_reads_between_exchanges_and_ends_with_the_device() {
 fn an_exchange_does_not_wait_for_a_blocked_write() {
     let chip = Fake::running();
     let mut falcon = threaded(&chip);
-    let begun = Instant::now();
+    let started = Instant::now();
     let mut now_us = 0;
     let mut tick = |falcon: &mut Falcon<Fake>, force_n| {
         now_us += 1_000;
@@ -454,13 +454,13 @@ fn an_exchange_does_not_wait_for_a_blocked_write() {
     };
     let settle = |done: &dyn Fn() -> bool| {
         while !done() {
-            assert!(begun.elapsed() < fake::STALL, "the event does not happen");
+            assert!(started.elapsed() < fake::STALL, "the event does not happen");
             std::thread::sleep(Duration::from_micros(200));
         }
     };
     while chip.last().motors == [0; 3] {
         let _ = tick(&mut falcon, [0.0, 0.0, 2.0]);
-        assert!(begun.elapsed() < fake::STALL, "no force");
+        assert!(started.elapsed() < fake::STALL, "no force");
         std::thread::sleep(Duration::from_micros(500));
     }
     chip.with(|script| script.stalls = true);
@@ -489,13 +489,13 @@ fn an_exchange_does_not_wait_for_a_blocked_write() {
 /// end.
 #[test]
 fn a_failed_zero_is_repeated_until_it_is_written() {
-    let begun = Instant::now();
+    let started = Instant::now();
     for ends in [false, true] {
         let chip = Fake::running();
         let mut falcon = threaded(&chip);
         let wait = |done: &dyn Fn() -> bool| {
             while !done() {
-                assert!(begun.elapsed() < fake::STALL, "the event does not happen");
+                assert!(started.elapsed() < fake::STALL, "the event does not happen");
                 std::thread::sleep(Duration::from_micros(200));
             }
         };
@@ -504,7 +504,7 @@ fn a_failed_zero_is_repeated_until_it_is_written() {
             now_us += 2_000;
             let _ = falcon.exchange(now_us, [0.0, 0.0, 2.0]);
             std::thread::sleep(Duration::from_micros(500));
-            assert!(begun.elapsed() < fake::STALL, "no force");
+            assert!(started.elapsed() < fake::STALL, "no force");
         }
         chip.with(|script| script.failing_writes = 30);
         if ends {
@@ -523,10 +523,10 @@ fn a_failed_zero_is_repeated_until_it_is_written() {
 fn a_request_replaced_before_its_write_does_not_block_later_ones() {
     let chip = Fake::running();
     let mut falcon = threaded(&chip);
-    let begun = Instant::now();
+    let started = Instant::now();
     let wait = |done: &dyn Fn() -> bool| {
         while !done() {
-            assert!(begun.elapsed() < fake::STALL, "the event does not happen");
+            assert!(started.elapsed() < fake::STALL, "the event does not happen");
             std::thread::sleep(Duration::from_micros(200));
         }
     };
@@ -541,7 +541,7 @@ fn a_request_replaced_before_its_write_does_not_block_later_ones() {
     wait(&|| chip.with(|script| script.requests.len()) == before + 2);
     let seen = falcon.seen.whole;
     while falcon.reply_reader.poll(&*chip).whole < seen + 2 {
-        assert!(begun.elapsed() < fake::STALL, "no replies");
+        assert!(started.elapsed() < fake::STALL, "no replies");
         std::thread::sleep(Duration::from_micros(200));
     }
     let sample = falcon.exchange(6_000, [0.0, 0.0, 2.0]).expect("a link");
@@ -559,9 +559,9 @@ fn homing_ends_when_the_session_is_stopped() {
 
 #[test]
 fn errors_are_one_line_and_name_the_fix() {
-    let gone = DeviceError::new(DeviceErrorKind::Disconnected);
+    let disconnected = DeviceError::new(DeviceErrorKind::Disconnected);
     for error in [
-        FalconError::Device(gone),
+        FalconError::Device(disconnected),
         FalconError::NeedsFirmware,
         FalconError::HomedBefore,
         FalconError::Usb(UsbError::NotFound),
