@@ -30,7 +30,6 @@ pub mod hermite;
 pub mod kernel;
 pub mod lanes;
 pub mod limit;
-pub mod link;
 pub mod math;
 pub mod method;
 pub mod passivity;

@@ -7,11 +7,11 @@ use crate::mechanism::Handle;
 use crate::transport::Transport;
 use core::f64::consts::TAU;
 use palpate_core::Vec3;
-use palpate_core::link::{
+use palpate_host::device::profile::Profile;
+use palpate_link::{
     Device, DeviceInfo, DeviceProfile, FrameCounts, FrameReader, HostMessage, Inputs, MAX_FRAME, Phase,
     encode,
 };
-use palpate_host::device::profile::Profile;
 use std::io;
 
 /// Encoder counts in a turn.

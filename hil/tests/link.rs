@@ -1,6 +1,5 @@
 //! The driver of the device link on an emulated controller: what the contract does not ask of every device.
 
-use palpate_core::link::DeviceFault;
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
 use palpate_hil::fault::Faults;
 use palpate_hil::hosts::{self, Device};
@@ -14,6 +13,7 @@ use palpate_host::device::DeviceState;
 use palpate_host::device::link::{Link, LinkConfig, LinkError};
 use palpate_host::device::profile::Profile;
 use palpate_host::supervisor::DEFAULT_LIMIT_MS;
+use palpate_link::DeviceFault;
 use std::path::Path;
 use std::time::Duration;
 

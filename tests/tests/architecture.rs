@@ -1,5 +1,5 @@
-//! Who may depend on whom (core -> nothing of ours; precompute -> core; host -> core; hil -> core and host; tools and
-//! tests -> all), read from `cargo metadata`.
+//! The arrows between the crates, read from `cargo metadata`: core and link -> nothing of ours; precompute -> core;
+//! host -> core and link; hil -> core, link and host; tools and tests -> all.
 
 use std::collections::BTreeSet;
 
@@ -29,28 +29,31 @@ const TESTED: [DependencyKind; 1] = [DependencyKind::Development];
 fn the_arrows_point_one_way() {
     assert_eq!(ours("palpate-core", &LINKED), set(&[]));
     assert_eq!(ours("palpate-core", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-link", &LINKED), set(&[]));
+    assert_eq!(ours("palpate-link", &TESTED), set(&[]));
     assert_eq!(ours("palpate-c", &LINKED), set(&["palpate-core"]));
     assert_eq!(ours("palpate-c", &TESTED), set(&[]));
     assert_eq!(ours("palpate-precompute", &LINKED), set(&["palpate-core"]));
     assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
-    assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core", "palpate-link"]));
     assert_eq!(ours("palpate-host", &TESTED), set(&[]));
     // The host's trait of an FTDI chip is what the emulated one stands behind, and its model of a hand holds the emulated grip.
-    assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host"]));
+    assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host", "palpate-link"]));
     assert_eq!(ours("palpate-hil", &TESTED), set(&[]));
 }
 
 #[test]
-fn the_core_takes_no_default_features_along() {
+fn no_std_crates_use_no_default_features() {
     // A default feature of a dependency is how `std` leaks into a no_std crate.
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
-    let core =
-        metadata.packages.iter().find(|p| p.name.as_str() == "palpate-core").expect("the core is a member");
-    let leaky: Vec<&str> = core
-        .dependencies
-        .iter()
-        .filter(|d| d.kind == DependencyKind::Normal && d.uses_default_features && d.name != "libm")
-        .map(|d| d.name.as_str())
-        .collect();
-    assert!(leaky.is_empty(), "default features on: {leaky:?}");
+    for name in ["palpate-core", "palpate-link"] {
+        let package = metadata.packages.iter().find(|p| p.name.as_str() == name).expect("a member");
+        let leaky: Vec<&str> = package
+            .dependencies
+            .iter()
+            .filter(|d| d.kind == DependencyKind::Normal && d.uses_default_features && d.name != "libm")
+            .map(|d| d.name.as_str())
+            .collect();
+        assert!(leaky.is_empty(), "default features of {name}: {leaky:?}");
+    }
 }

@@ -2,8 +2,7 @@
 
 use libfuzzer_sys::fuzz_target;
 
-#[path = "../bodies.rs"]
-#[allow(dead_code, reason = "each target has its own body")]
+#[path = "../frames.rs"]
 mod bodies;
 
 fuzz_target!(|data: &[u8]| {

@@ -6,11 +6,11 @@ use crate::link::{COUNTS_PER_TURN, EmulatedLink};
 use crate::mechanism::Handle;
 use crate::transport::Transport;
 use palpate_core::Vec3;
-use palpate_core::link::{DeviceFault, Phase};
 use palpate_host::Device;
 use palpate_host::device::link::{Capstan, Link, LinkConfig};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
+use palpate_link::{DeviceFault, Phase};
 use serialport::SerialPort;
 use std::io;
 

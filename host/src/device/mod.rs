@@ -28,8 +28,8 @@ mod wrapper;
 pub use wrapper::DeviceWrapper;
 
 use core::fmt;
-use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
+use palpate_link::DeviceFault;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 

@@ -12,8 +12,8 @@
 
 use crate::device::{DeviceError, DeviceErrorKind, DeviceInfo, DeviceState};
 use palpate_core::blob::format::CHECKSUM;
-use palpate_core::link::DeviceFault;
 use palpate_core::{Vec3, vec3};
+use palpate_link::DeviceFault;
 
 /// Length of an order.
 pub const ORDER_LEN: usize = 48;

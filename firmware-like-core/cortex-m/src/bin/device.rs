@@ -15,7 +15,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
-use palpate_core::link::{
+use palpate_link::{
     Device, DeviceInfo, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, Outputs, encode,
 };
 use palpate_cortex_m::uart::Uart;

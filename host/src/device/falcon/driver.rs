@@ -33,8 +33,8 @@ use crate::device::{
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
-use palpate_core::link::DeviceFault;
 use palpate_core::{Sample, Vec3};
+use palpate_link::DeviceFault;
 use std::sync::Arc;
 
 /// Coarsest resolution of the position, m: 42 to 54 um in x and y, 27 um in z.

@@ -11,7 +11,7 @@
 
 use core::f64::consts::TAU;
 use palpate_core::Vec3;
-use palpate_core::link::guard::clamp_torque;
+use palpate_link::clamp_torque;
 
 /// Parameters of the mechanism, from the profile.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -30,9 +30,9 @@ use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, Emerg
 use capstan::Counter;
 use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
-use palpate_core::link::message::{ENABLED, HOMED, HOMING, REFUSED};
-use palpate_core::link::{self, DeviceFault, DeviceMessage, FrameReader, HostMessage, VERSION};
 use palpate_core::{Sample, Vec3, limit, vec3};
+use palpate_link::message::{ENABLED, HOMED, HOMING, REFUSED};
+use palpate_link::{DeviceFault, DeviceInfo as LinkInfo, DeviceMessage, FrameReader, HostMessage, VERSION};
 use requests::{REPLY_TIMEOUT_US, Requests};
 use serialport::SerialPort;
 use slew::SlewLimiter;
@@ -119,7 +119,7 @@ pub struct Link {
     port: Box<dyn SerialPort>,
     config: LinkConfig,
     /// Description of the device, from its HelloAck.
-    device: link::DeviceInfo,
+    device: LinkInfo,
     reader: FrameReader<DeviceMessage>,
     /// The last session; the second handle sends Disable for it.
     session: Arc<AtomicU32>,
@@ -159,7 +159,7 @@ struct Received {
 impl Link {
     /// The device's description of itself.
     #[must_use]
-    pub const fn device(&self) -> &link::DeviceInfo {
+    pub const fn device(&self) -> &LinkInfo {
         &self.device
     }
 
@@ -377,7 +377,7 @@ impl Device for Link {
     }
 
     fn info(&self) -> DeviceInfo {
-        let link::DeviceInfo { serial, firmware, torque_limit_unm, counts_per_turn, .. } = self.device;
+        let LinkInfo { serial, firmware, torque_limit_unm, counts_per_turn, .. } = self.device;
         let port = self.port.name().unwrap_or_else(|| "a serial port".into());
         let LinkConfig { capstan, workspace, max_force_n, max_stiffness_n_m, .. } = self.config;
         DeviceInfo {

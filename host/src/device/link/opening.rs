@@ -7,7 +7,7 @@ use crate::device::serial::{from_serial, open};
 use crate::device::{DeviceError, DeviceErrorKind, wait_homed};
 use core::fmt;
 use core::sync::atomic::AtomicBool;
-use palpate_core::link::{DeviceInfo, DeviceMessage, FrameReader, HostMessage, InfoError, VERSION};
+use palpate_link::{DeviceInfo, DeviceMessage, FrameReader, HostMessage, InfoError, VERSION};
 use serialport::SerialPort;
 use std::hash::{BuildHasher, RandomState};
 use std::io::ErrorKind;

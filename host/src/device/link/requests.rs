@@ -1,6 +1,6 @@
 //! Assigns replies to requests on a link with sequence numbers.
 
-use palpate_core::link::guard::is_newer;
+use palpate_link::is_newer;
 
 /// Time without a reply after which the next request is sent, us.
 pub(super) const REPLY_TIMEOUT_US: u64 = 2_000;

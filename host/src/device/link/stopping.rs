@@ -4,7 +4,7 @@
 use super::Link;
 use crate::device::{DeviceError, DeviceErrorKind, EmergencyStop};
 use core::sync::atomic::{AtomicU32, Ordering};
-use palpate_core::link::{HostMessage, MAX_FRAME, encode};
+use palpate_link::{HostMessage, MAX_FRAME, encode};
 use serialport::SerialPort;
 use std::sync::Arc;
 

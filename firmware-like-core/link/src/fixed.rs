@@ -1,14 +1,14 @@
 //! Integers as little-endian bytes of fixed length: `#[serde(with = "fixed")]`.
 //!
-//! Postcard's own integers are varints. Fixed ones make every frame of a kind equally long, so that its time on the wire is
-//! known, and let a firmware in C lay a packed struct over it. On the torques and times of a session they cost no
-//! byte more. `postcard::fixint` does the same, but not for arrays.
+//! The integers of postcard are varints. With integers of fixed length all frames of a kind are equally long, so their time
+//! on the wire is known, and a firmware in C can read them as a packed struct. For the torques and times of a session
+//! they need no additional byte. `postcard::fixint` does the same, but not for arrays.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// A number, or three, and its bytes.
+/// An integer, or three, and its bytes.
 pub(super) trait Fixed: Copy {
-    /// Little-endian.
+    /// Little-endian bytes.
     type Bytes;
     fn to_bytes(self) -> Self::Bytes;
     fn from_bytes(bytes: Self::Bytes) -> Self;
@@ -62,7 +62,7 @@ impl Fixed for [i32; 3] {
     }
 }
 
-/// As [`Serialize`] has it.
+/// The serialisation of [`Serialize`].
 pub(super) fn serialize<T, S>(value: &T, serializer: S) -> Result<S::Ok, S::Error>
 where
     T: Fixed<Bytes: Serialize>,
@@ -71,7 +71,7 @@ where
     value.to_bytes().serialize(serializer)
 }
 
-/// As [`Deserialize`] has it.
+/// The deserialisation of [`Deserialize`].
 pub(super) fn deserialize<'de, T, D>(deserializer: D) -> Result<T, D::Error>
 where
     T: Fixed<Bytes: Deserialize<'de>>,

@@ -1,6 +1,6 @@
 //! Every state and every event; homing and faults.
 
-use palpate_core::link::{DeviceFault, DeviceMessage, HostMessage, Inputs, Outputs, Phase, VERSION, message};
+use palpate_link::{DeviceFault, DeviceMessage, HostMessage, Inputs, Outputs, Phase, VERSION, message};
 
 use crate::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
 

@@ -1,6 +1,6 @@
 //! Sessions: none comes twice, none outlives another, and one whole over the wire.
 
-use palpate_core::link::{
+use palpate_link::{
     Device, DeviceMessage, DeviceProfile, FrameReader, HostMessage, MAX_FRAME, VERSION, encode,
 };
 

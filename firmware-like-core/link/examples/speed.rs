@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::link::{DeviceMessage, FrameReader, HostMessage, MAX_FRAME, encode};
+use palpate_link::{DeviceMessage, FrameReader, HostMessage, MAX_FRAME, encode};
 
 const FRAMES: u32 = 2_000_000;
 const REPEATS: usize = 5;

@@ -1,6 +1,6 @@
 //! Frames of the device link: golden bytes, and nothing but what was sent is ever read.
 
-use palpate_core::link::{
+use palpate_link::{
     DeviceFault, DeviceInfo, DeviceMessage, FrameCounts, FrameError, FrameReader, HostMessage, InfoError,
     MAX_FRAME, Message, VERSION, encode, message,
 };
@@ -19,7 +19,7 @@ fn frame(message: &impl Serialize) -> Vec<u8> {
 
 /// A frame round any bytes, with a right checksum.
 fn signed(message: &[u8]) -> Vec<u8> {
-    let checksum = palpate_core::blob::format::CHECKSUM.checksum(message).to_le_bytes();
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(message).to_le_bytes();
     stuffed(&[message, &checksum].concat())
 }
 

@@ -1,32 +1,36 @@
-//! Messages as frames on a line of bytes.
+//! Messages as frames on a serial line.
 //!
 //! ```text
 //! frame = COBS( message in postcard, CRC-32 of it, little-endian )  00
 //! ```
 //!
-//! COBS leaves no 00 in a frame but the last byte, so a reader that has lost its place is back in step after one 00.
-//! A 00 more between two frames means nothing; a host sends one before it asks again, so that a frame that was cut short does
-//! not take the next one along.
+//! COBS leaves no 00 in a frame except the last byte, so a reader is synchronised after one 00. An additional 00 between two
+//! frames has no meaning; a host sends one before it repeats a request, so that a truncated frame does not corrupt the
+//! next one.
 //!
-//! COBS is that of the crate `cobs`, which postcard stands on. Postcard's own framing is not used: its encoder writes through
-//! `IndexMut`, which may panic, and its decoder wants the whole frame at once.
+//! The implementation of COBS is the crate `cobs`, which postcard uses too. The framing of postcard is not used: its
+//! encoder writes through `IndexMut`, which may panic, and its decoder needs the whole frame at once.
 
 use core::fmt;
 use core::marker::PhantomData;
 
 use cobs::{DecodeResult, DecoderState};
+use crc::{CRC_32_ISO_HDLC, Crc};
 use heapless::Vec;
 use serde::Serialize;
 
 use super::message::{MAX_MESSAGE, Message};
-use crate::blob::format::{CHECKSUM, CHECKSUM_LEN};
 
-/// Longest message and its checksum.
+/// The checksum of a message.
+const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// Its length in bytes.
+const CHECKSUM_LEN: usize = 4;
+/// Length of the longest message and its checksum.
 const MAX_BODY: usize = MAX_MESSAGE + CHECKSUM_LEN;
-/// Bytes of the longest frame, the 00 included: it fits into one packet of 64 bytes of USB.
+/// Length of the longest frame in bytes, final 00 included: it fits in a USB packet of 64 bytes.
 pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 1;
 
-/// The message is longer than any of the link; [`super::HostMessage`] and [`super::DeviceMessage`] never are.
+/// A message exceeds the longest of the link; [`super::HostMessage`] and [`super::DeviceMessage`] never do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncodeError;
 
@@ -38,7 +42,7 @@ impl fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-/// Writes one message as a frame; returns the part of `frame` that holds it, 00 included.
+/// Writes one message as a frame; returns the part of `frame` that it occupies, final 00 included.
 pub fn encode<'f, T: Serialize>(
     message: &T,
     frame: &'f mut [u8; MAX_FRAME],
@@ -54,20 +58,20 @@ pub fn encode<'f, T: Serialize>(
     frame.get(..=end).ok_or(EncodeError)
 }
 
-/// Why a frame was thrown away.
+/// Why a frame was discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameError {
     /// Longer than any message.
     TooLong,
-    /// It ended in the middle of a COBS block.
+    /// It ends inside a COBS block.
     Cobs,
-    /// Too short for a checksum and a message.
+    /// It is too short for a checksum and a message.
     TooShort,
     /// The bytes are not those that were sent.
     Checksum,
-    /// No message of this direction, or not as it is written, though the checksum is right.
+    /// The checksum is correct, but the bytes are not the encoding of a message of this direction.
     Message,
-    /// A message and something behind it.
+    /// Bytes follow the message.
     Trailing,
 }
 
@@ -75,21 +79,21 @@ impl fmt::Display for FrameError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::TooLong => "the frame is longer than any message",
-            Self::Cobs => "the frame ends in the middle of a COBS block",
+            Self::Cobs => "the frame ends inside a COBS block",
             Self::TooShort => "the frame is too short for a checksum and a message",
             Self::Checksum => "the frame's checksum is wrong",
-            Self::Message => "the frame holds no message of this protocol",
-            Self::Trailing => "the frame goes on after its message",
+            Self::Message => "the frame contains no message of this protocol",
+            Self::Trailing => "bytes follow the message in the frame",
         })
     }
 }
 
 impl core::error::Error for FrameError {}
 
-/// What a reader has seen. Counts stop at their largest value.
+/// Counts of a reader, saturating.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FrameCounts {
-    /// Frames that gave a message.
+    /// Frames with a message.
     pub good: u32,
     /// [`FrameError::TooLong`].
     pub too_long: u32,
@@ -106,7 +110,7 @@ pub struct FrameCounts {
 }
 
 impl FrameCounts {
-    /// Frames that gave none.
+    /// Frames without one.
     pub fn bad(&self) -> u32 {
         let reasons = [self.too_long, self.cobs, self.too_short, self.checksum, self.message, self.trailing];
         reasons.into_iter().fold(0, u32::saturating_add)
@@ -126,7 +130,7 @@ impl FrameCounts {
     }
 }
 
-/// Finds the frames in a stream of bytes and gives their messages. Never waits; holds one message, whatever comes.
+/// Decodes the frames of a byte stream. It never waits and stores at most one message.
 #[derive(Debug)]
 pub struct FrameReader<T> {
     cobs: DecoderState,
@@ -162,16 +166,16 @@ impl<T> FrameReader<T> {
         }
     }
 
-    /// What it has seen so far.
+    /// The counts so far.
     pub const fn counts(&self) -> &FrameCounts {
         &self.counts
     }
 }
 
 impl<T: Message> FrameReader<T> {
-    /// Takes one byte. The last one of a frame gives its message or says why there is none.
+    /// Takes one byte. After the last byte of a frame returns its message, or why there is none.
     ///
-    /// Cost: a few instructions; at the end of a frame one checksum and one decoding of at most 50 bytes.
+    /// Cost: a few instructions; at the end of a frame the checksum and the decoding of at most 50 bytes.
     pub fn push(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
         let whole = match self.cobs.feed(byte) {
             Ok(DecodeResult::NoData) => return None,
@@ -182,7 +186,7 @@ impl<T: Message> FrameReader<T> {
             Ok(DecodeResult::DataComplete) => Ok(()),
             Err(_) => Err(FrameError::Cobs),
         };
-        // A frame that never ends is too long, not cut.
+        // A frame that is too long is reported as such, whatever follows.
         let whole = if self.too_long { Err(FrameError::TooLong) } else { whole };
         let outcome = whole.and_then(|()| decode(&self.body));
         self.counts.count(&outcome);
@@ -191,7 +195,7 @@ impl<T: Message> FrameReader<T> {
         Some(outcome)
     }
 
-    /// Takes bytes up to the end of the first frame and leaves the others; `None` once all are taken.
+    /// Takes bytes up to the end of the next frame and leaves the others; `None` when all are taken.
     pub fn read(&mut self, bytes: &mut &[u8]) -> Option<Result<T, FrameError>> {
         while let Some((&byte, rest)) = bytes.split_first() {
             *bytes = rest;
@@ -204,7 +208,7 @@ impl<T: Message> FrameReader<T> {
     }
 }
 
-/// The message in what COBS gave back.
+/// The message of a decoded frame.
 fn decode<T: Message>(body: &[u8]) -> Result<T, FrameError> {
     let (message, stored) = body.split_last_chunk::<CHECKSUM_LEN>().ok_or(FrameError::TooShort)?;
     if message.is_empty() {

@@ -1,4 +1,4 @@
-//! The device's side of the link: when a torque may act.
+//! The device's side of the link: when a torque may act on the motors.
 //!
 //! ```text
 //!     Idle     -- Hello ------------------> Linked
@@ -12,18 +12,19 @@
 //!     any but Faulted -- Hello of another version --> Idle
 //! ```
 //!
-//! Torque is zero everywhere but in Enabled, and there it is that of the newest command while that is valid. The rules:
+//! The torque is zero except in Enabled, where it is that of the newest command while that is valid. The rules:
 //!
-//! - a command acts if the device is enabled, the session is the present one, the number is newer than all before it and it is
-//!   not later than it is valid for;
-//! - enabled without such a command for the time of the watchdog: fault. A command that does not act does not feed it;
-//! - a fault is latched, the first one stays. `Hello` clears it and leaves the device disabled, so that nothing moves again
-//!   before a whole handshake and `Enable`. There is no message that only clears: a host that was not told of the fault must
-//!   not be able to go on;
-//! - what is not of the present session is not answered: its sender is gone, and the answer would be taken for another one.
+//! - a command has an effect if the device is enabled, the session is the current one, the number is newer than all previous
+//!   ones, and its lateness is less than its validity;
+//! - in Enabled, no such command for the time of the watchdog is a fault. A command without effect does not reset the
+//!   watchdog;
+//! - a fault is latched; later faults do not replace it. `Hello` clears it and leaves the device disabled, so that nothing
+//!   moves before a complete handshake and `Enable`. No message only clears a fault: a host that has not received the fault
+//!   must not be able to continue;
+//! - messages of other sessions are not answered: their sender is gone, and the answer could be matched to another request.
 //!
-//! The firmware calls [`Device::step`] in its control loop, a few thousand times a second, and [`Device::receive`] for each
-//! message; both with its own clock. The emulated device of the tests does the same with a clock turned by hand.
+//! The firmware calls [`Device::step`] in its control loop, a few thousand times per second, and [`Device::receive`] for
+//! each message; both with its own clock. The emulated device of the tests does the same with a simulated clock.
 
 use core::fmt;
 
@@ -33,25 +34,25 @@ use super::message::{
     VERSION,
 };
 
-/// What stays the same as long as the device runs.
+/// Constants of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceProfile {
-    /// What the host is told.
+    /// The properties that the host is told.
     pub info: DeviceInfo,
-    /// Speed of an axis that is a fault while enabled, counts a second. At least a few counts a millisecond.
+    /// Speed of an axis that is a fault while enabled, counts per second; at least 1000.
     pub max_speed_counts_per_s: u32,
-    /// A number that differs between two starts of the firmware, if the hardware has one, so that no session comes twice.
+    /// A number that differs between starts of the firmware, if the hardware has one, so that sessions do not repeat.
     pub boot: u32,
 }
 
 /// Why a profile was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProfileError {
-    /// What the host would be told.
+    /// The properties are out of range.
     Info(InfoError),
-    /// Less than one count a millisecond: every motion would be a fault.
+    /// Less than one count per millisecond: every motion would be a fault.
     MaxSpeed {
-        /// Counts a second.
+        /// Counts per second.
         max_speed_counts_per_s: u32,
     },
 }
@@ -70,16 +71,16 @@ impl fmt::Display for ProfileError {
 
 impl core::error::Error for ProfileError {}
 
-/// What the device is doing.
+/// State of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Phase {
     /// No session.
     Idle,
-    /// A session; torque zero.
+    /// A session is open; torque zero.
     Linked,
-    /// Looking for home; torque zero.
+    /// The mechanism is homing; torque zero.
     Homing,
-    /// Commands act.
+    /// Commands have an effect.
     Enabled,
     /// Torque zero until the next `Hello` and `Enable`.
     Faulted(DeviceFault),
@@ -88,27 +89,27 @@ pub enum Phase {
 /// One reading of the hardware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Inputs {
-    /// Counts of each axis; they may wrap round.
+    /// Counts of each axis; they may wrap.
     pub encoders: [i32; 3],
     /// One bit per button, 1 while pressed.
     pub buttons: u8,
-    /// The mechanism knows where it is.
+    /// The mechanism is homed.
     pub homed: bool,
-    /// Something that the hardware finds itself: driver too hot, emergency stop.
+    /// The hardware reports a fault: driver temperature, emergency stop.
     pub fault: bool,
 }
 
-/// What the hardware is to do.
+/// Outputs to the hardware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Outputs {
     /// Torque of each axis, micro-newton-metres.
     pub torque_unm: [i32; 3],
-    /// Look for home, or wait until the user has led the handle there. From the next reading on [`Inputs::homed`] says
-    /// whether this search has ended, not an earlier one.
+    /// Perform the homing procedure, or wait until the user has moved the handle home. From the next reading on
+    /// [`Inputs::homed`] refers to this procedure, not to an earlier one.
     pub home: bool,
 }
 
-/// A command that acts.
+/// A command in effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Held {
     torque_unm: [i32; 3],
@@ -117,30 +118,32 @@ struct Held {
     valid_for_us: u64,
 }
 
-/// The state machine. Starts without a session, and nothing moves.
+/// The state machine. It starts without a session and with zero torque.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Device {
     profile: DeviceProfile,
     phase: Phase,
-    /// The last one that was opened; 0: none yet.
+    /// The last session opened, or 0.
     session: u32,
     sessions: u32,
-    /// Newest number of the session.
+    /// Newest sequence number of the session.
     seq: u32,
     now_us: u64,
     inputs: Inputs,
     inputs_us: u64,
-    /// The hardware has been asked for home: its next reading is an answer.
+    /// The hardware was asked to home, so its next reading refers to this request.
     home_asked: bool,
     held: Option<Held>,
-    /// Since when the watchdog waits.
+    /// Last reset of the watchdog.
     fed_us: u64,
     lateness: Lateness,
     speed: SpeedWatch,
 }
 
 impl Device {
-    /// Checks the profile.
+    /// A device with checked constants.
+    ///
+    /// Errors: [`ProfileError`] if a number is out of range.
     pub fn new(profile: DeviceProfile) -> Result<Self, ProfileError> {
         profile.info.check().map_err(ProfileError::Info)?;
         let max_speed_counts_per_s = profile.max_speed_counts_per_s;
@@ -164,17 +167,17 @@ impl Device {
         })
     }
 
-    /// What it is doing.
+    /// State of the device.
     pub const fn phase(&self) -> Phase {
         self.phase
     }
 
-    /// What stays the same.
+    /// The constants.
     pub const fn profile(&self) -> &DeviceProfile {
         &self.profile
     }
 
-    /// Takes one reading of the hardware; returns what it is to do until the next one.
+    /// Takes one reading of the hardware; returns the outputs until the next one.
     pub fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
         self.advance(now_us);
         self.inputs = *inputs;
@@ -190,7 +193,7 @@ impl Device {
                     self.fault(DeviceFault::Overspeed);
                 }
             }
-            // The first reading after the request is older than what the hardware does about it.
+            // The first reading after the request may precede its effect.
             Phase::Homing if self.home_asked && inputs.homed => self.leave(Phase::Linked),
             Phase::Homing => self.home_asked = true,
             Phase::Idle | Phase::Linked | Phase::Faulted(_) => {}
@@ -224,7 +227,7 @@ impl Device {
             self.seq = seq;
         }
         let done = match *message {
-            // Zero is always safe.
+            // Zero torque is always safe.
             HostMessage::Disable { .. } => {
                 self.leave(Phase::Linked);
                 true
@@ -242,7 +245,7 @@ impl Device {
         Some(self.state(done))
     }
 
-    /// Moves the clock on and looks what time alone has done.
+    /// Advances the clock and checks it and the watchdog.
     fn advance(&mut self, now_us: u64) {
         let backwards = now_us < self.now_us;
         self.now_us = now_us;
@@ -255,7 +258,7 @@ impl Device {
         }
     }
 
-    /// Opens a session, or refuses one of another version; either ends the one before.
+    /// Opens a session, or refuses a host of another version; both end the previous session.
     fn hello(&mut self, version: u16, nonce: u32) -> DeviceMessage {
         let mut session = 0;
         if version == VERSION {
@@ -269,12 +272,12 @@ impl Device {
         DeviceMessage::HelloAck { version: VERSION, nonce, session, info: self.profile.info }
     }
 
-    /// Neither 0 nor the last one, and another one after every start and for every nonce. It keeps stray frames out, not
-    /// people.
+    /// A session number other than 0 and the last one, which depends on the nonce and on the start of the firmware. It
+    /// protects against stray frames, not against attackers.
     fn new_session(&mut self, nonce: u32) -> u32 {
         self.sessions = self.sessions.wrapping_add(1);
         let seed = nonce ^ self.profile.boot.rotate_left(16);
-        // The finaliser of MurmurHash3: every bit of the seed moves every bit of the session.
+        // The finaliser of MurmurHash3: every bit of the seed affects every bit of the session.
         let mut hash = seed.wrapping_add(self.sessions.wrapping_mul(0x9e37_79b9));
         hash = (hash ^ (hash >> 16)).wrapping_mul(0x85eb_ca6b);
         hash = (hash ^ (hash >> 13)).wrapping_mul(0xc2b2_ae35);
@@ -283,7 +286,7 @@ impl Device {
         candidates.into_iter().find(|&session| session != 0 && session != self.session).unwrap_or(1)
     }
 
-    /// True if enabled now. Asking again changes nothing and does not feed the watchdog.
+    /// Returns whether the device is enabled now. A repetition does not reset the watchdog.
     fn enable(&mut self) -> bool {
         if self.phase == Phase::Linked && self.inputs.homed && !self.inputs.fault {
             self.leave(Phase::Enabled);
@@ -293,7 +296,7 @@ impl Device {
         self.phase == Phase::Enabled
     }
 
-    /// True if the torque acts.
+    /// Returns whether the command has an effect.
     fn command(&mut self, t_host_us: u32, torque_unm: [i32; 3], valid_for_us: u16) -> bool {
         if self.phase != Phase::Enabled {
             return false;
@@ -315,21 +318,21 @@ impl Device {
         true
     }
 
-    /// Latches a fault, unless one is.
+    /// Latches a fault, unless one is latched.
     fn fault(&mut self, code: DeviceFault) {
         if !matches!(self.phase, Phase::Faulted(_)) {
             self.leave(Phase::Faulted(code));
         }
     }
 
-    /// Into a phase without torque.
+    /// Enters a state with zero torque.
     fn leave(&mut self, phase: Phase) {
         self.phase = phase;
         self.held = None;
         self.home_asked = false;
     }
 
-    /// Where the device is, `done` or not what was asked for.
+    /// The answer with the state of the device; `done` tells whether the request had an effect.
     fn state(&self, done: bool) -> DeviceMessage {
         let flags = [
             (HOMED, self.inputs.homed),

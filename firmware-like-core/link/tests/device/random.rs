@@ -1,7 +1,7 @@
 //! Random hosts, wires and mechanisms: what must hold whatever happens.
 
-use palpate_core::link::guard::clamp_torque;
-use palpate_core::link::{DeviceMessage, HostMessage, Outputs, Phase, VERSION};
+use palpate_link::clamp_torque;
+use palpate_link::{DeviceMessage, HostMessage, Outputs, Phase, VERSION};
 use proptest::prelude::*;
 
 use crate::bench::{Bench, LIMIT_UNM};

@@ -1,6 +1,6 @@
 //! A device on the bench, and a host that keeps its books.
 
-use palpate_core::link::{
+use palpate_link::{
     Device, DeviceFault, DeviceInfo, DeviceMessage, DeviceProfile, HostMessage, Inputs, Outputs, Phase,
     VERSION, message,
 };

@@ -11,8 +11,8 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use palpate_core::link::message::{CLAMPED, ENABLED, HOMED, HOMING, REFUSED};
-use palpate_core::link::{DeviceFault, DeviceMessage, FrameReader, HostMessage, MAX_FRAME, VERSION, encode};
+use palpate_link::message::{CLAMPED, ENABLED, HOMED, HOMING, REFUSED};
+use palpate_link::{DeviceFault, DeviceMessage, FrameReader, HostMessage, MAX_FRAME, VERSION, encode};
 
 /// Commands in a row that must be obeyed.
 const COMMANDS: u32 = 1000;

@@ -7,11 +7,11 @@
 //! Command{seq, torque}         -> State{seq_echo, encoders, flags}, or Fault{code}
 //! ```
 //!
-//! The host asks, the device answers, once for each request. What moves the device from one state to another is in
-//! [`super::device`].
+//! The host sends requests, and the device answers each one once. The transitions of the device are in
+//! [`crate::Device`].
 //!
-//! Every message after the handshake has the session and a number that only grows, so that nothing acts twice: not a repeated
-//! frame, not one of an earlier session. The answer names the number, so that the host knows what it answers.
+//! Every message after the handshake has the session and a sequence number that only increases, so that neither a repeated
+//! frame nor one of an earlier session has an effect. The answer repeats the number, so that the host can match it.
 
 use core::fmt;
 
@@ -20,92 +20,92 @@ use serde::{Deserialize, Serialize};
 
 use super::fixed;
 
-/// Version of the protocol. `Hello` and the first two fields of `HelloAck` are the same in all versions, so that two ends of
-/// different age can tell each other.
+/// Version of the protocol. `Hello` and the first two fields of `HelloAck` are the same in all versions, so that ends with
+/// different versions can detect it.
 pub const VERSION: u16 = 1;
 
-/// Shortest watchdog a device may have, microseconds: below, the jitter of an ordinary PC trips it.
+/// Shortest watchdog of a device, microseconds: the jitter of an ordinary PC would trip a shorter one.
 pub const MIN_WATCHDOG_US: u16 = 5_000;
-/// Longest watchdog a device may have, microseconds: longer, and a hand feels a dead host push.
+/// Longest watchdog of a device, microseconds: after a longer one the hand feels the force of a host that has stopped.
 pub const MAX_WATCHDOG_US: u16 = 20_000;
 
-/// Bytes of the longest message, a `HelloAck`.
+/// Length in bytes of the longest message, a `HelloAck`.
 pub const MAX_MESSAGE: usize = 46;
 
-/// [`DeviceMessage::State`] flag: the mechanism knows where it is.
+/// [`DeviceMessage::State`] flag: the mechanism is homed.
 pub const HOMED: u8 = 1;
-/// [`DeviceMessage::State`] flag: looking for home.
+/// [`DeviceMessage::State`] flag: the mechanism is homing.
 pub const HOMING: u8 = 2;
-/// [`DeviceMessage::State`] flag: commands act.
+/// [`DeviceMessage::State`] flag: commands have an effect.
 pub const ENABLED: u8 = 4;
-/// [`DeviceMessage::State`] flag: what was asked for was not done: not enabled, not homed, an old number, or too late.
+/// [`DeviceMessage::State`] flag: the request had no effect: not enabled, not homed, an old number, or too late.
 pub const REFUSED: u8 = 8;
-/// [`DeviceMessage::State`] flag: the torque was beyond a limit and has been shortened.
+/// [`DeviceMessage::State`] flag: the torque exceeded a limit and was reduced.
 pub const CLAMPED: u8 = 16;
 
-/// What one end says to the other.
+/// A message of one direction.
 pub trait Message: Serialize + DeserializeOwned {
-    /// Bytes in postcard; a kind has always the same number.
+    /// Length in postcard, bytes; the same for all messages of a kind.
     ///
-    /// Whoever reads it holds the frame to that. The tags of kinds and faults are varints, and postcard reads those with zeros
-    /// behind them as well (`80 00` for `00`); a frame that is longer than its message says is none.
+    /// A reader requires this length. The tags of kinds and faults are varints, of which postcard also accepts longer
+    /// encodings (`80 00` for `00`); a frame with such an encoding is refused.
     fn encoded_len(&self) -> usize;
 }
 
-/// What a host says.
+/// A request of the host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum HostMessage {
-    /// Opens a session; ends the one before. Clears a latched fault, but enables nothing.
+    /// Opens a session and ends the previous one. Clears a latched fault, but does not enable the device.
     Hello {
         /// [`VERSION`] of the host.
         #[serde(with = "fixed")]
         version: u16,
-        /// Any number, another one each time: the answer repeats it.
+        /// Any number, a different one each time: the answer repeats it.
         #[serde(with = "fixed")]
         nonce: u32,
     },
-    /// Lets commands act. The host sends it for a deliberate act of its user only.
+    /// Enables commands. The host sends it only after a deliberate action of its user.
     Enable {
         /// Session of the `HelloAck`.
         #[serde(with = "fixed")]
         session: u32,
-        /// Number of this request.
+        /// Sequence number of this request.
         #[serde(with = "fixed")]
         seq: u32,
     },
-    /// Takes the torque away. Obeyed even with an old number.
+    /// Sets the torque to zero. Has its effect with an old number too.
     Disable {
         /// Session of the `HelloAck`.
         #[serde(with = "fixed")]
         session: u32,
-        /// Number of this request.
+        /// Sequence number of this request.
         #[serde(with = "fixed")]
         seq: u32,
     },
-    /// Starts the homing procedure. Takes the torque away.
+    /// Sets the torque to zero and starts the homing procedure.
     Home {
         /// Session of the `HelloAck`.
         #[serde(with = "fixed")]
         session: u32,
-        /// Number of this request.
+        /// Sequence number of this request.
         #[serde(with = "fixed")]
         seq: u32,
     },
-    /// The torque from now on. Where the device is not enabled, a question for its state.
+    /// Sets the torque. While the device is not enabled, a request for its state.
     Command {
         /// Session of the `HelloAck`.
         #[serde(with = "fixed")]
         session: u32,
-        /// Number of this request.
+        /// Sequence number of this request.
         #[serde(with = "fixed")]
         seq: u32,
-        /// When it was sent, on any clock of the host, microseconds; wraps round.
+        /// Time of sending on any clock of the host, microseconds; may wrap.
         #[serde(with = "fixed")]
         t_host_us: u32,
         /// Torque of each axis, micro-newton-metres.
         #[serde(with = "fixed")]
         torque_unm: [i32; 3],
-        /// How long it acts at most; 0 is not at all. Two bytes: no torque lasts longer than a watchdog anyway.
+        /// Largest duration of its effect, microseconds; 0 for no effect. No torque lasts longer than the watchdog.
         #[serde(with = "fixed")]
         valid_for_us: u16,
     },
@@ -121,10 +121,10 @@ impl Message for HostMessage {
     }
 }
 
-/// What a device answers.
+/// An answer of the device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DeviceMessage {
-    /// To `Hello`: the session, and what the device is.
+    /// To `Hello`: the session and the properties of the device.
     HelloAck {
         /// [`VERSION`] of the device.
         #[serde(with = "fixed")]
@@ -132,21 +132,21 @@ pub enum DeviceMessage {
         /// That of the `Hello`.
         #[serde(with = "fixed")]
         nonce: u32,
-        /// The new session; 0: none, the versions differ.
+        /// The new session, or 0 if the versions differ.
         #[serde(with = "fixed")]
         session: u32,
-        /// What the device is.
+        /// The properties of the device.
         info: DeviceInfo,
     },
-    /// Where the device is.
+    /// State of the device.
     State {
-        /// Newest number of this session that the device has seen; 0: none yet.
+        /// Newest sequence number of this session that the device has received, or 0.
         #[serde(with = "fixed")]
         seq_echo: u32,
-        /// When the encoders were read, on the device's clock, microseconds; wraps round.
+        /// Time of the encoder reading on the clock of the device, microseconds; may wrap.
         #[serde(with = "fixed")]
         t_dev_us: u32,
-        /// Encoder counts of each axis; they wrap round.
+        /// Encoder counts of each axis; they may wrap.
         #[serde(with = "fixed")]
         encoders: [i32; 3],
         /// One bit per button, 1 while pressed.
@@ -154,7 +154,7 @@ pub enum DeviceMessage {
         /// [`HOMED`], [`HOMING`], [`ENABLED`], [`REFUSED`], [`CLAMPED`].
         flags: u8,
     },
-    /// Torque zero until the next `Hello` and `Enable`.
+    /// The torque is zero until the next `Hello` and `Enable`.
     Fault {
         /// The first fault since the last handshake.
         code: DeviceFault,
@@ -171,23 +171,23 @@ impl Message for DeviceMessage {
     }
 }
 
-/// Why a device took the torque away for good.
+/// Why a device has latched zero torque.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum DeviceFault {
-    /// Enabled, and no command that may act for as long as the watchdog waits.
+    /// Enabled, but no valid command for the time of the watchdog.
     Watchdog,
-    /// The device's clock ran backwards.
+    /// The clock of the device ran backwards.
     Clock,
     /// An axis moved faster than its profile allows, or its encoder jumped.
     Overspeed,
-    /// Enabled, and the mechanism no longer knows where it is.
+    /// Enabled, but the mechanism is no longer homed.
     HomeLost,
-    /// The hardware reports a fault of its own: driver too hot, emergency stop.
+    /// The hardware reports a fault: driver temperature, emergency stop.
     Hardware,
 }
 
 impl DeviceFault {
-    /// All of them, by their code on the wire.
+    /// Every fault, in the order of the codes on the wire.
     pub const ALL: [Self; 5] = [Self::Watchdog, Self::Clock, Self::Overspeed, Self::HomeLost, Self::Hardware];
 
     /// The name used in logs and reports.
@@ -202,30 +202,30 @@ impl DeviceFault {
     }
 }
 
-/// What a device tells of itself.
+/// Properties of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeviceInfo {
-    /// Axes, 1 to 3; what is said of further ones means nothing.
+    /// Number of axes, 1 to 3; the numbers of further axes have no meaning.
     pub dof: u8,
-    /// Encoder counts for one turn of each axis.
+    /// Encoder counts per turn of each axis.
     #[serde(with = "fixed")]
     pub counts_per_turn: [u32; 3],
     /// Largest torque of each axis, micro-newton-metres.
     #[serde(with = "fixed")]
     pub torque_limit_unm: [u32; 3],
-    /// Silence that is a fault while enabled, microseconds.
+    /// Time without a command that is a fault while enabled, microseconds.
     #[serde(with = "fixed")]
     pub watchdog_us: u16,
-    /// Which device.
+    /// Serial number.
     #[serde(with = "fixed")]
     pub serial: u32,
-    /// Which firmware; the maker's own count.
+    /// Version of the firmware, in the maker's numbering.
     #[serde(with = "fixed")]
     pub firmware: u32,
 }
 
 impl DeviceInfo {
-    /// Whether these numbers can be worked with. A device does not start with others, a host does not enable one that has them.
+    /// Checks the range of the numbers. A device does not start, and a host does not enable a device, if it fails.
     pub fn check(&self) -> Result<(), InfoError> {
         if !(1..=3).contains(&self.dof) {
             return Err(InfoError::Dof { dof: self.dof });
@@ -244,7 +244,7 @@ impl DeviceInfo {
         Ok(())
     }
 
-    /// Number, counts and torque limit of each axis that there is.
+    /// Number, counts and torque limit of each existing axis.
     fn axes(&self) -> impl Iterator<Item = (u8, u32, u32)> {
         let axes = (0..self.dof).zip(self.counts_per_turn).zip(self.torque_limit_unm);
         axes.map(|((axis, counts), limit_unm)| (axis, counts, limit_unm))
@@ -254,26 +254,26 @@ impl DeviceInfo {
 /// What is wrong with a [`DeviceInfo`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InfoError {
-    /// Neither 1, 2 nor 3 axes.
+    /// Not 1, 2 or 3 axes.
     Dof {
-        /// How many.
+        /// The number of axes.
         dof: u8,
     },
     /// Not between [`MIN_WATCHDOG_US`] and [`MAX_WATCHDOG_US`].
     Watchdog {
-        /// How long.
+        /// The time, microseconds.
         watchdog_us: u16,
     },
-    /// No counts in a turn.
+    /// No counts per turn.
     Counts {
-        /// Of which axis.
+        /// The axis.
         axis: u8,
     },
-    /// Zero, or more than a torque can be.
+    /// Zero, or larger than a torque can be.
     TorqueLimit {
-        /// Of which axis.
+        /// The axis.
         axis: u8,
-        /// The limit.
+        /// The limit, micro-newton-metres.
         limit_unm: u32,
     },
 }
@@ -286,7 +286,7 @@ impl fmt::Display for InfoError {
                 f,
                 "the watchdog of a device is {MIN_WATCHDOG_US} to {MAX_WATCHDOG_US} us, this one has {watchdog_us} us"
             ),
-            Self::Counts { axis } => write!(f, "axis {axis} has no encoder counts in a turn"),
+            Self::Counts { axis } => write!(f, "axis {axis} has no encoder counts per turn"),
             Self::TorqueLimit { axis, limit_unm } => {
                 write!(
                     f,

@@ -1,7 +1,7 @@
 //! How long a torque acts, when the watchdog bites, and what the two clocks may do.
 
-use palpate_core::link::guard::{Lateness, is_newer};
-use palpate_core::link::{DeviceFault, DeviceMessage, HostMessage, Outputs, Phase, message};
+use palpate_link::is_newer;
+use palpate_link::{DeviceFault, DeviceMessage, HostMessage, Outputs, Phase, message};
 
 use crate::bench::{Bench, TORQUE_UNM, WATCHDOG_US};
 
@@ -167,17 +167,6 @@ fn time_on_the_way_counts() {
     assert_eq!(send(4999, 5000), (true, 1));
     assert_eq!(send(5000, 5000), (false, 0));
     assert_eq!(send(0, 5000), (true, 5000));
-    let mut lateness = Lateness::new();
-    let (first_us, ticks) = (1_u64 << 40, 600_000_u64);
-    for tick in 0..ticks {
-        // Ten minutes with a host's clock that is slow by 200 parts in a million.
-        let now_us = first_us + tick * 1000;
-        let late_us = lateness.judge(now_us, (tick * 1000 - tick / 5) as u32);
-        assert!(late_us <= 1, "{late_us} us at {tick} ms");
-    }
-    let now_us = first_us + ticks * 1000;
-    let late_us = lateness.judge(now_us, (ticks * 1000 - ticks / 5 - 7000) as u32);
-    assert!((6990..=7001).contains(&late_us), "{late_us}");
 }
 
 #[test]
