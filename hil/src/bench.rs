@@ -1,28 +1,29 @@
-//! The emulated Falcon on the bus of a virtual machine, in real time: what `hil/bench` and `palpate-hil falcon` serve.
+//! The emulated Falcon on the USB of a virtual machine, in real time. `hil/bench` and `palpate-hil falcon`
+//! serve it.
 //!
 //! ```text
 //! guest's driver <-> QEMU <-> socket <-> usbredir::Session <-> Rig (faults, hand) <-> emulated Falcon
-//! guest's test   <-> QEMU <-> second serial line <----------> Orders
+//! guest's test   <-> QEMU <-> second serial line <----------> BenchCommand
 //! ```
 //!
-//! In real time a run goes by itself, and its faults follow from its seed. For the contract suite the device is a [`Stepped`] one instead, whose time
-//! the guest's rig moves ([`Ask`]).
+//! In real time a run needs no further commands. For the contract suite the device is a [`Stepped`] one; the
+//! rig in the guest advances its time ([`RigRequest`]).
 //!
-//! In: two sockets. Out: the device on the bus, and the truth about it over the serial line: what the hand felt, which no driver can know.
-//! The faults of a run follow from its seed alone, so both ends know them.
+//! Input: two sockets. Output: the device on the bus, and the forces on the hand over the serial line, which
+//! no driver can measure. The seed alone determines the faults of a run, so both ends know them.
 
-pub mod ask;
+pub mod command;
+pub mod fault;
 mod jump;
 pub mod log;
-pub mod order;
+pub mod remote;
 pub mod rig;
 pub mod serve;
 pub mod stepped;
-pub mod strike;
 
-pub use ask::{Ask, Told};
-pub use order::{Order, Report};
-pub use rig::{HOMING_MOVES, Rig};
+pub use command::{BenchCommand, Report};
+pub use fault::BenchFault;
+pub use remote::{RigReply, RigRequest};
+pub use rig::{HOMING_STEP, Rig};
 pub use serve::{Options, serve};
 pub use stepped::Stepped;
-pub use strike::Strike;

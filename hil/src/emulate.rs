@@ -1,10 +1,11 @@
-//! An emulated device to try the product with: on a pseudo terminal, in real time, in a hand that presses.
+//! An emulated device on a pseudo terminal, in real time, in a pressing hand, to try the product with.
 //!
 //! ```text
-//! palpate run (the real driver, loop and controller) <-> pseudo terminal <-> faults (seeded) <-> emulated device <-> hand: one stroke after the other
+//! palpate run (driver, loop, controller) <-> pseudo terminal <-> faults (seeded) <-> emulated device <-> hand
 //! ```
 //!
-//! It knows nothing of the driver at the other end: sessions come and go, and what a device keeps between them it keeps.
+//! The emulator is independent of the driver. Sessions may come and go; the device keeps its state between
+//! them.
 
 use crate::fault::Faults;
 use crate::faulty::Faulty;
@@ -19,31 +20,32 @@ use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// From one stroke to the next, us.
+/// Period of the strokes, us.
 const STROKE_US: u64 = 4_000_000;
-/// While the hand holds the first button, us from the beginning of a stroke: it is above then.
+/// Interval in which the hand holds the first button, us from the start of a stroke; the hand is above the
+/// organ then.
 const BUTTON_US: core::ops::Range<u64> = 300_000..600_000;
-/// How far above and below the surface a stroke goes, m of the model.
+/// Height and depth of a stroke relative to the surface, m of the model.
 const ABOVE_M: f32 = 0.010;
 const BELOW_M: f32 = 0.010;
-/// The same where there is no organ, m of the device.
+/// Amplitude of a stroke without an organ, m of the device.
 const IN_AIR_M: f32 = 0.012;
-/// Between two looks at the line.
-const LOOK: Duration = Duration::from_micros(100);
+/// Poll period of the line.
+const POLL_PERIOD: Duration = Duration::from_micros(100);
 
-/// Where the hand goes, device frame, m.
+/// End points of a stroke, device frame, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stroke {
     above_m: Vec3,
     below_m: Vec3,
 }
 
-/// The organ is where the handle cannot go.
+/// The organ lies outside the workspace of the handle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutOfReach {
-    /// The place in the device's frame, m.
+    /// The unreachable position, device frame, m.
     device_m: Vec3,
-    /// Where it would have to be in the model for the handle's middle, m.
+    /// Model origin that would put the organ into the middle of the workspace, m.
     model_origin_m: Vec3,
 }
 
@@ -52,7 +54,7 @@ impl fmt::Display for OutOfReach {
         let ([x, y, z], [u, v, w]) = (self.device_m, self.model_origin_m);
         write!(
             f,
-            "the organ is at ({x:.3}, {y:.3}, {z:.3}) m of the device, beyond its workspace; copy the profile, set \
+            "the organ is at ({x:.3}, {y:.3}, {z:.3}) m in the device frame, outside the workspace; copy the profile, set \
              mapping.model_origin_m = [{u:.4}, {v:.4}, {w:.4}], and give it to both commands with --profile"
         )
     }
@@ -61,14 +63,14 @@ impl fmt::Display for OutOfReach {
 impl core::error::Error for OutOfReach {}
 
 impl Stroke {
-    /// Up and down along z through the middle of the workspace.
+    /// A stroke along z through the middle of the workspace.
     #[must_use]
     pub fn in_air(profile: &Profile) -> Self {
         let at = |z| vec3::add(profile.workspace.device_origin_m, [0.0, 0.0, z]);
         Self { above_m: at(IN_AIR_M), below_m: at(-IN_AIR_M) }
     }
 
-    /// Through the surface of an organ at its first active node, along the normal, and out again.
+    /// A stroke through the surface of an organ at its first active node, along the normal.
     pub fn on(organ: &Organ<'_>, profile: &Profile) -> Result<Self, OutOfReach> {
         let node = &organ.spaces[0];
         let at = |height_m: f32| {
@@ -84,7 +86,7 @@ impl Stroke {
         Ok(Self { above_m: at(ABOVE_M)?, below_m: at(-BELOW_M)? })
     }
 
-    /// One stroke, from where the handle is.
+    /// Waypoints of one stroke from the present position of the handle.
     fn from(self, place_m: Vec3) -> Vec<Waypoint> {
         let Self { above_m, below_m } = self;
         [(0, place_m), (300_000, above_m), (600_000, above_m), (1_800_000, below_m), (2_600_000, below_m)]
@@ -95,33 +97,34 @@ impl Stroke {
     }
 }
 
-/// What is emulated, and for how long.
+/// Options of the emulation.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Of the device.
+    /// Profile of the device.
     pub profile: Profile,
-    /// What the hand does.
+    /// Motion of the hand.
     pub stroke: Stroke,
-    /// The hand holds the first button for a moment above each stroke: that arms.
+    /// The hand presses the first button for a moment above each stroke, which arms the loop.
     pub presses_button: bool,
-    /// What goes wrong on the line, both ways.
+    /// Faults of the line, in both directions.
     pub faults: Faults,
     /// Seed of the faults.
     pub seed: u64,
-    /// How long to run; until it is stopped if not given.
+    /// Duration; without one, until stopped.
     pub time: Option<Duration>,
 }
 
-/// Emulates a device until the time is over or `stop` is set. `greet` is told the name of the driver's end; what it came to goes to `out`.
+/// Emulates a device until the time is over or `stop` is set. `announce` receives the name of the driver's
+/// end; a summary is written to `out`.
 pub fn emulate<E: SerialDevice>(
     options: &Options,
     stop: &AtomicBool,
     out: &mut dyn Write,
-    greet: impl FnOnce(&mut dyn Write, &str) -> io::Result<()>,
+    announce: impl FnOnce(&mut dyn Write, &str) -> io::Result<()>,
 ) -> io::Result<()> {
-    // Held open to the end: between two drivers the terminal would otherwise be gone.
+    // Held open to the end, because the terminal would otherwise close between two drivers.
     let (link, driver_end) = PtyTransport::pair()?;
-    greet(out, &driver_end.name().unwrap_or_default())?;
+    announce(out, &driver_end.name().unwrap_or_default())?;
     let mut link = Faulty::new(link, options.faults, options.seed);
     let mut device = E::new(&options.profile);
     let (begun, mut stroke) = (Instant::now(), None);
@@ -135,9 +138,9 @@ pub fn emulate<E: SerialDevice>(
         let holds = options.presses_button && BUTTON_US.contains(&(now_us % STROKE_US));
         device.press(holds.into());
         device.poll(now_us, &mut link)?;
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL_PERIOD);
     }
-    let (felt, faults) = (device.handle().felt(), link.counts());
+    let (felt, faults) = (device.handle().force_record(), link.counts());
     writeln!(
         out,
         "{} commands, largest force {:.2} N; frames lost {}, cut {}, damaged {}, late {}",
@@ -156,7 +159,7 @@ mod tests {
     use crate::session::golden_organ;
 
     #[test]
-    fn a_stroke_goes_through_the_surface_or_says_where_the_organ_would_have_to_be() {
+    fn a_stroke_crosses_the_surface_or_names_a_reachable_origin() {
         let blob = golden_organ();
         let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
         let mut profile = Profile::bundled("link").expect("bundled");

@@ -1,48 +1,49 @@
-//! What may go wrong on a link, drawn from a seed: the vocabulary that all emulated devices share.
+//! Seeded faults of a link, shared by all emulated devices.
 //!
-//! A [`Lane`] is one direction. Frames go in, and what is left of them comes out when it is due. What strikes a frame depends on the seed and
-//! the frame's number alone, so that switching one fault on leaves the others where they were.
+//! A [`Channel`] is one direction of a link. Frames go in, and the faulty frames come out when they are due.
+//! The faults of a frame depend only on the seed and the frame's number, so enabling one fault does not
+//! change the others.
 
-mod lane;
+mod channel;
 
-pub use lane::Lane;
-pub(crate) use lane::OVERTAKE_US;
+pub use channel::Channel;
+pub(crate) use channel::REORDER_TIMEOUT_US;
 
-/// How often each fault strikes a frame, 0 to 1.
+/// Probability of each fault for a frame, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// The frame is lost.
     pub drop: f32,
-    /// The frame ends early.
+    /// The frame is truncated.
     pub truncate: f32,
     /// One byte has one bit flipped.
     pub corrupt: f32,
-    /// The frame comes late. Frames stay in order.
+    /// The frame is delayed. Frames stay in order.
     pub delay: f32,
-    /// By how much, us.
+    /// Delay, us.
     pub delay_us: u64,
-    /// The frame comes twice.
+    /// The frame is duplicated.
     pub duplicate: f32,
-    /// The next frame overtakes it; without one within 5 ms it comes all the same.
+    /// The frame is swapped with the next one. Without a next one within 5 ms it is released.
     pub reorder: f32,
-    /// Nothing comes for a while, this frame included, then all of it at once.
+    /// The link holds this and the following frames, then releases them at once.
     pub stall: f32,
-    /// For how long, us.
+    /// Duration of a stall, us.
     pub stall_us: u64,
-    /// The link is cut; this frame and all until it is mended are lost.
+    /// The link is cut; this frame and all others until the end of the cut are lost.
     pub unplug: f32,
-    /// For how long, us.
+    /// Duration of a cut, us.
     pub unplug_us: u64,
-    /// Up to 24 bytes that nobody asked for come before the frame.
-    pub babble: f32,
-    /// As many come each so many us, whether there are frames or not; 0 for never.
-    pub chatter_us: u64,
-    /// Nothing is taken: whoever sends is told so at once.
+    /// Up to 24 random bytes precede the frame.
+    pub noise: f32,
+    /// Period of further noise bursts that are independent of frames, us; 0 for none.
+    pub noise_period_us: u64,
+    /// The link accepts nothing and returns an error to the sender.
     pub refuse: bool,
 }
 
 impl Faults {
-    /// Nothing goes wrong.
+    /// No faults.
     pub const NONE: Self = Self {
         drop: 0.0,
         truncate: 0.0,
@@ -55,45 +56,45 @@ impl Faults {
         stall_us: 0,
         unplug: 0.0,
         unplug_us: 0,
-        babble: 0.0,
-        chatter_us: 0,
+        noise: 0.0,
+        noise_period_us: 0,
         refuse: false,
     };
 }
 
-/// What was done so far.
+/// Counts of the injected faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
     /// Frames lost.
     pub dropped: u64,
-    /// Frames cut.
+    /// Frames truncated.
     pub truncated: u64,
-    /// Frames damaged.
+    /// Frames corrupted.
     pub corrupted: u64,
     /// Frames delayed.
     pub delayed: u64,
-    /// Frames doubled.
+    /// Frames duplicated.
     pub duplicated: u64,
-    /// Frames held back for another to overtake.
+    /// Frames held back for reordering.
     pub reordered: u64,
-    /// Times that nothing came.
+    /// Stalls.
     pub stalled: u64,
-    /// Times that the link was cut.
+    /// Cuts of the link.
     pub unplugged: u64,
-    /// Times that bytes came unasked.
-    pub babbled: u64,
-    /// Times that it began to take nothing.
+    /// Noise bursts.
+    pub noise_bursts: u64,
+    /// Times that the link began to refuse frames.
     pub refused: u64,
 }
 
 impl FaultCounts {
-    /// Everything that was done, of whatever kind.
+    /// Sum of all counts.
     #[must_use]
     pub const fn total(&self) -> u64 {
         let Self { dropped, truncated, corrupted, delayed, duplicated, reordered, .. } = *self;
-        let Self { stalled, unplugged, babbled, refused, .. } = *self;
+        let Self { stalled, unplugged, noise_bursts, refused, .. } = *self;
         let of_frames = dropped + truncated + corrupted + delayed + duplicated + reordered;
-        of_frames + stalled + unplugged + babbled + refused
+        of_frames + stalled + unplugged + noise_bursts + refused
     }
 }
 
@@ -110,13 +111,13 @@ impl core::ops::Add for FaultCounts {
             reordered: self.reordered + other.reordered,
             stalled: self.stalled + other.stalled,
             unplugged: self.unplugged + other.unplugged,
-            babbled: self.babbled + other.babbled,
+            noise_bursts: self.noise_bursts + other.noise_bursts,
             refused: self.refused + other.refused,
         }
     }
 }
 
-/// Number `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014).
+/// Element `index` of the sequence SplitMix64 (Steele, Lea and Flood 2014).
 pub(crate) const fn split_mix(seed: u64, index: u64) -> u64 {
     let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

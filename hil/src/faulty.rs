@@ -1,74 +1,75 @@
-//! A transport that loses, cuts, damages, doubles and delays frames, from a seed.
+//! A transport with seeded faults: loss, truncation, corruption, duplication and delay of frames.
 
-use crate::fault::{FaultCounts, Faults, Lane};
+use crate::fault::{Channel, FaultCounts, Faults};
 use crate::transport::Transport;
 use std::io;
 
-/// The transport with its faults.
+/// A transport with faults.
 #[derive(Debug)]
 pub struct Faulty<T> {
     inner: T,
-    to_device: Lane,
-    to_driver: Lane,
-    /// What did not fit into the device's buffer.
+    to_device: Channel,
+    to_driver: Channel,
+    /// Bytes that did not fit into the device's buffer.
     rest: Vec<u8>,
-    /// Bytes handed to the transport inside.
+    /// Bytes forwarded to the driver.
     delivered: u64,
 }
 
 impl<T: Transport> Faulty<T> {
     /// Wraps a transport.
     pub fn new(inner: T, faults: Faults, seed: u64) -> Self {
-        // Two sequences that have nothing in common.
-        let (to_device, to_driver) = (Lane::new(seed), Lane::new(!seed));
+        // Two independent sequences.
+        let (to_device, to_driver) = (Channel::new(seed), Channel::new(!seed));
         let mut faulty = Self { inner, to_device, to_driver, rest: Vec::new(), delivered: 0 };
         faulty.set_faults(faults);
         faulty
     }
 
-    /// Changes the faults from here on, in both directions.
+    /// Sets the faults of both directions from now on.
     pub const fn set_faults(&mut self, faults: Faults) {
         self.set_faults_each(faults, faults);
     }
 
-    /// Changes the faults of each direction from here on.
+    /// Sets the faults of each direction from now on.
     pub const fn set_faults_each(&mut self, to_device: Faults, to_driver: Faults) {
         self.to_device.set_faults(to_device);
         self.to_driver.set_faults(to_driver);
     }
 
-    /// What was done so far, both ways.
+    /// Counts of the faults so far, both directions together.
     #[must_use]
     pub fn counts(&self) -> FaultCounts {
         self.to_device.counts() + self.to_driver.counts()
     }
 
-    /// The same on the way to the device and on the way to the driver.
+    /// Counts of the faults to the device and to the driver.
     #[must_use]
     pub const fn counts_each(&self) -> [FaultCounts; 2] {
         [self.to_device.counts(), self.to_driver.counts()]
     }
 
-    /// Bytes that went on to the driver so far, late ones when they were due.
+    /// Bytes forwarded to the driver so far, delayed ones when they were due.
     #[must_use]
     pub const fn delivered(&self) -> u64 {
         self.delivered
     }
 
-    /// When the device had sent the newest of what has gone on to the driver.
+    /// Time at which the device sent the newest frame that has reached the driver.
     #[must_use]
-    pub const fn heard_us(&self) -> Option<u64> {
-        self.to_driver.newest_us()
+    pub const fn last_received_us(&self) -> Option<u64> {
+        self.to_driver.newest_sent_us()
     }
 
-    /// The transport inside.
+    /// The wrapped transport.
     pub const fn inner_mut(&mut self) -> &mut T {
         &mut self.inner
     }
 
-    /// A cable that is pulled is pulled for both directions.
+    /// A cut of the cable affects both directions.
     fn is_cut(&self, now_us: u64) -> bool {
-        self.to_device.cut_until_us(now_us).is_some() || self.to_driver.cut_until_us(now_us).is_some()
+        self.to_device.unplugged_until_us(now_us).is_some()
+            || self.to_driver.unplugged_until_us(now_us).is_some()
     }
 
     fn deliver(&mut self, now_us: u64) -> io::Result<()> {
@@ -116,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn without_faults_everything_passes_both_ways() {
+    fn without_faults_frames_pass_in_both_directions() {
         let (mut faulty, mut driver) = pair(Faults::default());
         let mut buffer = [0; 64];
         for i in 0..200_u8 {
@@ -130,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn late_frames_go_on_when_the_device_next_looks() {
+    fn delayed_frames_are_forwarded_at_the_next_poll() {
         let (mut faulty, mut driver) = pair(Faults { delay: 1.0, delay_us: 7_000, ..Faults::default() });
         let mut buffer = [0; 64];
         faulty.send(0, b"late").expect("memory");
@@ -138,7 +139,7 @@ mod tests {
         assert_eq!(driver.receive(0, &mut buffer).expect("memory"), 0);
         faulty.receive(7_000, &mut buffer).expect("memory");
         assert_eq!(driver.receive(0, &mut buffer).expect("memory"), 4);
-        assert_eq!(faulty.heard_us(), Some(0));
+        assert_eq!(faulty.last_received_us(), Some(0));
         driver.send(0, b"late too").expect("memory");
         assert_eq!(faulty.receive(7_000, &mut buffer).expect("memory"), 0);
         assert_eq!(faulty.receive(13_999, &mut buffer).expect("memory"), 0);
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_doubled_is_read_to_its_end_and_a_pulled_cable_is_pulled_both_ways() {
+    fn duplicates_are_read_completely_and_a_cut_affects_both_directions() {
         let (mut faulty, mut driver) = pair(Faults { duplicate: 1.0, ..Faults::default() });
         let mut buffer = [0; 10];
         driver.send(0, b"01234567").expect("memory");

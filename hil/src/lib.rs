@@ -1,23 +1,26 @@
-//! Hardware in the loop without hardware: emulated haptic devices at the far end of a real transport.
+//! Hardware-in-the-loop tests without hardware: emulated haptic devices behind a real transport.
 //!
 //! ```text
-//! host driver <-> pseudo terminal, memory <-> faults (seeded) <-> emulated firmware <-> simulated handle       Polhem
-//! host driver <-> pseudo terminal, memory <-> faults (seeded) <-> the core's link::Device <-> simulated handle device link
-//! host driver <-> FTDI transfers          <-> faults (seeded) <-> emulated chip, loader, firmware <-> grip     Falcon
+//! Polhem:      host driver <-> pseudo terminal, memory <-> faults (seeded) <-> emulated firmware <-> handle
+//! device link: host driver <-> pseudo terminal, memory <-> faults (seeded) <-> core's link::Device <-> handle
+//! Falcon:      host driver <-> FTDI transfers <-> faults (seeded) <-> emulated chip, loader, firmware <-> grip
 //!
 //! contract | matrix | closed loop -> rig: a real driver on one of these
 //! ```
 //!
-//! In: bytes as a driver sends them, and the time (no clock is read in here but to give a pseudo terminal time). Out: bytes as the device
-//! would answer, and a record of what the device was made to do.
+//! Input: the bytes that a driver sends, and the time. Only a pseudo terminal runs on the wall clock. Output:
+//! the bytes that the device returns, and a record of the forces on the hand.
 //!
 //! Invariants:
-//! - the emulator is written from the protocol's description, not from the driver: a mistake would have to be made twice;
-//! - it has no watchdog, like the real device: what it was told last it goes on doing. The device link has one, the core's own;
-//! - the same seed and the same times give the same faults.
+//! - Each emulator is written from the protocol's description and shares no code with the driver, so that an
+//!   error in one shows against the other.
+//! - The emulated Polhem and Falcon have no watchdog, like the real devices: they hold the last command. The
+//!   device link has the core's own watchdog.
+//! - The same seed and the same times give the same faults.
 //!
-//! Depends on palpate-core for its vectors and its controller, and on palpate-host for its model of a hand, the trait behind which the
-//! Falcon's driver expects its chip, and (in [`rig`] and what stands on it) the drivers and the loop that are put to the test.
+//! Depends on palpate-core for vectors and the controller. Depends on palpate-host for its hand model, for
+//! the trait of the Falcon's USB chip, and in [`rig`] and the modules above it for the drivers and the loop
+//! under test.
 #![forbid(unsafe_code)]
 
 pub mod bench;
@@ -27,8 +30,7 @@ pub mod emulate;
 pub mod falcon;
 pub mod fault;
 pub mod faulty;
-pub mod felt;
-pub mod handed;
+pub mod force_record;
 pub mod hosts;
 pub mod link;
 pub mod matrix;
@@ -38,13 +40,14 @@ pub mod port;
 pub mod rig;
 pub mod session;
 mod shadow;
+pub mod supervised;
 pub mod transport;
 pub mod usbredir;
 
 pub use falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, MemoryFtdi};
 pub use fault::{FaultCounts, Faults};
 pub use faulty::Faulty;
-pub use felt::Felt;
+pub use force_record::ForceRecord;
 pub use link::EmulatedLink;
 pub use mechanism::{Handle, Path, Waypoint};
 pub use polhem::EmulatedPolhem;

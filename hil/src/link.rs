@@ -1,7 +1,9 @@
-//! Emulated controller of the device link: the core's own state machine, as a firmware links it, on a gantry with a hand.
+//! Emulated controller of the device link: the core's state machine as the firmware links it, on a gantry
+//! with a hand.
 //!
-//! Unlike the other emulators it has a watchdog, because every device of the link has one. Its mechanism (counts from the grip's place, force
-//! from the torques) is written here once more, from the profile's figures: a mistake in the driver's would have to be made twice.
+//! Unlike the other emulators it has a watchdog, as every device of the link does. The mechanism (counts from
+//! the position, force from the torques) is implemented from the profile and independently of the driver, so
+//! that an error in one shows against the other.
 
 use crate::mechanism::Handle;
 use crate::transport::Transport;
@@ -14,15 +16,15 @@ use palpate_link::{
 };
 use std::io;
 
-/// Encoder counts in a turn.
+/// Encoder counts per turn.
 pub const COUNTS_PER_TURN: u32 = 2_000;
-/// Largest force of each motor at its drum, of the profile's limit: the host's clamp is to be seen, not the motors'.
-const STRONGER: f64 = 1.4;
-/// Silence that is a fault, us.
+/// Largest force of each motor at its drum, relative to the profile's limit: the host's clamp must act first.
+const MOTOR_MARGIN: f64 = 1.4;
+/// Silence that trips the watchdog, us.
 pub const WATCHDOG_US: u16 = 10_000;
-/// Fastest that an axis may move, m/s at its drum.
+/// Largest speed of an axis at its drum, m/s.
 const MAX_SPEED_M_S: f64 = 3.0;
-/// How long the user takes to lead the handle home, us.
+/// Time the user takes to home the handle, us.
 const HOMING_US: u64 = 100_000;
 
 /// The device with its handle.
@@ -34,25 +36,25 @@ pub struct EmulatedLink {
     reader: FrameReader<HostMessage>,
     metres_per_turn: [f64; 3],
     origin_m: [f64; 3],
-    /// By how much the counters are off: what they read at power-up, what they have miscounted.
-    off: [i32; 3],
+    /// Offset of the counters: their value at power-up, and miscounts.
+    count_offset: [i32; 3],
     homed: bool,
-    /// Since when the handle is being led home.
+    /// Start of the homing motion.
     homing_us: Option<u64>,
     buttons: u8,
     torque_unm: [i32; 3],
-    boots: u32,
+    boot_count: u32,
 }
 
 impl EmulatedLink {
-    /// A device that has just been given power. Its profile must state a capstan.
+    /// A device that is powered up now.
     ///
     /// # Panics
     ///
-    /// If it does not.
+    /// If the profile has no capstan.
     #[must_use]
     pub fn new(handle: Handle, profile: &Profile) -> Self {
-        let capstan = profile.capstan.expect("the profile of a device link states its mechanism");
+        let capstan = profile.capstan.expect("the profile of a device link has a [capstan]");
         let device_profile = firmware(profile.max_force_n.into(), capstan.metres_per_turn);
         let mut device = Self {
             handle,
@@ -61,43 +63,43 @@ impl EmulatedLink {
             reader: FrameReader::new(),
             metres_per_turn: capstan.metres_per_turn,
             origin_m: capstan.origin_m,
-            off: [0; 3],
+            count_offset: [0; 3],
             homed: false,
             homing_us: None,
             buttons: 0,
             torque_unm: [0; 3],
-            boots: 1,
+            boot_count: 1,
         };
         device.power_up();
         device
     }
 
-    /// Its power goes and comes back: no torque, no session, no home, counters at zero wherever the grip is.
+    /// Power cycle: no torque, no session, no homing, and counters at zero at the present position.
     pub fn power_cycle(&mut self) {
-        self.boots += 1;
-        self.core = core(&self.profile, self.boots);
+        self.boot_count += 1;
+        self.core = core(&self.profile, self.boot_count);
         self.reader = FrameReader::new();
         self.power_up();
     }
 
     fn power_up(&mut self) {
         (self.homed, self.homing_us, self.torque_unm) = (false, None, [0; 3]);
-        self.handle.let_go();
-        self.off = self.true_counts().map(i32::wrapping_neg);
+        self.handle.release();
+        self.count_offset = self.true_counts().map(i32::wrapping_neg);
     }
 
-    /// It forgets where it was homed.
+    /// Loses its homing.
     pub const fn lose_homing(&mut self) {
         self.homed = false;
     }
 
-    /// An encoder miscounts by about so much at the handle, m.
+    /// Adds a miscount of about `by_m` at the handle to an encoder.
     pub fn jump(&mut self, axis: usize, by_m: f32) {
         let turns = f64::from(by_m) / self.metres_per_turn[axis];
-        self.off[axis] += (turns * f64::from(COUNTS_PER_TURN)).round() as i32;
+        self.count_offset[axis] += (turns * f64::from(COUNTS_PER_TURN)).round() as i32;
     }
 
-    /// The hand holds these buttons.
+    /// Presses these buttons.
     pub const fn press(&mut self, buttons: u8) {
         self.buttons = buttons;
     }
@@ -113,13 +115,13 @@ impl EmulatedLink {
         &mut self.handle
     }
 
-    /// What the controller is doing.
+    /// Phase of the controller.
     #[must_use]
     pub const fn phase(&self) -> Phase {
         self.core.phase()
     }
 
-    /// Frames that came.
+    /// Counts of the received frames.
     #[must_use]
     pub const fn frames(&self) -> &FrameCounts {
         self.reader.counts()
@@ -128,10 +130,10 @@ impl EmulatedLink {
     /// Force on the hand now, N.
     #[must_use]
     pub const fn force_n(&self) -> Vec3 {
-        self.handle.felt().force_n
+        self.handle.force_record().force_n
     }
 
-    /// Counts that sound encoders would show.
+    /// Counts of correct encoders.
     fn true_counts(&self) -> [i32; 3] {
         let at_m = self.handle.position_m();
         core::array::from_fn(|axis| {
@@ -142,10 +144,10 @@ impl EmulatedLink {
 
     fn encoders(&self) -> [i32; 3] {
         let counts = self.true_counts();
-        core::array::from_fn(|axis| counts[axis].wrapping_add(self.off[axis]))
+        core::array::from_fn(|axis| counts[axis].wrapping_add(self.count_offset[axis]))
     }
 
-    /// Where its encoders say that the handle is, m.
+    /// Position reported by the encoders, m.
     #[must_use]
     pub fn reported_m(&self) -> Vec3 {
         let counts = self.encoders();
@@ -155,7 +157,7 @@ impl EmulatedLink {
         })
     }
 
-    /// Serves everything that has come over the link by `now_us`; a cycle of its control loop before and after.
+    /// Serves all input up to `now_us`, with a cycle of the control loop before and after.
     pub fn poll(&mut self, now_us: u64, link: &mut (impl Transport + ?Sized)) -> io::Result<()> {
         self.handle.advance(now_us);
         self.cycle(now_us, false);
@@ -193,7 +195,7 @@ impl EmulatedLink {
                 now_us
             });
             if now_us.saturating_sub(since_us) >= HOMING_US {
-                (self.homed, self.off) = (true, [0; 3]);
+                (self.homed, self.count_offset) = (true, [0; 3]);
             }
         } else {
             self.homing_us = None;
@@ -202,23 +204,23 @@ impl EmulatedLink {
             let force_n: Vec3 = core::array::from_fn(|axis| {
                 (1e-6 * f64::from(outputs.torque_unm[axis]) * TAU / self.metres_per_turn[axis]) as f32
             });
-            // In tens of micro-newton-metres, away from zero: 0 is no torque.
+            // In units of 10 micro-newton-metres, rounded away from zero: 0 is no torque.
             let motors = outputs.torque_unm.map(|torque| {
                 let tens = torque / 10 + torque.signum();
                 tens.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
             });
             self.handle.drive(force_n, motors, self.homed);
         } else if outputs.torque_unm == [0; 3] && self.torque_unm != [0; 3] {
-            // Validity or watchdog: no command of anybody.
-            self.handle.let_go();
+            // The torque ended by its validity or by the watchdog, and not by a command.
+            self.handle.release();
         }
         self.torque_unm = outputs.torque_unm;
     }
 }
 
-/// What the firmware knows of its mechanism.
+/// The firmware's figures of the mechanism.
 fn firmware(max_force_n: f64, metres_per_turn: [f64; 3]) -> DeviceProfile {
-    let torque_unm = |metres: f64| (1e6 * STRONGER * max_force_n * metres.abs() / TAU).round() as u32;
+    let torque_unm = |metres: f64| (1e6 * MOTOR_MARGIN * max_force_n * metres.abs() / TAU).round() as u32;
     let counts_per_m = metres_per_turn.map(|metres| f64::from(COUNTS_PER_TURN) / metres.abs());
     let info = DeviceInfo {
         dof: 3,
@@ -228,11 +230,11 @@ fn firmware(max_force_n: f64, metres_per_turn: [f64; 3]) -> DeviceProfile {
         serial: 7,
         firmware: 1,
     };
-    let fastest = counts_per_m.iter().fold(0.0f64, |most, counts| most.max(counts * MAX_SPEED_M_S));
+    let fastest = counts_per_m.iter().fold(0.0f64, |max, counts| max.max(counts * MAX_SPEED_M_S));
     DeviceProfile { info, max_speed_counts_per_s: fastest.round() as u32, boot: 1 }
 }
 
 /// A controller that has just started.
 fn core(profile: &DeviceProfile, boot: u32) -> Device {
-    Device::new(DeviceProfile { boot, ..*profile }).expect("these figures are sound")
+    Device::new(DeviceProfile { boot, ..*profile }).expect("the figures are valid")
 }

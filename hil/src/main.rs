@@ -1,9 +1,9 @@
-//! The emulated devices on the command line: one to talk to, and what all of them are put through.
+//! The command line of the emulated devices: emulators to connect to, and the tests of all drivers.
 //!
-//! `palpate-hil emulate link`, and in another shell what it prints: `palpate run BLOB --device link:/dev/pts/N`; `palpate-hil matrix` and
-//! `palpate-hil closed-loop` print the tables of the documentation.
-//! `palpate-hil falcon --usbredir SOCKET`, and then QEMU with `-device qemu-xhci,id=x -chardev socket,id=c,path=SOCKET,reconnect=1
-//! -device usb-redir,bus=x.0,chardev=c`: its guest sees 0403:cb48.
+//! `palpate-hil emulate link` prints the command for another shell: `palpate run BLOB --device
+//! link:/dev/pts/N`. `palpate-hil matrix` and `palpate-hil closed-loop` print the tables of the
+//! documentation. `palpate-hil falcon --usbredir SOCKET` serves QEMU with `-device qemu-xhci,id=x -chardev
+//! socket,id=c,path=SOCKET,reconnect=1 -device usb-redir,bus=x.0,chardev=c`; the guest enumerates 0403:cb48.
 
 use anyhow::{Context, bail, ensure};
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -30,51 +30,55 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Emulated device on a pseudo terminal, in a hand that presses, to try `palpate run` with.
+    /// Emulate a device on a pseudo terminal in a pressing hand, to try `palpate run` with.
     ///
-    /// Prints the terminal's name, the command that runs an organ on it, and waits for sessions, one after the other, until Ctrl-C or
-    /// --seconds. Every four seconds the hand lifts, holds the first button for a moment (which arms), and presses: with --organ through
-    /// that organ's surface at its first active node, 10 mm deep, without it 12 mm up and down along z. Nothing real moves.
+    /// Prints the name of the terminal and the command that runs an organ on it. Serves one session after the
+    /// other until Ctrl-C or --seconds. Every four seconds the hand lifts, presses the first button for a
+    /// moment (which arms the loop), and presses down: with --organ through the organ's surface at its first
+    /// active node to a depth of 10 mm, otherwise 12 mm up and down along z. No real hardware moves.
     ///
     ///   palpate-hil emulate link --organ organ.blob
-    ///   palpate run organ.blob --device link:/dev/pts/N        in another shell, with the name that was printed
+    ///   palpate run organ.blob --device link:/dev/pts/N        in another shell, with the printed name
     #[command(verbatim_doc_comment)]
     Emulate(Emulate),
-    /// Emulated Novint Falcon on the USB of a QEMU guest, in real time.
+    /// Emulate a Novint Falcon on the USB of a QEMU guest, in real time.
     Falcon(Falcon),
-    /// Put every driver through everything that may go wrong, and print what the hand felt.
+    /// Inject every fault into every driver, and print the forces on the hand.
     ///
-    /// Ends with code 1 if a limit was broken. The same seed gives the same runs.
+    /// Ends with exit code 1 if a limit is violated. The same seed gives the same runs.
     Matrix(Matrix),
-    /// One run of the matrix once more, by what its line in --csv says: what it was struck with, and what came of it.
+    /// Repeat one run of the matrix from its line in --csv, and print the injected faults and the result.
     Once(Once),
-    /// A host or a supervisor of the matrix, which starts this program again.
+    /// A host or supervisor process of the matrix, started by this program.
     #[command(hide = true)]
     Process {
-        /// ROLE DEVICE PLACE, the supervisor's limit in ms, and a force.
+        /// ROLE DEVICE PLACE LIMIT_MS FORCE: the limit is the supervisor's, the force has three components.
         #[arg(allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
-    /// Palpate the golden organ through every driver on virtual time, and print the error of the force at the hand.
+    /// Palpate the golden organ through every driver on virtual time, and print the error of the force on the
+    /// hand.
     ///
-    /// Ends with code 1 if a force is not the organ's, a hand at rest shakes, or a device gives energy to it.
+    /// Ends with exit code 1 if a force is not the organ's, the grip oscillates in a resting hand, or a
+    /// device adds energy to the hand.
     ClosedLoop(ClosedLoop),
 }
 
 #[derive(Debug, Args)]
 struct Falcon {
-    /// Unix socket to make and to listen on for QEMU's usb-redir.
+    /// Unix socket to create for QEMU's usb-redir.
     #[arg(long, value_name = "SOCKET")]
     usbredir: PathBuf,
-    /// Unix socket to make and to listen on for orders, a line each: plug SEED, home, press, lift, strike, calm, forget, report, end.
+    /// Unix socket to create for commands, one per line: plug SEED, home, press, lift, inject, clear-faults,
+    /// reset-record, report, end.
     #[arg(long, value_name = "SOCKET")]
     control: Option<PathBuf>,
-    /// How long to run at most, seconds.
+    /// Longest time to run, seconds.
     #[arg(long, default_value_t = 600.0)]
     seconds: f64,
 }
 
-/// What can be emulated on a terminal.
+/// Devices that can be emulated on a terminal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Emulated {
     Link,
@@ -83,21 +87,21 @@ enum Emulated {
 
 #[derive(Debug, Args)]
 struct Emulate {
-    /// A controller of the device link, with its watchdog, or a Polhem / WoodenHaptics, which has none.
+    /// A controller of the device link, which has a watchdog, or a Polhem / WoodenHaptics, which has none.
     device: Emulated,
-    /// The organ that is pressed.
+    /// The organ that the hand presses.
     #[arg(long, value_name = "BLOB")]
     organ: Option<PathBuf>,
-    /// Profile of the device: a bundled one's name or a .toml; give the same to `palpate run`.
+    /// Profile of the device: a bundled name or a .toml file; give the same to `palpate run`.
     #[arg(long)]
     profile: Option<String>,
     /// The hand presses no button: arm with key A in the window.
     #[arg(long)]
     no_button: bool,
-    /// How long to run, seconds; until Ctrl-C if not given.
+    /// Time to run, seconds; without it, until Ctrl-C.
     #[arg(long)]
     seconds: Option<f64>,
-    /// Share of the frames that is lost, cut, damaged or 3 ms late, each, 0 to 1.
+    /// Probability of each of loss, truncation, corruption and a delay of 3 ms, for each frame, 0 to 1.
     #[arg(long, default_value_t = 0.0)]
     faults: f32,
     /// Seed of the faults.
@@ -107,19 +111,19 @@ struct Emulate {
 
 #[derive(Debug, Args)]
 struct Matrix {
-    /// Runs in memory, over all devices and faults in turn.
+    /// Number of runs in memory, over all devices and faults in turn.
     #[arg(long, default_value_t = 1_000)]
     runs: usize,
-    /// Runs over a pseudo terminal.
+    /// Number of runs over a pseudo terminal.
     #[arg(long, default_value_t = 50)]
     pty: usize,
-    /// Runs with hosts that are killed and stopped, over all devices in turn; a second each.
+    /// Number of runs with killed and stopped hosts, over all devices in turn; each takes about a second.
     #[arg(long, default_value_t = 20)]
     hosts: usize,
     /// Seed of all runs.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Add the runs of `hil/bench/run`, whose output is in this file, to the table.
+    /// File with the output of `hil/bench/run`, whose runs are added to the table.
     #[arg(long, value_name = "FILE")]
     qemu: Option<PathBuf>,
     /// Write every run to this file, as comma-separated values.
@@ -140,7 +144,7 @@ struct Once {
 #[derive(Debug, Args)]
 struct ClosedLoop {
     /// Length of the palpation, seconds of virtual time.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(closed_loop::LEAST_SECONDS..))]
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u64).range(closed_loop::MIN_SECONDS..))]
     seconds: u64,
 }
 
@@ -151,7 +155,10 @@ fn main() -> anyhow::Result<()> {
         Command::Process { arguments } => hosts::process(&arguments).map_err(|error| anyhow::anyhow!(error)),
         Command::ClosedLoop(ClosedLoop { seconds }) => run_closed_loop(seconds),
         Command::Falcon(Falcon { usbredir, control, seconds }) => {
-            ensure!(seconds >= 0.0 && seconds.is_finite(), "--seconds is not {seconds}");
+            ensure!(
+                seconds >= 0.0 && seconds.is_finite(),
+                "--seconds must be at least 0 and finite, not {seconds}"
+            );
             let options = Options { usbredir, control, longest: Duration::from_secs_f64(seconds) };
             serve(&options, &mut std::io::stdout())?;
             Ok(())
@@ -164,25 +171,33 @@ fn run_closed_loop(seconds: u64) -> anyhow::Result<()> {
     let all = closed_loop::palpate_all(&rig::all(), Method::Energy, seconds);
     let all = all.map_err(|error| anyhow::anyhow!(error))?;
     print!("{}", closed_loop::Table(&all));
-    let broken: Vec<String> =
-        all.iter().filter_map(|found| Some(format!("{}: {}", found.rig, found.broken()?))).collect();
-    ensure!(broken.is_empty(), "{} of {} broke a limit:\n{}", broken.len(), all.len(), broken.join("\n"));
+    let violation: Vec<String> =
+        all.iter().filter_map(|found| Some(format!("{}: {}", found.rig, found.violation()?))).collect();
+    ensure!(
+        violation.is_empty(),
+        "{} of {} violated a limit:\n{}",
+        violation.len(),
+        all.len(),
+        violation.join("\n")
+    );
     Ok(())
 }
 
 fn run_once(arguments: &Once) -> anyhow::Result<()> {
-    let (kinds, names) = (rig::all(), matrix::Wrong::ALL.map(matrix::Wrong::name));
+    let (kinds, names) = (rig::all(), matrix::FaultKind::ALL.map(matrix::FaultKind::name));
     let kind = kinds.iter().find(|kind| kind.name == arguments.rig);
-    let wrong = matrix::Wrong::ALL.into_iter().find(|wrong| wrong.name() == arguments.fault);
+    let fault = matrix::FaultKind::ALL.into_iter().find(|fault| fault.name() == arguments.fault);
     let known: Vec<&str> = kinds.iter().map(|kind| kind.name).collect();
-    let kind = kind.with_context(|| format!("no device `{}`: {}", arguments.rig, known.join(", ")))?;
-    let wrong = wrong.with_context(|| format!("no fault `{}`: {}", arguments.fault, names.join(", ")))?;
-    println!("{:#?}", wrong.planned(arguments.seed));
+    let kind =
+        kind.with_context(|| format!("unknown device `{}`; known: {}", arguments.rig, known.join(", ")))?;
+    let fault =
+        fault.with_context(|| format!("unknown fault `{}`; known: {}", arguments.fault, names.join(", ")))?;
+    println!("{:#?}", fault.plan_for_display(arguments.seed));
     let blob = palpate_hil::session::golden_organ();
     let organ = palpate_core::Organ::read(blob.bytes()).map_err(|error| anyhow::anyhow!("{error:?}"))?;
-    let run = matrix::run(*kind, wrong, arguments.seed, &organ).map_err(|error| anyhow::anyhow!(error))?;
+    let run = matrix::run(*kind, fault, arguments.seed, &organ).map_err(|error| anyhow::anyhow!(error))?;
     println!("{run:#?}");
-    ensure!(run.broken().is_none(), "{}", run.broken().unwrap_or_default());
+    ensure!(run.violation().is_none(), "{}", run.violation().unwrap_or_default());
     Ok(())
 }
 
@@ -192,7 +207,7 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         if seen && (done.is_multiple_of(10) || done == all) {
             let end = if done == all { "\n" } else { "" };
             eprint!("\r{done} of {all} runs{end}");
-            // A line that cannot be shown is no reason to stop.
+            // A failure to print the progress is no error.
             let _ = std::io::stderr().flush();
         }
     };
@@ -211,45 +226,48 @@ fn run_matrix(arguments: &Matrix) -> anyhow::Result<()> {
         std::fs::write(path, matrix::csv(&runs))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
-    let broken: Vec<String> = runs
+    let violation: Vec<String> = runs
         .iter()
         .filter_map(|run| {
-            let why = run.broken()?;
-            Some(format!("{}, {}, seed {}: {why}", run.rig, run.wrong.name(), run.seed))
+            let why = run.violation()?;
+            Some(format!("{}, {}, seed {}: {why}", run.rig, run.fault.name(), run.seed))
         })
         .collect();
-    if !broken.is_empty() {
-        bail!("{} of {} runs broke a limit:\n{}", broken.len(), runs.len(), broken.join("\n"));
+    if !violation.is_empty() {
+        bail!("{} of {} runs violated a limit:\n{}", violation.len(), runs.len(), violation.join("\n"));
     }
     if !medians.is_empty() {
-        println!("\nno force after the last request of a killed or stopped host, median:");
+        println!("\ntime from the last request of a killed or stopped host to zero force, median:");
     }
     for (device, median) in &medians {
         println!("{:>14} {:.1} ms", device.name(), median.as_secs_f64() * 1e3);
     }
     for (device, median) in medians {
         let limit_ms = hosts::TARGET.as_millis();
-        ensure!(median <= hosts::TARGET, "{}: later than {limit_ms} ms", device.name());
+        ensure!(median <= hosts::TARGET, "{}: the median is above {limit_ms} ms", device.name());
     }
-    println!("\n{} runs, seed {}: no limit was broken.", runs.len(), size.seed);
+    println!("\n{} runs, seed {}: no limit was violated.", runs.len(), size.seed);
     Ok(())
 }
 
 fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let &Emulate { device, faults: rate, seed, seconds, no_button, .. } = arguments;
-    ensure!((0.0..=1.0).contains(&rate), "--faults is a share from 0 to 1, not {rate}");
-    ensure!(seconds.is_none_or(|s| s >= 0.0 && s.is_finite()), "--seconds is not {seconds:?}");
+    ensure!((0.0..=1.0).contains(&rate), "--faults must be from 0 to 1, not {rate}");
+    ensure!(
+        seconds.is_none_or(|s| s >= 0.0 && s.is_finite()),
+        "--seconds must be at least 0 and finite, not {seconds:?}"
+    );
     let kind = match device {
         Emulated::Link => "link",
         Emulated::Polhem => "polhem",
     };
     let profile = Profile::load(arguments.profile.as_deref().unwrap_or(kind))?;
-    ensure!(device == Emulated::Polhem || profile.capstan.is_some(), "the profile states no [capstan]");
+    ensure!(device == Emulated::Polhem || profile.capstan.is_some(), "the profile has no [capstan]");
     let stroke = match &arguments.organ {
         Some(path) => {
             let blob = BlobFile::load(path).with_context(|| format!("cannot read {}", path.display()))?;
-            let organ: Organ<'_> =
-                Organ::read(blob.bytes()).with_context(|| format!("{} is no blob", path.display()))?;
+            let organ: Organ<'_> = Organ::read(blob.bytes())
+                .with_context(|| format!("{} is not a valid blob", path.display()))?;
             Stroke::on(&organ, &profile)?
         }
         None => Stroke::in_air(&profile),
@@ -267,15 +285,15 @@ fn emulate(arguments: &Emulate) -> anyhow::Result<()> {
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).context("cannot catch Ctrl-C")?;
-    let greet = |out: &mut dyn Write, port: &str| {
+    let announce = |out: &mut dyn Write, port: &str| {
         let blob = arguments.organ.as_deref().unwrap_or(Path::new("BLOB")).display();
         let profile = arguments.profile.iter().map(|name| format!(" --profile {name}")).collect::<String>();
         writeln!(out, "{port}\npalpate run {blob} --device {kind}:{port}{profile}")
     };
     let out = &mut std::io::stdout();
     match device {
-        Emulated::Link => emulate::emulate::<EmulatedLink>(&options, &stop, out, greet)?,
-        Emulated::Polhem => emulate::emulate::<EmulatedPolhem>(&options, &stop, out, greet)?,
+        Emulated::Link => emulate::emulate::<EmulatedLink>(&options, &stop, out, announce)?,
+        Emulated::Polhem => emulate::emulate::<EmulatedPolhem>(&options, &stop, out, announce)?,
     }
     Ok(())
 }

@@ -1,10 +1,10 @@
-//! The simulated handle: a mass held by a hand that moves from waypoint to waypoint, pushed by the device's force.
+//! The simulated handle: a mass in a hand that moves along waypoints, under the force of the device.
 
-use crate::felt::Felt;
+use crate::force_record::ForceRecord;
 use palpate_core::{Vec3, vec3};
 use palpate_host::device::hand::{Drag, Hand, HandConfig};
 
-/// Where the hand wants the handle to be at some time.
+/// Target position of the hand at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Waypoint {
     /// Time since the start, us.
@@ -13,20 +13,21 @@ pub struct Waypoint {
     pub position_m: Vec3,
 }
 
-/// The way from waypoint to waypoint.
+/// A path through waypoints.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Path {
     waypoints: Vec<Waypoint>,
 }
 
 impl Path {
-    /// Waypoints in order of time.
+    /// A path through waypoints in order of time.
     #[must_use]
     pub const fn new(waypoints: Vec<Waypoint>) -> Self {
         Self { waypoints }
     }
 
-    /// Where it leads at a time: between two waypoints a smooth step, after the last the last; nowhere without any.
+    /// Position at a time: a smooth step between two waypoints, the last waypoint after the end; `None`
+    /// without waypoints.
     #[must_use]
     pub fn at(&self, t_us: u64) -> Option<Vec3> {
         let after = self.waypoints.partition_point(|waypoint| waypoint.t_us <= t_us);
@@ -47,26 +48,26 @@ impl Path {
     }
 }
 
-/// A handle with the host's own model of a hand on it, and the force of the device as it was told last.
+/// A handle in the host's hand model, under the last force of the device.
 #[derive(Debug, Clone)]
 pub struct Handle {
     hand: Hand,
     drag: Drag,
     path: Path,
-    /// When the path began, us.
+    /// Start of the path, us.
     begun_us: u64,
     now_us: Option<u64>,
-    felt: Felt,
+    record: ForceRecord,
 }
 
 /// Longest integration step, us.
 const STEP_US: u64 = 250;
-/// Longest time made up for in one call: after a pause of the emulator the handle does not jump, us.
-const LONGEST_US: u64 = 50_000;
+/// Longest time advanced in one call, us: the handle does not jump after a pause of the emulator.
+const MAX_CATCH_UP_US: u64 = 50_000;
 
 impl Handle {
-    /// A handle without a mechanism, in a hand of 0.2 kg on 400 N/m with critical damping, at its first waypoint; waypoints in order of time.
-    /// Without any it rests at the origin.
+    /// A handle without a mechanism at its first waypoint, in a hand of 0.2 kg on 400 N/m with critical
+    /// damping. The waypoints must be in order of time. Without any the handle rests at the origin.
     #[must_use]
     pub fn new(waypoints: Vec<Waypoint>) -> Self {
         let hand =
@@ -74,68 +75,68 @@ impl Handle {
         Self::held(hand, Drag::default(), waypoints)
     }
 
-    /// A handle of a mechanism, in a hand.
+    /// A handle with a mechanism in a hand.
     #[must_use]
     pub fn held(hand: HandConfig, drag: Drag, waypoints: Vec<Waypoint>) -> Self {
         let path = Path::new(waypoints);
         let hand = Hand::new(hand, path.at(0).unwrap_or(vec3::ZERO));
-        Self { hand, drag, path, begun_us: 0, now_us: None, felt: Felt::nothing(0) }
+        Self { hand, drag, path, begun_us: 0, now_us: None, record: ForceRecord::empty(0) }
     }
 
-    /// Where the handle is, device frame, m.
+    /// Position of the handle, device frame, m.
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
         self.hand.position_m()
     }
 
-    /// What the hand felt.
+    /// Record of the force on the hand.
     #[must_use]
-    pub const fn felt(&self) -> &Felt {
-        &self.felt
+    pub const fn force_record(&self) -> &ForceRecord {
+        &self.record
     }
 
-    /// Begins the record of what the hand felt anew.
-    pub fn forget(&mut self) {
-        self.felt.forget();
+    /// Resets the record of the force on the hand.
+    pub fn reset_record(&mut self) {
+        self.record.reset_record();
     }
 
-    /// The hand leaves its path for another one, whose times count from now.
+    /// Gives the hand another path; its times count from now.
     pub fn follow(&mut self, waypoints: Vec<Waypoint>) {
         (self.path, self.begun_us) = (Path::new(waypoints), self.now_us.unwrap_or(0));
     }
 
-    /// The motors are told another force, N; `motors` is how they are told it.
+    /// Sets the force of the motors, N; `motors` is the command in the device's units.
     pub fn command(&mut self, force_n: Vec3, motors: [i16; 3]) {
         self.drive(force_n, motors, true);
     }
 
-    /// The same of a device that must be homed.
+    /// The same for a device that must be homed.
     pub fn drive(&mut self, force_n: Vec3, motors: [i16; 3], homed: bool) {
-        self.felt.command(self.now_us.unwrap_or(0), force_n, motors, homed);
+        self.record.command(self.now_us.unwrap_or(0), force_n, motors, homed);
     }
 
-    /// The motors lose their force without a command: a watchdog, a power cut.
-    pub fn let_go(&mut self) {
-        self.felt.switch(self.now_us.unwrap_or(0), true);
-        self.felt.feel(vec3::ZERO);
+    /// Removes the force without a command, as a watchdog or a power loss does.
+    pub fn release(&mut self) {
+        self.record.set_off(self.now_us.unwrap_or(0), true);
+        self.record.set_force(vec3::ZERO);
     }
 
-    /// Moves on to `now_us` under the force of the device.
+    /// Advances to `now_us` under the force of the device.
     pub fn advance(&mut self, now_us: u64) {
-        let mut t_us = self.now_us.unwrap_or(now_us).max(now_us.saturating_sub(LONGEST_US));
+        let mut t_us = self.now_us.unwrap_or(now_us).max(now_us.saturating_sub(MAX_CATCH_UP_US));
         while t_us < now_us {
             let step_us = STEP_US.min(now_us - t_us);
-            let (from_m, before_m) = (self.wanted_m(t_us), self.hand.position_m());
+            let (from_m, before_m) = (self.target_m(t_us), self.hand.position_m());
             t_us += step_us;
-            let to_m = self.wanted_m(t_us);
+            let to_m = self.target_m(t_us);
             let drag_j =
-                self.hand.integrate(from_m, to_m, self.felt.force_n, &self.drag, step_us as f32 * 1e-6);
-            self.felt.moved(vec3::sub(self.hand.position_m(), before_m), drag_j);
+                self.hand.integrate(from_m, to_m, self.record.force_n, &self.drag, step_us as f32 * 1e-6);
+            self.record.add_motion(vec3::sub(self.hand.position_m(), before_m), drag_j);
         }
         self.now_us = Some(now_us);
     }
 
-    fn wanted_m(&self, t_us: u64) -> Vec3 {
+    fn target_m(&self, t_us: u64) -> Vec3 {
         self.path.at(t_us.saturating_sub(self.begun_us)).unwrap_or(vec3::ZERO)
     }
 }
@@ -150,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn it_arrives_and_a_force_moves_it_by_its_compliance() {
+    fn a_force_moves_the_handle_by_the_compliance_of_the_hand() {
         let mut handle = there_and_back();
         for t_us in (0..=1_500_000).step_by(1_000) {
             handle.advance(t_us);
@@ -164,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_pause_neither_hangs_nor_throws_it() {
+    fn a_long_pause_is_bounded_in_time_and_motion() {
         let mut handle = there_and_back();
         handle.advance(0);
         handle.command([8.0, 0.0, 0.0], [8_000, 0, 0]);

@@ -1,8 +1,8 @@
-//! Emulated firmware of a Polhem / WoodenHaptics: 64-byte text lines, one reply for each good request.
+//! Emulated firmware of a Polhem / WoodenHaptics: 64-byte text lines, one reply to each valid request.
 //!
-//! Request: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Reply: `x y z` in mm (%8.3f), four angles in rad (%7.4f), an info word;
-//! padded with spaces, newline as byte 63. A line of another form is thrown away without a reply. No watchdog: the motors keep the
-//! last force that was understood.
+//! Request: seven decimal i16, `fx fy fz command a0 a1 a2`, forces in mN. Reply: `x y z` in mm (%8.3f), four
+//! angles in rad (%7.4f), an info word; padded with spaces, newline as byte 63. Other lines are discarded
+//! without a reply. There is no watchdog: the motors keep the last valid force.
 
 use crate::mechanism::Handle;
 use crate::transport::Transport;
@@ -10,7 +10,7 @@ use palpate_core::{Vec3, vec3};
 use std::io;
 
 const LINE_LEN: usize = 64;
-/// Command word for which the forces are put on the motors.
+/// Command word that applies the forces to the motors.
 const NORMAL_OPERATION: i16 = 2;
 
 /// The device with its handle.
@@ -19,18 +19,18 @@ pub struct EmulatedPolhem {
     handle: Handle,
     line: Vec<u8>,
     info: i16,
-    /// Step of the encoders at the handle, m; 0 for none beyond the protocol's own micrometre.
+    /// Encoder step at the handle, m; 0 for the protocol's resolution of one micrometre.
     step_m: f32,
-    /// Where the counters say that the handle is when they begin, m.
-    begin_m: Vec3,
-    /// By how much the encoders have miscounted, m.
-    jumped_m: Vec3,
+    /// Position reported at power-up, m.
+    power_up_m: Vec3,
+    /// Miscount of the encoders, m.
+    miscount_m: Vec3,
     requests: u64,
     refused: u64,
 }
 
 impl EmulatedPolhem {
-    /// A device that has just been plugged in.
+    /// A device that was just plugged in.
     #[must_use]
     pub const fn new(handle: Handle) -> Self {
         Self {
@@ -38,24 +38,25 @@ impl EmulatedPolhem {
             line: Vec::new(),
             info: 0,
             step_m: 0.0,
-            begin_m: vec3::ZERO,
-            jumped_m: vec3::ZERO,
+            power_up_m: vec3::ZERO,
+            miscount_m: vec3::ZERO,
             requests: 0,
             refused: 0,
         }
     }
 
-    /// With encoders whose step is this at the handle, m.
+    /// Sets the encoder step at the handle, m.
     #[must_use]
     pub const fn with_step_m(mut self, step_m: f32) -> Self {
         self.step_m = step_m;
         self
     }
 
-    /// With counters that begin as if the handle were there, m: where the arm rests when it is given power, and where it was this time.
+    /// Sets the position reported at power-up, m: where the arm rests without power, and where it was this
+    /// time.
     #[must_use]
-    pub const fn counting_from(mut self, begin_m: Vec3) -> Self {
-        self.begin_m = begin_m;
+    pub const fn with_power_up_position(mut self, power_up_m: Vec3) -> Self {
+        self.power_up_m = power_up_m;
         self
     }
 
@@ -70,37 +71,38 @@ impl EmulatedPolhem {
         &mut self.handle
     }
 
-    /// The encoders miscount by so much from now on, m.
+    /// Adds a miscount to the encoders, m.
     pub fn jump(&mut self, by_m: Vec3) {
-        self.jumped_m = vec3::add(self.jumped_m, by_m);
+        self.miscount_m = vec3::add(self.miscount_m, by_m);
     }
 
-    /// Its power goes and comes back: no force, half a line forgotten, and counters that begin anew wherever the handle is. Nothing it says tells.
+    /// Power cycle: no force, an empty line buffer, and counters that restart at the present position.
+    /// Replies do not reveal it.
     pub fn power_cycle(&mut self) {
         self.line.clear();
-        self.handle.let_go();
-        self.jumped_m = vec3::sub(self.begin_m, self.handle.position_m());
+        self.handle.release();
+        self.miscount_m = vec3::sub(self.power_up_m, self.handle.position_m());
     }
 
     /// Force on the motors now, N.
     #[must_use]
     pub const fn force_n(&self) -> Vec3 {
-        self.handle.felt().force_n
+        self.handle.force_record().force_n
     }
 
-    /// Where the handle is, m.
+    /// Position of the handle, m.
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
         self.handle.position_m()
     }
 
-    /// Good requests so far.
+    /// Valid requests so far.
     #[must_use]
     pub const fn requests(&self) -> u64 {
         self.requests
     }
 
-    /// Lines thrown away so far.
+    /// Discarded lines so far.
     #[must_use]
     pub const fn refused(&self) -> u64 {
         self.refused
@@ -111,7 +113,7 @@ impl EmulatedPolhem {
         self.info = info;
     }
 
-    /// Serves everything that has come over the link by `now_us`.
+    /// Serves all input up to `now_us`.
     pub fn poll(&mut self, now_us: u64, link: &mut (impl Transport + ?Sized)) -> io::Result<()> {
         self.handle.advance(now_us);
         let mut buffer = [0; 256];
@@ -128,10 +130,10 @@ impl EmulatedPolhem {
         }
     }
 
-    /// Takes one byte; at the end of a good request (or of a waking newline) there is a reply.
+    /// Takes one byte. Returns the reply after a valid request or a wake-up newline.
     fn take(&mut self, byte: u8) -> Option<String> {
         if byte != b'\n' {
-            // One more than a line is enough to know that it is too long.
+            // One byte beyond a line is enough to detect that it is too long.
             if self.line.len() < LINE_LEN {
                 self.line.push(byte);
             }
@@ -154,10 +156,10 @@ impl EmulatedPolhem {
         }
     }
 
-    /// Where the encoders say that the handle is: the step it is in, and what they have miscounted.
+    /// Position reported by the encoders: rounded to their step, with their miscounts.
     #[must_use]
     pub fn reported_m(&self) -> Vec3 {
-        let at_m = vec3::add(self.handle.position_m(), self.jumped_m);
+        let at_m = vec3::add(self.handle.position_m(), self.miscount_m);
         if self.step_m > 0.0 { at_m.map(|metres| (metres / self.step_m).round() * self.step_m) } else { at_m }
     }
 
@@ -169,7 +171,7 @@ impl EmulatedPolhem {
     }
 }
 
-/// Forces of a request in mN; nothing for a line of another form, zero for another command than normal operation.
+/// Forces of a request in mN. `None` for an invalid line, zero for a command other than normal operation.
 fn parse(line: &[u8]) -> Option<[i16; 3]> {
     if line.len() + 1 != LINE_LEN {
         return None;
@@ -200,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newline_wakes_it_and_a_request_is_answered_in_64_bytes() {
+    fn a_newline_and_a_request_are_answered_by_64_bytes() {
         let mut device = device();
         let reply = talk(&mut device, b"\n");
         assert_eq!(reply.len(), LINE_LEN);
@@ -214,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_thrown_away_and_keeps_the_force() {
+    fn invalid_lines_are_discarded_and_keep_the_force() {
         let mut device = device();
         talk(&mut device, format!("{:<63}\n", "1000 0 0 2 0 0 0").as_bytes());
         for bad in ["1 2 3 2 0 0", "1 2 3 2 0 0 0 0", "40000 0 0 2 0 0 0", "x 2 3 2 0 0 0"] {

@@ -1,7 +1,8 @@
-//! A serial port whose other end is in the same process, for a real driver on virtual time: no terminal, no kernel, no waiting.
+//! A serial port whose other end is in the same process, for a real driver on virtual time. It needs no
+//! terminal, no kernel and no waiting.
 //!
-//! A read with a timeout moves the time of whatever is at the other end until something comes or the timeout is over; one with a zero
-//! timeout looks and does not move it.
+//! A read with a timeout advances the time of the other end until data arrives or the timeout ends. A read
+//! with a zero timeout does not advance it.
 
 use crate::transport::{MemoryTransport, Transport};
 use serialport::{ClearBuffer, DataBits, FlowControl, Parity, Result as SerialResult, SerialPort, StopBits};
@@ -10,21 +11,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How far time goes at a step while a read waits, us.
+/// Time step of a blocking read, us.
 const STEP_US: u64 = 100;
-/// What a terminal says after its cable was pulled: EIO.
-const GONE: i32 = 5;
+/// Error of a terminal after its cable was pulled.
+const EIO: i32 = 5;
 
-/// Whatever is at the other end, and its clock.
+/// The device at the other end, and its clock.
 pub trait FarEnd: Send {
     /// Its time, us.
     fn now_us(&self) -> u64;
 
-    /// Moves on to a time.
+    /// Advances to a time.
     fn advance(&mut self, until_us: u64);
 }
 
-/// A port that is open.
+/// An open port.
 pub struct MemoryPort {
     wire: MemoryTransport,
     far: Arc<Mutex<dyn FarEnd>>,
@@ -33,14 +34,15 @@ pub struct MemoryPort {
 }
 
 impl MemoryPort {
-    /// A port on the driver's end of a wire; `far` serves the other one. Once `plugged` is false it is gone for good.
+    /// A port on the driver's end of a wire whose other end `far` serves. Once `plugged` is false the port is
+    /// lost permanently.
     #[must_use]
     pub fn new(wire: MemoryTransport, far: Arc<Mutex<dyn FarEnd>>, plugged: Arc<AtomicBool>) -> Self {
         Self { wire, far, plugged, timeout: Duration::ZERO }
     }
 
     fn check(&self) -> io::Result<()> {
-        if self.plugged.load(Ordering::Relaxed) { Ok(()) } else { Err(io::Error::from_raw_os_error(GONE)) }
+        if self.plugged.load(Ordering::Relaxed) { Ok(()) } else { Err(io::Error::from_raw_os_error(EIO)) }
     }
 
     fn far(&self) -> MutexGuard<'_, dyn FarEnd + 'static> {
@@ -79,7 +81,7 @@ impl Write for MemoryPort {
     }
 }
 
-/// The lines and settings of a real port mean nothing to USB CDC, and nothing here.
+/// The modem lines and settings have no effect on USB CDC, and none here.
 impl SerialPort for MemoryPort {
     fn name(&self) -> Option<String> {
         Some("memory".into())
@@ -169,7 +171,7 @@ impl SerialPort for MemoryPort {
 
     fn clear(&self, which: ClearBuffer) -> SerialResult<()> {
         self.check()?;
-        // What was written is at the other end already.
+        // Written bytes have already reached the other end.
         if which != ClearBuffer::Output {
             self.wire.clear();
         }
@@ -199,7 +201,7 @@ impl SerialPort for MemoryPort {
 mod tests {
     use super::*;
 
-    /// Says one byte at a time of its own.
+    /// Sends one byte at a given time.
     struct Alarm {
         now_us: u64,
         at_us: u64,
@@ -220,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_read_waits_in_virtual_time_and_a_pulled_cable_is_an_error_for_every_handle() {
+    fn a_read_advances_virtual_time_and_unplugging_is_an_error_for_every_handle() {
         let (wire, driver) = MemoryTransport::pair();
         let far = Arc::new(Mutex::new(Alarm { now_us: 0, at_us: 5_050, wire }));
         let plugged = Arc::new(AtomicBool::new(true));
@@ -229,18 +231,18 @@ mod tests {
         let mut buffer = [0; 8];
         let kind = |read: io::Result<usize>| read.map_err(|error| error.kind());
         assert_eq!(kind(port.read(&mut buffer)), Err(io::ErrorKind::TimedOut));
-        assert_eq!(far.lock().expect("sound").now_us, 0, "looking takes no time");
+        assert_eq!(far.lock().expect("valid").now_us, 0, "polling takes no time");
         port.set_timeout(Duration::from_millis(2)).expect("a setting");
         assert_eq!(kind(port.read(&mut buffer)), Err(io::ErrorKind::TimedOut));
-        assert_eq!(far.lock().expect("sound").now_us, 2_000);
+        assert_eq!(far.lock().expect("valid").now_us, 2_000);
         port.set_timeout(Duration::from_secs(2)).expect("a setting");
         assert_eq!((kind(port.read(&mut buffer)), buffer[0]), (Ok(1), b'!'));
-        assert_eq!(far.lock().expect("sound").now_us, 5_100);
+        assert_eq!(far.lock().expect("valid").now_us, 5_100);
 
         let mut second = port.try_clone().expect("open");
         second.write_all(b"x").expect("open");
         plugged.store(false, Ordering::Relaxed);
-        assert_eq!(second.write(b"x").map_err(|error| error.raw_os_error()), Err(Some(GONE)));
+        assert_eq!(second.write(b"x").map_err(|error| error.raw_os_error()), Err(Some(EIO)));
         assert!(port.read(&mut buffer).is_err() && port.bytes_to_read().is_err());
     }
 }

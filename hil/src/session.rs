@@ -1,8 +1,9 @@
-//! A rig in step with the driver alone, or with the whole loop: an exchange or a tick each millisecond, then the device's turn.
+//! A rig in lockstep with the driver, or with the whole loop: one exchange or tick per millisecond, then the
+//! device advances.
 
-use crate::handed::Holder;
 use crate::mechanism::Waypoint;
 use crate::rig::{OpenError, Rig};
+use crate::supervised::DeviceOwner;
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
@@ -13,14 +14,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Between two exchanges, us.
+/// Time between two exchanges, us.
 pub const TICK_US: u64 = 1_000;
-/// How finely the truth is written down between them, us.
-const TRUTH_US: u64 = 250;
-/// Longest that homing may take, ticks.
+/// Sampling period of the true positions, us.
+const TRUTH_PERIOD_US: u64 = 250;
+/// Longest duration of homing, ticks.
 const HOMING_TICKS: u64 = 5_000;
 
-/// The organ that is touched: the golden blob of the core, which carries its own certificate.
+/// The golden blob of the core, which contains its certificate.
 ///
 /// # Panics
 ///
@@ -30,8 +31,8 @@ pub fn golden_organ() -> BlobFile {
     BlobFile::of(include_bytes!("../../firmware-like-core/golden/organ-514.blob"))
 }
 
-/// The frame in which the device's +z is the outward normal of the organ's first active node and the middle of its workspace lies on the
-/// surface there; scale and middle are the profile's.
+/// The workspace in which the device's +z is the outward normal of the organ's first active node and the
+/// middle of the device's workspace lies on the surface there. Scale and middle are the profile's.
 #[must_use]
 pub fn on_organ(organ: &Organ<'_>, profile: &Profile) -> Workspace {
     let node = &organ.spaces[0];
@@ -45,10 +46,10 @@ pub fn on_organ(organ: &Organ<'_>, profile: &Profile) -> Workspace {
     }
 }
 
-/// The controller as `palpate run` sets it for a device with this profile, whose workspace lies in the organ as given.
+/// The controller settings of `palpate run` for this profile and workspace.
 #[must_use]
 pub fn settings(organ: &Organ<'_>, profile: &Profile, workspace: Workspace, method: Method) -> Config {
-    /// Release height in counts of the encoder.
+    /// Release height in encoder counts.
     const HYSTERESIS_COUNTS: f32 = 2.0;
     let profile = Profile { workspace, ..profile.clone() };
     let mut config = Config::new(method);
@@ -69,7 +70,7 @@ pub struct Session<'r> {
     pub rig: &'r mut dyn Rig,
     device: Option<Box<dyn Device>>,
     now_us: u64,
-    /// Where the grip really was: time and place, as fine as [`TRUTH_US`].
+    /// Times and true positions of the grip, sampled every [`TRUTH_PERIOD_US`].
     truth: Vec<(u64, Vec3)>,
     longest_wait_us: u64,
     longest_wait: Duration,
@@ -91,7 +92,7 @@ impl<'r> Session<'r> {
         })
     }
 
-    /// Opens the driver and waits until it is homed, asking for no force.
+    /// Opens the driver and exchanges zero force until it is homed.
     pub fn homed(rig: &'r mut dyn Rig, workspace: Workspace) -> Result<Self, OpenError> {
         let mut session = Self::open(rig, workspace)?;
         for _ in 0..HOMING_TICKS {
@@ -100,7 +101,7 @@ impl<'r> Session<'r> {
                 return Ok(session);
             }
         }
-        Err("it was not homed in five seconds".into())
+        Err("homing took longer than 5 s".into())
     }
 
     /// The driver.
@@ -109,10 +110,10 @@ impl<'r> Session<'r> {
     ///
     /// If it was dropped.
     pub fn device(&mut self) -> &mut dyn Device {
-        self.device.as_mut().expect("not dropped yet")
+        self.device.as_mut().expect("the driver is open")
     }
 
-    /// How far the device is, as its driver says.
+    /// State reported by the driver.
     #[must_use]
     pub fn state(&self) -> DeviceState {
         self.device.as_ref().map_or(DeviceState::Disconnected, Device::state)
@@ -124,25 +125,25 @@ impl<'r> Session<'r> {
         self.now_us
     }
 
-    /// Where the grip really was.
+    /// Times and true positions of the grip.
     #[must_use]
     pub fn truth(&self) -> &[(u64, Vec3)] {
         &self.truth
     }
 
-    /// The longest that an exchange has kept its caller: in virtual time, and on the clock of the wall.
+    /// Longest duration of an exchange, in virtual time (us) and in real time.
     #[must_use]
     pub const fn longest_wait(&self) -> (u64, Duration) {
         (self.longest_wait_us, self.longest_wait)
     }
 
-    /// How long the last exchange has kept its caller, on the clock of the wall.
+    /// Duration of the last exchange in real time.
     #[must_use]
     pub const fn last_wait(&self) -> Duration {
         self.last_wait
     }
 
-    /// One exchange, then the device's turn.
+    /// One exchange, then the device advances.
     pub fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let (now_us, before_us, begun) = (self.now_us, self.rig.now_us(), Instant::now());
         let exchanged = self.device().exchange(now_us, force_n);
@@ -154,10 +155,10 @@ impl<'r> Session<'r> {
         exchanged
     }
 
-    /// Time passes without an exchange.
+    /// Advances without an exchange.
     pub fn pass(&mut self, us: u64) {
         let until_us = self.now_us + us;
-        self.rig.advance_noting(self.now_us, until_us, TRUTH_US, &mut self.truth);
+        self.rig.advance_noting(self.now_us, until_us, TRUTH_PERIOD_US, &mut self.truth);
         self.now_us = until_us;
     }
 
@@ -166,24 +167,24 @@ impl<'r> Session<'r> {
         self.device = None;
     }
 
-    /// Gives the driver away, with the time of its next exchange.
+    /// Returns the driver and the time of its next exchange.
     ///
     /// # Panics
     ///
     /// If it was dropped.
     #[must_use]
     pub fn into_device(self) -> (Box<dyn Device>, u64) {
-        (self.device.expect("not dropped yet"), self.now_us)
+        (self.device.expect("the driver is open"), self.now_us)
     }
 }
 
-/// A driver that panics when it is told to.
-struct Mined {
+/// A driver that panics in an exchange on demand.
+struct PanicOnDemand {
     inner: Box<dyn Device>,
-    fuse: Arc<AtomicBool>,
+    panic_flag: Arc<AtomicBool>,
 }
 
-impl DeviceWrapper for Mined {
+impl DeviceWrapper for PanicOnDemand {
     type Inner = dyn Device;
 
     fn inner(&self) -> &(dyn Device + 'static) {
@@ -195,30 +196,30 @@ impl DeviceWrapper for Mined {
     }
 
     fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        assert!(!self.fuse.load(Ordering::Relaxed), "planted");
+        assert!(!self.panic_flag.load(Ordering::Relaxed), "planted");
         self.inner.exchange(now_us, hand_force_n)
     }
 }
 
-/// The loop of the host, with controller and organ, on a rig.
+/// The host's loop with controller and organ, on a rig.
 pub struct Bench<'l, 'o> {
     /// The rig.
     pub rig: &'l mut dyn Rig,
-    /// What other threads would ask of the loop.
+    /// The controls of the loop, as other threads use them.
     pub controls: &'l Controls,
-    haptic: Option<HapticLoop<'l, 'o, 'o, Mined, &'l VirtualClock>>,
+    haptic: Option<HapticLoop<'l, 'o, 'o, PanicOnDemand, &'l VirtualClock>>,
     clock: &'l VirtualClock,
     records: rtrb::Consumer<TickRecord>,
-    fuse: Arc<AtomicBool>,
+    panic_flag: Arc<AtomicBool>,
     index: u64,
-    heard_us: Option<u64>,
+    last_received_us: Option<u64>,
 }
 
 impl Bench<'_, '_> {
-    /// [`Rig::heard_us`] as of the last exchange: what it brought is no younger.
+    /// [`Rig::last_received_us`] after the last exchange: its sample is no newer.
     #[must_use]
-    pub const fn heard_us(&self) -> Option<u64> {
-        self.heard_us
+    pub const fn last_received_us(&self) -> Option<u64> {
+        self.last_received_us
     }
 
     /// The time of the next tick, us.
@@ -227,7 +228,7 @@ impl Bench<'_, '_> {
         self.index * TICK_US
     }
 
-    /// One tick, then the device's turn. An error is one after which the device is gone.
+    /// One tick, then the device advances. The error means that the device is lost.
     ///
     /// # Panics
     ///
@@ -238,63 +239,63 @@ impl Bench<'_, '_> {
         self.clock.wait_until(deadline_ns, 0);
         let ticked = haptic.tick(self.index, 0, deadline_ns);
         self.index += 1;
-        // Before the device's turn: what it sends now is for the next exchange.
-        self.heard_us = self.rig.heard_us();
+        // Read before the device advances: its next data belongs to the next exchange.
+        self.last_received_us = self.rig.last_received_us();
         self.rig.advance(self.index * TICK_US);
         ticked?;
-        Ok(self.records.pop().expect("a record each tick"))
+        Ok(self.records.pop().expect("one record per tick"))
     }
 
-    /// So many ticks of a device that is there.
+    /// Runs `ticks` ticks; fails if the device is lost.
     pub fn run(&mut self, ticks: u64) -> Result<Vec<TickRecord>, DeviceError> {
         (0..ticks).map(|_| self.step()).collect()
     }
 
-    /// Drops the loop, and the driver with it; then the device has two ticks of time.
+    /// Drops the loop and its driver, then advances the device by two ticks.
     pub fn end(&mut self) {
         self.haptic = None;
         self.index += 2;
         self.rig.advance(self.index * TICK_US);
     }
 
-    /// The next exchange panics in the loop.
-    pub fn plant_panic(&mut self) {
-        self.fuse.store(true, Ordering::Relaxed);
+    /// Lets the next exchange panic.
+    pub fn panic_in_next_exchange(&mut self) {
+        self.panic_flag.store(true, Ordering::Relaxed);
     }
 }
 
-/// Opens and homes the device of a rig on an organ, and runs `test` with the loop, disarmed. The hand waits in the middle of the workspace:
-/// on the surface.
+/// Opens and homes the device of a rig on an organ, and runs `test` with the disarmed loop. The hand waits in
+/// the middle of the workspace, on the surface.
 ///
-/// Without a supervisor: what is asked of driver and loop together is not to be softened by another process.
+/// There is no supervisor, so that the test sees the driver and the loop without it.
 pub fn with_loop<T>(
     rig: &mut dyn Rig,
     organ: &Organ<'_>,
     method: Method,
     test: impl FnOnce(&mut Bench<'_, '_>) -> T,
 ) -> Result<T, OpenError> {
-    with_loop_held(rig, organ, method, Holder::Loop, test)
+    with_owned_loop(rig, organ, method, DeviceOwner::Loop, test)
 }
 
-/// The same with the device in somebody's hands.
-pub fn with_loop_held<T>(
+/// The same with a given owner of the device.
+pub fn with_owned_loop<T>(
     rig: &mut dyn Rig,
     organ: &Organ<'_>,
     method: Method,
-    holder: Holder,
+    owner: DeviceOwner,
     test: impl FnOnce(&mut Bench<'_, '_>) -> T,
 ) -> Result<T, OpenError> {
-    let profile = holder.seen_from_here(rig.profile());
+    let profile = owner.loop_side_profile(rig.profile());
     let workspace = on_organ(organ, &profile);
     let (device, now_us) = Session::homed(rig, workspace)?.into_device();
     let controller = Controller::new(organ, settings(organ, &profile, workspace, method))?;
     let (producer, records) = rtrb::RingBuffer::new(4);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let outputs = Outputs { records: producer, latest };
-    let (clock, controls, fuse) = (VirtualClock::default(), Controls::default(), Arc::default());
-    let mined = Mined { inner: holder.hold(device), fuse: Arc::clone(&fuse) };
+    let (clock, controls, panic_flag) = (VirtualClock::default(), Controls::default(), Arc::default());
+    let panicking = PanicOnDemand { inner: owner.wrap(device), panic_flag: Arc::clone(&panic_flag) };
     let compensation_n = Profile { workspace, ..profile }.gravity_compensation_n();
-    let haptic = HapticLoop::new(controller, mined, &clock, LoopConfig::default(), &controls, outputs)
+    let haptic = HapticLoop::new(controller, panicking, &clock, LoopConfig::default(), &controls, outputs)
         .with_gravity_compensation(compensation_n);
     let index = now_us.div_ceil(TICK_US);
     let mut bench = Bench {
@@ -303,16 +304,16 @@ pub fn with_loop_held<T>(
         haptic: Some(haptic),
         clock: &clock,
         records,
-        fuse,
+        panic_flag,
         index,
-        heard_us: None,
+        last_received_us: None,
     };
     Ok(test(&mut bench))
 }
 
-/// Out of the organ and into it again, from where [`press`] has ended; depths as there.
+/// Moves out of the organ and in again, from the end of [`press`]; the heights are those of [`press`].
 #[must_use]
-pub fn press_anew(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
+pub fn press_again(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
     let path = press(rig, above_m, below_m);
     let (above_m, below_m) = (path[1].position_m, path[3].position_m);
     [(0, below_m), (150_000, above_m), (200_000, above_m), (400_000, below_m)]
@@ -320,13 +321,13 @@ pub fn press_anew(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
         .to_vec()
 }
 
-/// Ticks of [`press_anew`] after which the hand is out.
-pub const OUT_TICKS: u64 = 155;
+/// Ticks of [`press_again`] until the hand is out.
+pub const LIFTED_TICKS: u64 = 155;
 
-/// Ticks of [`press_anew`], and some to stay inside.
-pub const ANEW_TICKS: u64 = 450;
+/// Ticks of [`press_again`], with some inside the organ.
+pub const PRESS_AGAIN_TICKS: u64 = 450;
 
-/// From a little above the surface into the organ: in touch with all of it after 0.6 s. Depths in the model, metres.
+/// Moves from above the surface into the organ within 0.6 s. Heights in the model, m.
 #[must_use]
 pub fn press(rig: &dyn Rig, above_m: f32, below_m: f32) -> Vec<Waypoint> {
     let middle_m = rig.traits().middle_m;

@@ -1,10 +1,11 @@
-//! A controller beside the loop: what the organ would do to the hand at a place that neither driver nor link has told.
+//! A second controller in parallel with the loop. It gives the organ's force at a position that comes from
+//! neither driver nor link.
 
 use crate::rig::OpenError;
 use palpate_core::{Config, Controller, Organ, Sample, State, Vec3};
 use palpate_host::device::workspace::Workspace;
 
-/// A controller beside the loop, armed from the beginning and given a place each tick.
+/// A second controller, armed at the start. It receives a position in every tick.
 pub(crate) struct Shadow<'o> {
     controller: Controller<'o, 'o>,
     state: State,
@@ -17,21 +18,21 @@ impl<'o> Shadow<'o> {
         Ok(shadow)
     }
 
-    /// Armed anew: what it knew of the hand is forgotten, and its force grows as one does after arming.
+    /// Arms it again: the state is reset, and the force fades in.
     pub(crate) fn arm(&mut self) {
         self.state = State::new();
         self.state.arm();
     }
 
-    /// Force for the hand in the device's frame, and whether it touches.
+    /// Force on the hand in the device frame, and whether the tool is in contact.
     pub(crate) fn at(&mut self, t_us: u64, workspace: &Workspace, device_m: Vec3) -> (Vec3, bool) {
         let sample = Sample { t_us, position_m: workspace.to_model_m(device_m), buttons: 0 };
         let command = self.controller.tick(&mut self.state, t_us, Some(&sample));
         (workspace.to_device_n(command.hand_force_n), command.engaged.is_some())
     }
 
-    /// What the cap on the stiffness scales every force by.
-    pub(crate) const fn share(&self) -> f32 {
+    /// Factor of the stiffness cap on every force.
+    pub(crate) const fn force_scale(&self) -> f32 {
         self.controller.force_share()
     }
 }

@@ -1,4 +1,4 @@
-//! Bytes to and from the driver under test: through a pseudo terminal, or through memory.
+//! Bytes to and from the driver under test, through a pseudo terminal or through memory.
 
 use serialport::{SerialPort, TTYPort};
 use std::collections::VecDeque;
@@ -6,9 +6,9 @@ use std::io::{self, Read, Write};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// The device's end of a link. Neither call waits. Times are the caller's, so that faults can be repeated.
+/// The device's end of a link. No call blocks. The caller passes the time, so that faults are repeatable.
 pub trait Transport {
-    /// Reads what has come; 0 if nothing.
+    /// Reads available bytes; 0 without any.
     fn receive(&mut self, now_us: u64, buffer: &mut [u8]) -> io::Result<usize>;
 
     /// Sends one frame.
@@ -25,39 +25,41 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     }
 }
 
-/// The master end of a pseudo terminal; the driver opens the other one like any serial port.
+/// The master end of a pseudo terminal. The driver opens the other end like any serial port.
 #[derive(Debug)]
 pub struct PtyTransport {
     port: TTYPort,
-    /// Bytes that a look has taken from the terminal already.
-    seen: Vec<u8>,
+    /// Bytes already read from the terminal.
+    buffered: Vec<u8>,
 }
 
 impl PtyTransport {
-    /// A new pseudo terminal: the device's end, and the port for the driver.
+    /// A new pseudo terminal: the device's end, and the driver's port.
     pub fn pair() -> io::Result<(Self, TTYPort)> {
         let (mut device, driver) = TTYPort::pair()?;
         device.set_timeout(Duration::ZERO)?;
-        Ok((Self { port: device, seen: Vec::new() }, driver))
+        Ok((Self { port: device, buffered: Vec::new() }, driver))
     }
 
-    /// Whether there is anything to receive: for certain, without waiting.
+    /// Whether any input is available, reliably and without blocking.
     ///
-    /// What was written at the other end is handed on by a worker of the kernel, on a busy machine much later, and the count of bytes that
-    /// can be read knows nothing of it. A poll lets that worker finish first (`n_tty_poll` of Linux), and a read of the port begins with one.
-    pub fn look(&mut self) -> io::Result<bool> {
-        drain(&mut self.port, &mut self.seen)?;
-        Ok(!self.seen.is_empty())
+    /// A kernel worker forwards the bytes written at the other end. On a busy machine it may be late, and the
+    /// count of readable bytes does not include the bytes it has not forwarded. A poll waits for that worker
+    /// (`n_tty_poll` of Linux), and a read of the port starts with a poll.
+    pub fn poll_input(&mut self) -> io::Result<bool> {
+        drain(&mut self.port, &mut self.buffered)?;
+        Ok(!self.buffered.is_empty())
     }
 }
 
-/// Takes all that can be read now. A signal, Ctrl-C for example, may end the wait of a read before it began: then there is another look.
-fn drain(port: &mut impl Read, seen: &mut Vec<u8>) -> io::Result<()> {
+/// Reads all available bytes. A signal, for example Ctrl-C, may interrupt a read before it waits; the read is
+/// then repeated.
+fn drain(port: &mut impl Read, buffered: &mut Vec<u8>) -> io::Result<()> {
     let mut chunk = [0; 256];
     loop {
         match port.read(&mut chunk) {
             Ok(0) => return Ok(()),
-            Ok(count) => seen.extend(&chunk[..count]),
+            Ok(count) => buffered.extend(&chunk[..count]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
             Err(error) if error.kind() == io::ErrorKind::TimedOut => return Ok(()),
             Err(error) => return Err(error),
@@ -67,10 +69,10 @@ fn drain(port: &mut impl Read, seen: &mut Vec<u8>) -> io::Result<()> {
 
 impl Transport for PtyTransport {
     fn receive(&mut self, _now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
-        self.look()?;
-        let count = self.seen.len().min(buffer.len());
-        buffer[..count].copy_from_slice(&self.seen[..count]);
-        self.seen.drain(..count);
+        self.poll_input()?;
+        let count = self.buffered.len().min(buffer.len());
+        buffer[..count].copy_from_slice(&self.buffered[..count]);
+        self.buffered.drain(..count);
         Ok(count)
     }
 
@@ -97,20 +99,20 @@ impl MemoryTransport {
 }
 
 impl MemoryTransport {
-    /// How many bytes wait to be received.
+    /// Number of bytes to receive.
     #[must_use]
     pub fn waiting(&self) -> usize {
         lock(&self.incoming).len()
     }
 
-    /// Throws away what waits to be received.
+    /// Discards the bytes to receive.
     pub fn clear(&self) {
         lock(&self.incoming).clear();
     }
 }
 
 fn lock(queue: &Mutex<VecDeque<u8>>) -> MutexGuard<'_, VecDeque<u8>> {
-    // Bytes in a queue stay bytes, even if another test thread panicked.
+    // A panic of another test leaves the queue valid.
     queue.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
@@ -142,9 +144,10 @@ mod tests {
         assert_eq!(one.receive(0, &mut buffer).expect("memory"), 0);
     }
 
-    /// A read that a signal interrupts, as Ctrl-C once ended `palpate-hil emulate` with an error in place of its summary.
+    /// A signal interrupts a read. Ctrl-C once ended `palpate-hil emulate` with an error instead of its
+    /// summary.
     #[test]
-    fn a_signal_is_no_fault_of_the_terminal() {
+    fn an_interrupted_read_is_repeated() {
         struct Signalled(Vec<Result<Vec<u8>, io::ErrorKind>>);
         impl Read for Signalled {
             fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
@@ -154,16 +157,16 @@ mod tests {
             }
         }
         let signal = || Err(io::ErrorKind::Interrupted);
-        let (mut seen, some) = (Vec::new(), Ok(b"some".to_vec()));
+        let (mut buffered, some) = (Vec::new(), Ok(b"some".to_vec()));
         let mut port = Signalled(vec![signal(), some, signal(), signal(), Err(io::ErrorKind::TimedOut)]);
-        drain(&mut port, &mut seen).expect("no fault");
-        assert!(seen == b"some" && port.0.is_empty(), "{seen:?}, {} reads to go", port.0.len());
+        drain(&mut port, &mut buffered).expect("no fault");
+        assert!(buffered == b"some" && port.0.is_empty(), "{buffered:?}, {} reads to go", port.0.len());
         let mut gone = Signalled(vec![signal(), Err(io::ErrorKind::BrokenPipe)]);
-        let fault = drain(&mut gone, &mut seen).expect_err("gone");
+        let fault = drain(&mut gone, &mut buffered).expect_err("gone");
         assert_eq!(fault.kind(), io::ErrorKind::BrokenPipe);
     }
 
-    /// Every byte value: a terminal that is not raw would swallow or change some.
+    /// Every byte value passes: a terminal in canonical mode would drop or change some.
     #[test]
     fn a_pseudo_terminal_is_transparent() {
         let (mut device, mut driver) = PtyTransport::pair().expect("a pseudo terminal");
@@ -171,8 +174,8 @@ mod tests {
         driver.write_all(&all).expect("room for 256 bytes");
         let mut got = Vec::new();
         let mut buffer = [0; 64];
-        // No waiting: what was written is there.
-        while device.look().expect("open") {
+        // The written bytes are available without waiting.
+        while device.poll_input().expect("open") {
             let count = device.receive(0, &mut buffer).expect("open");
             got.extend_from_slice(&buffer[..count]);
         }

@@ -1,13 +1,15 @@
-//! A USB device at the far end of a usb-redir socket, as QEMU's `usb-redir` shows it to a guest: the guest's own USB stack enumerates it.
+//! A USB device on a usb-redir socket. QEMU's `usb-redir` shows it to a guest, whose USB stack enumerates it.
 //!
 //! ```text
 //! guest's driver <-> guest's kernel <-> QEMU's host controller <-> socket <-> Session <-> UsbDevice
 //! ```
 //!
-//! In: bytes of the peer. Out: bytes for it. No socket and no clock in here: a transfer that waits is looked at again by [`Session::poll`].
+//! Input: bytes from the peer. Output: bytes for the peer. The session has no socket and no clock;
+//! [`Session::poll`] retries pending transfers.
 //!
-//! Invariants: each transfer is answered once, with its id; a transfer in is answered when a short packet ends it, when it is full, or when it
-//! is cancelled; what a cancelled one had the next one gets; a device that was taken away has nothing waiting.
+//! Invariants: each transfer is answered once, with its id. A transfer in is answered when a short packet
+//! ends it, when it is full, or when it is cancelled. The data of a cancelled transfer goes to the next one.
+//! A disconnected device has no pending transfers.
 
 pub mod packet;
 
@@ -16,12 +18,12 @@ use crate::falcon::{Setup, Stall};
 use packet::{Bulk, ENDPOINTS, Message, ProtocolError, Reader, Status, kind};
 use std::collections::VecDeque;
 
-/// What USB carries to and from a device with one bulk pipe each way.
+/// A USB device with one bulk pipe in each direction.
 pub trait UsbDevice {
-    /// A control transfer: data for the host, none for a request out.
+    /// Handles a control transfer. Returns the data for the host, empty for a request out.
     fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall>;
 
-    /// Data for the device: how many bytes there was room for. The rest is offered again, as a bus does after a NAK.
+    /// Data for the device. Returns the number of bytes taken; the rest is offered again, as after a NAK.
     fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall>;
 
     /// Packets that are ready now, at most `max` bytes; `None` if there are none.
@@ -34,7 +36,7 @@ const DEVICE: u16 = 0x0100;
 const CONFIGURATION: u16 = 0x0200;
 const TYPE_INTERFACE: u8 = 4;
 const TYPE_ENDPOINT: u8 = 5;
-/// Types of endpoints in ep_info.
+/// Endpoint types in ep_info.
 const CONTROL_PIPE: u8 = 0;
 const NO_PIPE: u8 = 255;
 const FULL_SPEED: u8 = 1;
@@ -42,44 +44,44 @@ const DIRECTION_IN: u8 = 0x80;
 /// bmRequestType, bRequest and wValue of CLEAR_FEATURE(ENDPOINT_HALT).
 const CLEAR_HALT: (u8, u8, u16) = (0x02, 1, 0);
 
-/// A transfer that has not ended.
+/// A transfer that is not complete.
 #[derive(Debug, Clone)]
-struct Waiting {
+struct PendingTransfer {
     id: u64,
     bulk: Bulk,
 }
 
-/// Counts of what went over the bus.
+/// Counts of the traffic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Traffic {
     /// Control transfers.
     pub control: u64,
     /// Bulk transfers to the device.
     pub bulk_out: u64,
-    /// Bulk transfers to the host that brought something.
+    /// Bulk transfers to the host with data.
     pub bulk_in: u64,
-    /// Transfers the host wanted no more.
+    /// Transfers that the host cancelled.
     pub cancelled: u64,
-    /// Transfers that were stalled.
+    /// Stalled transfers.
     pub stalled: u64,
 }
 
-/// One peer on one socket.
+/// A session with one peer.
 #[derive(Debug, Clone)]
 pub struct Session {
     reader: Reader,
-    greeted: bool,
+    handshake_done: bool,
     connected: bool,
     configuration: u8,
-    outs: VecDeque<Waiting>,
-    ins: VecDeque<Waiting>,
-    /// What the first of the transfers in has so far.
-    gathered: Vec<u8>,
-    /// The last transfer in that was answered, with what it brought.
+    pending_out: VecDeque<PendingTransfer>,
+    pending_in: VecDeque<PendingTransfer>,
+    /// Data gathered for the first pending transfer in.
+    partial_in: Vec<u8>,
+    /// Id and data of the last completed transfer in.
     last_in: Option<(u64, Vec<u8>)>,
-    /// What it brought, if the peer had cancelled it before that arrived.
-    returned: Vec<u8>,
-    /// Pipes that a stall has halted, out and in: nothing passes until the host clears them.
+    /// Data of a completed transfer that the peer cancelled before it arrived.
+    cancelled_data: Vec<u8>,
+    /// Pipes halted by a stall, out and in. The host must clear them.
     halted: [bool; 2],
     output: Vec<u8>,
     traffic: Traffic,
@@ -92,29 +94,29 @@ impl Default for Session {
 }
 
 impl Session {
-    /// A session that says hello.
+    /// A new session, whose output starts with the hello.
     #[must_use]
     pub fn new() -> Self {
         Self {
             reader: Reader::default(),
-            greeted: false,
+            handshake_done: false,
             connected: false,
             configuration: 0,
-            outs: VecDeque::new(),
-            ins: VecDeque::new(),
-            gathered: Vec::new(),
+            pending_out: VecDeque::new(),
+            pending_in: VecDeque::new(),
+            partial_in: Vec::new(),
             last_in: None,
-            returned: Vec::new(),
+            cancelled_data: Vec::new(),
             halted: [false; 2],
             output: packet::hello(),
             traffic: Traffic::default(),
         }
     }
 
-    /// Whether the peer has said hello: before, nothing can be plugged in.
+    /// Whether the peer's hello has arrived. A device can be connected only after it.
     #[must_use]
-    pub const fn is_greeted(&self) -> bool {
-        self.greeted
+    pub const fn is_handshake_done(&self) -> bool {
+        self.handshake_done
     }
 
     /// Whether the peer sees a device.
@@ -123,24 +125,24 @@ impl Session {
         self.connected
     }
 
-    /// Whether a transfer to the host waits: then everything the device had was taken, and the one before was dealt with.
+    /// Whether a transfer to the host is pending. Then the host has received and processed all earlier data.
     #[must_use]
-    pub fn is_read(&self) -> bool {
-        !self.ins.is_empty()
+    pub fn has_pending_in(&self) -> bool {
+        !self.pending_in.is_empty()
     }
 
-    /// What went over the bus so far.
+    /// Counts of the traffic so far.
     #[must_use]
     pub const fn traffic(&self) -> Traffic {
         self.traffic
     }
 
-    /// Bytes for the peer; they are its own from here on.
+    /// Takes the bytes for the peer.
     pub fn take_output(&mut self) -> Vec<u8> {
         core::mem::take(&mut self.output)
     }
 
-    /// Shows the device, as its descriptors have it.
+    /// Connects the device with its descriptors.
     ///
     /// # Panics
     ///
@@ -157,54 +159,56 @@ impl Session {
             device.control(setup, &[]).expect("every device has this descriptor")
         };
         let (about, configuration) = (get(DEVICE), get(CONFIGURATION));
-        let (interfaces, endpoints) = describe(&configuration);
-        self.forget();
+        let (interfaces, endpoints) = describe_endpoints(&configuration);
+        self.clear_transfers();
         self.output.extend(packet::packet(kind::INTERFACE_INFO, 0, &interfaces));
         self.output.extend(packet::packet(kind::EP_INFO, 0, &endpoints));
-        // Speed; class, subclass, protocol; vendor, product and release as they stand in the descriptor.
+        // Speed; class, subclass and protocol; vendor, product and release, copied from the descriptor.
         let connect = [&[FULL_SPEED], &about[4..7], &about[8..14]].concat();
         self.output.extend(packet::packet(kind::DEVICE_CONNECT, 0, &connect));
         self.connected = true;
     }
 
-    /// Takes the device away; what waited waits no more.
+    /// Disconnects the device and drops its pending transfers.
     pub fn disconnect(&mut self) {
-        self.forget();
+        self.clear_transfers();
         self.output.extend(packet::packet(kind::DEVICE_DISCONNECT, 0, &[]));
         self.connected = false;
     }
 
-    fn forget(&mut self) {
-        self.outs.clear();
-        self.ins.clear();
-        self.gathered.clear();
-        self.returned.clear();
+    fn clear_transfers(&mut self) {
+        self.pending_out.clear();
+        self.pending_in.clear();
+        self.partial_in.clear();
+        self.cancelled_data.clear();
         self.last_in = None;
         self.configuration = 0;
     }
 
-    /// Takes bytes of the peer, and does what they ask for.
+    /// Takes bytes of the peer and handles their messages.
     pub fn receive(&mut self, bytes: &[u8], device: &mut impl UsbDevice) -> Result<(), ProtocolError> {
         self.reader.push(bytes);
         while let Some((id, message)) = self.reader.next_message()? {
             if let Message::Hello { .. } = message {
-                self.greeted = true;
+                self.handshake_done = true;
             } else if self.connected {
-                self.obey(id, message, device);
+                self.handle_message(id, message, device);
             }
-            // What was under way when the device was taken away has nobody to answer it, and the peer knows.
+            // A message to a disconnected device is not answered; the peer expects that.
         }
         Ok(())
     }
 
-    fn obey(&mut self, id: u64, message: Message, device: &mut impl UsbDevice) {
+    fn handle_message(&mut self, id: u64, message: Message, device: &mut impl UsbDevice) {
         match message {
             Message::Hello { .. } | Message::Other(_) => {}
             Message::Reset => {
-                while let Some(waiting) = self.outs.pop_front().or_else(|| self.ins.pop_front()) {
-                    self.cancelled(&waiting);
+                while let Some(transfer) =
+                    self.pending_out.pop_front().or_else(|| self.pending_in.pop_front())
+                {
+                    self.cancelled(&transfer);
                 }
-                self.forget();
+                self.clear_transfers();
                 let _ = device.control(configure(0), &[]);
             }
             Message::SetConfiguration(configuration) => {
@@ -215,18 +219,18 @@ impl Session {
                 if status == Status::Success {
                     self.configuration = configuration;
                 }
-                self.say(kind::CONFIGURATION_STATUS, id, &[status as u8, self.configuration]);
+                self.send(kind::CONFIGURATION_STATUS, id, &[status as u8, self.configuration]);
             }
             Message::GetConfiguration => {
-                self.say(kind::CONFIGURATION_STATUS, id, &[Status::Success as u8, self.configuration]);
+                self.send(kind::CONFIGURATION_STATUS, id, &[Status::Success as u8, self.configuration]);
             }
             Message::SetAlternate { interface, alternate } => {
-                // There is one setting.
+                // There is one alternate setting.
                 let status = if alternate == 0 { Status::Success } else { Status::Stall };
-                self.say(kind::ALT_SETTING_STATUS, id, &[status as u8, interface, 0]);
+                self.send(kind::ALT_SETTING_STATUS, id, &[status as u8, interface, 0]);
             }
             Message::GetAlternate { interface } => {
-                self.say(kind::ALT_SETTING_STATUS, id, &[Status::Success as u8, interface, 0]);
+                self.send(kind::ALT_SETTING_STATUS, id, &[Status::Success as u8, interface, 0]);
             }
             Message::Cancel => self.cancel(id),
             Message::Control { endpoint, setup, data } => {
@@ -248,78 +252,79 @@ impl Session {
                 self.output.extend(packet::control(id, endpoint, setup, status, len, &answer));
             }
             Message::Bulk(bulk) => {
-                let waiting = Waiting { id, bulk };
-                if waiting.bulk.endpoint & DIRECTION_IN == 0 {
-                    self.outs.push_back(waiting);
-                } else if waiting.bulk.len < PACKET_LEN {
+                let transfer = PendingTransfer { id, bulk };
+                if transfer.bulk.endpoint & DIRECTION_IN == 0 {
+                    self.pending_out.push_back(transfer);
+                } else if transfer.bulk.len < PACKET_LEN {
                     // A packet may not fit.
-                    self.end(&waiting, Status::Invalid, 0, &[]);
+                    self.end(&transfer, Status::Invalid, 0, &[]);
                 } else {
-                    self.ins.push_back(waiting);
+                    self.pending_in.push_back(transfer);
                 }
                 self.poll(device);
             }
         }
     }
 
-    fn say(&mut self, kind: u32, id: u64, body: &[u8]) {
+    fn send(&mut self, kind: u32, id: u64, body: &[u8]) {
         self.output.extend(packet::packet(kind, id, body));
     }
 
     fn cancel(&mut self, id: u64) {
-        let found = [&mut self.outs, &mut self.ins].into_iter().find_map(|queue| {
-            let at = queue.iter().position(|waiting| waiting.id == id)?;
+        let found = [&mut self.pending_out, &mut self.pending_in].into_iter().find_map(|queue| {
+            let at = queue.iter().position(|transfer| transfer.id == id)?;
             queue.remove(at)
         });
-        if let Some(waiting) = found {
-            self.cancelled(&waiting);
+        if let Some(transfer) = found {
+            self.cancelled(&transfer);
         } else if let Some((_, data)) = self.last_in.take_if(|(last, _)| *last == id) {
-            // The answer and the cancellation have met on their ways: the peer throws the answer away, where a bus would not have carried
-            // it. The next transfer gets it.
+            // The answer and the cancellation have crossed. The peer discards the answer, so the next
+            // transfer gets its data.
             self.traffic.cancelled += 1;
-            self.returned.extend(data);
+            self.cancelled_data.extend(data);
         }
     }
 
-    fn cancelled(&mut self, waiting: &Waiting) {
+    fn cancelled(&mut self, transfer: &PendingTransfer) {
         self.traffic.cancelled += 1;
-        self.end(waiting, Status::Cancelled, 0, &[]);
+        self.end(transfer, Status::Cancelled, 0, &[]);
     }
 
-    fn end(&mut self, waiting: &Waiting, status: Status, len: usize, data: &[u8]) {
-        let Waiting { id, bulk } = waiting;
+    fn end(&mut self, transfer: &PendingTransfer, status: Status, len: usize, data: &[u8]) {
+        let PendingTransfer { id, bulk } = transfer;
         self.traffic.stalled += u64::from(status == Status::Stall);
         self.output.extend(packet::bulk(*id, bulk.endpoint, bulk.stream, status, len, data));
     }
 
-    /// Looks whether transfers that wait can go on.
+    /// Retries the pending transfers.
     pub fn poll(&mut self, device: &mut impl UsbDevice) {
-        while let Some(waiting) = self.outs.front_mut() {
-            let taken = if self.halted[0] { Err(Stall) } else { device.bulk_out(&waiting.bulk.data) };
+        while let Some(transfer) = self.pending_out.front_mut() {
+            let taken = if self.halted[0] { Err(Stall) } else { device.bulk_out(&transfer.bulk.data) };
             self.halted[0] = taken.is_err();
             if let Ok(count) = taken {
-                waiting.bulk.data.drain(..count);
-                if !waiting.bulk.data.is_empty() {
+                transfer.bulk.data.drain(..count);
+                if !transfer.bulk.data.is_empty() {
                     break;
                 }
             }
-            let Some(waiting) = self.outs.pop_front() else { break };
+            let Some(transfer) = self.pending_out.pop_front() else { break };
             self.traffic.bulk_out += 1;
             match taken {
-                Ok(_) => self.end(&waiting, Status::Success, waiting.bulk.len, &[]),
-                Err(Stall) => self.end(&waiting, Status::Stall, 0, &[]),
+                Ok(_) => self.end(&transfer, Status::Success, transfer.bulk.len, &[]),
+                Err(Stall) => self.end(&transfer, Status::Stall, 0, &[]),
             }
         }
-        while !self.returned.is_empty()
-            && let Some(waiting) = self.ins.pop_front()
+        while !self.cancelled_data.is_empty()
+            && let Some(transfer) = self.pending_in.pop_front()
         {
-            let data: Vec<u8> = self.returned.drain(..waiting.bulk.len.min(self.returned.len())).collect();
-            self.brought(&waiting, Status::Success, data);
+            let data: Vec<u8> =
+                self.cancelled_data.drain(..transfer.bulk.len.min(self.cancelled_data.len())).collect();
+            self.complete_in(&transfer, Status::Success, data);
         }
-        while let Some(waiting) = self.ins.front() {
-            // Whole packets only, as on a wire.
-            let room = waiting.bulk.len.saturating_sub(self.gathered.len()) / PACKET_LEN * PACKET_LEN;
-            // What a cancelled transfer has left may fill this one.
+        while let Some(transfer) = self.pending_in.front() {
+            // Only whole packets fit, as on the wire.
+            let room = transfer.bulk.len.saturating_sub(self.partial_in.len()) / PACKET_LEN * PACKET_LEN;
+            // Data of a cancelled transfer may fill this one.
             let packets = match room {
                 _ if self.halted[1] => Err(Stall),
                 0 => Ok(Some(Vec::new())),
@@ -328,7 +333,7 @@ impl Session {
             self.halted[1] = packets.is_err();
             let (status, ended) = match packets {
                 Ok(Some(packets)) => {
-                    self.gathered.extend(&packets);
+                    self.partial_in.extend(&packets);
                     (Status::Success, packets.len() % PACKET_LEN != 0 || packets.len() == room)
                 }
                 Ok(None) => (Status::Success, false),
@@ -337,16 +342,17 @@ impl Session {
             if !ended {
                 break;
             }
-            let Some(waiting) = self.ins.pop_front() else { break };
-            let data: Vec<u8> = self.gathered.drain(..waiting.bulk.len.min(self.gathered.len())).collect();
-            self.brought(&waiting, status, data);
+            let Some(transfer) = self.pending_in.pop_front() else { break };
+            let data: Vec<u8> =
+                self.partial_in.drain(..transfer.bulk.len.min(self.partial_in.len())).collect();
+            self.complete_in(&transfer, status, data);
         }
     }
 
-    fn brought(&mut self, waiting: &Waiting, status: Status, data: Vec<u8>) {
+    fn complete_in(&mut self, transfer: &PendingTransfer, status: Status, data: Vec<u8>) {
         self.traffic.bulk_in += 1;
-        self.end(waiting, status, data.len(), &data);
-        self.last_in = Some((waiting.id, data));
+        self.end(transfer, status, data.len(), &data);
+        self.last_in = Some((transfer.id, data));
     }
 }
 
@@ -354,8 +360,8 @@ const fn configure(configuration: u8) -> Setup {
     Setup { request_type: 0, request: SET_CONFIGURATION, value: configuration as u16, index: 0, length: 0 }
 }
 
-/// Bodies of interface_info and ep_info, by a walk through a configuration descriptor.
-fn describe(configuration: &[u8]) -> (Vec<u8>, Vec<u8>) {
+/// Bodies of interface_info and ep_info from a configuration descriptor.
+fn describe_endpoints(configuration: &[u8]) -> (Vec<u8>, Vec<u8>) {
     let (mut count, mut numbers, mut classes) = (0_u32, [0; ENDPOINTS], [[0; ENDPOINTS]; 3]);
     let (mut kinds, mut intervals, mut owners) = ([NO_PIPE; ENDPOINTS], [0; ENDPOINTS], [0; ENDPOINTS]);
     let mut sizes = [0_u16; ENDPOINTS];
@@ -380,7 +386,7 @@ fn describe(configuration: &[u8]) -> (Vec<u8>, Vec<u8>) {
             }
             _ => {}
         }
-        // A length that leads nowhere ends the walk.
+        // An invalid length ends the loop.
         rest = rest.get(usize::from(*len).max(2)..).unwrap_or_default();
     }
     let interfaces = [&count.to_le_bytes()[..], &numbers, &classes[0], &classes[1], &classes[2]].concat();

@@ -1,16 +1,23 @@
-//! Every device on every transport is held to the one contract. A new rig is a line here and in `palpate_hil::rig::all`.
+//! Runs the contract checks on every device and transport. A new rig needs an entry here and in
+//! `palpate_hil::rig::all`.
 
 use palpate_hil::contract::CHECKS;
 use palpate_hil::rig;
 
-/// All checks, also after one that is broken: what a fault breaks says what it is.
+/// Runs all checks, also after a violation, so that a defect shows all its effects.
 fn keeps_the_contract(name: &str) {
     let kind = rig::all().into_iter().find(|kind| kind.name == name).expect("it is listed");
-    let broken: Vec<String> = CHECKS
+    let violation: Vec<String> = CHECKS
         .iter()
         .filter_map(|check| check.run(kind).err().map(|why| format!("{}: {why}", check.name)))
         .collect();
-    assert!(broken.is_empty(), "{name} breaks {} of {}:\n{}", broken.len(), CHECKS.len(), broken.join("\n"));
+    assert!(
+        violation.is_empty(),
+        "{name} violates {} of {}:\n{}",
+        violation.len(),
+        CHECKS.len(),
+        violation.join("\n")
+    );
 }
 
 #[test]
@@ -19,7 +26,7 @@ fn falcon_in_memory() {
 }
 
 #[test]
-fn falcon_in_memory_by_threads() {
+fn falcon_in_memory_with_threads() {
     keeps_the_contract("falcon-threads");
 }
 
@@ -44,11 +51,11 @@ fn polhem_over_a_pseudo_terminal() {
 }
 
 #[test]
-fn every_rig_is_held_to_it() {
+fn every_rig_has_a_test() {
     let names: Vec<&str> = rig::all().iter().map(|kind| kind.name).collect();
     assert_eq!(
         names,
         ["falcon-memory", "falcon-threads", "link-memory", "link-pty", "polhem-memory", "polhem-pty"],
-        "a test above for each of them"
+        "one test above for each"
     );
 }

@@ -1,4 +1,4 @@
-//! `palpate-hil emulate` as a user has it: a process that is asked for its terminal, and the real driver on it.
+//! `palpate-hil emulate` as a process on a pseudo terminal, with the real driver.
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -14,11 +14,11 @@ use std::process::{Child, Command, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-/// For what must happen, however busy the machine.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Longest wait for an event that must happen, on a busy machine.
+const TIMEOUT: Duration = Duration::from_secs(20);
 const ORGAN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
 
-/// The process. Ends with this.
+/// The process, killed on drop.
 struct Emulator(Child);
 
 impl Drop for Emulator {
@@ -28,15 +28,16 @@ impl Drop for Emulator {
     }
 }
 
-/// Starts it, puts the driver on the terminal that it names, asks for a force while the hand is in the organ, and ends it with Ctrl-C.
-fn is_felt(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Device>) {
+/// Starts the emulator, opens the driver on its terminal, requests a force while the hand is in the organ,
+/// and ends the emulator with Ctrl-C.
+fn renders_a_force(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Device>) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_palpate-hil"));
     command.args(["emulate", kind, "--organ", ORGAN]).stdout(Stdio::piped());
     let mut emulator = Emulator(command.spawn().expect("it starts"));
-    let mut said = BufReader::new(emulator.0.stdout.take().expect("piped"));
+    let mut output = BufReader::new(emulator.0.stdout.take().expect("piped"));
     let mut line = || {
         let mut line = String::new();
-        said.read_line(&mut line).expect("it says something");
+        output.read_line(&mut line).expect("it prints a line");
         line.trim().to_owned()
     };
     let port = line();
@@ -53,12 +54,12 @@ fn is_felt(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Device>) {
     assert_eq!(device.state(), DeviceState::Homed);
     let (begun, mut pressed, mut deepest_m, mut force_n) = (Instant::now(), false, 0.0f32, vec3::ZERO);
     while !pressed || deepest_m > -0.002 {
-        assert!(begun.elapsed() < PATIENCE, "button {pressed}, deepest {deepest_m} m");
+        assert!(begun.elapsed() < TIMEOUT, "button {pressed}, deepest {deepest_m} m");
         let now_us = begun.elapsed().as_micros() as u64;
-        // What breaks on a busy machine is the link's affair, and a watchdog that fires then as well.
+        // On a busy machine the link may fail or the watchdog may fire. Both are tolerated here.
         if let Ok(Some(sample)) = device.exchange(now_us, force_n) {
             let height_m = height_m(sample.position_m);
-            // The hand presses the button above, and then goes in.
+            // The hand presses the button above the organ, and then moves in.
             pressed |= sample.buttons & 1 != 0 && height_m > 0.005;
             if pressed {
                 deepest_m = deepest_m.min(height_m);
@@ -72,34 +73,34 @@ fn is_felt(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Device>) {
     }
     drop(device);
 
-    kill(Pid::from_raw(emulator.0.id() as i32), Signal::SIGINT).expect("it is there");
+    kill(Pid::from_raw(emulator.0.id() as i32), Signal::SIGINT).expect("the process runs");
     let mut summary = String::new();
-    said.read_to_string(&mut summary).expect("its last words");
+    output.read_to_string(&mut summary).expect("its summary");
     assert!(emulator.0.wait().expect("it ends").success(), "{summary}");
     println!("{kind}: {summary}");
     assert!(summary.contains("largest force 1.50 N; frames lost 0, "), "{summary}");
 }
 
 #[test]
-fn a_link_is_emulated_for_whoever_opens_its_terminal() {
-    is_felt("link", |port, profile| {
-        let config = LinkConfig::of(profile, PATIENCE).expect("it states a capstan");
+fn an_emulated_link_renders_a_force_on_its_terminal() {
+    renders_a_force("link", |port, profile| {
+        let config = LinkConfig::of(profile, TIMEOUT).expect("it has a [capstan]");
         let mut device = Link::open(port, 1_000_000, config).expect("it answers");
-        assert!(device.home(&AtomicBool::new(false)).expect("it is there"));
+        assert!(device.home(&AtomicBool::new(false)).expect("it is connected"));
         Box::new(device)
     });
 }
 
 #[test]
-fn a_polhem_is_emulated_for_whoever_opens_its_terminal() {
-    is_felt("polhem", |port, profile| {
+fn an_emulated_polhem_renders_a_force_on_its_terminal() {
+    renders_a_force("polhem", |port, profile| {
         let config = PolhemConfig { workspace: profile.workspace, ..PolhemConfig::default() };
         Box::new(Polhem::open(port, config).expect("it wakes"))
     });
 }
 
 #[test]
-fn what_makes_no_sense_is_refused() {
+fn invalid_arguments_are_refused() {
     for (arguments, word) in [
         (&["emulate", "link", "--faults", "2"][..], "--faults"),
         (&["emulate", "link", "--seconds=-1"], "--seconds"),
@@ -108,7 +109,7 @@ fn what_makes_no_sense_is_refused() {
     ] {
         let ran =
             Command::new(env!("CARGO_BIN_EXE_palpate-hil")).args(arguments).output().expect("it starts");
-        let said = String::from_utf8_lossy(&ran.stderr);
-        assert!(!ran.status.success() && said.contains(word), "{arguments:?}: {said}");
+        let output = String::from_utf8_lossy(&ran.stderr);
+        assert!(!ran.status.success() && output.contains(word), "{arguments:?}: {output}");
     }
 }

@@ -1,4 +1,4 @@
-//! The emulated Falcon, driven with raw requests and packets as the description of the protocol gives them; no driver of ours takes part.
+//! The emulated Falcon under raw requests and packets of the protocol, without the host's driver.
 
 use palpate_core::{Vec3, vec3};
 use palpate_hil::falcon::kinematics::Pose;
@@ -9,7 +9,7 @@ use palpate_host::DeviceErrorKind;
 use palpate_host::device::falcon::Ftdi;
 use std::time::Duration;
 
-const PATIENCE: Duration = Duration::from_millis(100);
+const TIMEOUT: Duration = Duration::from_millis(100);
 const HOMING: u8 = 1;
 const ZERO: [i16; 3] = [0; 3];
 
@@ -32,7 +32,7 @@ struct Reply {
     homed: u8,
 }
 
-/// The last whole packet in some bytes.
+/// The last whole packet in these bytes.
 fn reply(bytes: &[u8]) -> Option<Reply> {
     let end = bytes.iter().rposition(|byte| *byte == b'>')?;
     let packet = bytes.get(end.checked_sub(15)?..=end)?;
@@ -43,10 +43,10 @@ fn reply(bytes: &[u8]) -> Option<Reply> {
     Some(Reply { counts, buttons: value(13) & 0xf, homed: value(13) >> 4 })
 }
 
-/// Payload that comes within a time; whatever the packets.
+/// Payload received within a time, across packets.
 fn listen(ftdi: &impl Ftdi, count: usize, patience: Duration) -> Vec<u8> {
     let (mut bytes, mut buffer) = (Vec::new(), [0; 512]);
-    // An idle chip sends a packet each time its timer has run out, 16 ms at most.
+    // An idle chip sends a packet each time its timer expires, after 16 ms at most.
     for _ in 0..40 {
         if bytes.len() >= count {
             break;
@@ -62,7 +62,7 @@ fn image() -> Vec<u8> {
     synthetic_image(0x3f_8000, &[(0x3f_8000, &code), (0x8000, &code[..33])])
 }
 
-/// Steps 1 to 5 of a load; what went wrong is the number of the step.
+/// Steps 1 to 5 of a load. The error is the number of the failed step.
 fn load(ftdi: &impl Ftdi, image: &[u8]) -> Result<(), u8> {
     let set = |request, value| ftdi.control(request, value).expect("a known request");
     for (request, value) in
@@ -70,21 +70,21 @@ fn load(ftdi: &impl Ftdi, image: &[u8]) -> Result<(), u8> {
     {
         set(request, value);
     }
-    let say = |bytes: &[u8]| assert_eq!(ftdi.write(bytes, PATIENCE), Ok(bytes.len()));
+    let say = |bytes: &[u8]| assert_eq!(ftdi.write(bytes, TIMEOUT), Ok(bytes.len()));
     say(&[0x0a, 0x43, 0x0d]);
-    let welcome = listen(ftdi, 4, PATIENCE);
+    let welcome = listen(ftdi, 4, TIMEOUT);
     if welcome.strip_prefix(&[0]).unwrap_or(&welcome) != [0x0a, 0x44, 0x2c, 0x0d] {
         return Err(2);
     }
     set(1, 0x100);
     set(3, 0x15);
     say(&[0x41]);
-    if listen(ftdi, 1, PATIENCE) != [0x41] {
+    if listen(ftdi, 1, TIMEOUT) != [0x41] {
         return Err(3);
     }
     for chunk in image.chunks(62) {
         say(chunk);
-        if listen(ftdi, chunk.len(), PATIENCE) != chunk {
+        if listen(ftdi, chunk.len(), TIMEOUT) != chunk {
             return Err(4);
         }
     }
@@ -95,7 +95,7 @@ fn load(ftdi: &impl Ftdi, image: &[u8]) -> Result<(), u8> {
     Ok(())
 }
 
-/// A device whose firmware runs, at the rate it speaks.
+/// A device with running firmware, at the firmware's baud rate.
 fn running(config: FalconConfig) -> MemoryFtdi {
     let ftdi = MemoryFtdi::new(EmulatedFalcon::new(FalconConfig { firmware_runs: true, ..config }));
     for (request, value) in [(4, 8), (3, 2), (9, 1), (6, 0x013e)] {
@@ -104,7 +104,7 @@ fn running(config: FalconConfig) -> MemoryFtdi {
     ftdi
 }
 
-/// One exchange a millisecond.
+/// One exchange per millisecond.
 fn exchange(ftdi: &MemoryFtdi, motors: [i16; 3], control: u8) -> Reply {
     let next_us = ftdi.now_us() + 1_000;
     ftdi.write(&request(motors, control), Duration::ZERO).expect("room");
@@ -121,9 +121,9 @@ fn homed() -> MemoryFtdi {
     ftdi
 }
 
-/// Motors for a force on the hand, as the description has it: -10000 J^T F, J = d(position)/d(angles).
+/// Motor commands for a force on the hand, by the protocol: -10000 J^T F, J = d(position)/d(angles).
 fn motors_for(force_n: Vec3, at_m: Vec3) -> [i16; 3] {
-    // J column by column, by solving for the displacement that turns one arm alone: Cramer's rule on its inverse.
+    // Columns of J by Cramer's rule on its inverse: the displacement that turns one arm alone.
     let [a, b, c] = Pose::at(at_m).expect("within reach").rad_per_m;
     let cross = |p: [f64; 3], q: [f64; 3]| {
         [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]]
@@ -138,7 +138,7 @@ fn motors_for(force_n: Vec3, at_m: Vec3) -> [i16; 3] {
 }
 
 #[test]
-fn it_enumerates_as_a_falcon() {
+fn the_device_enumerates_as_a_falcon() {
     let mut falcon = EmulatedFalcon::new(FalconConfig::default());
     let get = |value| Setup { request_type: 0x80, request: 6, value, index: 0, length: 255 };
     let device = falcon.control(get(0x0100), &[]).expect("a descriptor");
@@ -153,29 +153,29 @@ fn it_enumerates_as_a_falcon() {
 }
 
 #[test]
-fn a_board_without_firmware_says_nothing_until_it_has_one() {
+fn a_board_without_firmware_is_silent_until_it_is_loaded() {
     let ftdi = MemoryFtdi::new(EmulatedFalcon::new(FalconConfig {
         loader: LoaderOptions { leading_zero: true, fault: None },
         ..FalconConfig::default()
     }));
     ftdi.control(3, 2).expect("a rate");
     ftdi.control(9, 1).expect("a latency");
-    ftdi.write(&request(ZERO, 0), PATIENCE).expect("room");
-    assert_eq!(listen(&ftdi, 16, PATIENCE), b"");
+    ftdi.write(&request(ZERO, 0), TIMEOUT).expect("room");
+    assert_eq!(listen(&ftdi, 16, TIMEOUT), b"");
 
     assert_eq!(load(&ftdi, &image()), Ok(()));
     let loaded = ftdi.falcon().image().expect("an image");
     assert_eq!((loaded.entry, loaded.blocks, loaded.words), (0x3f_8000, 2, 533));
-    ftdi.write(&request(ZERO, 0b1000), PATIENCE).expect("room");
-    let first = reply(&listen(&ftdi, 16, PATIENCE)).expect("a reply");
+    ftdi.write(&request(ZERO, 0b1000), TIMEOUT).expect("room");
+    let first = reply(&listen(&ftdi, 16, TIMEOUT)).expect("a reply");
     assert_eq!((first.homed, first.buttons), (0, 0));
     assert_eq!(ftdi.falcon().firmware().map(|firmware| firmware.leds()), Some(0b100), "red");
-    // 2 x 1116 bytes at 142,857 baud and the rest at 9600: the load takes its time, all of it virtual.
+    // 2 x 1116 bytes at 142,857 baud, and the rest at 9600 baud, take virtual time.
     assert!((100_000..2_000_000).contains(&ftdi.now_us()), "{} us", ftdi.now_us());
 }
 
 #[test]
-fn a_wrong_image_is_refused_and_a_sound_one_taken_after_it() {
+fn an_invalid_image_is_refused_and_a_valid_one_loads_after_it() {
     let ftdi = MemoryFtdi::new(EmulatedFalcon::new(FalconConfig::default()));
     let mut wrong = image();
     wrong[0] ^= 1;
@@ -186,7 +186,7 @@ fn a_wrong_image_is_refused_and_a_sound_one_taken_after_it() {
 }
 
 #[test]
-fn each_fault_of_the_loader_is_met_at_its_step_and_ends() {
+fn each_loader_fault_fails_at_its_step_and_ends() {
     for (fault, step) in [
         (LoaderFault::Silent, 2),
         (LoaderFault::Refuses, 2),
@@ -209,37 +209,37 @@ fn a_reply_waits_for_the_latency_timer_unless_its_last_byte_is_the_event_charact
         let ftdi = running(FalconConfig::default());
         ftdi.control(6, event).expect("a known request");
         let mut buffer = [0; 64];
-        // The timer begins anew with the packet it sends.
-        assert_eq!(ftdi.read(&mut buffer, PATIENCE), Ok(2));
+        // The timer restarts with the packet it sends.
+        assert_eq!(ftdi.read(&mut buffer, TIMEOUT), Ok(2));
         let sent_us = ftdi.now_us();
-        ftdi.write(&request(ZERO, 0), PATIENCE).expect("room");
-        assert_eq!(ftdi.read(&mut buffer, PATIENCE), Ok(18));
+        ftdi.write(&request(ZERO, 0), TIMEOUT).expect("room");
+        assert_eq!(ftdi.read(&mut buffer, TIMEOUT), Ok(18));
         assert!(reply(&buffer[2..18]).is_some());
         ftdi.now_us() - sent_us
     };
     assert_eq!(comes_after_us(0), 1_000);
     assert!((230..=250).contains(&comes_after_us(0x013e)));
-    assert_eq!(comes_after_us(0x003e), 1_000, "without its bit it is switched off");
+    assert_eq!(comes_after_us(0x003e), 1_000, "without its enable bit it has no effect");
 }
 
 #[test]
-fn the_timer_may_cut_a_reply_in_two() {
+fn the_timer_may_split_a_reply() {
     let ftdi = running(FalconConfig::default());
     ftdi.control(6, 0).expect("a known request");
     let mut buffer = [0; 64];
-    ftdi.read(&mut buffer, PATIENCE).expect("idle");
+    ftdi.read(&mut buffer, TIMEOUT).expect("idle");
     let at_us = ftdi.now_us() + 820;
     ftdi.falcon().advance(at_us);
-    ftdi.write(&request(ZERO, 0), PATIENCE).expect("room");
-    let first = ftdi.read(&mut buffer, PATIENCE).expect("a part");
+    ftdi.write(&request(ZERO, 0), TIMEOUT).expect("room");
+    let first = ftdi.read(&mut buffer, TIMEOUT).expect("a part");
     assert!((3..18).contains(&first), "{first} bytes");
-    assert_eq!(ftdi.read(&mut buffer, PATIENCE), Ok(20 - first));
+    assert_eq!(ftdi.read(&mut buffer, TIMEOUT), Ok(20 - first));
 }
 
 #[test]
-fn the_grip_is_homed_by_pulling_it_out_and_pushing_it_in() {
+fn the_grip_is_homed_by_moving_out_and_in() {
     let ftdi = running(FalconConfig::default());
-    // Nobody asks for homing: the hand waits.
+    // Without a homing request the hand waits.
     for _ in 0..500 {
         assert_eq!(exchange(&ftdi, ZERO, 0).homed, 0);
     }
@@ -265,7 +265,7 @@ fn the_grip_is_homed_by_pulling_it_out_and_pushing_it_in() {
     assert!((0..3).all(|i| (counts[i] - wanted[i]).abs() <= 1), "{counts:?} {wanted:?}");
 }
 
-/// Pulled sideways, the three axes pass their indices one after the other.
+/// On a lateral path the three axes pass their indices one after the other.
 #[test]
 fn each_axis_is_homed_by_itself() {
     let at = |t_us, position_m| Waypoint { t_us, position_m };
@@ -285,25 +285,25 @@ fn each_axis_is_homed_by_itself() {
 }
 
 #[test]
-fn a_force_pushes_the_grip_along_itself() {
+fn a_force_moves_the_grip_along_its_direction() {
     let ftdi = homed();
     let at_m = ftdi.falcon().position_m();
     let force = [[3.0, 0.0, 0.0], [0.0, -3.0, 0.0], [0.0, 0.0, 3.0], [1.5, 2.0, -2.5]];
     for wanted_n in force {
         let before_m = ftdi.falcon().position_m();
-        ftdi.falcon().forget();
+        ftdi.falcon().reset_record();
         exchange(&ftdi, motors_for(wanted_n, before_m), HOMING);
-        let felt_n = ftdi.falcon().felt().force_n;
-        assert!(vec3::distance(felt_n, wanted_n) < 0.03, "{felt_n:?} N, not {wanted_n:?} N");
+        let felt_n = ftdi.falcon().force_record().force_n;
+        assert!(vec3::distance(felt_n, wanted_n) < 0.03, "{felt_n:?} N, expected {wanted_n:?} N");
         for _ in 0..400 {
             let here_m = ftdi.falcon().position_m();
             exchange(&ftdi, motors_for(wanted_n, here_m), HOMING);
         }
-        // The arm's 450 N/m, and a friction of 0.2 N either way.
+        // Stiffness of the arm 450 N/m, and 0.2 N of friction in either direction.
         let moved_m = vec3::sub(ftdi.falcon().position_m(), before_m);
-        let off_n = vec3::distance(vec3::scale(moved_m, 450.0), wanted_n);
-        assert!(off_n < 0.5, "{moved_m:?} m under {wanted_n:?} N");
-        assert!(ftdi.falcon().felt().work_j > 0.0);
+        let error_n = vec3::distance(vec3::scale(moved_m, 450.0), wanted_n);
+        assert!(error_n < 0.5, "{moved_m:?} m under {wanted_n:?} N");
+        assert!(ftdi.falcon().force_record().work_j > 0.0);
         for _ in 0..400 {
             exchange(&ftdi, ZERO, HOMING);
         }
@@ -312,35 +312,35 @@ fn a_force_pushes_the_grip_along_itself() {
 }
 
 #[test]
-fn it_has_no_watchdog_and_a_pulled_cable_changes_nothing() {
+fn there_is_no_watchdog_and_unplugging_keeps_the_force() {
     let ftdi = homed();
     let at_m = ftdi.falcon().position_m();
     exchange(&ftdi, motors_for([0.0, 0.0, 2.0], at_m), HOMING);
     let commanded_us = ftdi.now_us();
     ftdi.falcon().advance(commanded_us + 5_000_000);
-    assert!(ftdi.falcon().felt().force_n[2] > 1.5);
+    assert!(ftdi.falcon().force_record().force_n[2] > 1.5);
     ftdi.unplug();
     ftdi.falcon().advance(commanded_us + 6_000_000);
     ftdi.replug();
     ftdi.falcon().advance(commanded_us + 7_000_000);
-    let felt = *ftdi.falcon().felt();
+    let felt = *ftdi.falcon().force_record();
     assert!(felt.force_n[2] > 1.5 && felt.off_since_us.is_none());
     assert!(felt.last_command_us.is_some_and(|at_us| at_us <= commanded_us));
-    // The firmware still runs, for whoever opens it again.
-    ftdi.reopen().expect("it is in again");
+    // The firmware still runs after the device is opened again.
+    ftdi.reopen().expect("it is plugged in again");
     for (request, value) in [(3, 2), (9, 1), (6, 0x013e)] {
         ftdi.control(request, value).expect("a known request");
     }
     assert_eq!(exchange(&ftdi, ZERO, HOMING).homed, 0b111);
-    assert_eq!(ftdi.falcon().felt().force_n, vec3::ZERO);
-    // Without power it neither runs nor pushes.
+    assert_eq!(ftdi.falcon().force_record().force_n, vec3::ZERO);
+    // Without power neither firmware nor motors work.
     exchange(&ftdi, motors_for([0.0, 0.0, 2.0], at_m), HOMING);
     ftdi.falcon().power_cycle();
-    assert!(ftdi.falcon().firmware().is_none() && ftdi.falcon().felt().force_n == vec3::ZERO);
+    assert!(ftdi.falcon().firmware().is_none() && ftdi.falcon().force_record().force_n == vec3::ZERO);
 }
 
 #[test]
-fn buttons_jumps_and_a_lost_homing_are_reported() {
+fn buttons_encoder_jumps_and_a_loss_of_homing_are_reported() {
     let ftdi = homed();
     ftdi.falcon().press(0b0101);
     let before = exchange(&ftdi, ZERO, HOMING);
@@ -353,9 +353,10 @@ fn buttons_jumps_and_a_lost_homing_are_reported() {
     assert_eq!(exchange(&ftdi, ZERO, HOMING).homed, 0);
 }
 
-/// A whole session through faults of every kind: what comes back is bounded, repeats with its seed, and in between there are good replies.
+/// A session with faults of every kind: the counts are bounded, repeat with the seed, and most replies are
+/// valid.
 #[test]
-fn faults_on_both_ways_repeat_with_their_seed() {
+fn faults_in_both_directions_repeat_with_their_seed() {
     let faults = Faults {
         drop: 0.02,
         truncate: 0.02,
@@ -366,7 +367,7 @@ fn faults_on_both_ways_repeat_with_their_seed() {
         reorder: 0.02,
         stall: 0.005,
         stall_us: 8_000,
-        babble: 0.02,
+        noise: 0.02,
         ..Faults::default()
     };
     let run = |seed| {
@@ -385,10 +386,11 @@ fn faults_on_both_ways_repeat_with_their_seed() {
     };
     let (good, all, counts) = run(3);
     assert!((1_200..1_950).contains(&good), "{good}");
-    for lane in [counts.0, counts.1] {
-        let struck = [lane.dropped, lane.truncated, lane.corrupted, lane.delayed, lane.duplicated];
-        assert!(struck.iter().all(|count| (15..90).contains(count)), "{lane:?}");
-        assert!(lane.reordered > 10 && lane.stalled > 2 && lane.babbled > 15, "{lane:?}");
+    for channel in [counts.0, counts.1] {
+        let injected =
+            [channel.dropped, channel.truncated, channel.corrupted, channel.delayed, channel.duplicated];
+        assert!(injected.iter().all(|count| (15..90).contains(count)), "{channel:?}");
+        assert!(channel.reordered > 10 && channel.stalled > 2 && channel.noise_bursts > 15, "{channel:?}");
     }
     assert_eq!((good, all.clone(), counts), run(3));
     assert_ne!(all, run(4).1);
@@ -401,34 +403,34 @@ fn without_faults_the_wrapper_changes_nothing() {
     let (mut one, mut other) = ([0; 512], [0; 512]);
     for i in 0..50_i16 {
         let packet = request([i, -i, 2 * i], HOMING);
-        assert_eq!(plain.write(&packet, PATIENCE), wrapped.write(&packet, PATIENCE));
-        let (a, b) = (plain.read(&mut one, PATIENCE), wrapped.read(&mut other, PATIENCE));
+        assert_eq!(plain.write(&packet, TIMEOUT), wrapped.write(&packet, TIMEOUT));
+        let (a, b) = (plain.read(&mut one, TIMEOUT), wrapped.read(&mut other, TIMEOUT));
         assert_eq!((a, one), (b, other));
     }
     assert_eq!(plain.now_us(), wrapped.now_us());
-    assert_eq!(load(&wrapped, &image()), Ok(()), "also the loader, which DTR wakes at any time");
+    assert_eq!(load(&wrapped, &image()), Ok(()), "the loader too, which DTR starts at any time");
 }
 
 #[test]
-fn a_cable_pulled_by_a_fault_comes_back_after_its_time_for_who_opens_it_again() {
+fn a_cable_pulled_by_a_fault_is_plugged_in_after_its_time() {
     let ftdi = FaultyFtdi::new(running(FalconConfig::default()), 1);
     ftdi.set_faults(Faults { unplug: 1.0, unplug_us: 50_000, ..Faults::default() }, Faults::default());
-    let lost = ftdi.write(&request(ZERO, 0), PATIENCE).map_err(|error| error.kind());
+    let lost = ftdi.write(&request(ZERO, 0), TIMEOUT).map_err(|error| error.kind());
     assert_eq!(lost, Err(DeviceErrorKind::Disconnected));
     ftdi.set_faults(Faults::default(), Faults::default());
     let kind = |result: Result<usize, palpate_host::DeviceError>| result.map_err(|error| error.kind());
-    assert_eq!(kind(ftdi.read(&mut [0; 64], PATIENCE)), Err(DeviceErrorKind::Disconnected));
+    assert_eq!(kind(ftdi.read(&mut [0; 64], TIMEOUT)), Err(DeviceErrorKind::Disconnected));
     assert!(ftdi.reopen().is_err(), "not yet");
     ftdi.inner().falcon().advance(50_000);
     assert_eq!(
-        kind(ftdi.read(&mut [0; 64], PATIENCE)),
+        kind(ftdi.read(&mut [0; 64], TIMEOUT)),
         Err(DeviceErrorKind::Disconnected),
         "this handle is lost"
     );
-    ftdi.reopen().expect("it is in again");
+    ftdi.reopen().expect("it is plugged in again");
     for (request, value) in [(3, 2), (9, 1), (6, 0x013e)] {
         ftdi.control(request, value).expect("a known request");
     }
-    ftdi.write(&request(ZERO, 0), PATIENCE).expect("room");
-    assert!(reply(&listen(&ftdi, 16, PATIENCE)).is_some());
+    ftdi.write(&request(ZERO, 0), TIMEOUT).expect("room");
+    assert!(reply(&listen(&ftdi, 16, TIMEOUT)).is_some());
 }

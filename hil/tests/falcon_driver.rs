@@ -1,9 +1,10 @@
-//! The real driver of the Falcon on the emulated one in memory: homing after a replug, calibration, the weight of the grip, held torques.
+//! The real driver of the Falcon on the emulated device in memory: homing after a replug, calibration, weight
+//! compensation, held torques.
 
 use palpate_core::{Method, Organ, Phase, Vec3, vec3};
 use palpate_hil::contract::CHECKS;
 use palpate_hil::falcon::grip::NM_PER_MOTOR_COUNT;
-use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, Rig};
+use palpate_hil::rig::{Cut, FalconRig, HardwareFault, Rig, RigKind};
 use palpate_hil::session::{self, Bench, Session};
 use palpate_hil::{Faults, Waypoint};
 use palpate_host::device::DeviceState;
@@ -17,48 +18,46 @@ fn at(t_us: u64, position_m: Vec3) -> Waypoint {
     Waypoint { t_us, position_m }
 }
 
-/// The cable is pulled and put in again; the board keeps its power and its homing. Opened anew the driver knows of no homing, and gives neither a
-/// force nor a sample, until the user has homed the grip in front of it.
+/// The cable is pulled and plugged in again; the board keeps its power and its homing. The driver that is
+/// opened then treats it as not homed, and gives neither a force nor a sample until the user homes the grip.
 #[test]
-fn a_falcon_that_kept_its_homing_is_homed_again_before_it_may_push() {
+fn a_replugged_falcon_is_homed_again_before_it_renders() {
     let mut rig = FalconRig::new(3);
     let (middle_m, workspace) = (rig.traits().middle_m, rig.profile().workspace);
     {
-        let mut session = Session::homed(&mut rig, workspace).expect("it is homed");
+        let mut session = Session::homed(&mut rig, workspace).expect("homing succeeds");
         session.tick([0.0, 0.0, 2.0]).expect("a link");
         session.rig.unplug(Cut::Between);
         session.pass(5_000);
         session.rig.replug();
     }
-    assert!(rig.felt().force_n[2] > 1.0, "it has no watchdog: this is the hazard");
-    let mut session = Session::open(&mut rig, workspace).expect("it is there");
-    assert_eq!(session.rig.felt().force_n, vec3::ZERO, "opening takes the force away");
-    session.rig.forget();
-    // A hand that moves about and does not home it.
+    assert!(rig.force_record().force_n[2] > 1.0, "the device has no watchdog, which is the hazard");
+    let mut session = Session::open(&mut rig, workspace).expect("it is plugged in");
+    assert_eq!(session.rig.force_record().force_n, vec3::ZERO, "opening removes the force");
+    session.rig.reset_record();
+    // The hand moves without homing the grip.
     session.rig.follow(vec![
         at(0, middle_m),
         at(300_000, vec3::sub(middle_m, [0.0, 0.01, 0.01])),
         at(600_000, middle_m),
     ]);
     for _ in 0..1_500 {
-        assert_eq!(
-            session.tick([3.0, -2.0, 4.0]),
-            Ok(None),
-            "a sample of a place that nobody has seen homed"
-        );
+        assert_eq!(session.tick([3.0, -2.0, 4.0]), Ok(None), "a sample before homing");
         assert_ne!(session.state(), DeviceState::Homed);
     }
-    assert_eq!((session.state(), session.rig.felt().largest_motor), (DeviceState::Unhomed, 0));
+    assert_eq!((session.state(), session.rig.force_record().largest_motor), (DeviceState::Unhomed, 0));
     let out_m = vec3::add(middle_m, [0.0, 0.0, 0.025]);
     session.rig.follow(vec![at(0, middle_m), at(200_000, out_m), at(300_000, out_m), at(400_000, middle_m)]);
     for _ in 0..1_000 {
         session.tick([0.0, 0.0, 2.0]).expect("a link");
     }
     assert_eq!(session.state(), DeviceState::Homed);
-    assert!(session.rig.felt().force_n[2] > 1.5 && session.rig.felt().largest_unhomed_n == 0.0);
+    assert!(
+        session.rig.force_record().force_n[2] > 1.5 && session.rig.force_record().largest_unhomed_n == 0.0
+    );
 }
 
-/// Three motors of different makes, one of them turned round.
+/// Three motors with different scales, one of them with reversed sign.
 const ODD_NM_PER_COUNT: [f64; 3] = [-1.25e-4, 1e-4, -0.8e-4];
 
 fn calibrated() -> Box<dyn Rig> {
@@ -68,33 +67,33 @@ fn calibrated() -> Box<dyn Rig> {
 }
 
 #[test]
-fn a_profile_mends_motors_of_another_scale_and_sign() {
+fn a_profile_corrects_the_scale_and_sign_of_the_motors() {
     let forces = CHECKS.iter().find(|check| check.name.starts_with("forces arrive")).expect("a check");
-    let mended = Kind { name: "calibrated", in_memory: true, make: |_| calibrated() };
-    assert_eq!(forces.run(mended), Ok(()));
+    let corrected = RigKind { name: "calibrated", in_memory: true, make: |_| calibrated() };
+    assert_eq!(forces.run(corrected), Ok(()));
     let odd = |_| -> Box<dyn Rig> { Box::new(FalconRig::calibrated(ODD_NM_PER_COUNT, falcon())) };
-    let seen = forces.run(Kind { name: "odd", in_memory: true, make: odd });
-    assert!(seen.is_err(), "a motor that is turned round is seen");
+    let seen = forces.run(RigKind { name: "odd", in_memory: true, make: odd });
+    assert!(seen.is_err(), "a reversed motor is detected");
     let turned = |_| -> Box<dyn Rig> {
         let mut profile = falcon();
         profile.calibration.counts_per_n_m = [1e4; 3];
         Box::new(FalconRig::calibrated(NM_PER_MOTOR_COUNT, profile))
     };
-    let seen = forces.run(Kind { name: "turned", in_memory: true, make: turned });
-    assert!(seen.is_err(), "and a sign that is wrong in the profile");
+    let seen = forces.run(RigKind { name: "turned", in_memory: true, make: turned });
+    assert!(seen.is_err(), "a wrong sign in the profile is detected");
 }
 
-/// What is asked is eight newtons and more, the grip goes at up to a metre a second, and its Jacobian with it.
+/// The command exceeds 8 N while the grip moves at up to 1 m/s, so that its Jacobian changes.
 #[test]
-fn torques_that_are_held_stay_within_the_limit_while_the_grip_moves() {
+fn held_torques_stay_within_the_limit_while_the_grip_moves() {
     let mut largest_n: f32 = 0.0;
     let mut fastest_m_s: f32 = 0.0;
     for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
         for along in 0..3 {
             let mut rig = FalconRig::new(5);
             let (middle_m, limit_n) = (rig.traits().middle_m, rig.profile().max_force_n);
-            let (workspace, most_n) = (rig.profile().workspace, limit_n + rig.traits().motor_step_n);
-            let mut session = Session::homed(&mut rig, workspace).expect("it is homed");
+            let (workspace, max_n) = (rig.profile().workspace, limit_n + rig.traits().motor_step_n);
+            let mut session = Session::homed(&mut rig, workspace).expect("homing succeeds");
             let away = |reach_m: f32| {
                 let mut to_m = middle_m;
                 to_m[along] += reach_m;
@@ -108,13 +107,13 @@ fn torques_that_are_held_stay_within_the_limit_while_the_grip_moves() {
             for _ in 0..720 {
                 let _ = session.tick(force_n);
             }
-            let felt_n = session.rig.felt().largest_force_n;
+            let felt_n = session.rig.force_record().largest_force_n;
             assert!(
-                felt_n <= most_n,
-                "{felt_n} N of {limit_n} with {force_n:?} asked for and moved along {along}"
+                felt_n <= max_n,
+                "{felt_n} N of {limit_n} with {force_n:?} requested and motion along {along}"
             );
-            // A single motor at its most, 0.41 N m, is no eight newtons in every direction.
-            assert!(felt_n > 0.75 * limit_n, "{felt_n} N: shortened more than it needs");
+            // A single motor at its maximum, 0.41 N m, does not give 8 N in every direction.
+            assert!(felt_n > 0.75 * limit_n, "{felt_n} N: reduced more than necessary");
             largest_n = largest_n.max(felt_n);
             for pair in session.truth().windows(2) {
                 let metres = vec3::distance(pair[0].1, pair[1].1);
@@ -124,42 +123,43 @@ fn torques_that_are_held_stay_within_the_limit_while_the_grip_moves() {
         }
     }
     println!("largest {largest_n:.3} N, fastest {fastest_m_s:.2} m/s");
-    assert!(fastest_m_s > 0.5, "{fastest_m_s} m/s is no motion");
+    assert!(fastest_m_s > 0.5, "{fastest_m_s} m/s is too slow");
 }
 
-/// Deep in the organ with a force on the hand, then `test`.
-fn leaning(seed: u64, test: impl FnOnce(&mut Bench<'_, '_>)) {
+/// Runs `test` with the hand deep in the organ, under a force.
+fn in_contact(seed: u64, test: impl FnOnce(&mut Bench<'_, '_>)) {
     let mut rig = FalconRig::new(seed);
     let blob = session::golden_organ();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("sound");
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("valid");
     session::with_loop(&mut rig, &organ, Method::Energy, |bench| {
         let path = session::press(bench.rig, 0.006, 0.014);
         bench.rig.follow(path);
         bench.controls.arm();
-        bench.run(700).expect("a sound link");
-        assert!(vec3::norm(bench.rig.felt().force_n) > 0.3, "it leans on nothing");
-        bench.rig.forget();
+        bench.run(700).expect("a fault-free link");
+        assert!(vec3::norm(bench.rig.force_record().force_n) > 0.3, "no contact force");
+        bench.rig.reset_record();
         test(bench);
     })
-    .expect("it is homed");
+    .expect("homing succeeds");
 }
 
-/// An encoder miscounts while the hand leans on the organ, and goes on miscounting. The false place is neither taken at once nor a little later.
+/// An encoder miscounts permanently while the hand presses on the organ. The wrong position is accepted
+/// neither at once nor later.
 #[test]
-fn an_encoder_that_jumps_ends_the_force_for_good() {
+fn an_encoder_jump_removes_the_force_permanently() {
     for axis in 0..3 {
         for by_m in [0.005, -0.005, 0.015, -0.015, 0.030, -0.030] {
-            leaning(7, |bench| {
+            in_contact(7, |bench| {
                 let case = format!("{by_m} m on {axis}");
-                let before_n = vec3::norm(bench.rig.felt().force_n);
-                assert!(bench.rig.strike(Mishap::EncoderJump { axis, by_m }));
-                let records = bench.run(8).expect("a fault, and a device that is there");
+                let before_n = vec3::norm(bench.rig.force_record().force_n);
+                assert!(bench.rig.inject(HardwareFault::EncoderJump { axis, by_m }));
+                let records = bench.run(8).expect("the device stays connected");
                 assert!(matches!(records[7].phase, Phase::SafeZero(_)), "{case}: {:?}", records[7].phase);
                 assert_eq!(records[7].device, DeviceState::Unhomed, "{case}");
-                let felt = bench.rig.felt();
+                let felt = bench.rig.force_record();
                 assert_eq!(felt.force_n, vec3::ZERO, "{case}");
                 assert!(felt.largest_force_n < before_n + 0.5, "{case}: {} N", felt.largest_force_n);
-                bench.rig.forget();
+                bench.rig.reset_record();
                 for tick in 0..1_500 {
                     if tick % 100 == 50 {
                         bench.controls.reset();
@@ -167,27 +167,27 @@ fn an_encoder_that_jumps_ends_the_force_for_good() {
                     if tick % 100 == 60 {
                         bench.controls.arm();
                     }
-                    let record = bench.step().expect("a device that is there");
+                    let record = bench.step().expect("the device stays connected");
                     assert_ne!(record.phase, Phase::Active, "{case}: tick {tick}");
                     assert_eq!(record.sample, None, "{case}: tick {tick}");
                 }
-                assert_eq!(bench.rig.felt().largest_motor, 0, "{case}: it comes back");
+                assert_eq!(bench.rig.force_record().largest_motor, 0, "{case}: the force returned");
             });
         }
     }
 }
 
-/// Replies that are damaged now and then are no encoder that miscounts.
+/// Occasional corrupted replies must not look like a miscount.
 #[test]
-fn damaged_replies_do_not_end_the_homing() {
+fn corrupted_replies_do_not_end_the_homing() {
     for seed in 0..20 {
-        leaning(seed, |bench| {
+        in_contact(seed, |bench| {
             bench.rig.set_faults(Faults::NONE, Faults { corrupt: 0.05, ..Faults::NONE });
-            bench.run(500).expect("a passing fault");
+            bench.run(500).expect("a transient fault");
             assert!(bench.rig.counts().corrupted > 5);
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
-            // A flipped bit of the homing latches as well, but passes.
-            let records = bench.run(20).expect("a sound link");
+            // A flipped homing flag latches too, but the homing stays.
+            let records = bench.run(20).expect("a fault-free link");
             assert_eq!(records[19].device, DeviceState::Homed, "seed {seed}");
             assert!(records[19].sample.is_some(), "seed {seed}");
         });
@@ -196,58 +196,62 @@ fn damaged_replies_do_not_end_the_homing() {
 
 const WEIGHT_N: f32 = 0.7;
 
-/// Held above the organ, so that the weight of the grip is all there is to carry.
-fn carrying(test: impl FnOnce(&mut Bench<'_, '_>)) {
+/// Runs `test` with the hand above the organ, where the only force is the compensated weight of the grip.
+fn with_weight_compensation(test: impl FnOnce(&mut Bench<'_, '_>)) {
     let mut profile = falcon();
     profile.calibration.gravity_n = WEIGHT_N;
     let mut rig = FalconRig::calibrated(NM_PER_MOTOR_COUNT, profile);
     let blob = session::golden_organ();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("sound");
+    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("valid");
     session::with_loop(&mut rig, &organ, Method::Energy, |bench| {
         let middle_m = bench.rig.traits().middle_m;
         bench.rig.follow(vec![at(0, middle_m), at(100_000, vec3::add(middle_m, [0.0, 0.0, 0.01]))]);
-        let records = bench.run(300).expect("a sound link");
+        let records = bench.run(300).expect("a fault-free link");
         assert!(records.iter().all(|record| record.phase == Phase::Disarmed));
-        assert_eq!(bench.rig.felt().largest_motor, 0, "nothing is carried before it is armed");
+        assert_eq!(bench.rig.force_record().largest_motor, 0, "no weight compensation before arming");
         bench.controls.arm();
-        bench.run(600).expect("a sound link");
-        let felt = bench.rig.felt();
-        let off_n = vec3::distance(felt.force_n, [0.0, WEIGHT_N, 0.0]);
-        assert!(off_n < 0.02, "{:?} N: up is the device's +y", felt.force_n);
-        assert!(felt.largest_step_n < 0.02, "it rises, it does not jump: {} N", felt.largest_step_n);
+        bench.run(600).expect("a fault-free link");
+        let felt = bench.rig.force_record();
+        let error_n = vec3::distance(felt.force_n, [0.0, WEIGHT_N, 0.0]);
+        assert!(error_n < 0.02, "{:?} N: up is the device's +y", felt.force_n);
+        assert!(
+            felt.largest_step_n < 0.02,
+            "the force must fade in without a jump: {} N",
+            felt.largest_step_n
+        );
         test(bench);
     })
-    .expect("it is homed");
+    .expect("homing succeeds");
 }
 
 #[test]
-fn the_weight_of_the_grip_is_carried_while_it_is_armed_and_dropped_with_every_fault() {
-    carrying(|bench| {
+fn the_weight_is_compensated_while_armed_and_not_after_a_fault() {
+    with_weight_compensation(|bench| {
         bench.controls.disarm();
-        bench.run(2).expect("a sound link");
-        assert_eq!(bench.rig.felt().force_n, vec3::ZERO, "disarmed");
+        bench.run(2).expect("a fault-free link");
+        assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "disarmed");
     });
-    carrying(|bench| {
-        bench.rig.strike(Mishap::LoseHoming);
-        bench.run(4).expect("a sound link");
-        assert_eq!(bench.rig.felt().force_n, vec3::ZERO, "homing is lost");
+    with_weight_compensation(|bench| {
+        bench.rig.inject(HardwareFault::HomingLost);
+        bench.run(4).expect("a fault-free link");
+        assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "homing is lost");
     });
-    carrying(|bench| {
+    with_weight_compensation(|bench| {
         bench.rig.set_faults(Faults::NONE, Faults { drop: 1.0, ..Faults::NONE });
-        let records = bench.run(8).expect("a passing fault");
+        let records = bench.run(8).expect("a transient fault");
         assert!(records.iter().all(|record| record.phase == Phase::Active), "silence, and no fault yet");
         assert_eq!(
-            bench.rig.felt().force_n,
+            bench.rig.force_record().force_n,
             vec3::ZERO,
-            "it goes with the model's force: three ticks are held"
+            "it is held for three ticks, like the model's force"
         );
-        bench.run(40).expect("a passing fault");
+        bench.run(40).expect("a transient fault");
         bench.rig.set_faults(Faults::NONE, Faults::NONE);
-        bench.run(100).expect("a sound link");
-        assert_eq!(bench.rig.felt().force_n, vec3::ZERO, "latched");
+        bench.run(100).expect("a fault-free link");
+        assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "latched");
     });
-    carrying(|bench| {
+    with_weight_compensation(|bench| {
         bench.end();
-        assert_eq!(bench.rig.felt().force_n, vec3::ZERO, "the loop has ended");
+        assert_eq!(bench.rig.force_record().force_n, vec3::ZERO, "the loop has ended");
     });
 }

@@ -1,11 +1,11 @@
-//! The driver of the device link on an emulated controller: what the contract does not ask of every device.
+//! The driver of the device link on an emulated controller: checks beyond the contract of all devices.
 
 use palpate_core::{Method, Organ, Phase as Control, Vec3, vec3};
 use palpate_hil::fault::Faults;
 use palpate_hil::hosts::{self, Device};
 use palpate_hil::link::WATCHDOG_US;
-use palpate_hil::matrix::{Ended, Wrong};
-use palpate_hil::rig::{Cut, Mishap, Rig, SerialRig, Wire};
+use palpate_hil::matrix::{Ended, FaultKind};
+use palpate_hil::rig::{Cut, HardwareFault, Rig, SerialRig, Wire};
 use palpate_hil::session::{Session, golden_organ, press, with_loop};
 use palpate_hil::{EmulatedLink, PtyTransport};
 use palpate_host::DeviceErrorKind;
@@ -25,133 +25,143 @@ fn rig() -> SerialRig<EmulatedLink> {
 
 fn homed(rig: &mut SerialRig<EmulatedLink>) -> Session<'_> {
     let workspace = rig.profile().workspace;
-    Session::homed(rig, workspace).expect("it homes")
+    Session::homed(rig, workspace).expect("homing succeeds")
 }
 
 fn forced(session: &mut Session<'_>) {
     for _ in 0..10 {
-        session.tick(FORCE_N).expect("a sound link");
+        session.tick(FORCE_N).expect("a fault-free link");
     }
-    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3, "{:?}", session.rig.felt());
+    assert!(
+        vec3::distance(session.rig.force_record().force_n, FORCE_N) < 1e-3,
+        "{:?}",
+        session.rig.force_record()
+    );
 }
 
-/// So many ticks that ask for a force; what came with the last one.
+/// Requests a force for some ticks. Returns the error of the last one.
 fn pushed(session: &mut Session<'_>, ticks: u32) -> Option<DeviceErrorKind> {
     (0..ticks).map(|_| session.tick(FORCE_N).err().map(|error| error.kind())).last().flatten()
 }
 
 #[test]
-fn a_silent_host_is_zeroed_by_the_device_within_its_watchdog() {
+fn a_silent_host_is_zeroed_by_the_devices_watchdog() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
     forced(&mut session);
     let silent_us = session.now_us();
     session.pass(30_000);
-    let off_us = session.rig.felt().off_since_us.expect("without a force");
+    let off_us = session.rig.force_record().off_since_us.expect("without a force");
     println!("silent host: zero {} us after its last tick", off_us - silent_us);
     assert!(off_us - silent_us <= u64::from(WATCHDOG_US), "{off_us}");
-    // It comes back with its old force: the fault is latched, named, and told once.
+    // The host resumes with its old force. The fault is latched, identified, and reported once.
     assert_eq!(pushed(&mut session, 50), Some(DeviceErrorKind::Faulted(DeviceFault::Watchdog)));
     assert!(session.device().was_zeroed() && !session.device().was_zeroed());
-    assert_eq!(session.rig.felt().force_n, vec3::ZERO);
-    // Only the user's reset begins another session.
+    assert_eq!(session.rig.force_record().force_n, vec3::ZERO);
+    // Only the user's reset starts another session.
     session.device().reset();
     pushed(&mut session, 10);
-    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+    assert!(vec3::distance(session.rig.force_record().force_n, FORCE_N) < 1e-3);
 }
 
 #[test]
-fn a_device_that_started_anew_is_a_fault_and_never_obeys_by_itself() {
+fn a_restarted_device_is_a_fault_and_renders_only_after_a_reset() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
     forced(&mut session);
-    session.rig.strike(Mishap::PowerCycle);
-    let struck_us = session.now_us();
-    // It cannot answer, for it knows of no session. What obeyed and is silent for twice its watchdog's time is given up.
+    session.rig.inject(HardwareFault::PowerCycle);
+    let fault_us = session.now_us();
+    // The restarted device has no session and does not answer. The driver gives up after twice the time of
+    // the watchdog.
     while !session.device().was_zeroed() {
-        assert!(session.now_us() - struck_us <= 2 * u64::from(WATCHDOG_US) + 2_000, "not named yet");
+        assert!(session.now_us() - fault_us <= 2 * u64::from(WATCHDOG_US) + 2_000, "not reported in time");
         let _ = session.tick(FORCE_N);
     }
-    println!("started anew: named after {} us", session.now_us() - struck_us);
+    println!("restart: reported after {} us", session.now_us() - fault_us);
     for tick in 2..2_000 {
         let exchanged = session.tick(FORCE_N);
-        assert!(tick < 2 || !matches!(exchanged, Ok(Some(_))), "a sample of a device that knows no place");
-        assert_eq!(session.rig.felt().force_n, vec3::ZERO, "tick {tick}");
+        assert!(tick < 2 || !matches!(exchanged, Ok(Some(_))), "a sample of a device that is not homed");
+        assert_eq!(session.rig.force_record().force_n, vec3::ZERO, "tick {tick}");
     }
-    assert!(!session.device().was_zeroed(), "the loop is told once");
-    // Reset: a new session, which finds that it is not homed; homed, it takes the force that is then asked for.
+    assert!(!session.device().was_zeroed(), "reported once");
+    // The reset starts a new session, in which the device is not homed. After homing it renders the requested
+    // force.
     session.device().reset();
     pushed(&mut session, 10);
-    assert_eq!((session.state(), session.rig.felt().force_n), (DeviceState::Unhomed, vec3::ZERO));
+    assert_eq!((session.state(), session.rig.force_record().force_n), (DeviceState::Unhomed, vec3::ZERO));
     pushed(&mut session, 150);
     assert_eq!(session.state(), DeviceState::Homed);
-    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+    assert!(vec3::distance(session.rig.force_record().force_n, FORCE_N) < 1e-3);
 }
 
 #[test]
-fn a_device_that_somebody_disabled_is_a_fault() {
+fn a_disabled_device_is_a_fault() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
     let mut second = session.device().emergency_stop().expect("a second handle");
     forced(&mut session);
     second.zero().expect("the port is open");
     pushed(&mut session, 300);
-    assert_eq!(session.rig.felt().force_n, vec3::ZERO, "it did not enable again by itself");
+    assert_eq!(session.rig.force_record().force_n, vec3::ZERO, "the driver must not enable it again");
     assert!(session.device().was_zeroed());
     session.device().reset();
     pushed(&mut session, 10);
-    assert!(vec3::distance(session.rig.felt().force_n, FORCE_N) < 1e-3);
+    assert!(vec3::distance(session.rig.force_record().force_n, FORCE_N) < 1e-3);
 }
 
-/// Every fault that a device latches, and the driver's own: told once, named, and no force until reset, whatever is asked.
+/// Each fault that the device latches, and the driver's own, is reported once. There is no force until a
+/// reset, whatever is requested.
 #[test]
-fn no_fault_ends_by_itself() {
-    type Strike = fn(&mut Session<'_>);
-    let faults: [(&str, Strike, Option<DeviceFault>); 4] = [
+fn no_fault_ends_without_a_reset() {
+    type Inject = fn(&mut Session<'_>);
+    let faults: [(&str, Inject, Option<DeviceFault>); 4] = [
         ("watchdog", |session| session.pass(30_000), Some(DeviceFault::Watchdog)),
         (
             "overspeed",
             |session| {
-                session.rig.strike(Mishap::EncoderJump { axis: 0, by_m: 0.02 });
+                session.rig.inject(HardwareFault::EncoderJump { axis: 0, by_m: 0.02 });
             },
             Some(DeviceFault::Overspeed),
         ),
         (
             "home lost",
             |session| {
-                session.rig.strike(Mishap::LoseHoming);
+                session.rig.inject(HardwareFault::HomingLost);
             },
             Some(DeviceFault::HomeLost),
         ),
         (
             "power cycle",
             |session| {
-                session.rig.strike(Mishap::PowerCycle);
+                session.rig.inject(HardwareFault::PowerCycle);
             },
             None,
         ),
     ];
-    for (name, strike, code) in faults {
+    for (name, inject, code) in faults {
         let mut rig = rig();
         let mut session = homed(&mut rig);
         forced(&mut session);
-        strike(&mut session);
-        let mut told = 0;
+        inject(&mut session);
+        let mut reports = 0;
         for tick in 0..600 {
             let _ = session.tick(FORCE_N);
-            assert!(tick < 2 || session.rig.felt().force_n == vec3::ZERO, "{name}: a force at tick {tick}");
-            told += u32::from(session.device().was_zeroed());
+            assert!(
+                tick < 2 || session.rig.force_record().force_n == vec3::ZERO,
+                "{name}: a force at tick {tick}"
+            );
+            reports += u32::from(session.device().was_zeroed());
         }
-        assert_eq!(told, 1, "{name}");
+        assert_eq!(reports, 1, "{name}");
         if let Some(code) = code {
             assert_eq!(pushed(&mut session, 1), Some(DeviceErrorKind::Faulted(code)), "{name}");
         }
     }
 }
 
-/// Answers of the old session are on their way when the user resets.
+/// Replies of the old session are in flight when the user resets.
 #[test]
-fn an_answer_of_an_old_session_is_no_sample_of_the_new_one() {
+fn a_reply_of_an_old_session_gives_no_sample_in_the_new_one() {
     for (lead, delay_us) in [(1, 1_500), (1, 4_000), (2, 8_000), (3, 15_000), (5, 40_000)] {
         let mut rig = rig();
         let mut session = homed(&mut rig);
@@ -172,32 +182,33 @@ fn an_answer_of_an_old_session_is_no_sample_of_the_new_one() {
     }
 }
 
-/// A torque that has ended on the way must not come back in one step.
+/// A torque that expired must not return in one step.
 #[test]
-fn a_force_that_was_let_go_comes_back_slowly() {
+fn an_expired_force_returns_at_the_slew_limit() {
     for lost_ms in 1..=9 {
         let mut rig = rig();
         let mut session = homed(&mut rig);
         forced(&mut session);
         session.rig.set_faults(Faults { drop: 1.0, ..Faults::NONE }, Faults::NONE);
         pushed(&mut session, lost_ms);
-        let let_go = session.rig.felt().off_since_us.is_some();
+        let expired = session.rig.force_record().off_since_us.is_some();
         session.rig.set_faults(Faults::NONE, Faults::NONE);
-        session.rig.forget();
+        session.rig.reset_record();
         pushed(&mut session, 10);
-        let felt = session.rig.felt();
-        println!("{lost_ms} ms lost: let go {let_go}, step {} N", felt.largest_step_n);
+        let felt = session.rig.force_record();
+        println!("{lost_ms} ms lost: expired {expired}, step {} N", felt.largest_step_n);
         assert!(felt.largest_step_n <= 1.001, "{lost_ms} ms lost: a step of {} N", felt.largest_step_n);
-        // A loop holds its force as long: it must not fall and rise meanwhile.
-        assert!(lost_ms > 4 || !let_go && felt.largest_step_n < 1e-3, "{lost_ms} ms lost: {felt:?}");
-        // Beyond that the watchdog may have been first.
+        // The loop holds its force as long, so the force must not fall and rise meanwhile.
+        assert!(lost_ms > 4 || !expired && felt.largest_step_n < 1e-3, "{lost_ms} ms lost: {felt:?}");
+        // After a longer loss the watchdog may fire first.
         assert!(lost_ms > 7 || vec3::distance(felt.force_n, FORCE_N) < 1e-3, "{lost_ms} ms lost: {felt:?}");
     }
 }
 
-/// The same with the loop, whose force is held for three ticks and then zero: it rides on, and steps by no more than its own limit.
+/// The same with the loop, which holds its force for three ticks and then sends zero. The loop recovers, and
+/// its steps stay within the slew limit.
 #[test]
-fn a_loop_whose_requests_are_lost_for_a_moment_rides_on_without_a_step() {
+fn a_loop_recovers_from_lost_requests_without_a_step() {
     let blob = golden_organ();
     let organ: Organ<'_> = Organ::read(blob.bytes()).expect("golden");
     for lost_ms in 1..=7 {
@@ -206,15 +217,15 @@ fn a_loop_whose_requests_are_lost_for_a_moment_rides_on_without_a_step() {
             let path = press(bench.rig, 0.006, 0.018);
             bench.rig.follow(path);
             bench.controls.arm();
-            bench.run(900).expect("a sound link");
-            assert!(vec3::norm(bench.rig.felt().force_n) > 2.0, "{:?}", bench.rig.felt());
-            bench.rig.forget();
+            bench.run(900).expect("a fault-free link");
+            assert!(vec3::norm(bench.rig.force_record().force_n) > 2.0, "{:?}", bench.rig.force_record());
+            bench.rig.reset_record();
             bench.rig.set_faults(Faults { drop: 1.0, ..Faults::NONE }, Faults::NONE);
             bench.run(lost_ms).expect("a link");
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
-            let records = bench.run(50).expect("a sound link");
+            let records = bench.run(50).expect("a fault-free link");
             assert_eq!(records.last().map(|record| record.phase), Some(Control::Active), "{lost_ms} ms lost");
-            bench.rig.felt()
+            bench.rig.force_record()
         });
         let felt = felt.expect("it opens");
         println!("{lost_ms} ms lost under the loop: step {} N", felt.largest_step_n);
@@ -222,9 +233,9 @@ fn a_loop_whose_requests_are_lost_for_a_moment_rides_on_without_a_step() {
     }
 }
 
-/// Noise from the wire with the checksum ignored would be positions and forces nobody meant.
+/// Without the checksum, corrupted bytes would give wrong positions and forces.
 #[test]
-fn damaged_answers_are_errors_and_never_samples() {
+fn corrupted_replies_are_errors_and_never_samples() {
     let mut rig = rig();
     let mut session = homed(&mut rig);
     let at_m = session.rig.position_m();
@@ -241,10 +252,10 @@ fn damaged_answers_are_errors_and_never_samples() {
 }
 
 #[test]
-fn nobody_at_the_other_end_is_said_and_does_not_hang() {
+fn a_silent_terminal_is_an_error_within_the_timeout() {
     let (_silent, driver) = PtyTransport::pair().expect("a pseudo terminal");
     let profile = Profile::bundled("link").expect("bundled");
-    let config = LinkConfig::of(&profile, Duration::from_millis(100)).expect("it states a capstan");
+    let config = LinkConfig::of(&profile, Duration::from_millis(100)).expect("it has a [capstan]");
     let opened = Link::with_port(Box::new(driver), config);
     assert_eq!(opened.err(), Some(LinkError::Silent));
     let mut rig = rig();
@@ -253,24 +264,25 @@ fn nobody_at_the_other_end_is_said_and_does_not_hang() {
     assert!(rig.open(workspace).is_err(), "no cable, no port");
 }
 
-/// A real process, killed and stopped, without a supervisor. Between its last command and zero nobody acts but the device: the times are its own.
+/// A real process is killed or stopped, without a supervisor. Only the device acts after its last command, so
+/// the times are the device's.
 #[test]
-fn a_killed_or_stopped_host_is_zeroed_by_the_device_itself() {
-    for wrong in [Wrong::HostKilled, Wrong::HostPaused] {
+fn a_killed_or_stopped_host_is_zeroed_by_the_device() {
+    for fault in [FaultKind::HostKilled, FaultKind::HostPaused] {
         let run = hosts::run(
             Path::new(env!("CARGO_BIN_EXE_palpate-hil")),
             DEFAULT_LIMIT_MS,
             Device::Link,
-            wrong,
+            fault,
             5,
         );
         println!(
             "{}: zero {:?} us, latched {:?} us after the last command",
-            wrong.name(),
+            fault.name(),
             run.zero_us,
             run.detected_us
         );
-        assert_eq!((run.broken(), run.ended), (None, Ended::Watchdog), "{run:?}");
+        assert_eq!((run.violation(), run.ended), (None, Ended::Watchdog), "{run:?}");
         assert!(run.largest_n > 0.4, "{run:?}");
     }
 }

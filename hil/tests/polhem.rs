@@ -1,6 +1,7 @@
-//! The host's real Polhem driver and the core's controller against the emulated device, over a pseudo terminal.
+//! The host's real Polhem driver and the core's controller with the emulated device, over a pseudo terminal.
 //!
-//! Time is virtual and both sides go in step, so a busy machine changes nothing: a tick of the host, then the device answers.
+//! Time is virtual and both sides run in lockstep: one tick of the host, then the device answers. The load of
+//! the machine has no effect.
 
 #[path = "../../host/tests/common/synthetic.rs"]
 mod synthetic;
@@ -20,10 +21,10 @@ use serialport::{SerialPort, TTYPort};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long bytes known to be on their way through the terminal of a busy machine are waited for.
-const CERTAIN: Duration = Duration::from_secs(5);
+/// Longest wait for bytes in flight in a pseudo terminal of a busy machine.
+const MAX_WAIT: Duration = Duration::from_secs(5);
 
-/// Device z is the outward normal of the first active node, and the device's origin lies on the surface there.
+/// Device z is the outward normal of the first active node. The device's origin lies on the surface there.
 fn workspace(organ: &Organ<'_>) -> Workspace {
     let normal = organ.spaces[0].outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
@@ -35,27 +36,27 @@ fn workspace(organ: &Organ<'_>) -> Workspace {
     }
 }
 
-/// The hand of the emulated device: from 8 mm above the surface to where 12 mm below would be without resistance.
+/// The hand moves from 8 mm above the surface to 12 mm below it, without resistance.
 fn pressing() -> Handle {
     let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
     Handle::new(vec![at(0, 0.008), at(300_000, 0.008), at(1_000_000, -0.012)])
 }
 
-/// The device's turn; done when the driver can read what it got. A terminal that hands bytes on late, in real time, would otherwise add
-/// silence to the link in virtual time.
+/// Advances the device until the driver can read all delivered bytes. A terminal forwards bytes late, in real
+/// time, which would add silence to the link in virtual time.
 fn serve(device: &mut EmulatedPolhem, link: &mut Faulty<PtyTransport>, driver_end: &TTYPort, now_us: u64) {
-    // The driver has read all there was, so what it may read next is what is delivered now.
+    // The driver has read all earlier bytes, so it reads next what is delivered now.
     let (before, unread) = (link.delivered(), driver_end.bytes_to_read().expect("open"));
     device.poll(now_us, link).expect("open");
     let expected = u64::from(unread) + link.delivered() - before;
-    let patience = std::time::Instant::now() + CERTAIN;
+    let patience = std::time::Instant::now() + MAX_WAIT;
     while driver_end.bytes_to_read().is_ok_and(|count| u64::from(count) < expected) {
         assert!(std::time::Instant::now() < patience, "bytes lost in the terminal");
         std::thread::yield_now();
     }
 }
 
-/// Both ends of the link after the device has been woken.
+/// Both ends of the link after the device has woken up.
 struct Bench<'l, 'o> {
     haptic: HapticLoop<'l, 'o, 'o, Polhem, &'l VirtualClock>,
     clock: &'l VirtualClock,
@@ -99,7 +100,7 @@ impl<'l, 'o> Bench<'l, 'o> {
         let (producer, records) = rtrb::RingBuffer::new(10_000);
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let outputs = Outputs { records: producer, latest };
-        // As a session does it: through whatever boxes the driver is in.
+        // Through the same boxes as in a session.
         let second_path = (&mut polhem as &mut dyn Device).emergency_stop();
         let mut haptic = HapticLoop::new(controller, polhem, clock, LoopConfig::default(), controls, outputs);
         if let Some(heartbeat) = heartbeat {
@@ -112,13 +113,13 @@ impl<'l, 'o> Bench<'l, 'o> {
         self.index * 1_000
     }
 
-    /// One tick of the host, then the device's turn.
+    /// One tick of the host, then the device advances.
     fn step(&mut self) -> Result<TickRecord, DeviceError> {
         self.index += 1;
         let now_us = self.now_us();
         self.clock.wait_until(now_us * 1_000, 0);
         self.haptic.tick(self.index, 0, now_us * 1_000)?;
-        let record = self.records.pop().expect("one record a tick");
+        let record = self.records.pop().expect("one record per tick");
         self.serve();
         Ok(record)
     }
@@ -129,19 +130,19 @@ impl<'l, 'o> Bench<'l, 'o> {
     }
 
     fn run(&mut self, ticks: u64) -> Vec<TickRecord> {
-        (0..ticks).map(|_| self.step().expect("the device is there")).collect()
+        (0..ticks).map(|_| self.step().expect("the device is connected")).collect()
     }
 }
 
 fn with_bench(test: impl FnOnce(&mut Bench<'_, '_>, &Controls)) {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     test(&mut bench, &controls);
 }
 
-/// Whatever the faults: finite, within the limit, no step beyond the slew limit, zero unless active.
+/// Under any fault the force is finite, within the force and slew limits, and zero unless active.
 fn assert_safe(records: &[TickRecord]) {
     let mut before = vec3::ZERO;
     for record in records {
@@ -155,32 +156,33 @@ fn assert_safe(records: &[TickRecord]) {
 }
 
 #[test]
-fn a_press_is_felt_through_the_whole_chain() {
+fn a_press_gives_a_force_through_the_whole_chain() {
     with_bench(|bench, controls| {
         let disarmed = bench.run(50);
         assert!(disarmed.iter().all(|record| record.phase == Phase::Disarmed));
-        assert_eq!(bench.device.force_n(), vec3::ZERO, "a real device is armed by a deliberate act only");
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "a real device never arms itself");
         controls.arm();
         let records = bench.run(1_600);
         assert_safe(&records);
         let last = records.last().expect("ticks ran");
         assert_eq!((last.phase, last.engaged), (Phase::Active, Some(0)));
-        // Handle at rest between the hand's spring and the organ: both forces balance at a depth between 0 and 12 mm.
+        // The handle rests between the hand's spring and the organ: the forces balance at a depth between 0
+        // and 12 mm.
         let [x, y, z] = bench.device.force_n();
         assert!(z > 1.0 && x.abs() < 0.1 && y.abs() < 0.1, "{:?}", bench.device.force_n());
         let balance_n = 400.0 * (bench.device.position_m()[2] + 0.012);
         assert!((z - balance_n).abs() < 0.05, "{z} N against the hand's {balance_n} N");
         assert!((vec3::norm(last.hand_force_n) - z).abs() < 0.05);
-        // One request a tick but for the start: the link keeps up with 1 kHz.
+        // One request per tick except at the start: the link keeps up with 1 kHz.
         assert!(bench.device.requests() > 1_600, "{}", bench.device.requests());
         assert_eq!(bench.device.refused(), 0);
     });
 }
 
 #[test]
-fn the_end_of_the_loop_takes_the_force_away() {
+fn the_end_of_the_loop_removes_the_force() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     controls.arm();
@@ -188,13 +190,13 @@ fn the_end_of_the_loop_takes_the_force_away() {
     assert!(bench.device.force_n()[2] > 1.0);
     let Bench { haptic, mut device, mut link, index, .. } = bench;
     drop(haptic);
-    assert!(link.inner_mut().look().expect("open"));
+    assert!(link.inner_mut().poll_input().expect("open"));
     device.poll(index * 1_000, &mut link).expect("open");
     assert_eq!(device.force_n(), vec3::ZERO);
 }
 
 #[test]
-fn a_silent_link_latches_zero_until_reset_and_armed() {
+fn a_silent_link_latches_zero_until_reset_and_arming() {
     with_bench(|bench, controls| {
         controls.arm();
         let mut records = bench.run(1_500);
@@ -207,42 +209,45 @@ fn a_silent_link_latches_zero_until_reset_and_armed() {
         }
         let held: Vec<&TickRecord> =
             silent.iter().filter(|record| record.hand_force_n != vec3::ZERO).collect();
-        assert!(held.len() <= 5, "the last force is held for at most a few ticks, not {}", held.len());
+        assert!(held.len() <= 5, "the last force is held for at most 5 ticks, not {}", held.len());
         assert!(
             bench.device.force_n()[2] > 1.0,
-            "without a watchdog and without a link the device cannot know"
+            "a device without a watchdog keeps its force on a silent link"
         );
 
         bench.link.set_faults(Faults::default());
         bench.run(15);
-        assert_eq!(bench.device.force_n(), vec3::ZERO, "the first request that gets through takes it away");
+        assert_eq!(bench.device.force_n(), vec3::ZERO, "the first request that arrives removes the force");
         records.extend(bench.run(500));
-        assert!(records[1_500..].iter().all(|record| record.hand_force_n == vec3::ZERO), "never by itself");
+        assert!(
+            records[1_500..].iter().all(|record| record.hand_force_n == vec3::ZERO),
+            "the force must not return without a reset"
+        );
 
         controls.reset();
         controls.arm();
-        // The tool is below the surface and must cross it again before anything pushes back.
+        // The tool is below the surface and must cross it before the organ pushes back.
         let again = bench.run(700);
         assert!(again.iter().all(|record| record.phase == Phase::Active));
         assert_safe(&again);
     });
 }
 
-/// The loop stands still for 60 ms while the hand leans on the organ; only the watchdog lives.
+/// The loop stops for 60 ms while the hand presses on the organ; only the watchdog thread runs.
 #[test]
-fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
+fn a_stalled_loop_is_zeroed_through_the_emergency_handle_until_reset() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let (clock, controls, heartbeat) = (VirtualClock::default(), Controls::default(), Heartbeat::default());
     let mut bench = Bench::watched(&organ, &clock, &controls, Some(&heartbeat));
-    let path = bench.second_path.take().expect("a serial port has a second handle");
+    let path = bench.second_path.take().expect("a serial port has an emergency handle");
     let mut watchdog = Watchdog::new(&heartbeat, path, 20_000_000);
     controls.arm();
     for _ in 0..1_400 {
-        bench.step().expect("the device is there");
+        bench.step().expect("the device is connected");
         assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
     }
-    assert!(bench.device.force_n()[2] > 1.0, "the hand leans on the organ");
+    assert!(bench.device.force_n()[2] > 1.0, "the hand presses on the organ");
 
     let mut zeroed_after_ms = None;
     for ms in 1..=60 {
@@ -252,19 +257,19 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
             bench.serve();
             zeroed_after_ms.get_or_insert(ms);
         }
-        // The emulated device has no watchdog of its own: whatever takes its force away is ours.
+        // The emulated device has no watchdog, so only the host's watchdog removes the force.
         assert_eq!(bench.device.force_n() == vec3::ZERO, zeroed_after_ms.is_some(), "{ms} ms");
     }
     assert_eq!((zeroed_after_ms, heartbeat.fired()), (Some(20), 1));
 
-    // The loop comes back. It is not told by anybody but the heartbeat; the device answers as if nothing had been.
+    // The loop resumes. It learns of the stall only from the heartbeat; the device answers as before.
     let mut after = Vec::new();
     for _ in 0..300 {
-        after.push(bench.step().expect("the device is there"));
+        after.push(bench.step().expect("the device is connected"));
         assert_eq!(bench.device.force_n(), vec3::ZERO, "not for a single tick");
     }
     assert!(after.iter().all(|record| record.phase == Phase::SafeZero(Fault::Watchdog)));
-    assert_eq!(bench.device.refused(), 0, "the two handles do not mix their lines");
+    assert_eq!(bench.device.refused(), 0, "the lines of both handles stay separate");
 
     controls.reset();
     controls.arm();
@@ -274,17 +279,17 @@ fn a_stalled_loop_is_zeroed_through_the_second_handle_and_stays_so() {
     assert_eq!(watchdog.check(clock.now_ns()), WatchdogStatus::Alive);
 }
 
-/// One frame is struck every 50 ms or so, a request and a reply in turn. Two faults within a few milliseconds may well end in zero: they are
-/// for the storm below.
+/// A fault hits one frame about every 50 ms, a request and a reply in turn. Two faults within a few
+/// milliseconds may latch zero; the test below covers them.
 #[test]
-fn single_faults_are_ridden_out() {
+fn the_loop_recovers_from_single_faults() {
     for (name, faults) in [
         ("drop", Faults { drop: 1.0, ..Faults::default() }),
         ("truncate", Faults { truncate: 1.0, ..Faults::default() }),
         ("delay", Faults { delay: 1.0, delay_us: 3_000, ..Faults::default() }),
         ("duplicate", Faults { duplicate: 1.0, ..Faults::default() }),
         ("stall", Faults { stall: 1.0, stall_us: 3_000, ..Faults::default() }),
-        ("babble", Faults { babble: 1.0, ..Faults::default() }),
+        ("noise", Faults { noise: 1.0, ..Faults::default() }),
     ] {
         with_bench(|bench, controls| {
             controls.arm();
@@ -299,22 +304,22 @@ fn single_faults_are_ridden_out() {
             }
             assert_safe(&records);
             let counts = bench.link.counts();
-            let struck = counts.dropped
+            let injected = counts.dropped
                 + counts.truncated
                 + counts.delayed
                 + counts.duplicated
                 + counts.stalled
-                + counts.babbled;
-            assert!((15..=40).contains(&struck), "{name}: {counts:?}");
+                + counts.noise_bursts;
+            assert!((15..=40).contains(&injected), "{name}: {counts:?}");
             assert_eq!(records.last().map(|record| record.phase), Some(Phase::Active), "{name}: {counts:?}");
             assert!(bench.device.force_n()[2] > 1.0, "{name}");
         });
     }
 }
 
-/// The protocol has no checksum: a flipped bit may pass for another number. What is left then are the controller's own limits.
+/// The protocol has no checksum, so a flipped bit may be a valid number. Then the controller's limits apply.
 #[test]
-fn a_storm_of_faults_is_never_worse_than_zero() {
+fn many_faults_end_in_zero_force() {
     let faults = Faults {
         drop: 0.05,
         truncate: 0.05,
@@ -336,7 +341,7 @@ fn a_storm_of_faults_is_never_worse_than_zero() {
     });
 }
 
-/// Replies that are all late are fresh bytes with old contents: they must not pass for fresh samples, however many come.
+/// Delayed replies are fresh bytes with old contents. They must not count as fresh samples.
 #[test]
 fn a_link_that_is_always_late_is_stale() {
     for delay_us in [12_000, 30_000, 50_000] {
@@ -347,7 +352,7 @@ fn a_link_that_is_always_late_is_stale() {
             controls.arm();
             let records = bench.run(300);
             assert_safe(&records);
-            assert!(bench.device.requests() > before + 20, "the link carries data all the time");
+            assert!(bench.device.requests() > before + 20, "the link carries data continuously");
             assert!(records.iter().all(|record| record.engaged.is_none()), "never on old data");
             assert_eq!(
                 records.last().map(|record| record.phase),
@@ -361,7 +366,7 @@ fn a_link_that_is_always_late_is_stale() {
 #[test]
 fn an_unplugged_device_ends_the_loop() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     bench.run(20);
@@ -379,7 +384,7 @@ fn a_device_that_never_wakes_is_a_timeout() {
     assert_eq!(refused.err().map(|error| error.kind()), Some(DeviceErrorKind::Timeout));
 }
 
-/// What the tests above rely on: the force on the emulated motors is what the host sent, axis by axis.
+/// The other tests rely on this: the force on the emulated motors is the commanded one, axis by axis.
 #[test]
 fn forces_arrive_on_the_right_axes() {
     let (link, driver) = PtyTransport::pair().expect("a pseudo terminal");
@@ -400,34 +405,35 @@ fn forces_arrive_on_the_right_axes() {
         woken.store(true, Ordering::Relaxed);
         polhem.expect("wakes up")
     });
-    // A workspace twice as large makes the model twice as stiff at the hand.
+    // A workspace of scale 2 doubles the stiffness of the model at the hand.
     assert_eq!(polhem.info().max_stiffness_n_m, 1_000.0);
     serve(&mut device, &mut link, &driver_end, 0);
     let sent: Vec3 = [1.25, -2.5, 0.75];
     for tick in 1..10 {
-        polhem.exchange(tick * 1_000, sent).expect("a good link");
+        polhem.exchange(tick * 1_000, sent).expect("a fault-free link");
         serve(&mut device, &mut link, &driver_end, tick * 1_000);
     }
     assert_eq!(device.force_n(), sent);
 }
 
 #[test]
-fn a_babbling_device_still_gets_its_zero() {
+fn a_device_that_sends_noise_still_receives_its_zero() {
     with_bench(|bench, controls| {
         controls.arm();
         bench.run(1_400);
-        assert!(bench.device.force_n()[2] > 1.0, "the hand leans on the organ");
-        // Damaged lines, unasked, every tick: the driver waits for silence that never comes, and the controller faults.
+        assert!(bench.device.force_n()[2] > 1.0, "the hand presses on the organ");
+        // A malformed line in every tick: the driver never gets the silence it waits for, and the controller
+        // latches a fault.
         let mut records = Vec::new();
         for _ in 0..30 {
-            let (now_us, babble) = (bench.now_us(), b"babble babble\n");
+            let (now_us, noise) = (bench.now_us(), b"noise noise\n");
             let readable = bench.driver_end.bytes_to_read().expect("open") as usize;
-            palpate_hil::Transport::send(bench.link.inner_mut(), now_us, babble).expect("open");
-            // A terminal that hands it on late would leave the driver its silence after all.
-            wait("babble", || {
-                bench.driver_end.bytes_to_read().is_ok_and(|count| count as usize >= readable + babble.len())
+            palpate_hil::Transport::send(bench.link.inner_mut(), now_us, noise).expect("open");
+            // A terminal that forwards it late would give the driver its silence.
+            wait("noise", || {
+                bench.driver_end.bytes_to_read().is_ok_and(|count| count as usize >= readable + noise.len())
             });
-            records.push(bench.step().expect("the device is there"));
+            records.push(bench.step().expect("the device is connected"));
         }
         assert_safe(&records);
         let last = records.last().expect("ticks ran");

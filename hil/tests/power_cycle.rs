@@ -1,7 +1,7 @@
-//! A Polhem that loses its power and answers as if nothing had been: what its driver sees, and what it cannot.
+//! A power cycle of a Polhem, which answers afterwards as before: what its driver can detect.
 
 use palpate_core::{Method, Organ, Phase, Vec3, vec3};
-use palpate_hil::rig::{self, Mishap, Rig};
+use palpate_hil::rig::{self, HardwareFault, Rig};
 use palpate_hil::session::{self, Session};
 use palpate_hil::{Faults, Waypoint};
 use palpate_host::device::DeviceState;
@@ -11,9 +11,10 @@ fn polhem() -> Box<dyn Rig> {
     (kind.make)(3)
 }
 
-/// Power goes while the hand leans on an organ; it answers nothing for some ticks, or is back at once.
+/// The power cycle happens while the hand presses on an organ. The device is silent for some ticks, or
+/// answers at once.
 #[test]
-fn a_polhem_that_lost_its_power_is_no_device_until_it_is_opened_anew() {
+fn a_polhem_after_a_power_cycle_renders_nothing_until_it_is_opened_again() {
     let blob = session::golden_organ();
     let organ = Organ::read(blob.bytes()).expect("golden");
     for dark_ticks in [0, 5, 300] {
@@ -22,19 +23,19 @@ fn a_polhem_that_lost_its_power_is_no_device_until_it_is_opened_anew() {
             let path = session::press(bench.rig, 0.006, 0.014);
             bench.rig.follow(path);
             bench.controls.arm();
-            bench.run(800).expect("a sound link");
-            assert!(bench.rig.felt().force_n[2] > 0.3, "{:?}", bench.rig.felt());
-            assert!(bench.rig.strike(Mishap::PowerCycle));
+            bench.run(800).expect("a fault-free link");
+            assert!(bench.rig.force_record().force_n[2] > 0.3, "{:?}", bench.rig.force_record());
+            assert!(bench.rig.inject(HardwareFault::PowerCycle));
             let dark = Faults { drop: 1.0, ..Faults::NONE };
             bench.rig.set_faults(dark, dark);
             bench.run(dark_ticks).expect("the cable is in");
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
-            // After a long silence the driver waits a while before it asks again.
+            // After a long silence the driver pauses before its next request.
             let records = bench.run(100).expect("the cable is in");
             assert!(records[2..].iter().all(|record| record.sample.is_none()), "{dark_ticks}");
-            bench.rig.forget();
+            bench.rig.reset_record();
             for _ in 0..5 {
-                // Neither helps: it has no homing that could be done again.
+                // Neither helps, because the device has no homing to repeat.
                 bench.controls.reset();
                 bench.controls.arm();
                 for record in bench.run(50).expect("the cable is in") {
@@ -42,21 +43,21 @@ fn a_polhem_that_lost_its_power_is_no_device_until_it_is_opened_anew() {
                     assert_ne!(record.phase, Phase::Active, "{dark_ticks}");
                 }
             }
-            assert_eq!(bench.rig.felt().largest_force_n, 0.0, "{dark_ticks}");
+            assert_eq!(bench.rig.force_record().largest_force_n, 0.0, "{dark_ticks}");
         })
         .expect("it opens");
         let workspace = rig.profile().workspace;
-        let mut session = Session::homed(&mut *rig, workspace).expect("it opens anew");
-        assert!(session.tick(vec3::ZERO).expect("a sound link").is_some());
+        let mut session = Session::homed(&mut *rig, workspace).expect("it opens again");
+        assert!(session.tick(vec3::ZERO).expect("a fault-free link").is_some());
     }
 }
 
-/// What is left: where the counters begin there is nothing to be seen, and next to nothing is wrong.
+/// A power cycle at the reported start position cannot be detected, and the position error is small.
 #[test]
-fn a_power_cycle_where_the_counters_begin_cannot_be_told() {
+fn a_power_cycle_at_the_start_position_is_undetectable() {
     let mut rig = polhem();
     let workspace = rig.profile().workspace;
-    let begin_m = begins_at(&mut *rig);
+    let begin_m = power_up_position_m(&mut *rig);
     for (off_m, is_seen) in [(0.001, false), (0.003, true)] {
         let mut rig = polhem();
         let mut session = Session::homed(&mut *rig, workspace).expect("it opens");
@@ -66,9 +67,9 @@ fn a_power_cycle_where_the_counters_begin_cannot_be_told() {
             Waypoint { t_us: 300_000, position_m },
         ]);
         for _ in 0..1_000 {
-            session.tick(vec3::ZERO).expect("a sound link");
+            session.tick(vec3::ZERO).expect("a fault-free link");
         }
-        session.rig.strike(Mishap::PowerCycle);
+        session.rig.inject(HardwareFault::PowerCycle);
         for _ in 0..20 {
             let _ = session.tick(vec3::ZERO);
         }
@@ -76,8 +77,8 @@ fn a_power_cycle_where_the_counters_begin_cannot_be_told() {
     }
 }
 
-/// Where a device says that it is when it has just been given power.
-fn begins_at(rig: &mut dyn Rig) -> Vec3 {
-    rig.strike(Mishap::PowerCycle);
+/// Position that the device reports after power-up.
+fn power_up_position_m(rig: &mut dyn Rig) -> Vec3 {
+    rig.inject(HardwareFault::PowerCycle);
     rig.reported_m()
 }

@@ -1,5 +1,5 @@
-//! How long a write to a serial port holds a real-time thread beside busy CPUs: through `serialport`, which asks poll(2) first, and
-//! through the port that our drivers open.
+//! How long a write to a serial port blocks a real-time thread beside busy CPUs: through `serialport`, which
+//! calls poll(2) first, and through the port of the drivers.
 
 #![cfg(target_os = "linux")]
 
@@ -14,14 +14,14 @@ const REQUEST: &[u8] = b"0.00000 0.00000 0.00000\n";
 const PERIOD_NS: u64 = 1_000_000;
 const WRITES: u64 = 20_000;
 
-/// Times of writes, us.
+/// Durations of writes, us.
 #[derive(Debug, Default)]
-struct Waits {
+struct WriteTimes {
     us: Vec<u64>,
     full: u64,
 }
 
-impl Waits {
+impl WriteTimes {
     fn of(mut write: impl FnMut() -> std::io::Result<usize>, waits: &mut Self) {
         let begun = monotonic_ns();
         waits.full += u64::from(write().is_err());
@@ -43,7 +43,7 @@ impl Waits {
     }
 }
 
-/// The far end: answers whatever comes, above the thread that is measured, as a device of its own would.
+/// The far end: echoes all input with a higher priority than the measured thread, as a device would.
 fn answer(mut far: TTYPort, over: &AtomicBool) {
     let _ = enter_real_time(&RtRequest { fifo_priority: Some(52), ..RtRequest::none() });
     far.set_timeout(Duration::from_millis(20)).expect("a time limit");
@@ -56,13 +56,13 @@ fn answer(mut far: TTYPort, over: &AtomicBool) {
 }
 
 #[test]
-#[ignore = "a measurement of 20 s beside four busy threads; run by hand with --nocapture for what docs/safety.md tells of serial writes"]
+#[ignore = "a measurement of 20 s beside four busy threads; run by hand with --nocapture for the serial writes in docs/safety.md"]
 fn writes_beside_busy_cpus() {
     let (far_polled, mut polled) = TTYPort::pair().expect("a pseudo terminal");
     let (far_prompt, prompt) = TTYPort::pair().expect("a pseudo terminal");
     let mut prompt = NonBlockingPort::from_port(prompt).expect("it has a name");
     let over = AtomicBool::new(false);
-    let [mut by_serialport, mut by_driver] = [Waits::default(), Waits::default()];
+    let [mut by_serialport, mut by_driver] = [WriteTimes::default(), WriteTimes::default()];
     std::thread::scope(|scope| {
         for far in [far_polled, far_prompt] {
             scope.spawn(|| answer(far, &over));
@@ -80,9 +80,9 @@ fn writes_beside_busy_cpus() {
         let mut bytes = [0; 256];
         for tick in 0..WRITES {
             sleep_until_ns(begun + tick * PERIOD_NS);
-            Waits::of(|| polled.write(REQUEST), &mut by_serialport);
-            Waits::of(|| prompt.write(REQUEST), &mut by_driver);
-            // What has come is taken without a wait, as the drivers do.
+            WriteTimes::of(|| polled.write(REQUEST), &mut by_serialport);
+            WriteTimes::of(|| prompt.write(REQUEST), &mut by_driver);
+            // Input is read without blocking, as the drivers do.
             for port in [&mut polled as &mut dyn SerialPort, &mut prompt] {
                 if port.bytes_to_read().is_ok_and(|count| count > 0) {
                     let _ = port.read(&mut bytes);
@@ -91,6 +91,6 @@ fn writes_beside_busy_cpus() {
         }
         over.store(true, Ordering::Relaxed);
     });
-    println!("serialport: {}\nour port:   {}", by_serialport.line(), by_driver.line());
-    assert!(by_driver.us.last() <= by_serialport.us.last(), "our port is the slower one");
+    println!("serialport: {}\ndrivers:    {}", by_serialport.line(), by_driver.line());
+    assert!(by_driver.us.last() <= by_serialport.us.last(), "the drivers' port is slower");
 }

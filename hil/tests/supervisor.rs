@@ -1,12 +1,14 @@
-//! The supervisor against emulated devices, in real time: hosts that are killed, stopped and hang.
+//! The supervisor with emulated devices, in real time: hosts that are killed, stopped or hang.
 //!
-//! A host and its supervisor are processes: `palpate-hil process`. Of the order of
-//! things bounds that a busy machine keeps are asserted, of the times the best of some; they are printed (`--nocapture`).
+//! Host and supervisor are processes of `palpate-hil process`. Event orders are asserted strictly. Times are
+//! asserted by their best value, so that a busy machine passes; `--nocapture` prints them.
 
 use nix::sys::signal::{Signal, kill};
 use palpate_core::{Vec3, vec3};
-use palpate_hil::hosts::{self, Device as Held, GENEROUS, Host, Role, Stage, TARGET, is_running, wait};
-use palpate_hil::matrix::{Ended, Run, Table, Wrong};
+use palpate_hil::hosts::{
+    self, Device as TestedDevice, Host, MAX_TIME_TO_ZERO, Role, TARGET, Testbed, is_running, wait,
+};
+use palpate_hil::matrix::{Ended, FaultKind, Run, Table};
 use palpate_hil::{EmulatedFalcon, FalconConfig, MemoryFtdi};
 use palpate_host::Device;
 use palpate_host::device::DeviceState;
@@ -19,142 +21,145 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-/// Silence after which the supervisor takes the force away here, ms: longer than the product's, because the machine of a test stands still itself for
-/// longer than that, and no host is to be blamed for it.
-const PATIENT_MS: u32 = 250;
+/// Silence limit of the supervisor, ms. It is longer than the product's, because a test machine itself stops
+/// for longer.
+const TEST_LIMIT_MS: u32 = 250;
 
-/// What the host process asks for, N.
+/// The commanded force, N.
 const FORCE_N: Vec3 = [0.0, 0.0, 1.5];
 
-/// Of which the processes are made.
+/// The program of the processes.
 fn program() -> &'static Path {
     Path::new(env!("CARGO_BIN_EXE_palpate-hil"))
 }
 
-/// A Polhem with a host that holds its force.
-fn holding(role: Role) -> (Stage, Host) {
-    let stage = Stage::new(Held::Polhem);
-    let host = stage.host(program(), role, PATIENT_MS, FORCE_N);
-    stage.hold(&host, FORCE_N).expect("the host holds its force");
-    (stage, host)
+/// A Polhem and a host that holds its force.
+fn holding(role: Role) -> (Testbed, Host) {
+    let testbed = Testbed::new(TestedDevice::Polhem);
+    let host = testbed.host(program(), role, TEST_LIMIT_MS, FORCE_N);
+    testbed.hold(&host, FORCE_N).expect("the host holds its force");
+    (testbed, host)
 }
 
-/// Nothing but zero for so long, and requests all the while.
-fn assert_zero_and_alive_for(stage: &Stage, time: Duration) {
-    let before = stage.seen().requests;
-    assert!(stage.is_zero_for(time), "{:?}", stage.seen());
-    wait("a request: somebody still talks to the device", || stage.seen().requests > before);
+/// Checks that the force stays zero for this time, and that requests continue.
+fn assert_zero_and_alive_for(testbed: &Testbed, time: Duration) {
+    let before = testbed.observed().requests;
+    assert!(testbed.is_zero_for(time), "{:?}", testbed.observed());
+    wait("a further request to the device", || testbed.observed().requests > before);
 }
 
-/// Each device, each signal, a few times; what the table of docs/fault-matrix.md has.
+/// A few runs of each device and signal, as in the table of docs/fault-matrix.md.
 #[test]
-fn killed_and_stopped_hosts_are_zeroed_and_stay_so() {
-    let runs = hosts::runs(program(), PATIENT_MS, 18, 3);
+fn killed_and_stopped_hosts_are_zeroed_until_reset() {
+    let runs = hosts::runs(program(), TEST_LIMIT_MS, 18, 3);
     for run in &runs {
-        let by = if run.rig == Held::Link.name() { Ended::Watchdog } else { Ended::Supervisor };
-        assert_eq!((run.broken(), run.ended), (None, by), "{run:?}");
+        let by = if run.rig == TestedDevice::Link.name() { Ended::Watchdog } else { Ended::Supervisor };
+        assert_eq!((run.violation(), run.ended), (None, by), "{run:?}");
         assert!(run.largest_n > 0.4, "{run:?}");
     }
-    assert_eq!(runs.iter().filter(|run| run.wrong == Wrong::HostPaused).count(), 9);
+    assert_eq!(runs.iter().filter(|run| run.fault == FaultKind::HostPaused).count(), 9);
     assert_eq!(hosts::medians(&runs).len(), 3);
 }
 
-/// With the product's limit, the best of some runs of each device, killed and stopped: whatever takes longer than the target is there in each of them, and a machine that
-/// stands still in only a few. How long it takes commonly `palpate-hil matrix` says.
+/// With the product's limit, the best of some runs of each device and signal must meet the target. A
+/// systematic delay affects every run, a pause of the machine only a few. `palpate-hil matrix` prints the
+/// typical times.
 #[test]
-fn the_force_of_a_lost_host_is_gone_in_time() {
-    /// Fewer than so many say nothing.
-    const LEAST: usize = 5;
-    const MOST: u64 = 12;
-    /// For the runs of one device and signal, on a machine that lets hardly a host hold its force.
-    const PATIENCE: Duration = Duration::from_secs(25);
-    let lost = [Wrong::HostKilled, Wrong::HostPaused];
-    for (device, wrong) in Held::ALL.into_iter().flat_map(|device| lost.map(|wrong| (device, wrong))) {
+fn the_force_of_a_lost_host_is_zeroed_in_time() {
+    /// Fewer runs are not judged.
+    const MIN_RUNS: usize = 5;
+    const MAX_RUNS: u64 = 12;
+    /// For the runs of one device and signal, on a machine so busy that hosts rarely hold a force.
+    const TIMEOUT: Duration = Duration::from_secs(25);
+    let lost = [FaultKind::HostKilled, FaultKind::HostPaused];
+    for (device, fault) in TestedDevice::ALL.into_iter().flat_map(|device| lost.map(|fault| (device, fault)))
+    {
         let (mut times, begun) = (Vec::new(), Instant::now());
-        for seed in 0..MOST {
-            let run = hosts::run(program(), DEFAULT_LIMIT_MS, device, wrong, seed);
-            times.extend(hosts::safe_after(&run));
-            if times.last().is_some_and(|time| *time <= TARGET) || begun.elapsed() > PATIENCE {
+        for seed in 0..MAX_RUNS {
+            let run = hosts::run(program(), DEFAULT_LIMIT_MS, device, fault, seed);
+            times.extend(hosts::time_to_safe(&run));
+            if times.last().is_some_and(|time| *time <= TARGET) || begun.elapsed() > TIMEOUT {
                 break;
             }
         }
-        println!("{}, {wrong:?}: {times:.1?}", device.name());
+        println!("{}, {fault:?}: {times:.1?}", device.name());
         let is_in_time = times.iter().any(|time| *time <= TARGET);
-        assert!(is_in_time || times.len() < LEAST, "{}, {wrong:?}: {times:.1?}", device.name());
+        assert!(is_in_time || times.len() < MIN_RUNS, "{}, {fault:?}: {times:.1?}", device.name());
         if !is_in_time {
-            println!("{}, {wrong:?}: not judged, this machine stands still too often", device.name());
+            println!("{}, {fault:?}: not judged, because this machine pauses too often", device.name());
         }
     }
 }
 
-/// A host that does not come up is a line of the table and a limit that is broken, and the others have theirs.
+/// A host that cannot be brought up is a row of the table and a violation; the other runs are unaffected.
 #[test]
 fn a_host_that_cannot_be_brought_up_is_a_failed_run() {
-    let runs = hosts::runs(Path::new("/bin/false"), PATIENT_MS, 6, 3);
-    let broken: Vec<_> = runs.iter().map(Run::broken).collect();
-    assert_eq!(broken, [Some("no force"); 6]);
+    let runs = hosts::runs(Path::new("/bin/false"), TEST_LIMIT_MS, 6, 3);
+    let violation: Vec<_> = runs.iter().map(Run::violation).collect();
+    assert_eq!(violation, [Some("no force"); 6]);
     let table = Table(&runs).to_string();
     assert_eq!(table.matches("| no force 1 |").count(), 6, "{table}");
 }
 
-/// The same without a supervisor: what takes the force away above is the supervisor and nothing else.
+/// The same without a supervisor, which shows that the supervisor removes the force.
 #[test]
 fn a_killed_host_without_a_supervisor_leaves_the_force() {
-    let (stage, host) = holding(Role::Alone);
+    let (testbed, host) = holding(Role::Unsupervised);
     host.signal(Signal::SIGKILL);
     let begun = Instant::now();
-    while begun.elapsed() < GENEROUS {
-        assert_eq!(stage.seen().force_n, FORCE_N, "the device has no watchdog");
+    while begun.elapsed() < MAX_TIME_TO_ZERO {
+        assert_eq!(testbed.observed().force_n, FORCE_N, "the device has no watchdog");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
 
 #[test]
-fn a_stopped_host_is_zeroed_and_stays_so_when_it_goes_on_until_reset() {
-    let (stage, host) = holding(Role::Host);
+fn a_stopped_host_stays_zeroed_after_it_resumes_until_reset() {
+    let (testbed, host) = holding(Role::Host);
     host.signal(Signal::SIGSTOP);
-    wait("zero", || stage.seen().force_n == vec3::ZERO);
-    // Its requests go on, once a limit: a zero may be lost.
-    assert_zero_and_alive_for(&stage, Duration::from_millis(200));
-    assert!(!host.said("zeroed"), "the host sleeps");
+    wait("zero", || testbed.observed().force_n == vec3::ZERO);
+    // Zero requests continue, one per limit, because one may be lost.
+    assert_zero_and_alive_for(&testbed, Duration::from_millis(200));
+    assert!(!host.has_printed("zeroed"), "the host is stopped");
 
     host.signal(Signal::SIGCONT);
-    wait("word that it was zeroed", || host.said("zeroed"));
-    // The host sends its force as before, and nobody listens.
-    assert_zero_and_alive_for(&stage, Duration::from_millis(300));
+    wait("report that it was zeroed", || host.has_printed("zeroed"));
+    // The host sends its force as before, and the supervisor ignores it.
+    assert_zero_and_alive_for(&testbed, Duration::from_millis(300));
     assert!(is_running(host.supervisor().expect("it has one")));
 
-    host.say("reset");
-    wait("the force again", || stage.seen().force_n == FORCE_N);
+    host.send("reset");
+    wait("the force again", || testbed.observed().force_n == FORCE_N);
 }
 
-/// Nothing can zero then; the host knows at once, and that is all.
+/// Nothing can set zero force then; the host only detects the loss.
 #[test]
 fn a_killed_supervisor_ends_the_loop_and_leaves_the_force() {
-    let (stage, mut host) = holding(Role::Host);
-    kill(host.supervisor().expect("it has one"), Signal::SIGKILL).expect("it is there");
+    let (testbed, mut host) = holding(Role::Host);
+    kill(host.supervisor().expect("it has one"), Signal::SIGKILL).expect("the process runs");
     assert!(host.end());
-    wait("its last word", || host.said("end Disconnected"));
-    assert_eq!(stage.seen().force_n, FORCE_N, "a hazard: docs/safety.md, section 6");
+    wait("its last line", || host.has_printed("end Disconnected"));
+    assert_eq!(testbed.observed().force_n, FORCE_N, "a hazard: docs/safety.md, section 6");
 }
 
-/// A supervisor that stood still itself does not obey what it missed, and does not blame the host.
+/// A supervisor that was stopped discards the commands of that time and does not report a silent host.
 #[test]
-fn a_supervisor_that_was_stopped_obeys_the_present_only() {
-    let (stage, host) = holding(Role::Host);
+fn a_resumed_supervisor_discards_old_commands() {
+    let (testbed, host) = holding(Role::Host);
     let supervisor = host.supervisor().expect("it has one");
-    kill(supervisor, Signal::SIGSTOP).expect("it is there");
+    kill(supervisor, Signal::SIGSTOP).expect("the process runs");
     std::thread::sleep(Duration::from_millis(100));
-    kill(supervisor, Signal::SIGCONT).expect("it is there");
+    kill(supervisor, Signal::SIGCONT).expect("the process runs");
     wait("requests", || {
-        let before = stage.seen().requests;
+        let before = testbed.observed().requests;
         std::thread::sleep(Duration::from_millis(20));
-        stage.seen().requests > before + 3
+        testbed.observed().requests > before + 3
     });
     assert!(is_running(supervisor));
 }
 
-/// A Falcon in memory, so its supervisor is a thread; homed through it, and then its host hangs. Times are the emulated device's.
+/// A Falcon in memory, whose supervisor is a thread. It is homed through the supervisor, and then its host
+/// hangs. Times are the emulated device's.
 #[test]
 fn a_falcon_is_zeroed_when_its_host_hangs() {
     let config = FalconConfig { firmware_runs: true, ..FalconConfig::default() };
@@ -166,12 +171,12 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
         Falcon::start(Arc::new(ftdi), config, None).map_err(|error| error.to_string())
     };
     let supervisor = std::thread::spawn(move || serve(&theirs, Policy::Other, open));
-    let mut device = Supervised::with_socket(ours, PATIENT_MS).expect("it opens the device");
+    let mut device = Supervised::with_socket(ours, TEST_LIMIT_MS).expect("it opens the device");
     assert_eq!(device.state(), DeviceState::FirmwareLoaded);
-    assert!(device.home(&AtomicBool::new(false)).expect("it is there"), "the hand homes it");
-    // A pause before the loop is no silence.
+    assert!(device.home(&AtomicBool::new(false)).expect("it is connected"), "the hand homes it");
+    // A pause before the loop does not count as silence.
     std::thread::sleep(Duration::from_millis(100));
-    assert!(!device.was_zeroed() && seen.falcon().felt().largest_unhomed_n == 0.0);
+    assert!(!device.was_zeroed() && seen.falcon().force_record().largest_unhomed_n == 0.0);
 
     let begun = Instant::now();
     let tick = |device: &mut Supervised| {
@@ -180,11 +185,11 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
         let sample = device.exchange(now_us, FORCE_N);
         assert!(
             !matches!(sample, Ok(Some(sample)) if sample.t_us > now_us),
-            "{sample:?}: of the time of homing"
+            "{sample:?}: from before the loop"
         );
         seen.falcon().now_us()
     };
-    let is_forced = || seen.falcon().felt().off_since_us.is_none();
+    let is_forced = || seen.falcon().force_record().off_since_us.is_none();
     let mut last_us = 0;
     wait("a force", || {
         last_us = tick(&mut device);
@@ -194,14 +199,14 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
         is_forced()
     });
     wait("zero", || !is_forced());
-    let off_us = seen.falcon().felt().off_since_us.expect("zero");
+    let off_us = seen.falcon().force_record().off_since_us.expect("zero");
     println!(
         "host of a Falcon hangs: zero {:.1} ms after its last tick",
         off_us.saturating_sub(last_us) as f64 * 1e-3
     );
     for _ in 0..100 {
         tick(&mut device);
-        assert!(!is_forced(), "a heartbeat and no more");
+        assert!(!is_forced(), "a request resumed the force without a reset");
     }
     assert!(device.was_zeroed());
     wait("the force again", || {
@@ -210,8 +215,8 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
         is_forced()
     });
     drop(device);
-    let served = supervisor.join().expect("no panic").expect("it was spoken to");
+    let served = supervisor.join().expect("no panic").expect("the host has connected");
     assert!(served.silences > 0, "{served:?}");
-    // What was written last is on the wire for some time yet.
-    wait("zero, though nobody is left", || !is_forced());
+    // The last request is still in flight for some time.
+    wait("zero after the end of the host", || !is_forced());
 }

@@ -1,4 +1,4 @@
-//! The bench on its sockets, with a peer that speaks usb-redir in raw bytes as QEMU does; no virtual machine takes part.
+//! The bench on its sockets, with a peer that sends usb-redir bytes as QEMU does, without a virtual machine.
 
 use palpate_hil::bench::{Options, Report, serve};
 use palpate_hil::usbredir::packet::{self, kind};
@@ -41,7 +41,7 @@ fn order(control: &mut UnixStream, line: &str) -> String {
 }
 
 #[test]
-fn a_peer_sees_the_falcon_come_answer_and_go() {
+fn a_peer_sees_the_falcon_connect_answer_and_disconnect() {
     let folder = std::env::temp_dir().join(format!("palpate-usbredir-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let path = |name: &str| -> PathBuf { folder.join(name) };
@@ -56,7 +56,7 @@ fn a_peer_sees_the_falcon_come_answer_and_go() {
     bus.read_exact(&mut hello).expect("a hello");
     assert_eq!(hello, *packet::hello());
     bus.write_all(&packet::hello()).expect("open");
-    // Nobody has put the cable in.
+    // The cable is still out.
     let report: Report = order(&mut control, "report").parse().expect("a report");
     assert!(!report.plugged);
     assert_eq!(order(&mut control, "plug 3"), "ok");
@@ -72,7 +72,7 @@ fn a_peer_sees_the_falcon_come_answer_and_go() {
         let answer = next(&mut bus);
         assert_eq!((answer.0, answer.1, answer.2[3]), (kind::CONTROL, id as u64, 0));
     }
-    // Nothing to say: two status bytes when the timer of 1 ms has run out, again and again.
+    // An idle chip sends two status bytes each time its 1 ms timer expires.
     for id in 10..20 {
         bus.write_all(&packet::packet(kind::BULK, id, &[0x81, 0, 0, 1, 0, 0, 0, 0, 0, 0])).expect("open");
         let answer = next(&mut bus);
@@ -81,7 +81,7 @@ fn a_peer_sees_the_falcon_come_answer_and_go() {
 
     let report: Report = order(&mut control, "report").parse().expect("a report");
     assert!(report.plugged && !report.homed && report.loads == 0 && report.zero_ms.is_none());
-    assert_eq!(order(&mut control, "fly"), "not understood");
+    assert_eq!(order(&mut control, "fly"), "unknown command");
     assert_eq!(order(&mut control, "plug 4"), "ok");
     let kinds = [0; 4].map(|_: u32| next(&mut bus).0);
     assert_eq!(kinds, [kind::DEVICE_DISCONNECT, kind::INTERFACE_INFO, kind::EP_INFO, kind::DEVICE_CONNECT]);

@@ -1,4 +1,4 @@
-//! The same pose from disturbed starts: is the branch the same?
+//! Solves the same displacement from perturbed starts, and checks whether the branch is the same.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_bea
 use crate::table::{Case, Cost, row};
 use crate::walk::{body, problem, state};
 
-/// Pseudo-random numbers in -1 .. 1 from a seed.
+/// Pseudo-random numbers in -1..1 from a seed.
 fn noise(seed: u64) -> impl FnMut() -> f64 {
     let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(seed + 1);
     move || {
@@ -21,7 +21,7 @@ fn noise(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// Solves again at the pose of `from` with every free displacement disturbed by up to `size_m`.
+/// Solves again at the displacement of `from`, with each free displacement perturbed by up to `size_m`.
 fn again(
     problem: &Arc<Problem>,
     from: &Configuration,
@@ -46,7 +46,7 @@ fn distance_m(problem: &Problem, a: &Configuration, b: &Configuration) -> f64 {
     pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
 }
 
-/// Ten starts of each size; returns how many came back, and how far off the farthest of those was, m.
+/// Ten starts of each size. Returns how many reach the same branch, and their largest difference, m.
 fn disturb(name: &str, problem: &Arc<Problem>, from: &Configuration, share: f64) -> (u32, f64) {
     let (mut back, mut other, mut failed, mut worst) = (0, 0, 0, 0.0f64);
     let (mut far, mut cost) = (0.0f64, Cost { equations: problem.unknowns(), ..Cost::default() });
@@ -71,35 +71,36 @@ fn disturb(name: &str, problem: &Arc<Problem>, from: &Configuration, share: f64)
             }
         }
     }
-    let tried = format!("{name}, 10 starts off by {share} edge");
+    let tried = format!("{name}, 10 starts perturbed by {share} edge");
     let result = format!(
-        "{back} back (within {worst:.0e} m), {other} elsewhere (up to {:.1} mm), {failed} failed",
+        "{back} on the same branch (within {worst:.0e} m), {other} on others (up to {:.1} mm), {failed} failed",
         1e3 * far
     );
-    row(Case::Branches, &tried, cost, &result, if back == 10 { "same branch" } else { "not one basin" });
+    row(Case::Branches, &tried, cost, &result, if back == 10 { "same branch" } else { "several branches" });
     (back, worst)
 }
 
 #[test]
-fn a_disturbed_start_comes_back_to_the_branch_it_left() {
+fn a_perturbed_start_converges_to_the_same_branch() {
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
         let (_, _, active, body) = soft_beam(material);
         let problem = problem(&body, Handle::node(active));
         let mut solver = Solver::new(problem.clone());
-        let rest = solver.rest().expect("the beam is held");
-        let here = solver.advance(&rest.seed, [0.004, 0.003, -0.012]).expect("the beam follows");
+        let rest = solver.rest().expect("the beam is fixed");
+        let here = solver.advance(&rest.seed, [0.004, 0.003, -0.012]).expect("the beam converges");
         for share in [1e-3, 1e-2, 0.1, 0.3] {
             let (back, worst) = disturb(material.name(), &problem, &here, share);
             if share <= 0.01 {
-                assert_eq!(back, 10, "{} off by {share} edge", material.name());
+                assert_eq!(back, 10, "{} perturbed by {share} edge", material.name());
             }
-            // The tolerance is 1e-8 of the force before a last correction that squares it.
-            assert!(worst < 1e-10, "{}: same branch, but {worst:e} m off", material.name());
+            // The tolerance is 1e-8 of the force, before a final correction that squares the error.
+            assert!(worst < 1e-10, "{}: same branch, but a difference of {worst:e} m", material.name());
         }
     }
 }
 
-/// A slender column pressed on its end: it bends out the way its lattice leans, and far starts find folded ends.
+/// A slender column under end compression buckles towards the irregularity of its lattice. Large
+/// perturbations find other equilibria.
 #[test]
 fn a_pressed_column_has_more_than_one_equilibrium() {
     let material: Material = st_venant_kirchhoff();
@@ -110,11 +111,11 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
     let handle = Handle::patch(nearest_node(&mesh, [0.12, 0.0, 0.0]), &end);
     let problem = problem(&body, handle);
     let mut solver = Solver::new(problem.clone());
-    let mut straight = solver.rest().expect("the column stands");
+    let mut straight = solver.rest().expect("the column is fixed");
     let mut first_unstable = None;
     for mm in 1..=12 {
         let pressed = solver.advance(&straight.seed, [-1e-3 * f64::from(mm), 0.0, 0.0]);
-        straight = pressed.expect("a column under displacement control goes on, straight or bent");
+        straight = pressed.expect("the column converges under displacement control");
         if straight.unstable_modes != Some(0) {
             first_unstable.get_or_insert(mm);
         }
@@ -132,27 +133,27 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
     ends.sort_by(|a, b| a.energy_j.total_cmp(&b.energy_j));
     for end in &ends {
         let apart = 1e3 * distance_m(&problem, end, &straight);
-        let tried = format!("column, an end of 20 starts off by 0.3 edge: {apart:.2} mm away");
+        let tried = format!("column, an equilibrium of 20 starts perturbed by 0.3 edge: {apart:.2} mm away");
         let verdict = format!("{:.6} mJ", 1e3 * end.energy_j);
         row(Case::Branches, &tried, Cost::of(problem.unknowns(), end), &state(end), &verdict);
     }
-    // The lowest end is stable, and it is the one that loading found.
-    let lowest = ends.first().expect("some start converges");
+    // The equilibrium of least energy is stable, and loading finds it.
+    let lowest = ends.first().expect("at least one start converges");
     assert_eq!(lowest.unstable_modes, Some(0));
-    assert!(distance_m(&problem, lowest, &straight) < 1e-9, "loading missed the lowest end");
-    assert!(ends.len() > 1, "far starts find other ends");
+    assert!(distance_m(&problem, lowest, &straight) < 1e-9, "loading missed the equilibrium of least energy");
+    assert!(ends.len() > 1, "large perturbations find other equilibria");
 }
 
-/// A branch that ends under way (found by a reviewer: W was no integral of h there): the path goes on on another one, and
-/// says so at that step and at no other.
+/// A branch that ends on the path: W was not the integral of h there. The path continues on another branch
+/// and flags this step and no other.
 #[test]
-fn a_change_of_branch_is_flagged_where_it_happens() {
+fn a_branch_jump_is_flagged_at_its_step() {
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
     let mut scene = Scene::load(scene.as_ref()).and_then(|s| s.resolve()).expect("the bundled organ");
     for region in &mut scene.materials {
         region.material = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(9000.0, 0.45));
     }
-    let body = Arc::new(scene.body().expect("a rest"));
+    let body = Arc::new(scene.body().expect("the rest state converges"));
     let mut solver = Solver::new(Arc::new(Problem::new(body, scene.active[0].node)));
     let mut here = solver.rest().expect("held");
     let (mut flagged, mut cost, mut smooth) = (Vec::new(), Cost::default(), 0.0f64);
@@ -171,7 +172,7 @@ fn a_change_of_branch_is_flagged_where_it_happens() {
         here = next;
     }
     cost.equations = solver.problem().unknowns();
-    let result = format!("left its branch at {flagged:?} mm, other steps join within {smooth:.2} N");
+    let result = format!("branch jump at {flagged:?} mm, other steps continuous within {smooth:.2} N");
     row(Case::Branches, "StVK 9 kPa 0.45, organ A1 50 mm along -x", cost, &result, "flagged");
     assert_eq!(flagged, [46]);
     assert!(smooth < 0.1);

@@ -1,4 +1,4 @@
-//! Pressed until elements collapse.
+//! Compression until elements collapse.
 
 use palpate_precompute::body::Model;
 use palpate_precompute::boundary::Handle;
@@ -9,7 +9,8 @@ use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, st_venan
 use crate::table::{Case, row};
 use crate::walk::{Walk, body, organ, problem, walk};
 
-/// A cube of 40 mm stands on its foot; a plate or a point presses it down, 1 mm a step, to nine tenths of its height.
+/// A cube of 40 mm, fixed at its bottom; a plate or a point compresses it in steps of 1 mm to nine tenths of
+/// its height.
 fn press(material: Material, plate: bool, reject_inverted: bool) -> Walk {
     let mesh = box_mesh([4, 4, 4], 0.01);
     let foot = nodes_where(&mesh, |x| x[2] == 0.0);
@@ -19,7 +20,7 @@ fn press(material: Material, plate: bool, reject_inverted: bool) -> Walk {
     let body = body(&mesh, &Model::uniform(material, &foot));
     let mut solver = Solver::new(problem(&body, handle));
     solver.newton.reject_inverted = reject_inverted;
-    let walked = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube stands");
+    let walked = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube is fixed");
     let under = if plate { "plate" } else { "point" };
     let kept = if reject_inverted { ", inverted refused" } else { "" };
     let tried = format!("{}, 40 mm cube under a {under}{kept}", material.name());
@@ -34,28 +35,31 @@ fn neo_hookean() -> Material {
 }
 
 #[test]
-fn collapse_has_a_reason_and_a_barrier_puts_it_off() {
+fn a_collapse_has_a_reason_and_a_barrier_delays_it() {
     for plate in [true, false] {
         let collapsed = press(st_venant_kirchhoff(), plate, true);
-        let failure = collapsed.failure.expect("nothing keeps St. Venant-Kirchhoff from collapsing");
+        let failure = collapsed.failure.expect("St. Venant-Kirchhoff collapses");
         assert!(collapsed.last.inverted == 0 && collapsed.last.min_jacobian > 0.0);
         let known = [FailureReason::Inverted, FailureReason::LineSearch, FailureReason::MaxIterations];
         assert!(known.contains(&failure.reason), "{failure}");
-        // Kept, the inverted states are flagged.
+        // States with inverted elements are flagged if they are accepted.
         let kept = press(st_venant_kirchhoff(), plate, false);
         assert!(kept.failure.is_some() || kept.inverted_at_m.is_some(), "{kept:?}");
         assert!(kept.reached_m >= collapsed.reached_m);
 
         let barrier = press(neo_hookean(), plate, false);
-        assert!(barrier.inverted_at_m.is_none() && barrier.last.min_jacobian > 0.0, "a barrier is a barrier");
-        assert!(barrier.reached_m > collapsed.reached_m, "and carries further");
+        assert!(
+            barrier.inverted_at_m.is_none() && barrier.last.min_jacobian > 0.0,
+            "the barrier law must not invert"
+        );
+        assert!(barrier.reached_m > collapsed.reached_m, "the barrier law must converge further");
         press(mooney_rivlin(), plate, false);
     }
 }
 
-/// Into the organ at each active node, to where nothing more is found.
+/// Presses into the organ at each active node until the solver fails.
 #[test]
-fn the_organ_pressed_in_ends_with_a_reason_or_its_flags() {
+fn pressing_into_the_organ_ends_with_a_reason_or_flags() {
     let scene = organ();
     let skin = palpate_precompute::mesh::Surface::of(&scene.mesh);
     for active in &scene.active {
@@ -66,12 +70,12 @@ fn the_organ_pressed_in_ends_with_a_reason_or_its_flags() {
             let body = body(&scene.mesh, &scene.model());
             let mut solver = Solver::new(problem(&body, active.handle()));
             solver.newton.reject_inverted = true;
-            let walked = walk(&mut solver, inward, 2e-3, 50).expect("the organ is held");
+            let walked = walk(&mut solver, inward, 2e-3, 50).expect("the organ is fixed");
             let tried = format!("{}, into {}, 100 mm, inverted refused", material.name(), active.name);
             row(Case::Compression, &tried, walked.cost, &walked.result(), &walked.verdict());
             assert!(walked.failure.is_some() || walked.reached_m > 0.0999, "ended without a reason");
             assert!(walked.inverted_at_m.is_none(), "inverted states were to be refused");
-            assert!(walked.reached_m > 0.01, "the first centimetre is easy: {:?}", walked.failure);
+            assert!(walked.reached_m > 0.01, "the first centimetre must converge: {:?}", walked.failure);
         }
     }
 }

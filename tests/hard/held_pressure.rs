@@ -1,4 +1,4 @@
-//! Incompressible bodies held so that their pressure has no one value.
+//! Incompressible bodies with boundary conditions that leave the pressure undetermined.
 
 use palpate_precompute::body::{Model, Region};
 use palpate_precompute::boundary::Handle;
@@ -12,7 +12,7 @@ use crate::table::{Case, Cost, row};
 use crate::walk::{body, problem, state};
 
 #[test]
-fn a_surface_held_as_a_whole_is_refused_and_does_not_pass_for_solved() {
+fn a_completely_fixed_surface_is_refused_and_does_not_converge() {
     let mesh = box_mesh([4, 4, 4], 0.01);
     let top = nearest_node(&mesh, [0.02, 0.02, 0.04]);
     let fixed: Vec<u32> = Surface::of(&mesh).nodes.into_iter().filter(|&n| n != top).collect();
@@ -23,34 +23,34 @@ fn a_surface_held_as_a_whole_is_refused_and_does_not_pass_for_solved() {
     assert!(matches!(fault, PressureFault::Undetermined { .. }));
     row(
         Case::HeldPressure,
-        "surface held, tool on it: check",
+        "surface fixed, tool on it: check",
         Cost::default(),
         &fault.to_string(),
         "refused",
     );
-    // The solver, asked all the same: the tool wants a volume that the body cannot have.
+    // The solver without the check: the displacement requires a volume change.
     let mut solver = Solver::new(problem(&held, handle.clone()));
     let pushed = solver.rest().and_then(|rest| solver.advance(&rest.seed, [0.0, 0.0, -0.002]));
     let failure = pushed.expect_err("no equilibrium exists");
     let cost = Cost { iterations: failure.iterations, ..Cost::default() };
     row(
         Case::HeldPressure,
-        "surface held, tool on it: solver",
+        "surface fixed, tool on it: solver",
         cost,
         &failure.to_string(),
         failure.reason.name(),
     );
-    // A bulk modulus is the mend that the message names, and one side left free is the other.
+    // Either fix works: the bulk modulus that the message names, or a free side.
     let mut soft = model.clone();
     soft.regions = vec![Region { material: mooney_rivlin(), bulk_modulus_pa: Some(1e6) }];
     let mut open = model.clone();
     open.fixed = nodes_where(&mesh, |x| x[2] == 0.0);
-    for (name, model) in [("with bulk_pa = 1e6", soft), ("with only the foot held", open)] {
+    for (name, model) in [("with bulk_pa = 1e6", soft), ("with only the bottom fixed", open)] {
         let body = body(&mesh, &model);
         assert_eq!(body.check_pressures(Some(&handle)), Ok(()), "{name}");
         let mut solver = Solver::new(problem(&body, handle.clone()));
         let rest = solver.rest().expect("held");
-        let c = solver.advance(&rest.seed, [0.0, 0.0, -0.002]).expect("the mend works");
+        let c = solver.advance(&rest.seed, [0.0, 0.0, -0.002]).expect("the fix works");
         let cost = Cost::of(solver.problem().unknowns(), &c);
         row(Case::HeldPressure, name, cost, &state(&c), "solved");
     }
@@ -58,7 +58,7 @@ fn a_surface_held_as_a_whole_is_refused_and_does_not_pass_for_solved() {
 
 /// Few free nodes among many: P1/P1 has a pressure at each of their neighbours.
 #[test]
-fn more_pressures_than_displacements_are_refused_and_the_mend_solves() {
+fn more_pressures_than_displacements_are_refused_and_the_fix_converges() {
     let mesh = box_mesh([4, 4, 4], 0.01);
     let top = nearest_node(&mesh, [0.02, 0.02, 0.04]);
     let free = |x: [f64; 3]| x[2] > 0.031 && (x[0] - 0.02).abs() < 0.011 && (x[1] - 0.02).abs() < 0.011;
@@ -80,7 +80,7 @@ fn more_pressures_than_displacements_are_refused_and_the_mend_solves() {
     model.order = Order::Quadratic;
     assert_eq!(check(&model), Ok(()));
     let (solved, equations) = push(&model);
-    let solved = solved.expect("the mend works");
+    let solved = solved.expect("the fix works");
     row(
         Case::HeldPressure,
         "nine free nodes, order = 2",

@@ -1,6 +1,7 @@
-//! Hard cases, as a table of what happened, not only pass: what converges must have the right numbers, what does not must
-//! say why. `cargo test --release -p palpate-tests --test hard -- --nocapture` prints the rows; `PALPATE_HARD_TABLE=FILE`
-//! writes them as Markdown; `PALPATE_REFERENCE_DIR=DIR` adds a mesh that is not ours to ship.
+//! Hard cases, reported as a table of results. A solve that converges must have the right numbers; one that
+//! does not must give its reason. `cargo test --release -p palpate-tests --test hard -- --nocapture` prints
+//! the rows. `PALPATE_HARD_TABLE=FILE` writes them as Markdown. `PALPATE_REFERENCE_DIR=DIR` adds a mesh that
+//! the project cannot distribute.
 
 mod bad_elements;
 mod branches;

@@ -1,13 +1,13 @@
-//! Bad meshes, made in code.
+//! Bad meshes, generated in code.
 
 use std::collections::HashMap;
 
 use palpate_precompute::mesh::TetMesh;
 
-/// A box of `cells` cubes of edge `edge_m`, each of five tetrahedra. The diagonals of all faces join nodes of one parity of
-/// i + j + k, so the cubes fit. With a `gap` the parity changes at half the length: there every face has one diagonal on
-/// its left and the other on its right, the nodes of the two are `gap` edges apart, and a sliver between the two fills
-/// the face: four nodes all but on a circle, the worst element that mesh generators are known for.
+/// A box of `cells` cubes of edge `edge_m`, each of five tetrahedra. The diagonals of all faces join nodes of
+/// one parity of i + j + k, so the cubes fit. With a `gap` the parity changes at half the length. Each face
+/// there has different diagonals on its two sides, whose nodes are `gap` edges apart, and a sliver between
+/// them fills the face: four nodes almost on a circle, the worst element of mesh generators.
 pub(crate) fn box_of_five(cells: [usize; 3], edge_m: f64, gap: Option<f64>) -> TetMesh {
     let [nx, ny, nz] = cells;
     let middle = nx / 2;
@@ -47,10 +47,11 @@ pub(crate) fn box_of_five(cells: [usize; 3], edge_m: f64, gap: Option<f64>) -> T
     oriented(nodes_m, tets)
 }
 
-/// A cube of `edge_m` with cubes nested in it, each `ratio` times smaller than the one round it, the outermost cut into
-/// `cells`^3. Every shell is filled with pyramids on triangles, from the middles of the six frusta.
+/// A cube of `edge_m` with nested cubes, each `ratio` times smaller than the one around it; the outermost one
+/// is cut into `cells`^3. Each shell is filled with pyramids on triangles, from the centres of the six
+/// frusta.
 pub(crate) fn nested_cubes(edge_m: f64, ratio: f64, levels: i32) -> TetMesh {
-    // Faces of a cube by corner numbers x + 2 y + 4 z, round each face.
+    // Faces of a cube by corner numbers x + 2 y + 4 z, in order around each face.
     const FACES: [[u32; 4]; 6] =
         [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
     let mut nodes_m = Vec::new();
@@ -62,7 +63,7 @@ pub(crate) fn nested_cubes(edge_m: f64, ratio: f64, levels: i32) -> TetMesh {
         }
     }
     let mut tets = Vec::new();
-    // A quadrilateral is cut along the diagonal at its lowest node, the same from both sides.
+    // A quadrilateral is cut along the diagonal at its lowest node, which is the same from both sides.
     let mut cone = |quads: &[[u32; 4]], nodes_m: &mut Vec<[f64; 3]>| {
         let mut seen: Vec<u32> = quads.concat();
         seen.sort_unstable();
@@ -73,7 +74,7 @@ pub(crate) fn nested_cubes(edge_m: f64, ratio: f64, levels: i32) -> TetMesh {
         let middle = [mean(0), mean(1), mean(2)];
         nodes_m.push(middle);
         for quad in quads {
-            let lowest = (0..4).min_by_key(|&c| quad[c]).expect("a quad has corners");
+            let lowest = (0..4).min_by_key(|&c| quad[c]).expect("a quadrilateral has corners");
             let [a, b, c, d] = [0, 1, 2, 3].map(|n| quad[(lowest + n) % 4]);
             tets.push([a, b, c, apex]);
             tets.push([a, c, d, apex]);
@@ -94,7 +95,7 @@ pub(crate) fn nested_cubes(edge_m: f64, ratio: f64, levels: i32) -> TetMesh {
     oriented(nodes_m, tets)
 }
 
-/// The mesh with every tet turned to positive volume.
+/// The mesh with all tetrahedra oriented to positive volume.
 fn oriented(nodes_m: Vec<[f64; 3]>, tets: Vec<[u32; 4]>) -> TetMesh {
     let mut mesh = TetMesh { nodes_m, tets, ..TetMesh::default() };
     for tet in 0..mesh.tets.len() {
@@ -102,27 +103,27 @@ fn oriented(nodes_m: Vec<[f64; 3]>, tets: Vec<[u32; 4]>) -> TetMesh {
             mesh.tets[tet].swap(2, 3);
         }
     }
-    TetMesh::new(mesh.nodes_m, mesh.tets).expect("the generated mesh is sound")
+    TetMesh::new(mesh.nodes_m, mesh.tets).expect("the generated mesh is valid")
 }
 
-/// `a` and a copy of it `offset_m` away, in one mesh without a common node.
+/// `a` and a copy of it at `offset_m`, in one mesh without common nodes.
 pub(crate) fn two_pieces(a: &TetMesh, offset_m: [f64; 3]) -> TetMesh {
     let n = a.nodes_m.len() as u32;
     let moved = a.nodes_m.iter().map(|x| std::array::from_fn(|axis| x[axis] + offset_m[axis]));
     let nodes = a.nodes_m.iter().copied().chain(moved).collect();
     let tets = a.tets.iter().copied().chain(a.tets.iter().map(|t| t.map(|v| v + n))).collect();
-    TetMesh::new(nodes, tets).expect("both pieces are sound")
+    TetMesh::new(nodes, tets).expect("both pieces are valid")
 }
 
-/// The mesh `factor` times as large.
+/// The mesh scaled by `factor`.
 pub(crate) fn scaled(mesh: &TetMesh, factor: f64) -> TetMesh {
     let nodes = mesh.nodes_m.iter().map(|x| x.map(|c| c * factor)).collect();
-    TetMesh::new(nodes, mesh.tets.clone()).expect("size is no fault")
+    TetMesh::new(nodes, mesh.tets.clone()).expect("the scaled mesh is valid")
 }
 
-/// The meshes fill their boxes and hang together: without it the cases on them would prove nothing.
+/// The meshes fill their boxes and are connected, which the cases on them require.
 #[test]
-fn meshes_are_what_they_say() {
+fn generated_meshes_are_valid() {
     let faces_fit = |mesh: &TetMesh| {
         let mut uses: HashMap<[u32; 3], u32> = HashMap::new();
         for t in &mesh.tets {
@@ -150,6 +151,6 @@ fn meshes_are_what_they_say() {
         (nested_cubes(0.1, 1000.0, 1), 1e-3),
     ] {
         assert!((mesh.volume_m3() / volume - 1.0).abs() < 1e-12, "{}", mesh.volume_m3());
-        assert!(faces_fit(&mesh), "a face inside has one tet only");
+        assert!(faces_fit(&mesh), "an inner face has only one tet");
     }
 }

@@ -1,4 +1,4 @@
-//! 60 mm pulls on the bundled organ: every law, both active nodes.
+//! Pulls of 60 mm on the bundled organ: every law, both active nodes.
 
 use nalgebra::Vector3;
 use palpate_precompute::mesh::Surface;
@@ -12,7 +12,7 @@ const STEP_M: f64 = 0.005;
 const STEPS: u32 = 12;
 
 #[test]
-fn every_law_follows_a_pull_of_60_mm() {
+fn every_law_converges_over_a_pull_of_60_mm() {
     let scene = organ();
     let skin = Surface::of(&scene.mesh);
     for active in &scene.active {
@@ -24,21 +24,21 @@ fn every_law_follows_a_pull_of_60_mm() {
             let body = body(&scene.mesh, &scene.model());
             let mut solver = Solver::new(problem(&body, active.handle()));
             let name = format!("{}, {}", law.name(), active.name);
-            let pulled = walk(&mut solver, outward, STEP_M, STEPS).expect("the organ is held");
+            let pulled = walk(&mut solver, outward, STEP_M, STEPS).expect("the organ is fixed");
             let work = pulled.work_j / pulled.last.energy_j - 1.0;
             let verdict = format!("{}; work/energy - 1 = {work:.0e}", pulled.verdict());
             row(Case::OrganPull, &format!("{name}, 12 x 5 mm"), pulled.cost, &pulled.result(), &verdict);
             assert!(pulled.failure.is_none(), "{name}: {:?}", pulled.failure);
             assert_eq!(pulled.last.inverted, 0, "{name}");
-            // The energy is a potential of the force, over the whole pull.
+            // The energy is a potential of the force over the whole pull.
             assert!(work.abs() < 2e-3, "{name}: {work:e}");
             let mut balance = Vector3::from(pulled.last.force_n);
             for &node in &scene.fixed {
                 balance += Vector3::from_column_slice(&solver.nodal_force_n()[3 * node as usize..][..3]);
             }
             assert!(balance.norm() < 1e-7 * norm(pulled.last.force_n), "{name}: {balance}");
-            // The whole pull as one transition: the same end by other increments.
-            let rest = solver.rest().expect("the organ is held");
+            // The whole pull as one transition reaches the same state with other increments.
+            let rest = solver.rest().expect("the organ is fixed");
             match solver.advance(&rest.seed, end.into()) {
                 Ok(at_once) => {
                     let off = apart(at_once.force_n, pulled.last.force_n);

@@ -1,4 +1,5 @@
-//! A poor mesh of a real liver, from outside the project: edges of 1.8 to 45 mm, dihedral angles down to 13 degrees.
+//! A poor mesh of a real liver that the project does not contain: edges of 1.8 to 45 mm, dihedral angles down
+//! to 13 degrees.
 
 use std::path::PathBuf;
 
@@ -14,9 +15,9 @@ use crate::table::{Case, row};
 use crate::walk::{body, norm, problem, walk};
 
 #[test]
-fn a_poor_real_mesh_is_followed_or_says_why_not() {
+fn a_poor_real_mesh_converges_or_gives_its_reason() {
     let Some(folder) = std::env::var_os("PALPATE_REFERENCE_DIR").map(PathBuf::from) else {
-        println!("skipped: PALPATE_REFERENCE_DIR names no folder with the reference meshes");
+        println!("skipped: set PALPATE_REFERENCE_DIR to the folder of the reference meshes");
         return;
     };
     let path = folder.join("meshes/liver_sofa507.msh2.msh");
@@ -24,7 +25,7 @@ fn a_poor_real_mesh_is_followed_or_says_why_not() {
     let report = MeshReport::of(&mesh);
     assert_eq!((report.nodes, report.tets), (507, 1493));
     assert!(report.dihedral_deg.min < 15.0 && report.edge_m.max > 20.0 * report.edge_m.min, "{report}");
-    // The reference's sets for its other meshes, by the same rule: the left 22 mm of the surface are held.
+    // The fixed nodes follow the rule of the reference's other meshes: the left 22 mm of the surface.
     let skin = Surface::of(&mesh);
     let low = report.low_m[0];
     let fixed: Vec<u32> =
@@ -47,13 +48,13 @@ fn a_poor_real_mesh_is_followed_or_says_why_not() {
                 let handle = Handle::node(node);
                 assert_eq!(body.check_pressures(Some(&handle)), Ok(()));
                 let mut solver = Solver::new(problem(&body, handle));
-                let walked = walk(&mut solver, direction, 2e-3, 15).expect("the liver is held");
+                let walked = walk(&mut solver, direction, 2e-3, 15).expect("the liver is fixed");
                 let tried = format!("{}, {order:?}, {place} {way}, 15 x 2 mm", law.name());
                 let work = walked.work_j / walked.last.energy_j - 1.0;
                 let verdict = format!("{}; work/energy - 1 = {work:.0e}", walked.verdict());
                 row(Case::RealMesh, &tried, walked.cost, &walked.result(), &verdict);
                 assert!(walked.reached_m > 0.003, "{tried}: {:?}", walked.failure);
-                // Over a snap work is lost, and inverted elements snap.
+                // A snap dissipates work, and inverted elements may snap.
                 assert!(work.abs() < 1e-3 || walked.inverted_at_m.is_some(), "{tried}: {work:e}");
                 if walked.failure.is_none() {
                     let force =

@@ -1,4 +1,5 @@
-//! Bodies that nothing keeps from moving: what the scene says of them, and what the solver does if asked all the same.
+//! Insufficiently constrained bodies: the refusal by the scene, and the behaviour of the solver without that
+//! check.
 
 use std::path::Path;
 
@@ -16,7 +17,7 @@ use crate::walk::{apart, body, norm, problem, state};
 
 const DOWN: [f64; 3] = [0.0, 0.002, -0.006];
 
-/// What the scene layer says of a mesh held at some nodes.
+/// The scene's error for a mesh with these fixed nodes.
 fn scene_error(mesh: &TetMesh, fixed: &[u32], active: u32) -> String {
     let folder = tempfile::tempdir().expect("a folder");
     write_gmsh22(mesh, &folder.path().join("a.msh"));
@@ -51,10 +52,10 @@ fn report(tried: &str, outcome: &Result<Configuration, SolveFailure>) {
 }
 
 #[test]
-fn two_fixed_nodes_in_line_with_the_tool_are_refused_and_end_cleanly() {
+fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
     let mesh = beam();
     let at = |x: [f64; 3]| nearest_node(&mesh, x);
-    // An edge of the box: its nodes stay on the line.
+    // Nodes on an edge of the box, which are collinear.
     let line = [at([0.0, 0.0, 0.0]), at([0.04, 0.0, 0.0])];
     let (in_line, beside) = (at([0.08, 0.0, 0.0]), at([0.06, 0.02, 0.04]));
     let said = scene_error(&mesh, &line, in_line);
@@ -64,15 +65,16 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused_and_end_cleanly() {
         let name = material.name();
         let outcome = solve(&mesh, material, &line, in_line);
         report(&format!("2 fixed nodes, tool in their line: solver, {name}"), &outcome);
-        // At rest it can turn freely; the tool's way out of the line stops that, so that an end may be found after all.
+        // At rest the body can rotate freely. The tool's motion off the line prevents that, so the solver may
+        // converge.
         match outcome {
             Err(failure) => assert!(failure.residual_n.is_finite(), "{failure}"),
             Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.force_n), "{:e} N", c.residual_n),
         }
-        // Beside the line the tool itself stops the turning: three points hold a body.
+        // Off the line the tool itself prevents the rotation: three points fix a body.
         let outcome = solve(&mesh, material, &line, beside);
-        report(&format!("2 fixed nodes, tool beside their line: solver, {name}"), &outcome);
-        // A body that nothing holds follows the tool without a force, or is refused; it never resists.
+        report(&format!("2 fixed nodes, tool off their line: solver, {name}"), &outcome);
+        // An unconstrained body follows the tool without a force, or is refused. It must not give a force.
         let none = solve(&mesh, material, &[], beside);
         report(&format!("nothing fixed: solver, {name}"), &none);
         let resists = none.map_or(0.0, |c| norm(c.force_n));
@@ -81,7 +83,7 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused_and_end_cleanly() {
 }
 
 #[test]
-fn a_loose_piece_is_refused_and_a_held_one_does_no_harm() {
+fn a_loose_piece_is_refused_and_a_fixed_one_has_no_effect() {
     let one = beam();
     let mesh = two_pieces(&one, [0.2, 0.0, 0.0]);
     let wall = nodes_where(&one, |x| x[0] == 0.0);
@@ -97,9 +99,10 @@ fn a_loose_piece_is_refused_and_a_held_one_does_no_harm() {
         let loose = solve(&mesh, material, &wall, active);
         report(&format!("two pieces, one loose: solver, {name}"), &loose);
         let held = solve(&mesh, material, &both, active);
-        report(&format!("two pieces, both held: solver, {name}"), &held);
-        let (held, alone) = (held.expect("held"), solve(&one, material, &wall, active).expect("held"));
-        // The floating piece's matrix is singular but asked for nothing: a failure, or the force of the other alone.
+        report(&format!("two pieces, both fixed: solver, {name}"), &held);
+        let (held, alone) = (held.expect("fixed"), solve(&one, material, &wall, active).expect("fixed"));
+        // The matrix of the loose piece is singular with a zero right-hand side: a failure, or the force of
+        // the other piece.
         let off = loose.map_or(0.0, |c| apart(c.force_n, alone.force_n));
         assert!(off < 1e-9, "{name}: a floating piece changes the force by {off:e}");
         let off = apart(held.force_n, alone.force_n);

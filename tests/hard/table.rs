@@ -1,4 +1,4 @@
-//! The table of what happened: printed row by row, and written as Markdown where `PALPATE_HARD_TABLE` names a file.
+//! The table of results: printed row by row, and written as Markdown to the file `PALPATE_HARD_TABLE`.
 
 use std::fmt::Write;
 use std::sync::{Mutex, PoisonError};
@@ -37,7 +37,7 @@ impl Case {
     }
 }
 
-/// What a solve or a walk cost.
+/// Cost of a solve or a path.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Cost {
     pub(crate) equations: usize,
@@ -64,7 +64,7 @@ static ROWS: Mutex<Vec<Row>> = Mutex::new(Vec::new());
 const HEAD: [&str; 8] =
     ["case", "tried", "equations", "iterations", "factorisations", "increments", "result", "verdict"];
 
-/// Adds a row: prints it, and rewrites the Markdown file, so that the file is whole whichever test ends last.
+/// Adds a row: prints it and rewrites the Markdown file, so that the file is complete after any test.
 pub(crate) fn row(case: Case, tried: &str, cost: Cost, result: &str, verdict: &str) {
     let count = |n: u64| if n == 0 { "-".to_owned() } else { n.to_string() };
     let cells = [
@@ -80,16 +80,17 @@ pub(crate) fn row(case: Case, tried: &str, cost: Cost, result: &str, verdict: &s
     let mut rows = ROWS.lock().unwrap_or_else(PoisonError::into_inner);
     rows.push(Row { case, cells });
     let Some(path) = std::env::var_os("PALPATE_HARD_TABLE") else { return };
-    // Stable: the rows of a case stay in the order they came.
+    // A stable sort keeps the rows of a case in order.
     rows.sort_by_key(|row| row.case);
-    std::fs::write(&path, markdown(&rows)).expect("PALPATE_HARD_TABLE names a file that can be written");
+    std::fs::write(&path, markdown(&rows)).expect("the file PALPATE_HARD_TABLE is writable");
 }
 
 fn markdown(rows: &[Row]) -> String {
     let mut text = format!("| {} |\n|{}\n", HEAD.join(" | "), "---|".repeat(HEAD.len()));
     for Row { case, cells } in rows {
         let cells = cells.each_ref().map(|cell| cell.replace('|', "\\|"));
-        writeln!(text, "| {} | {} |", case.title(), cells.join(" | ")).expect("a string takes everything");
+        writeln!(text, "| {} | {} |", case.title(), cells.join(" | "))
+            .expect("writing to a string cannot fail");
     }
     text
 }

@@ -1,5 +1,5 @@
-//! Tables that are hard to interpolate: holes, a single point, forces over twelve decades, folds. Nothing jumps, nothing runs away, and
-//! what is lost is told.
+//! Tables that are hard to interpolate: missing points, a single point, forces over twelve decades, branch
+//! jumps. The interpolant must be continuous and bounded, and the loss of accuracy is measured.
 
 use palpate_core::hermite::{HermiteTable, Node};
 use palpate_core::rbf::{LANES, RbfTable};
@@ -12,7 +12,7 @@ use palpate_precompute::fit::{
 };
 use palpate_precompute::material::THIRD_INDICES;
 
-/// A stiffening potential with coupling and a saddle, any derivative of which is known: a sum of c cosh(u . x).
+/// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).
 const TERMS: [([f64; 3], f64); 4] = [
     ([30.0, 8.0, -5.0], 0.05),
     ([-6.0, 35.0, 12.0], 0.03),
@@ -107,7 +107,7 @@ fn points(grid: &SpaceGrid) -> Vec<GridIndex> {
     Domain::new(grid, true).points().collect()
 }
 
-/// A number in 0..1 that depends on its arguments alone.
+/// A number in 0..1 that depends only on its arguments.
 fn draw(seed: u64) -> f64 {
     let mut x = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -122,7 +122,7 @@ fn in_ball(n: u64, radius: f64) -> [f64; 3] {
             return p.map(|x| radius * x);
         }
     }
-    unreachable!("half of all draws are in the ball")
+    unreachable!("half of the draws are in the ball")
 }
 
 fn norm(a: [f64; 3]) -> f64 {
@@ -153,7 +153,8 @@ fn exact(x: [f64; 3]) -> [f64; 3] {
 const METHODS: [Method; 6] =
     [Method::Trilinear, Method::Tricubic, Method::Hybrid, Method::RbfCubic, Method::Hermite, Method::Energy];
 
-/// Largest change of the force over a ten-thousandth of a cell across faces, less the slopes of both sides, N.
+/// Largest jump of the force across cell faces, N: the change over 1e-4 of a cell, less the slopes of both
+/// sides.
 fn worst_seam(space: &Space<'_>, method: Method) -> f64 {
     let mut worst = 0.0f64;
     for n in 0..4000 {
@@ -176,7 +177,7 @@ fn worst_seam(space: &Space<'_>, method: Method) -> f64 {
 }
 
 #[test]
-fn holes_cost_accuracy_but_nothing_jumps_or_runs_away() {
+fn missing_points_cost_accuracy_but_no_continuity() {
     let grid = grid();
     let all = points(&grid);
     let largest = all.iter().map(|&p| norm(exact(grid.displacement_m(p)))).fold(0.0, f64::max);
@@ -200,8 +201,8 @@ fn holes_cost_accuracy_but_nothing_jumps_or_runs_away() {
                 100.0 * covered,
                 1e3 * seam
             );
-            assert!(seam < 2e-4, "{method:?} jumps by {seam} N with {percent} % missing");
-            assert!(max < largest, "{method:?} errs by {max} N with {percent} % missing");
+            assert!(seam < 2e-4, "{method:?} has a jump of {seam} N with {percent} % missing");
+            assert!(max < largest, "{method:?} has an error of {max} N with {percent} % missing");
             if method == Method::Energy {
                 energy_means.push(mean);
             }
@@ -216,12 +217,15 @@ fn holes_cost_accuracy_but_nothing_jumps_or_runs_away() {
         }
     }
     assert!(energy_means[0] < 2e-5, "{energy_means:?}");
-    assert!(energy_means.is_sorted(), "holes cost: {energy_means:?}");
-    assert!(energy_means[3] < 5e-4, "half of it missing is not felt: {energy_means:?}");
+    assert!(energy_means.is_sorted(), "missing points must cost accuracy: {energy_means:?}");
+    assert!(
+        energy_means[3] < 5e-4,
+        "the error with half of the points missing is too large: {energy_means:?}"
+    );
 }
 
 #[test]
-fn a_space_with_one_point_beside_rest_is_continued_and_finite() {
+fn a_space_with_one_point_besides_rest_is_finite_everywhere() {
     let grid = grid();
     let samples = [sample(&grid, [0; 3], 1.0), sample(&grid, [0, 0, 1], 1.0)];
     let tables = Tables::of(grid, &samples, &[]);
@@ -241,9 +245,9 @@ fn a_space_with_one_point_beside_rest_is_continued_and_finite() {
     }
 }
 
-/// The same body a thousand million times softer, and 50 times stiffer: relative errors are those of the middle.
+/// The same body 1e9 times softer and 50 times stiffer must have the same relative errors.
 #[test]
-fn forces_from_nanonewtons_to_kilonewtons_keep_their_relative_errors() {
+fn relative_errors_are_independent_of_the_force_scale() {
     let grid = grid();
     let relative = |factor: f64, method: Method| -> f64 {
         let samples: Vec<Sample> = points(&grid).iter().map(|&p| sample(&grid, p, factor)).collect();
@@ -256,17 +260,18 @@ fn forces_from_nanonewtons_to_kilonewtons_keep_their_relative_errors() {
         let middle = relative(1.0, method);
         for factor in [1e-9, 50.0] {
             let there = relative(factor, method);
-            // The energy is at f32's rounding here.
+            // The energy is at the rounding of f32 here.
             let apart = (there - middle).abs();
             assert!(apart < 0.05 * middle + 2e-6, "{method:?}: {there} at {factor}, {middle} at 1");
         }
     }
 }
 
-/// Forces grow a thousandfold a cell, from 1e-9 N beside rest to 1e3 N at the rim: no interpolant is right between them, but every
-/// solved force is given back with its own accuracy, however large its neighbours are, and nothing overflows.
+/// Forces grow a thousandfold per cell, from 1e-9 N beside rest to 1e3 N at the rim. No interpolant is
+/// accurate between the points, but each method must reproduce every solved force to its own accuracy, for
+/// any neighbours, without overflow.
 #[test]
-fn twelve_decades_in_one_table_are_given_back_at_every_point() {
+fn solved_forces_over_twelve_decades_are_reproduced() {
     const STEEP: [([f64; 3], f64); 3] =
         [([700.0, 0.0, 0.0], 2e-15), ([0.0, 700.0, 0.0], 2e-15), ([0.0, 0.0, 700.0], 2e-15)];
     let grid = grid();
@@ -277,14 +282,14 @@ fn twelve_decades_in_one_table_are_given_back_at_every_point() {
     let tables = Tables::of(grid, &samples, &[]);
     let space = tables.space();
     for method in METHODS {
-        // Corners that complete the cells lie beyond the ball, where the continuation answers.
+        // Corners that complete the cells lie outside the ball, where the extrapolation answers.
         for sample in samples.iter().filter(|s| norm(s.index.map(f64::from)) < 4.99) {
             let at = grid.displacement_m(sample.index).map(|x| x as f32);
             let found = space.force(method, at).expect("packed").force_n;
             let error = norm(std::array::from_fn(|i| f64::from(found[i]) - sample.force_n[i]));
-            // Radial basis functions are one sum over all of the table.
+            // Radial basis functions are one sum over the whole table.
             let scale = if method == Method::RbfCubic { most } else { norm(sample.force_n) };
-            assert!(error <= 1e-3 * scale, "{method:?} at {:?}: off by {error} of {scale} N", sample.index);
+            assert!(error <= 1e-3 * scale, "{method:?} at {:?}: error {error} of {scale} N", sample.index);
         }
         for n in 0..2000 {
             let found = space.force(method, in_ball(n, 0.06).map(|x| x as f32)).expect("packed");
@@ -293,9 +298,10 @@ fn twelve_decades_in_one_table_are_given_back_at_every_point() {
     }
 }
 
-/// `hermite` and `energy` rest on the tangent: where S is wrong by 1 %, they are no better than the paper's methods.
+/// `hermite` and `energy` use the tangent: with an error of 1 % in S they are no better than the paper's
+/// methods.
 #[test]
-fn a_tangent_that_is_one_percent_off_costs_a_hundredfold() {
+fn a_tangent_error_of_one_percent_raises_the_error_a_hundredfold() {
     let grid = grid();
     let mut samples: Vec<Sample> = points(&grid).iter().map(|&p| sample(&grid, p, 1.0)).collect();
     let mean = |samples: &[Sample], method| errors(&Tables::of(grid, samples, &[]).space(), method, exact).0;
@@ -313,23 +319,24 @@ fn a_tangent_that_is_one_percent_off_costs_a_hundredfold() {
     }
     let noisy = methods.map(|method| mean(&samples, method));
     println!("tangent          hermite mN    energy mN");
-    for (name, means) in [("exact", exact), ("1 % off", noisy)] {
+    for (name, means) in [("exact", exact), ("1 % error", noisy)] {
         println!("{name:14} {:12.4} {:12.4}", 1e3 * means[0], 1e3 * means[1]);
     }
     assert!(noisy[1] > 50.0 * exact[1] && noisy[1] < 0.02, "{exact:?} {noisy:?}");
 }
 
-/// The matrix of r^3 has a condition of 1e6 and more, its weights cancel: summed in f32 they err, the more the denser the grid, and the
-/// more the rougher the field (this one is smooth). They are stored and summed in f64.
+/// The matrix of r^3 has a condition number of 1e6 or more, and its weights cancel. The error of a sum in f32
+/// grows with the density of the grid and the roughness of the field (this one is smooth). The weights are
+/// therefore stored and summed in f64.
 #[test]
-fn cubic_radial_sums_need_their_f64() {
+fn cubic_radial_sums_need_f64() {
     println!("points     misfit N   f64 sums err mN     f32 sums err mN, mean and max");
     for spacing_m in [0.05 / 5.0, 0.05 / 7.0, 0.05 / 10.0] {
         let grid = SpaceGrid::new(spacing_m, 0.05).expect("a grid");
         let samples: Vec<Sample> =
             Domain::new(&grid, false).points().map(|p| sample(&grid, p, 1.0)).collect();
         let tables = Tables::of(grid, &samples, &[]);
-        let (space, fit) = (tables.space(), tables.cubic.as_ref().expect("it fits"));
+        let (space, fit) = (tables.space(), tables.cubic.as_ref().expect("the fit succeeds"));
         let (mut mean, mut max, mut kept) = (0.0, 0.0f64, 0.0f64);
         const QUERIES: u64 = 300;
         for n in 0..QUERIES {
@@ -359,17 +366,17 @@ fn cubic_radial_sums_need_their_f64() {
             1e3 * mean,
             1e3 * max
         );
-        // What is left is the rounding of the answer and of the displacement to f32.
+        // The remaining error is the rounding of the result and of the displacement to f32.
         assert!(kept < 2e-5, "{kept} N");
-        assert!(max > 20.0 * kept, "f32 would do: {max} N beside {kept} N");
+        assert!(max > 20.0 * kept, "f32 would suffice: {max} N beside {kept} N");
         assert!(fit.misfit_n < 1e-7, "{} N", fit.misfit_n);
     }
 }
 
-/// Beyond x = 25 mm the body is on another branch, 2 N apart. Away from the cells in between the energy is as good as on one branch;
-/// in them it errs by the jump and no more, and nothing rings.
+/// Beyond x = 25 mm the body is on another branch, with a force jump of 2 N. Away from the cells in between,
+/// the error of the energy is that on one branch. In them the error is at most the jump, without oscillation.
 #[test]
-fn a_fold_is_kept_to_the_cells_it_runs_through() {
+fn a_branch_jump_affects_only_its_cells() {
     let grid = grid();
     let jump = [2.0, -1.0, 0.5];
     let beyond = |x: f64| x > 0.025;
@@ -407,7 +414,7 @@ fn a_fold_is_kept_to_the_cells_it_runs_through() {
         let mut worst = 0.0f64;
         for n in 0..4000 {
             let x = in_ball(n, 0.0495);
-            // The cells of the fold are those from 20 to 30 mm; their neighbours blend.
+            // The branch jump crosses the cells from 20 to 30 mm; their neighbours blend.
             if (x[0] > 0.01 && x[0] < 0.04) != near {
                 continue;
             }
@@ -419,12 +426,12 @@ fn a_fold_is_kept_to_the_cells_it_runs_through() {
     };
     let (far, near) = (worst(&folds, false), worst(&folds, true));
     println!(
-        "energy at a fold of {:.2} N: at most {:.4} N away from it, {near:.3} N in touch with it",
+        "energy at a branch jump of {:.2} N: error at most {:.4} N away from it, {near:.3} N at it",
         norm(jump),
         far
     );
-    assert!(far < 2e-3, "{far} N away from the fold");
-    assert!(near < 1.1 * norm(jump), "{near} N at the fold");
+    assert!(far < 2e-3, "{far} N away from the branch jump");
+    assert!(near < 1.1 * norm(jump), "{near} N at the branch jump");
     let (unflagged, _) = (worst(&[], true), ());
-    assert!(unflagged > 1.5 * near, "without flags it would be worse: {unflagged} N, {near} N with them");
+    assert!(unflagged > 1.5 * near, "the flags must reduce the error: {unflagged} N, {near} N with them");
 }

@@ -1,4 +1,4 @@
-//! Scaled bodies: the solver must not know a metre or a pascal.
+//! Scaled bodies: the solver must be independent of the units.
 
 use palpate_precompute::body::{Body, Model};
 use palpate_precompute::boundary::Handle;
@@ -15,7 +15,7 @@ use crate::meshes::scaled;
 use crate::table::{Case, Cost, row};
 use crate::walk::{apart, problem};
 
-/// The law with all its moduli `factor` times as large.
+/// The law with all moduli scaled by `factor`.
 fn stiffer(law: Material, factor: f64) -> Material {
     let lame = |l: Lame| Lame { lambda_pa: l.lambda_pa * factor, mu_pa: l.mu_pa * factor };
     match law {
@@ -59,9 +59,9 @@ fn forces_scale_with_size_and_stiffness_over_twelve_decades() {
             assert_eq!(body.check_pressures(None), Ok(()), "size {size:e}");
             let node = nearest_node(&mesh, [0.06, 0.02, 0.04].map(|c| c * size));
             let mut solver = Solver::new(problem(&body, Handle::node(node)));
-            let rest = solver.rest().expect("the beam is held");
+            let rest = solver.rest().expect("the beam is fixed");
             let d = [0.004, -0.003, -0.01].map(|c| c * size);
-            (solver.advance(&rest.seed, d).expect("the beam follows"), solver.problem().unknowns())
+            (solver.advance(&rest.seed, d).expect("the beam converges"), solver.problem().unknowns())
         };
         let (here, equations) = solve(1.0, 1.0);
         let (mut worst, mut iterations) = (0.0f64, [u32::MAX, 0]);
@@ -77,7 +77,7 @@ fn forces_scale_with_size_and_stiffness_over_twelve_decades() {
         }
         let tried = format!("{}, {order:?}, {pair:?}: size, stiffness and both x 1e-6, 1e6", law.name());
         let [least, most] = iterations;
-        let result = format!("force and energy {worst:.0e} off; {least} to {most} iterations");
+        let result = format!("force and energy error {worst:.0e}; {least} to {most} iterations");
         row(Case::Units, &tried, Cost::of(equations, &here), &result, "scale");
         assert!(most <= here.iterations + 1, "{}: {most} against {}", law.name(), here.iterations);
     }

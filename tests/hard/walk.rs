@@ -1,4 +1,4 @@
-//! Straight loading paths in equal steps, each from the one before.
+//! Straight loading paths in equal steps, each continued from the previous one.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use palpate_precompute::solve::{Configuration, Problem, SolveFailure, Solver};
 
 use crate::table::Cost;
 
-/// A straight path: how far it went and why no further.
+/// Result of a straight path.
 #[derive(Debug)]
 pub(crate) struct Walk {
     /// Displacement of the last solved configuration along the path, m.
@@ -22,34 +22,35 @@ pub(crate) struct Walk {
     pub(crate) failure: Option<SolveFailure>,
     /// Where an element was first inverted, m.
     pub(crate) inverted_at_m: Option<f64>,
-    /// Where the energy first fell in some direction, m.
+    /// Where the tangent first had a negative eigenvalue, m.
     pub(crate) unstable_at_m: Option<f64>,
     /// Steps that were split into increments.
     pub(crate) split_steps: u32,
-    /// Steps at which the body left its branch.
+    /// Steps with a branch jump.
     pub(crate) switches: u32,
-    /// Work by the tool along the path, J: trapezia corrected by the stiffness at their ends, of fourth order.
+    /// Work of the tool along the path, J, by the corrected trapezoidal rule with the stiffness at both ends,
+    /// of fourth order.
     pub(crate) work_j: f64,
-    /// What all of it cost.
+    /// Total cost.
     pub(crate) cost: Cost,
 }
 
 impl Walk {
-    /// What became of the path in a cell of the table.
+    /// The outcome of the path as a table cell.
     pub(crate) fn verdict(&self) -> String {
         self.failure.map_or_else(
-            || "whole path".into(),
+            || "complete path".into(),
             |f| format!("ends at {:.0} mm: {}", 1e3 * self.reached_m, f.reason.name()),
         )
     }
 
-    /// Force, distortion and stability at the end of the path.
+    /// Force, distortion and stability at the end of the path, as a table cell.
     pub(crate) fn result(&self) -> String {
         state(&self.last)
     }
 }
 
-/// Force, distortion and stability of a configuration in a cell of the table.
+/// Force, distortion and stability of a configuration as a table cell.
 pub(crate) fn state(c: &Configuration) -> String {
     let modes = c.unstable_modes.map_or("?".into(), |n| n.to_string());
     let force = norm(c.force_n);
@@ -66,12 +67,12 @@ pub(crate) fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     (Vector3::from(a) - Vector3::from(b)).norm() / norm(b)
 }
 
-/// Body of a mesh that is known to be sound.
+/// Body of a valid mesh.
 pub(crate) fn body(mesh: &TetMesh, model: &Model) -> Arc<Body> {
     Arc::new(Body::new(mesh, model).expect("every element has volume"))
 }
 
-/// Problem of a handle, by elimination.
+/// Problem of a prescribed node set, by elimination.
 pub(crate) fn problem(body: &Arc<Body>, handle: Handle) -> Arc<Problem> {
     Arc::new(Problem::with(body.clone(), Some(handle), Constraints::Elimination))
 }
@@ -79,10 +80,10 @@ pub(crate) fn problem(body: &Arc<Body>, handle: Handle) -> Arc<Problem> {
 /// The bundled organ.
 pub(crate) fn organ() -> ResolvedScene {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");
-    Scene::load(path.as_ref()).and_then(|scene| scene.resolve()).expect("the bundled scene is sound")
+    Scene::load(path.as_ref()).and_then(|scene| scene.resolve()).expect("the bundled scene is valid")
 }
 
-/// Walks `steps` steps of `step_m` along `direction`, or as far as it goes.
+/// Solves up to `steps` steps of `step_m` along `direction`.
 pub(crate) fn walk(
     solver: &mut Solver,
     direction: [f64; 3],

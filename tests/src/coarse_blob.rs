@@ -1,4 +1,4 @@
-//! Blobs of real scenes on grids coarse enough for a test.
+//! Blobs of real scenes on coarse grids.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -17,7 +17,7 @@ use palpate_precompute::solve::Problem;
 ///
 /// # Panics
 ///
-/// If anything does not come out as it should: a test then has nothing to stand on.
+/// If any step fails.
 pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> BlobFile {
     let sampling = Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None });
     let identity = StoreIdentity {
@@ -32,13 +32,13 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         displacement_bound: scene.displacement_bound,
         form: scene.form,
     };
-    let folder = tempfile::tempdir().expect("a folder for the store");
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let active: Vec<(String, u32)> =
         scene.active.iter().map(|active| (active.name.clone(), active.node)).collect();
     let file = folder.path().join("coarse.space");
     let store = Store::create_or_resume(&file, &identity, &scene.mesh, &scene.fixed, &active);
     let store = store.expect("the store opens");
-    let body = Arc::new(scene.body().expect("a body"));
+    let body = Arc::new(scene.body().expect("the body is valid"));
     let problem = |handle| Arc::new(Problem::with(body.clone(), Some(handle), scene.constraints));
     let problems: Vec<Arc<Problem>> = scene.active.iter().map(|active| problem(active.handle())).collect();
     let workshop = Workshop::new(move |active| problems[active].clone(), sampling, scene.max_force_n);
@@ -47,7 +47,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
     let counts = with_threads(&Arc::new(workshop), threads, |crew| {
         expansion.run(&store, crew, &AtomicBool::new(false), |_| ())
     });
-    for count in counts.expect("the run ends") {
+    for count in counts.expect("the run completes") {
         assert!(count.solved() >= 20, "{}: {count:?}", scene.name);
     }
     let options = PackOptions { methods: &[method], intermediate: false, threads };

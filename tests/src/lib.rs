@@ -1,4 +1,4 @@
-//! Fixtures shared by the tests across the crates: small bodies with known answers.
+//! Fixtures shared by the tests: small bodies with known solutions.
 #![forbid(unsafe_code)]
 
 pub mod coarse_blob;
@@ -26,7 +26,7 @@ pub fn st_venant_kirchhoff() -> Material {
     Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
 }
 
-/// Every law, with parameters of the liver's order.
+/// Every law, with parameters of the order of a liver.
 pub fn every_law() -> Vec<Material> {
     let lame = Lame::from_young_poisson(15480.0, 0.45);
     vec![
@@ -46,8 +46,9 @@ pub fn every_law() -> Vec<Material> {
     ]
 }
 
-/// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra round its main diagonal (Kuhn). Nodes are
-/// moved off the lattice a little (those of a face within it), so that no symmetry hides an error.
+/// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra around its main diagonal (Kuhn).
+/// Nodes are moved off the lattice slightly, those of a face within the face, so that no symmetry hides an
+/// error.
 pub fn box_mesh(cells: [usize; 3], edge_m: f64) -> TetMesh {
     let mut mesh = TetMesh::cuboid(cells, edge_m);
     for x in &mut mesh.nodes_m {
@@ -84,7 +85,7 @@ pub fn beam() -> TetMesh {
     box_mesh([4, 2, 2], 0.02)
 }
 
-/// The soft beam held at its left end, with the middle of its top face as active node.
+/// The soft beam, fixed at its left end, with the middle of its top face as active node.
 pub fn soft_beam(material: Material) -> (TetMesh, Vec<u32>, u32, Arc<Body>) {
     let mesh = beam();
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
@@ -97,20 +98,20 @@ pub fn soft_beam(material: Material) -> (TetMesh, Vec<u32>, u32, Arc<Body>) {
 /// Writes a mesh as Gmsh 2.2 ASCII.
 pub fn write_gmsh22(mesh: &TetMesh, path: &Path) {
     let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n");
-    writeln!(text, "{}", mesh.nodes_m.len()).expect("a string takes everything");
+    writeln!(text, "{}", mesh.nodes_m.len()).expect("writing to a string cannot fail");
     for (i, [x, y, z]) in mesh.nodes_m.iter().enumerate() {
-        writeln!(text, "{} {x:?} {y:?} {z:?}", i + 1).expect("a string takes everything");
+        writeln!(text, "{} {x:?} {y:?} {z:?}", i + 1).expect("writing to a string cannot fail");
     }
-    writeln!(text, "$EndNodes\n$Elements\n{}", mesh.tets.len()).expect("a string takes everything");
+    writeln!(text, "$EndNodes\n$Elements\n{}", mesh.tets.len()).expect("writing to a string cannot fail");
     for (i, [a, b, c, d]) in mesh.tets.iter().enumerate() {
         writeln!(text, "{} 4 2 1 1 {} {} {} {}", i + 1, a + 1, b + 1, c + 1, d + 1)
-            .expect("a string takes everything");
+            .expect("writing to a string cannot fail");
     }
     text.push_str("$EndElements\n");
-    std::fs::write(path, text).expect("the folder can be written");
+    std::fs::write(path, text).expect("the folder is writable");
 }
 
-/// Writes the soft beam as a scene with a 5 x `spacing` ball and returns the scene's path.
+/// Writes the soft beam as a scene with this law, grid and force limit. Returns the path of the scene.
 pub fn write_beam_scene(folder: &Path, law: &str, grid: &str, max_force_n: f64) -> PathBuf {
     let (mesh, fixed, active, _) = soft_beam(mooney_rivlin());
     write_gmsh22(&mesh, &folder.join("beam.msh"));
@@ -119,6 +120,6 @@ pub fn write_beam_scene(folder: &Path, law: &str, grid: &str, max_force_n: f64) 
          = \"A\"\nnode = {active}\n[grid]\n{grid}\n[device]\nmax_force_n = {max_force_n:?}\n"
     );
     let path = folder.join("beam.toml");
-    std::fs::write(&path, scene).expect("the folder can be written");
+    std::fs::write(&path, scene).expect("the folder is writable");
     path
 }

@@ -1,4 +1,4 @@
-//! A small configuration space for the tests: two cells round the soft beam's active node.
+//! A small configuration space for the tests: two cells around the soft beam's active node.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,19 +13,19 @@ use palpate_precompute::solve::Problem;
 
 use crate::{mooney_rivlin, soft_beam};
 
-/// A space of 2 cells around the soft beam's active node.
+/// A space of two cells around the soft beam's active node.
 pub struct SpaceBench {
-    /// The beam.
+    /// The mesh of the beam.
     pub mesh: palpate_precompute::mesh::TetMesh,
-    /// Its held nodes.
+    /// Its fixed nodes.
     pub fixed: Vec<u32>,
     /// Its active node.
     pub active: u32,
-    /// Its problem.
+    /// Its finite-element problem.
     pub problem: Arc<Problem>,
     /// The grid.
     pub grid: SpaceGrid,
-    /// What the store is made of.
+    /// The identity of the store.
     pub identity: StoreIdentity,
 }
 
@@ -49,7 +49,7 @@ impl SpaceBench {
         Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
     }
 
-    /// From now on every transition is made in so many equal parts, and cells are left incomplete.
+    /// Splits every transition into `parts` equal increments, and leaves cells incomplete.
     pub fn in_parts(&mut self, parts: u32) {
         let lattice = Lattice { grid: self.grid, complete_cells: false, increments: Some(parts) };
         self.identity.sampling = Sampling::Lattice(lattice);
@@ -61,7 +61,7 @@ impl SpaceBench {
         Store::create_or_resume(path, &self.identity, &self.mesh, &self.fixed, &active)
     }
 
-    /// What workers need.
+    /// The context of the workers.
     pub fn workshop(&self) -> Arc<Workshop> {
         let problem = self.problem.clone();
         Arc::new(Workshop::new(move |_| problem.clone(), self.identity.sampling, self.identity.max_force_n))
@@ -83,11 +83,12 @@ impl SpaceBench {
     /// Its store at `path`, complete.
     pub fn solve(&self, path: &Path, threads: usize) -> (Store, TagCounts) {
         let store = self.store(path).expect("the store opens");
-        let counts = self.expand(&store, threads, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        let counts =
+            self.expand(&store, threads, &AtomicBool::new(false), |_| ()).expect("the run completes");
         (store, counts)
     }
 
-    /// Tries still open.
+    /// Number of configurations that are not solved yet.
     pub fn still_to_solve(&self, store: &Store) -> usize {
         still_to_solve(store, 0).expect("records")
     }

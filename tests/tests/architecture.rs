@@ -1,11 +1,11 @@
-//! The arrows between the crates, read from `cargo metadata`: core and link -> nothing of ours; precompute -> core;
-//! host -> core and link; hil -> core, link and host; tools and tests -> all.
+//! Checks the dependencies between the crates from `cargo metadata`: core and link on no other; precompute on
+//! core; host on core and link; hil on core, link and host; tools and tests on all.
 
 use std::collections::BTreeSet;
 
 use cargo_metadata::{DependencyKind, MetadataCommand};
 
-/// Our packages that `package` depends on, in ordinary and build use, or in tests only.
+/// The workspace packages that `package` depends on, for linking or for tests only.
 fn ours(package: &str, kinds: &[DependencyKind]) -> BTreeSet<String> {
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
     let found = metadata.packages.iter().find(|p| p.name.as_str() == package);
@@ -26,7 +26,7 @@ const LINKED: [DependencyKind; 2] = [DependencyKind::Normal, DependencyKind::Bui
 const TESTED: [DependencyKind; 1] = [DependencyKind::Development];
 
 #[test]
-fn the_arrows_point_one_way() {
+fn dependencies_point_one_way() {
     assert_eq!(ours("palpate-core", &LINKED), set(&[]));
     assert_eq!(ours("palpate-core", &TESTED), set(&[]));
     assert_eq!(ours("palpate-link", &LINKED), set(&[]));
@@ -37,14 +37,14 @@ fn the_arrows_point_one_way() {
     assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
     assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core", "palpate-link"]));
     assert_eq!(ours("palpate-host", &TESTED), set(&[]));
-    // The host's trait of an FTDI chip is what the emulated one stands behind, and its model of a hand holds the emulated grip.
+    // The emulated FTDI chip implements the host's trait, and the host's hand model holds the emulated grip.
     assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host", "palpate-link"]));
     assert_eq!(ours("palpate-hil", &TESTED), set(&[]));
 }
 
 #[test]
 fn no_std_crates_use_no_default_features() {
-    // A default feature of a dependency is how `std` leaks into a no_std crate.
+    // A default feature of a dependency may bring `std` into a no_std crate.
     let metadata = MetadataCommand::new().no_deps().exec().expect("cargo metadata runs in this workspace");
     for name in ["palpate-core", "palpate-link"] {
         let package = metadata.packages.iter().find(|p| p.name.as_str() == name).expect("a member");

@@ -1,4 +1,4 @@
-//! The certificate measures the packed bytes, and says so when they are wrong.
+//! The certificate measures the packed bytes and detects wrong ones.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -16,7 +16,7 @@ use palpate_tests::space_bench::SpaceBench;
 
 const DRAW: Draw = Draw { regular_m: Some(0.01), random: 4, random_steps: 30, uniform: 40, ..Draw::PAPER };
 
-/// A beam whose material is that of the tests times `factor`.
+/// A beam with the material of the tests, scaled by `factor`.
 fn bench(factor: f64) -> SpaceBench {
     let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0 * factor, c01_pa: 1280.0 * factor });
     let (_, _, active, body) = soft_beam(law);
@@ -30,11 +30,11 @@ fn blob(store: &Store) -> BlobFile {
 
 fn method(certificate: &Certificate, method: Method) -> &MethodCertificate {
     let all = &certificate.spaces[0].methods;
-    all.iter().find(|m| m.method == method.name()).expect("it is packed")
+    all.iter().find(|m| m.method == method.name()).expect("the method is packed")
 }
 
 #[test]
-fn it_tells_good_tables_from_bad_ones() {
+fn the_certificate_separates_good_tables_from_bad_ones() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let bench_of_truth = bench(1.0);
     let (store, _) = bench_of_truth.solve(&folder.path().join("truth.space"), 2);
@@ -44,19 +44,19 @@ fn it_tells_good_tables_from_bad_ones() {
     with_threads(&bench_of_truth.workshop(), 2, |crew| {
         held_out.run(&store, crew, &AtomicBool::new(false), |_| ())
     })
-    .expect("the truth is solved");
+    .expect("the held-out truth is solved");
 
     let file = blob(&store);
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
-    assert_eq!(clear_positions(&store, &organ).expect("intact"), [(0, 40)], "no fold in a beam");
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
+    assert_eq!(clear_positions(&store, &organ).expect("intact"), [(0, 40)], "no branch jump in a beam");
     let good = certify(&store, &organ).expect("intact");
     let space = &good.spaces[0];
     assert_eq!((space.active.as_str(), space.cost.configurations, space.fold_pairs), ("A", 125, 0));
     assert_eq!(space.folded_volume, 0.0);
     for m in &space.methods {
         assert_eq!((m.uniform.count, m.random.count, m.folded.count), (40, 120, 0), "{}", m.method);
-        // 26 paths of ten steps of 1 mm. Along the six axes the fifth is a grid point, and so is the tenth; this one is on the rim, on
-        // which side of it rounding decides.
+        // 26 paths of ten steps of 1 mm. Along the six axes the fifth and the tenth step are grid points; the
+        // tenth is on the rim, and rounding decides on which side.
         assert!((26 * 9 - 6..=26 * 10 - 12).contains(&m.regular.count), "{}: {}", m.method, m.regular.count);
         let rings: usize = m.by_radius.iter().map(|ring| ring.count).sum();
         assert_eq!(rings, 40, "{}", m.method);
@@ -71,10 +71,10 @@ fn it_tells_good_tables_from_bad_ones() {
     assert_eq!(energy.uniform.not_felt, 40);
     assert!((energy.not_felt_certified - 0.05f64.powf(1.0 / 40.0)).abs() < 1e-9, "0 of 40");
 
-    // The same positions in a blob of a body that is a tenth stiffer: every method errs by a tenth of the force.
+    // The same positions in a blob of a body 10 % stiffer: every method has a relative error of 10 %.
     let (stiffer, _) = bench(1.1).solve(&folder.path().join("stiffer.space"), 2);
     let file = blob(&stiffer);
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let bad = certify(&store, &organ).expect("intact");
     for m in &bad.spaces[0].methods {
         assert!((m.uniform.relative_mean - 0.1).abs() < 0.02, "{}: {:?}", m.method, m.uniform);

@@ -1,9 +1,9 @@
-//! Every name in the hazard table of docs/safety.md is that of a test, a script or a file that is there.
+//! Every name in the hazard table of docs/safety.md is that of an existing test, script or file.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Files of the repository below a folder, without what is built.
+/// Files below a folder of the repository, except build output.
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).expect("readable") {
         let path = entry.expect("readable").path();
@@ -21,9 +21,9 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
 #[test]
 fn every_hazard_names_tests_that_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let safety = std::fs::read_to_string(root.join("docs/safety.md")).expect("it is there");
-    let (_, table) = safety.split_once("## 5. Hazards").expect("a section of hazards");
-    let (table, _) = table.split_once("## 6.").expect("and one after it");
+    let safety = std::fs::read_to_string(root.join("docs/safety.md")).expect("the file is readable");
+    let (_, table) = safety.split_once("## 5. Hazards").expect("the section of hazards");
+    let (table, _) = table.split_once("## 6.").expect("the section after it");
     let mut all = Vec::new();
     files(&root, &mut all);
     let sources = all.iter().filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
@@ -39,7 +39,7 @@ fn every_hazard_names_tests_that_exist() {
                 is_test = false;
             }
             is_test |= line == "#[test]";
-            // Within `proptest!` too.
+            // Inside `proptest!` too.
             is_test &= !line.is_empty();
         }
     }
@@ -57,8 +57,8 @@ fn every_hazard_names_tests_that_exist() {
             });
             assert!(tests.contains(name) || is_file, "`{name}` is neither a test nor a file: {row}");
         }
-        assert!(named > 0, "nothing shows it: {row}");
+        assert!(named > 0, "no test or file is named: {row}");
         names += named;
     }
-    assert!(rows > 30 && names > 60, "{rows} hazards, {names} names: the table was not read");
+    assert!(rows > 30 && names > 60, "{rows} hazards, {names} names: the table was not parsed");
 }

@@ -1,4 +1,5 @@
-//! Held-out truth: the same whatever the threads and the interruptions, solved where it says, never on a grid point.
+//! Held-out truth: the same bits for any number of threads and interruptions, at the drawn positions, and
+//! never on a grid point.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,7 +32,7 @@ fn solve(
 
 fn solved(bench: &SpaceBench, path: &Path, draw: Draw, threads: usize) -> Store {
     let (store, _) = bench.solve(path, 2);
-    solve(bench, &store, draw, threads, &AtomicBool::new(false), |_| ()).expect("the run ends");
+    solve(bench, &store, draw, threads, &AtomicBool::new(false), |_| ()).expect("the run completes");
     store
 }
 
@@ -46,14 +47,14 @@ fn truths(store: &Store) -> BTreeMap<(Kind, u32, u32), Truth> {
     all
 }
 
-/// All of it but the seconds, bit for bit.
+/// All held-out truth except the seconds, bit for bit.
 fn bits(store: &Store) -> Vec<String> {
     let truths = truths(store).into_iter();
     truths.map(|(key, truth)| format!("{key:?} {:?}", Truth { seconds: 0.0, ..truth })).collect()
 }
 
 #[test]
-fn threads_interruptions_and_asking_for_more_change_no_bit() {
+fn threads_interruptions_and_extensions_change_no_bit() {
     let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let at = |name: &str| folder.path().join(name);
@@ -68,33 +69,33 @@ fn threads_interruptions_and_asking_for_more_change_no_bit() {
         });
         assert!(matches!(ended, Err(HeldOutError::Interrupted)), "{ended:?}");
     }
-    solve(&bench, &torn, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+    solve(&bench, &torn, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
     assert_eq!(expected, bits(&torn));
 
     let grown = solved(&bench, &at("grown.space"), Draw { random: 1, uniform: 5, ..DRAW }, 2);
-    solve(&bench, &grown, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
-    assert_eq!(expected, bits(&grown), "more of them are the ones there and others");
+    solve(&bench, &grown, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
+    assert_eq!(expected, bits(&grown), "an extension keeps the earlier ones");
 }
 
 #[test]
-fn every_kind_is_where_it_should_be_and_an_equilibrium() {
+fn every_kind_is_at_its_position_and_in_equilibrium() {
     let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let store = solved(&bench, &folder.path().join("a.space"), DRAW, 2);
     let (all, sums) = (truths(&store), Summary::of(&store, 0).expect("intact"));
     let [regular, random, uniform] = [Kind::Regular, Kind::Random, Kind::Uniform].map(|kind| &sums[&kind]);
     assert_eq!((regular.walks, random.walks, uniform.whole), (26, 3, 12));
-    assert!(regular.at_force_limit > 0 && uniform.at_force_limit > 0, "the limit is felt: {sums:?}");
+    assert!(regular.at_force_limit > 0 && uniform.at_force_limit > 0, "the force limit is reached: {sums:?}");
     assert_eq!(uniform.walks, uniform.whole + uniform.at_force_limit + uniform.failures());
 
     let nodes = bench.mesh.nodes_m.len();
     let mut solver = Solver::new(bench.problem.clone());
-    let rest = solver.rest().expect("the beam is held");
+    let rest = solver.rest().expect("the beam is fixed");
     for (n, ((kind, number, step), truth)) in all.iter().enumerate() {
         let force = truth.force_n.iter().map(|f| f * f).sum::<f64>().sqrt();
         assert_eq!(truth.tag == ConfigTag::Terminating, force >= 1.0, "{kind:?} {number} {step}");
         let last = !all.contains_key(&(*kind, *number, step + 1));
-        assert!(last || truth.tag == ConfigTag::Expandable, "a walk ends where it leaves the reach");
+        assert!(last || truth.tag == ConfigTag::Expandable, "a path ends where it leaves the reach");
         assert_eq!(truth.displacements.len(), if *kind == Kind::Uniform { 12 * nodes } else { 0 });
         let cells = truth.displacement_m.map(|x| x / bench.grid.spacing_m);
         let on_grid = cells.iter().all(|x| (x - x.round()).abs() < 1e-6);
@@ -106,21 +107,22 @@ fn every_kind_is_where_it_should_be_and_an_equilibrium() {
             assert!(error < 1e-9, "{kind:?} {number} {step}: {error} N");
         }
     }
-    // What was solved for a uniform position moves the active node there.
-    let ((_, number, _), truth) = all.iter().find(|((k, ..), _)| *k == Kind::Uniform).expect("there is one");
+    // The truth of a uniform position displaces the active node to that position.
+    let ((_, number, _), truth) =
+        all.iter().find(|((k, ..), _)| *k == Kind::Uniform).expect("there is a uniform position");
     let active = &truth.displacements[12 * bench.active as usize..][..12];
     let moved: Vec<f32> = active.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     assert_eq!(moved, truth.displacement_m.map(|x| x as f32), "uniform {number}");
 }
 
-/// Whatever a run ended with, a full disk say: nobody wants the rest of a long walk then.
+/// A run that fails, for example on a full disk, must not wait for the rest of a long path.
 #[test]
-fn workers_that_are_let_go_give_their_walks_up() {
+fn cancelled_workers_abandon_their_paths() {
     let bench = SpaceBench::new(f64::INFINITY);
     let walk = |number| WalkJob {
         walk: Walk { active: 0, kind: Kind::Random, number },
         start: None,
-        // Round and round, for minutes.
+        // A path that takes minutes.
         positions_m: (0..100_000)
             .map(|n| 0.3 * f64::from(n))
             .map(|a| [2e-3 * a.cos(), 2e-3 * a.sin(), 1e-3])
@@ -133,8 +135,8 @@ fn workers_that_are_let_go_give_their_walks_up() {
             crew.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
         }
         assert!(
-            crew.take(Duration::from_millis(300)).expect("nothing went wrong").is_none(),
-            "still walking"
+            crew.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
+            "still on the path"
         );
         let_go = Instant::now();
     });
@@ -149,7 +151,7 @@ fn an_unfinished_space_and_another_draw_are_refused() {
     let run = |draw| solve(&bench, &store, draw, 1, &AtomicBool::new(false), |_| ());
     let line = run(DRAW).expect_err("uniform positions need the space").to_string();
     assert!(line.contains("palpate precompute") && line.contains("--uniform 0"), "{line}");
-    run(Draw { uniform: 0, ..DRAW }).expect("paths need nothing of it");
+    run(Draw { uniform: 0, ..DRAW }).expect("paths do not need the space");
     for other in [
         Draw { seed: 4, uniform: 0, ..DRAW },
         Draw { step_m: 1e-3, uniform: 0, ..DRAW },
@@ -161,12 +163,12 @@ fn an_unfinished_space_and_another_draw_are_refused() {
     }
     store.forget_held_out().expect("forgotten");
     assert!(truths(&store).is_empty());
-    run(Draw { seed: 4, uniform: 0, random: 1, regular_m: None, ..DRAW }).expect("drawn anew");
+    run(Draw { seed: 4, uniform: 0, random: 1, regular_m: None, ..DRAW }).expect("drawn again");
     assert_eq!(store.walks_done(0).expect("read").len(), 1);
 }
 
 #[test]
-fn what_is_intact_of_a_damaged_file_is_kept_and_the_rest_solved_to_the_same_bits() {
+fn intact_records_of_a_damaged_file_are_kept_and_the_rest_gets_the_same_bits() {
     const PAGE: usize = 4096;
     let bench = SpaceBench::new(1.0);
     let folder = tempfile::tempdir().expect("a folder for the stores");
@@ -190,8 +192,8 @@ fn what_is_intact_of_a_damaged_file_is_kept_and_the_rest_solved_to_the_same_bits
         let (saved, report) = Store::salvage(&torn, &bench.identity, &bench.mesh, &bench.fixed, &active)
             .unwrap_or_else(|error| panic!("page {page}: {error}"));
         most_kept = most_kept.max(report.walks);
-        bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the space ends");
-        solve(&bench, &saved, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the space completes");
+        solve(&bench, &saved, DRAW, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
         assert_eq!(bits(&saved), expected, "page {page}");
     }
     let walks = truths_walks(&expected);
@@ -199,7 +201,7 @@ fn what_is_intact_of_a_damaged_file_is_kept_and_the_rest_solved_to_the_same_bits
     assert!(most_kept > walks / 2 && most_kept < walks, "{most_kept} of {walks} walks kept");
 }
 
-/// Walks among the rows of [`bits`]: one has a first step.
+/// Number of paths among the rows of [`bits`]: each has a first step.
 fn truths_walks(bits: &[String]) -> usize {
     bits.iter().filter(|row| row.split(')').next().is_some_and(|key| key.ends_with(", 1"))).count()
 }

@@ -1,13 +1,14 @@
-//! The core's f32 against the same tables evaluated in f64: within what the blob says of itself, by every method, on every set of
-//! instructions this machine has.
+//! The core's f32 compared with the same tables evaluated in f64: within the rounding bound of the blob, for
+//! every method and every instruction set of this machine.
 //!
-//! That a Cortex-M gives the same bits is shown by `firmware-like-core/check-cortex-m`, that wider registers do by `host/tests/instructions.rs`.
+//! `firmware-like-core/check-cortex-m` shows that a Cortex-M gives the same bits;
+//! `host/tests/instructions.rs` shows it for wider registers.
 
 use palpate_core::{Method, Organ, Vec3};
 use palpate_host::{Instructions, Interpolator};
 use palpate_precompute::certificate::{Certificate, reference};
 
-/// Uniform in the ball, the same in every run.
+/// Uniform positions in the ball, the same in every run.
 fn positions(radius_m: f32) -> impl Iterator<Item = Vec3> {
     let mut bits = 99_u64;
     let mut next = move || {
@@ -19,12 +20,12 @@ fn positions(radius_m: f32) -> impl Iterator<Item = Vec3> {
 }
 
 #[test]
-fn the_core_rounds_as_little_as_the_certificate_says() {
+fn rounding_in_the_core_is_within_the_certified_bound() {
     let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
     let mut words = vec![0_u64; blob.len().div_ceil(8)];
     bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
     let organ: Organ<'_> =
-        Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is good");
+        Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is valid");
     let certificate: Certificate =
         serde_json::from_slice(organ.certificate.expect("a certificate")).expect("of this version");
     let space = &organ.spaces[0];
@@ -52,7 +53,7 @@ fn the_core_rounds_as_little_as_the_certificate_says() {
                 largest_n <= bound_n,
                 "{method:?} on {instructions}: {largest_n} N, the bound is {bound_n} N"
             );
-            assert!(largest_n > 0.01 * bound_n, "{method:?}: a bound that says nothing");
+            assert!(largest_n > 0.01 * bound_n, "{method:?}: the bound is too loose");
         }
     }
 }

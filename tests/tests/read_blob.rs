@@ -1,7 +1,8 @@
-//! The reader in Python (tests/peers/read_blob.py) against the core, on a blob as `palpate pack` writes it.
+//! The Python reader (tests/peers/read_blob.py) compared with the core, on a blob written as `palpate pack`
+//! does.
 //!
-//! Needs numpy for /usr/bin/python3. Where it is missing this says so and passes, unless PALPATE_NEED_NUMPY is set: `tests/peers/numpy`
-//! installs it and sets that.
+//! Needs numpy for /usr/bin/python3. Without it the tests print a note and pass, unless PALPATE_NEED_NUMPY is
+//! set: `tests/peers/numpy` installs numpy and sets that.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -15,7 +16,7 @@ use palpate_tests::space_bench::SpaceBench;
 
 const PYTHON: &str = "/usr/bin/python3";
 
-/// Whether the reader can run at all.
+/// Whether the reader can run.
 fn numpy() -> bool {
     let found = Command::new(PYTHON).args(["-c", "import numpy"]).output();
     let there = found.is_ok_and(|output| output.status.success());
@@ -31,7 +32,7 @@ fn reader(arguments: &[&Path]) -> Output {
     Command::new(PYTHON).arg("-B").arg(script).args(arguments).output().expect("Python starts")
 }
 
-/// A blob of the soft beam with everything in it, and its folder. A fine bound makes slopes worth their bytes.
+/// A blob of the soft beam with all its parts, and its folder. A tight bound makes slopes worth their bytes.
 fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     let mut bench = SpaceBench::new(f64::INFINITY);
     bench.identity.displacement_bound = DisplacementBound { rms_m: 2e-5, max_m: 2e-4 };
@@ -45,13 +46,13 @@ fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     packed.certify(&json).expect("room");
     let bytes = packed.bytes().expect("bytes");
     packed.certify(&json).expect("room");
-    assert_eq!(packed.bytes().expect("bytes"), bytes, "a certificate takes the place of the one before");
+    assert_eq!(packed.bytes().expect("bytes"), bytes, "a certificate replaces the one before");
     let path = folder.join("a.blob");
     std::fs::write(&path, &bytes).expect("written");
     (path, BlobFile::of(&bytes))
 }
 
-/// Everywhere: inside, on points, faces, the rim and beyond; no number at all.
+/// Positions inside, on points and faces, on the rim and beyond, and a NaN.
 fn points(space: &Space<'_>) -> Vec<[f32; 3]> {
     let r = space.lattice.radius_m();
     let mut points = vec![[0.0; 3], [f32::NAN, 0.0, 0.0], [1e30, 0.0, -1e30]];
@@ -70,7 +71,7 @@ fn points(space: &Space<'_>) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn a_reader_of_sixty_lines_of_documentation_gives_the_core_s_forces() {
+fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
     if !numpy() {
         return;
     }
@@ -78,8 +79,8 @@ fn a_reader_of_sixty_lines_of_documentation_gives_the_core_s_forces() {
     let (path, file) = blob(folder.path());
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");
     let space = &organ.spaces[0];
-    let table = space.displacement.expect("the bench is visual");
-    assert!(table.slopes() > 0, "slopes are to be read too");
+    let table = space.displacement.expect("the space has displacements");
+    assert!(table.slopes() > 0, "the blob must contain slopes");
 
     let shown = reader(&[&path]);
     let text = String::from_utf8(shown.stdout).expect("text");
@@ -131,7 +132,7 @@ fn a_reader_of_sixty_lines_of_documentation_gives_the_core_s_forces() {
             }
         }
     }
-    assert!(largest > 0.1, "forces worth comparing: {largest} N");
+    assert!(largest > 0.1, "the forces must be large enough to compare: {largest} N");
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! A space of scattered positions: the same bits whoever solves it and however often it is stopped, and forces within the tolerance.
+//! A space of scattered positions: the same bits for any number of threads and interruptions, and force
+//! errors within the tolerance.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +18,7 @@ use palpate_tests::space_bench::SpaceBench;
 
 const TOLERANCE: Tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
 
-/// Of a tool that moves so far.
+/// The scattered sampling of a tool with this radius.
 fn scattered(radius_m: f64) -> Scattered {
     Scattered { radius_m, tolerance: TOLERANCE, only_push: false, workspace_m: None }
 }
@@ -32,7 +33,8 @@ fn bench() -> SpaceBench {
     bench
 }
 
-/// A tool that gets nowhere: the linear body is enough, on any number of threads, and fresh truth agrees.
+/// With small displacements the linear body suffices, for any number of threads, and independent held-out
+/// truth agrees.
 #[test]
 fn small_displacements_are_stored_as_a_linear_body() {
     let (mut bench, folder) = (bench(), tempfile::tempdir().expect("a folder for the stores"));
@@ -62,13 +64,13 @@ fn small_displacements_are_stored_as_a_linear_body() {
     };
     let workshop: Arc<_> = bench.workshop();
     let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
-    solved.expect("the truth is solved");
+    solved.expect("the held-out truth is solved");
     let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
-    let file = BlobFile::of(&pack(&one, &options).expect("it packs").bytes().expect("bytes"));
+    let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let space = &certify(&one, &organ).expect("measured").spaces[0];
     assert_eq!(space.linear, Some(suits));
-    // One cell along the radius, and what the fresh positions say of it.
+    // One cell along the radius, and the errors at the held-out positions.
     assert_eq!(organ.spaces[0].lattice.reach(), 1);
     let uniform = &energy(space).uniform;
     assert!(uniform.count == 40 && uniform.max_n < 1.5 * TOLERANCE.absolute_n, "{uniform:?}");
@@ -76,7 +78,7 @@ fn small_displacements_are_stored_as_a_linear_body() {
     assert!(displacement.modes <= 3 && displacement.uniform.rms_max_mm < 0.1, "{displacement:?}");
 }
 
-/// Half of the ball is out of the device's workspace: nothing is solved there, and nothing is certified there.
+/// Half of the ball is outside the device's workspace. No positions are solved or certified there.
 #[test]
 fn nothing_is_solved_outside_the_workspace() {
     let (mut bench, folder) = (bench(), tempfile::tempdir().expect("a folder for the stores"));
@@ -90,12 +92,13 @@ fn nothing_is_solved_outside_the_workspace() {
     let (one, counts) = bench.solve(&folder.path().join("one.space"), 1);
     let (two, _) = bench.solve(&folder.path().join("two.space"), 2);
     assert_eq!(bits(&one), bits(&two));
-    // Its stop takes as many passes as that of the whole ball: few are saved in a body as simple as this.
+    // The adaptive sampling needs as many validation passes as for the whole ball, so the saving is small for
+    // this simple body.
     println!("{counts:?}, the whole ball {all:?}");
     let beyond = |store: &Store| bits(store).iter().filter(|(at, ..)| at[2] > 1001).count();
     assert!(beyond(&one) == 0 && beyond(&whole) > 0);
 
-    // Paths lead out of it, uniform positions do not; what is counted are those within.
+    // Paths leave the workspace, uniform positions do not. Only positions inside are counted.
     let draw = Draw { uniform: 40, random: 0, regular_m: Some(0.01), ..Draw::PAPER };
     let held_out = HeldOut {
         actives: vec![(0, "A".into())],
@@ -105,7 +108,7 @@ fn nothing_is_solved_outside_the_workspace() {
     };
     let workshop: Arc<_> = bench.workshop();
     let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
-    solved.expect("the truth is solved");
+    solved.expect("the held-out truth is solved");
     let mut outside = [0, 0];
     one.each_truth(0, |walk, _, truth| {
         let is_uniform = walk.kind == Kind::Uniform;
@@ -114,13 +117,13 @@ fn nothing_is_solved_outside_the_workspace() {
     .expect("truth");
     assert!(outside[0] > 0 && outside[1] == 0, "{outside:?}");
     let options = PackOptions { methods: &[Method::Energy], intermediate: false, threads: 2 };
-    let file = BlobFile::of(&pack(&one, &options).expect("it packs").bytes().expect("bytes"));
+    let file = BlobFile::of(&pack(&one, &options).expect("the space packs").bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
     let answers = answers(&one, 0, &organ.spaces[0], Method::Energy).expect("answers");
     assert!(answers.len() > 40 && answers.iter().all(|answer| answer.displacement_m[2] <= 0.001 + 1e-9));
 }
 
-/// Where, and the bits of force and energy, in the order of the store.
+/// Positions and the bits of force and energy, in the order of the store.
 fn bits(store: &Store) -> Vec<([i32; 3], u32, [u64; 4])> {
     let records = store.attempts(0).expect("records");
     let of = |r: &palpate_precompute::configuration_space::Record| {
@@ -131,7 +134,7 @@ fn bits(store: &Store) -> Vec<([i32; 3], u32, [u64; 4])> {
 }
 
 #[test]
-fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() {
+fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     let (bench, folder) = (bench(), tempfile::tempdir().expect("a folder for the stores"));
     let (one, counts) = bench.solve(&folder.path().join("one.space"), 1);
     assert!((8..60).contains(&counts.solved()), "{counts:?}");
@@ -139,14 +142,14 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     let (two, _) = bench.solve(&folder.path().join("two.space"), 2);
     assert_eq!(bits(&one), bits(&two));
 
-    // Stopped again and again, each time after two more.
+    // Interrupted repeatedly, after every two configurations.
     let path = folder.path().join("torn.space");
     for round in 0..100 {
         let (store, stop) = (bench.store(&path).expect("the store opens"), AtomicBool::new(false));
         let ended = bench.expand(&store, 2, &stop, |p| stop.store(p.solved_now >= 2, Ordering::Relaxed));
         match ended {
             Ok(_) => break,
-            Err(ExpansionError::Interrupted) => assert!(round < 99, "it never ends"),
+            Err(ExpansionError::Interrupted) => assert!(round < 99, "the space never completes"),
             Err(error) => panic!("{error}"),
         }
     }
@@ -157,7 +160,7 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     let SpacePlan::Scattered(plan) = plan else { panic!("not scattered") };
     assert_eq!((plan.verdict(), open), (Some(Verdict::Passed), 0));
 
-    // Fresh truth, and what the blob says of it.
+    // Held-out truth, and the errors of the blob at its positions.
     let draw = Draw { uniform: 60, random: 0, regular_m: None, ..Draw::PAPER };
     let held_out = HeldOut {
         actives: vec![(0, "A".into())],
@@ -167,10 +170,10 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     };
     let workshop: Arc<_> = bench.workshop();
     let solved = with_threads(&workshop, 2, |crew| held_out.run(&one, crew, &AtomicBool::new(false), |_| ()));
-    solved.expect("the truth is solved");
+    solved.expect("the held-out truth is solved");
     let methods = &[Method::Energy, Method::Kernel];
     let options = PackOptions { methods, intermediate: false, threads: 2 };
-    let packed = pack(&one, &options).expect("it packs");
+    let packed = pack(&one, &options).expect("the space packs");
     assert!(packed.without_kernel.is_empty() && packed.expect_kernels().is_ok());
     let file = BlobFile::of(&packed.bytes().expect("bytes"));
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
@@ -178,13 +181,14 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     let space = &certificate.spaces[0];
     let uniform = &energy(space).uniform;
     assert_eq!(uniform.count, 60);
-    // Absolute tolerance 5 mN; forces of up to 1 N.
+    // Absolute tolerance 5 mN, with forces of up to 1 N.
     assert!(uniform.p99_n < 0.02 && uniform.mean_n < 0.005, "{uniform:?}");
-    // The certificate judges by the scene's own tolerance, which is a quarter of what a hand feels.
-    let tolerated = energy(space).tolerated.expect("it names one");
+    // The certificate judges by the scene's own tolerance, which is a quarter of the human just-noticeable
+    // difference.
+    let tolerated = energy(space).tolerated.expect("the certificate has a tolerance");
     assert_eq!(tolerated.tolerance, TOLERANCE);
     assert!(tolerated.count >= 57 && tolerated.count <= uniform.not_felt, "{tolerated:?}");
-    // The kernel itself: the table is within a tenth of the tolerance of it.
+    // The kernel fit itself: the table is within a tenth of the tolerance of it.
     let of = |method: Method| space.methods.iter().find(|m| m.method == method.name()).expect("packed");
     let (energy, kernel) = (of(Method::Energy), of(Method::Kernel));
     assert!(
@@ -200,10 +204,11 @@ fn threads_and_interruptions_change_nothing_and_the_error_is_within_tolerance() 
     assert!(displacement.uniform.rms_max_mm < 0.2, "{displacement:?}");
 }
 
-/// Force and stiffness of the blob against the offline fit, where the search says the tool can be. A fit leaves a little force at rest.
+/// Compares force and stiffness of the blob with the offline fit within the tool's reach. A fit has a small
+/// residual force at rest.
 fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
     let plan = planned(store, 0).expect("readable").expect("scattered");
-    let (search, space) = (plan.search().expect("it went"), &organ.spaces[0]);
+    let (search, space) = (plan.search().expect("the search has run"), &organ.spaces[0]);
     let (fit, rest) = (search.fit(), search.fit().force_n([0.0; 3]));
     let (mut compared, mut worst_n) = (0, 0.0_f64);
     for at in search.places(600) {
@@ -222,11 +227,11 @@ fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
             }
         }
     }
-    println!("{compared} places, {worst_n:.2e} N from the fit; at rest it leaves {rest:?} N");
+    println!("{compared} positions, {worst_n:.2e} N from the fit; residual at rest {rest:?} N");
     assert!(compared > 500 && worst_n < 1e-6, "{compared} {worst_n}");
 }
 
-/// tests/peers/read_blob.py on a blob of version 4, where numpy is there.
+/// tests/peers/read_blob.py on a blob of version 4, if numpy is installed.
 fn reader_in_python_agrees(organ: &Organ<'_>, path: &std::path::Path, bytes: &[u8]) {
     let has_numpy = std::process::Command::new("/usr/bin/python3").args(["-c", "import numpy"]).output();
     if !has_numpy.is_ok_and(|output| output.status.success()) {
@@ -259,11 +264,12 @@ fn reader_in_python_agrees(organ: &Organ<'_>, path: &std::path::Path, bytes: &[u
     }
 }
 
-/// No limit: the cheapest tick. A limit that only the smaller one fits: that one. One that nothing fits: said with its size.
+/// Without a size limit: the form with the fastest tick. With a limit that only the smaller form fits: that
+/// form. Otherwise an error with the sizes.
 fn needs_choose_the_form(store: &Store) {
     let size = |method| {
         let options = PackOptions { methods: &[method], intermediate: false, threads: 1 };
-        pack(store, &options).expect("it packs").bytes().expect("bytes").len() as u64
+        pack(store, &options).expect("the space packs").bytes().expect("bytes").len() as u64
     };
     let (node, kernel) = (size(Method::Energy), size(Method::Kernel));
     println!("blobs: node {node} bytes, kernel {kernel} bytes");

@@ -1,4 +1,5 @@
-//! Strokes over a patch of active nodes of the bundled liver: the force changes little from tick to tick, whatever the tool does.
+//! Strokes over a patch of active nodes of the bundled liver: the change of the force per tick is small for
+//! any motion of the tool.
 
 use std::path::Path;
 use std::time::Instant;
@@ -13,24 +14,24 @@ use palpate_precompute::mesh::Surface;
 use palpate_precompute::scene::{ActiveNode, Scene};
 use palpate_tests::coarse_blob::coarse_blob;
 
-/// Reach of the patch round A1, m.
+/// Radius of the patch around A1, m.
 const PATCH_M: f64 = 0.026;
-/// How deep the tool presses, m.
+/// Depth of the tool, m.
 const DEPTH_M: f32 = 0.008;
-/// How fast it goes, m/s.
+/// Speed of the tool, m/s.
 const SPEED_M_S: f32 = 0.1;
 
-/// What a stroke came to.
+/// Result of a stroke.
 struct Stroke {
     figures: TouchStatistics,
-    /// Largest force of the first tick in touch, N.
+    /// Force in the first tick in contact, maximum, N.
     first_n: f32,
     work_j: f64,
-    /// Of every tick, ns.
+    /// Duration of every tick, ns.
     tick_ns: Vec<u64>,
 }
 
-/// Along straight lines through these points, at one speed, a sample a millisecond.
+/// Moves along straight lines through these points at constant speed, with one sample per millisecond.
 fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(usize) -> u32) -> Stroke {
     let mut state = State::new();
     state.arm();
@@ -62,7 +63,7 @@ fn stroke(controller: &Controller<'_, '_>, through: &[Vec3], buttons: impl Fn(us
 }
 
 #[test]
-fn strokes_over_the_liver_do_not_jump() {
+fn strokes_over_the_liver_have_no_force_jumps() {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     let mut scene = Scene::load(&assets).expect("sound").resolve().expect("sound");
     let centre = scene.mesh.nodes_m[scene.active[0].node as usize];
@@ -75,7 +76,7 @@ fn strokes_over_the_liver_do_not_jump() {
         .map(|&node| ActiveNode { name: format!("P{node}"), node, patch: Vec::new() })
         .collect();
     let file = coarse_blob(&scene, SpaceGrid::new(0.01, 0.02).expect("valid"), Method::Energy);
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
 
@@ -83,9 +84,9 @@ fn strokes_over_the_liver_do_not_jump() {
     println!("{} active nodes; {report}", organ.spaces.len());
     assert!(report.triangles >= 6 && report.edges >= 12, "{report:?}");
     assert!(report.seam_n < 1e-4 && report.energy_j > 1e-4, "{report:?}");
-    assert!(report.friction_share < 1.0, "sliding would give energy: {report:?}");
+    assert!(report.friction_share < 1.0, "sliding would add energy: {report:?}");
 
-    println!("stroke            step mN  first mN  peak N  contacts  work mJ  given mJ");
+    println!("stroke            step mN  first mN  peak N  contacts  work mJ  added mJ");
     for (name, friction) in [("slide", 0.3), ("slide, slippery", 0.05), ("stick", f32::INFINITY)] {
         let mut config = Config::new(Method::Energy);
         config.limits.ramp_s = 0.0;
@@ -99,7 +100,7 @@ fn strokes_over_the_liver_do_not_jump() {
             let at = |space: &palpate_core::Space<'_>, height_m: f32| {
                 vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, height_m))
             };
-            // In over one node, along under load to another, out there.
+            // Enters at one node, slides under load to another, and leaves there.
             let way = [at(from, 0.004), at(from, -DEPTH_M), at(to, -DEPTH_M), at(to, 0.004)];
             let found = stroke(&controller, &way, |_| 0);
             worst.largest_step_n = worst.largest_step_n.max(found.figures.largest_step_n);
@@ -117,23 +118,23 @@ fn strokes_over_the_liver_do_not_jump() {
             1e3 * work_j,
             1e3 * max_given_j
         );
-        // 0.1 mm a tick at what the liver is at its stiffest, and what a release fades by.
+        // 0.1 mm per tick at the largest stiffness of the liver, and the fade of a release.
         assert!(worst.peak_hand_force_n > 1.0 && worst.largest_step_n < 0.3, "{name}: {worst:?}");
-        // The first tick below the surface: at most 0.1 mm deep.
+        // The tool is at most 0.1 mm deep in its first tick below the surface.
         assert!(first_n < 0.15, "{name}: {first_n} N");
         assert!(contacts as usize >= organ.spaces.len() / 2, "{name}: {contacts}");
         assert!(work_j < 0.0 && max_given_j < 5e-3, "{name}: {work_j} J, {max_given_j} J");
     }
 }
 
-/// A stroke from every node of a whole organ to one that is 2 to 4 cm away: `PALPATE_BLOB=organ.blob cargo test --release --workspace --test sliding
-/// -- --ignored --nocapture`.
+/// A stroke from every node of a whole organ to one at 2 to 4 cm: `PALPATE_BLOB=organ.blob cargo test
+/// --release --workspace --test sliding -- --ignored --nocapture`.
 #[test]
-#[ignore = "wants a blob of many nodes in PALPATE_BLOB; run by hand after a change of packing, for the strokes over a whole organ"]
-fn strokes_over_a_whole_organ_do_not_jump() {
+#[ignore = "needs a blob with many nodes in PALPATE_BLOB; run by hand after a change of packing, for the strokes over a whole organ"]
+fn strokes_over_a_whole_organ_have_no_force_jumps() {
     let path = std::env::var_os("PALPATE_BLOB").expect("PALPATE_BLOB names a blob");
-    let file = BlobFile::of(&std::fs::read(path).expect("the blob is there"));
-    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+    let file = BlobFile::of(&std::fs::read(path).expect("the blob is readable"));
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
     let mut memory = vec![0; TouchSurface::words(&organ)];
     let touch_surface = TouchSurface::new(&organ, &mut memory).expect("the surface is packed");
     let report = sliding::report(&organ, &touch_surface, Method::Energy, ContactConfig::default().friction);
@@ -164,7 +165,7 @@ fn strokes_over_a_whole_organ_do_not_jump() {
     ns.sort_unstable();
     let late = ns.iter().filter(|&&ns| ns > 1_000_000).count();
     println!(
-        "{} strokes, {} ticks: {} ns in the middle, {} ns 99.9 %, {late} above 1 ms; work given at most {:.3} mJ",
+        "{} strokes, {} ticks: median {} ns, 99.9 % {} ns, {late} above 1 ms; largest work added {:.3} mJ",
         found.len(),
         ns.len(),
         ns[ns.len() / 2],
@@ -173,7 +174,7 @@ fn strokes_over_a_whole_organ_do_not_jump() {
     );
     assert!(found.len() > organ.spaces.len() / 2, "{} strokes", found.len());
     assert!(report.seam_n < 1e-3, "{report:?}");
-    // 0.1 mm a tick, at up to 10 N/mm, which is what a loop of 1 kHz can hold.
+    // 0.1 mm per tick at up to 10 N/mm, which a loop of 1 kHz can render stably.
     let (from, to, worst) = &found[0];
     assert!(worst.figures.largest_step_n < 1.0, "{from} to {to}: {:?}", worst.figures);
     assert!(ns[ns.len() * 999 / 1000] < 100_000, "{} ns", ns[ns.len() * 999 / 1000]);

@@ -1,4 +1,5 @@
-//! Configuration spaces: the same numbers whatever the threads and the interruptions, and a blob that gives them back.
+//! Configuration spaces: the same bits for any number of threads and interruptions, and a blob that
+//! reproduces the solved forces.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,7 +11,7 @@ use palpate_precompute::fit::DisplacementBound;
 use palpate_precompute::solve::Solver;
 use palpate_tests::space_bench::SpaceBench;
 
-/// Everything a record holds but the seconds, bit for bit.
+/// All data of the records except the seconds, bit for bit.
 fn bits(records: &[Record]) -> Vec<String> {
     records
         .iter()
@@ -41,7 +42,7 @@ fn bits(records: &[Record]) -> Vec<String> {
 }
 
 #[test]
-fn the_papers_four_grids_have_the_papers_numbers_of_points() {
+fn the_papers_four_grids_have_its_numbers_of_points() {
     for (cells, points) in [(5, 514), (7, 1418), (10, 4168), (15, 14146)] {
         let lattice = BallLattice::new(0.1 / cells as f32, 0.1).expect("the grid is valid");
         assert_eq!(lattice.count(), points, "r_G / {cells}");
@@ -67,13 +68,13 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
             stop.store(p.solved_now >= stop_after, Ordering::Relaxed);
         });
         assert!(matches!(ended, Err(ExpansionError::Interrupted)), "{ended:?}");
-        assert!(bench.still_to_solve(&store) > 0, "a torn space knows that it is not finished");
+        assert!(bench.still_to_solve(&store) > 0, "an interrupted space is not complete");
     }
     let (torn, counts_torn) = bench.solve(&path, 2);
     assert_eq!(counts, counts_torn);
     assert_eq!(expected, bits(&torn.attempts(0).expect("records")));
     assert_eq!(bench.still_to_solve(&torn), 0);
-    // Nor does a store without a single configuration count as finished.
+    // A store without configurations is not complete either.
     let empty = bench.store(&folder.path().join("empty.space")).expect("a store");
     assert!(bench.still_to_solve(&empty) > 0);
 }
@@ -82,13 +83,14 @@ fn one_thread_two_threads_and_an_interrupted_run_give_the_same_bits() {
 fn points_beyond_the_force_limit_end_the_expansion() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (free, all) = SpaceBench::new(f64::INFINITY).solve(&folder.path().join("free.space"), 2);
-    // 32 points of the ball of two cells; the corners that complete its cells make it the cube of 5^3 points.
+    // The ball of two cells has 32 points. With the corners that complete its cells it is the cube of 5^3
+    // points.
     assert_eq!((all.expandable, all.terminating, all.failed, all.unknown), (124, 0, 0, 0));
     let largest = free.records(0).expect("records").iter().map(Record::force_norm_n).fold(0.0, f64::max);
     let bench = SpaceBench::new(0.5 * largest);
     let (limited, counts) = bench.solve(&folder.path().join("limited.space"), 2);
     assert!(counts.terminating > 0 && counts.expandable > 0, "{counts:?}");
-    // Points that only terminating ones surround are not awaited.
+    // Points that have only terminating neighbours are not pending.
     assert_eq!(bench.still_to_solve(&limited), 0);
     for record in limited.records(0).expect("records") {
         let beyond = record.force_norm_n() >= 0.5 * largest;
@@ -116,7 +118,7 @@ fn a_store_of_another_scene_is_refused() {
 }
 
 #[test]
-fn the_blob_gives_the_solved_forces_back_by_every_method() {
+fn every_method_reproduces_the_solved_forces() {
     let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
@@ -125,25 +127,25 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
     let words: Vec<u64> =
         bytes.chunks(8).map(|c| c.iter().rev().fold(0, |w, b| (w << 8) | u64::from(*b))).collect();
     let organ: Organ<'_> =
-        Organ::read(&bytemuck::cast_slice(&words)[..bytes.len()]).expect("the blob is its own reader's");
+        Organ::read(&bytemuck::cast_slice(&words)[..bytes.len()]).expect("the blob is valid");
     let space = &organ.spaces[0];
     let records = store.records(0).expect("records");
     let largest = records.iter().map(Record::force_norm_n).fold(0.0, f64::max);
     assert_eq!(records.len(), Domain::new(&bench.grid, true).len(), "every point is solved");
-    // Corners outside the ball are there to be interpolated from, not to be asked for.
+    // Corners outside the ball serve interpolation only and are not queried.
     for record in records.iter().filter(|r| bench.grid.lattice.contains(r.index)) {
         let at = bench.grid.displacement_m(record.index).map(|x| x as f32);
         for method in Method::OF_LATTICE {
             let found = space.force(method, at).expect("every method was packed");
             for (exact, force) in record.force_n.iter().zip(found.force_n) {
                 let error = (exact - f64::from(force)).abs();
-                assert!(error < 2e-5 * largest, "{} at {:?}: off by {error} N", method.name(), record.index);
+                assert!(error < 2e-5 * largest, "{} at {:?}: error {error} N", method.name(), record.index);
             }
         }
     }
-    // Between the points: against a fresh solve.
+    // Between the points: compared with a new solve.
     let mut solver = Solver::new(bench.problem.clone());
-    let rest = solver.rest().expect("the beam is held");
+    let rest = solver.rest().expect("the beam is fixed");
     let d = [0.0021, -0.0017, 0.0034];
     let truth = solver.advance(&rest.seed, d).expect("a step of 4 mm converges");
     for method in Method::OF_LATTICE {
@@ -151,17 +153,18 @@ fn the_blob_gives_the_solved_forces_back_by_every_method() {
         let squared: f64 =
             truth.force_n.iter().zip(found.force_n).map(|(a, b)| (a - f64::from(b)).powi(2)).sum();
         let size: f64 = truth.force_n.iter().map(|f| f * f).sum();
-        // 5 mm cells on a body that stiffens over them; the kernel r has a kink at each of its 33 centres.
+        // Cells of 5 mm on a stiffening body; the kernel r has a kink at each of its 33 centres.
         let bound = if method == Method::RbfLinear { 0.10 } else { 0.05 };
         let relative = (squared / size).sqrt();
-        assert!(relative < bound, "{}: off by {:.1} %", method.name(), 100.0 * relative);
-        // With their completing corners two cells along the radius hold the super-cell of the innermost cells too.
+        assert!(relative < bound, "{}: error {:.1} %", method.name(), 100.0 * relative);
+        // With the completing corners, two cells along the radius contain the super-cell of the innermost
+        // cells.
         assert!(found.coverage != Coverage::Extrapolated, "{}", method.name());
         if method == Method::Trilinear {
-            assert!(relative > 1e-4, "a coarse table cannot be exact: is the truth its own input?");
+            assert!(relative > 1e-4, "a coarse table cannot be exact; the truth may be its own input");
         }
     }
-    // The eye: the active node moves with the tool, as closely as displacements are packed.
+    // Displacements for the viewer: the active node moves with the tool, within the packing error.
     let mut moved = vec![[0.0f32; 3]; organ.surface.node.len()];
     assert!(space.displacement_into(d.map(|x| x as f32), &mut moved));
     let vertex = organ
@@ -182,19 +185,19 @@ fn only_one_process_writes_a_store_and_others_may_read_it() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("a.space");
     let (writer, _) = bench.solve(&path, 2);
-    // A lock of the same process refuses as well as one of another.
+    // A lock within one process must refuse as well.
     let refused = bench.store(&path).expect_err("one writer");
     assert!(refused.to_string().contains("another process is writing it"), "{refused}");
-    let reader = Store::open(&path).expect("readers are welcome");
+    let reader = Store::open(&path).expect("readers are allowed");
     assert_eq!(bits(&reader.attempts(0).expect("read")), bits(&writer.attempts(0).expect("read")));
     drop(writer);
-    bench.store(&path).expect("free again");
+    bench.store(&path).expect("the lock is released");
 }
 
-/// Every page of the file damaged in turn: it is noticed or does no harm, what is intact is saved, and the space that is
-/// solved to its end from there is the undisturbed one, bit for bit.
+/// Each tested page of the file is damaged in turn. The damage is detected or harmless, intact records are
+/// salvaged, and the space completed from them is bit for bit the undamaged one.
 #[test]
-fn a_store_with_a_damaged_page_is_salvaged_and_ends_the_same() {
+fn a_store_with_a_damaged_page_is_salvaged_and_completes_to_the_same_bits() {
     let bench = SpaceBench::new(f64::INFINITY);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("whole.space");
@@ -204,7 +207,7 @@ fn a_store_with_a_damaged_page_is_salvaged_and_ends_the_same() {
     let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
     let pages = whole.len() / PAGE;
     let (mut noticed, mut most_saved) = (0, 0);
-    // Every seventh page stands for its kind; the first is SQLite's header.
+    // Every seventh page is a sample of its kind; the first page is SQLite's header.
     for page in (0..pages).step_by(7) {
         let torn = folder.path().join(format!("torn{page}.space"));
         let mut bytes = whole.clone();
@@ -218,7 +221,7 @@ fn a_store_with_a_damaged_page_is_salvaged_and_ends_the_same() {
                 ExpansionError::Store(error) => error,
                 other => panic!("page {page}: {other}"),
             })?;
-            // What the plan asks of a finished space are its numbers; a picture or a blob needs its states.
+            // The plan reads the numbers of a complete space; a picture or a blob also needs its states.
             for record in store.records(0)?.iter().filter(|r| r.tag.is_solved()) {
                 store.stored_seed(0, record.index, record.attempt)?;
             }
@@ -232,29 +235,29 @@ fn a_store_with_a_damaged_page_is_salvaged_and_ends_the_same() {
         let (saved, report) = Store::salvage(&torn, &bench.identity, &bench.mesh, &bench.fixed, &active)
             .unwrap_or_else(|error| panic!("page {page}: {error}"));
         most_saved = most_saved.max(report.saved);
-        let again = bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the run ends");
+        let again = bench.expand(&saved, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
         assert_eq!(again, counts, "page {page}");
         assert_eq!(bits(&saved.attempts(0).expect("records")), expected, "page {page}");
         assert!(report.moved_to.exists(), "the damaged file is kept");
     }
     assert!(noticed >= pages / 14, "{noticed} of {pages} pages, every seventh tried");
-    assert!(most_saved > 100, "a damaged page costs what it held, not the space: {most_saved} saved");
+    assert!(most_saved > 100, "a damaged page must cost only its own records: {most_saved} saved");
 }
 
-/// SQLite's.
+/// SQLite's page size.
 const PAGE: usize = 4096;
 
 #[test]
-fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
+fn intermediate_states_are_kept_on_request() {
     let mut bench = SpaceBench::new(f64::INFINITY);
     bench.in_parts(3);
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let (store, counts) = bench.solve(&folder.path().join("a.space"), 2);
     let states = store.intermediate(0).expect("intact");
     assert_eq!((counts.solved(), states.len()), (32, 2 * 32));
-    // Each is a third or two thirds of the way from one grid point to the next, and an equilibrium.
+    // Each is at a third or two thirds of the way between two grid points, and in equilibrium.
     let mut solver = Solver::new(bench.problem.clone());
-    let rest = solver.rest().expect("the beam is held");
+    let rest = solver.rest().expect("the beam is fixed");
     for (_, _, state) in states.iter().step_by(9) {
         let cells = state.displacement_m.map(|x| 3.0 * x / bench.grid.spacing_m);
         assert!(cells.iter().all(|x| (x - x.round()).abs() < 1e-9), "{cells:?}");
@@ -263,12 +266,12 @@ fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
         assert!(error < 1e-9, "{error} N at {:?}", state.displacement_m);
         assert!((fresh.energy_j - state.energy_j).abs() < 1e-10);
     }
-    // Radial basis functions pass through them if they are told to, and err there if not.
+    // Radial basis functions interpolate them if they are centres, and otherwise have an error there.
     let worst = |intermediate: bool| -> f64 {
         let options = PackOptions { methods: &[Method::RbfCubic], intermediate, threads: 2 };
         let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
         let file = BlobFile::of(&bytes);
-        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
         let error = |state: &Intermediate| {
             let at = state.displacement_m.map(|x| x as f32);
             let found = organ.spaces[0].force(Method::RbfCubic, at).expect("packed").force_n;
@@ -280,9 +283,9 @@ fn intermediate_states_are_kept_where_the_scene_asks_for_them() {
     assert!(with < 1e-5 && without > 1e-3, "{with} N with them as centres, {without} N without");
 }
 
-/// Terminating configurations are solved like any other: what lies on the way to them is as good a centre.
+/// Terminating configurations are solved like any other, so their intermediate states are valid centres.
 #[test]
-fn states_on_the_way_to_terminating_points_are_kept_too() {
+fn intermediate_states_of_terminating_points_are_kept() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let largest = |records: &[Record]| records.iter().map(Record::force_norm_n).fold(0.0, f64::max);
     let bench = |max_force_n| {
@@ -295,6 +298,6 @@ fn states_on_the_way_to_terminating_points_are_kept_too() {
     let (limited, counts) = bench(limit_n).solve(&folder.path().join("limited.space"), 2);
     assert!(counts.terminating >= 5 && counts.expandable > 5, "{counts:?}");
     let solved = limited.attempts(0).expect("records").iter().filter(|r| r.tag.is_solved()).count();
-    // All but the rest point come from somewhere.
+    // All but the rest point have a parent.
     assert_eq!(limited.intermediate(0).expect("intact").len(), 2 * (solved - 1));
 }

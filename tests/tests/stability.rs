@@ -1,8 +1,9 @@
-//! The closed loop of hand, device and controller on every bundled scene and several devices: it does not shake, it gives no energy away,
-//! and a minute of palpation at random ends without a fault. One case shakes as soon as the stiffness cap is taken away.
+//! The closed loop of hand, device and controller on every bundled scene and several devices: it does not
+//! oscillate and adds no energy, and a minute of random palpation ends without a fault. One case oscillates
+//! without the stiffness cap.
 //!
-//! Forces come from blobs made here of the bundled scenes, on coarse grids: the stiffness of a body at rest and at its reach is that of its
-//! solved configurations, however many there are between them.
+//! The blobs are made here from the bundled scenes on coarse grids. The stiffness of a body at rest and at
+//! its reach is that of its solved configurations, for any number of configurations in between.
 
 #[path = "../../host/tests/common/closed_loop.rs"]
 mod closed_loop;
@@ -18,18 +19,19 @@ use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::scene::Scene;
 use palpate_tests::coarse_blob::coarse_blob;
 
-/// Exact gradients of an energy: what the tables gain or lose round a closed way is not the method's.
+/// The forces are exact gradients of an energy, so that energy gained or lost around a closed path is not due
+/// to the method.
 const METHOD: Method = Method::Energy;
 
-/// A small, cheap device with a slow link; a serial arm; a stiff parallel one; a soft, light one.
+/// A small, cheap device with a slow link; a serial arm; a stiff parallel device; a soft, light device.
 const DEVICES: [&str; 4] = ["falcon", "polhem", "omega", "touch"];
 
-/// Depths at which the hand holds still, in the model, m.
+/// Depths of the holds, in the model, m.
 const DEPTHS_M: [f32; 3] = [0.003, 0.008, 0.018];
 
 fn bundled_scenes() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
-    let entries = std::fs::read_dir(folder).expect("the bundled scenes are there");
+    let entries = std::fs::read_dir(folder).expect("the folder of bundled scenes is readable");
     let mut scenes: Vec<PathBuf> = entries.map(|entry| entry.expect("readable").path()).collect();
     scenes.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
     scenes.sort();
@@ -45,9 +47,9 @@ fn blob(path: &Path) -> BlobFile {
     coarse_blob(&scene, grid, METHOD)
 }
 
-/// A knock and nothing else may be seen of the hand: its motion at rest is less than a step of the encoder, with or without friction.
-fn does_not_shake(organ: &Organ<'_>, device: &str, profile: &Profile) {
-    let quantum_m = profile.mechanism.encoder_quantum_m.expect("every bundled profile states it");
+/// After a knock the motion of the hand at rest is less than an encoder step, with or without friction.
+fn check_no_oscillation(organ: &Organ<'_>, device: &str, profile: &Profile) {
+    let quantum_m = profile.mechanism.encoder_quantum_m.expect("every bundled profile has an encoder step");
     for (friction, profile) in [("", profile.clone()), (" without friction", frictionless(profile))] {
         let (mut most_m, mut most_free_m, mut most_hold_j, mut most_cycle_j) =
             (0.0_f32, 0.0_f32, f64::MIN, f64::MIN);
@@ -61,7 +63,7 @@ fn does_not_shake(organ: &Organ<'_>, device: &str, profile: &Profile) {
             let free = run(Cap::Off, Disturbance::Once);
             let case =
                 || format!("{} on {device}{friction}, space {space}, {depth_m} m", organ.scene.as_str());
-            // The energy that a step of the encoder is worth at the largest force.
+            // Energy of one encoder step at the largest force.
             let step_j = f64::from(quantum_m * knocked.peak_n);
             for held in [quiet, knocked] {
                 assert_eq!(held.phase, Phase::Active, "{}: {held:?}", case());
@@ -69,9 +71,10 @@ fn does_not_shake(organ: &Organ<'_>, device: &str, profile: &Profile) {
                 assert!(held.peak_to_peak_m < quantum_m, "{}: {held:?}", case());
                 assert!(held.hold_j < step_j, "{}: {held:?}", case());
             }
-            // Pressed and let go: with the friction of its device the hand gets nothing back beyond that.
+            // After a press and release the hand gets no further energy back, with the friction of its
+            // device.
             assert!(quiet.cycle_j < step_j || !friction.is_empty(), "{}: {quiet:?}", case());
-            assert!(quiet.peak_n > 0.05 || depth_m < 0.01, "{}: hardly touched, {quiet:?}", case());
+            assert!(quiet.peak_n > 0.05 || depth_m < 0.01, "{}: contact force too small, {quiet:?}", case());
             most_m = most_m.max(quiet.peak_to_peak_m).max(knocked.peak_to_peak_m);
             most_free_m = most_free_m.max(free.peak_to_peak_m);
             most_hold_j = most_hold_j.max(quiet.hold_j).max(knocked.hold_j);
@@ -92,17 +95,17 @@ fn does_not_shake(organ: &Organ<'_>, device: &str, profile: &Profile) {
 }
 
 #[test]
-fn every_bundled_scene_is_stable_in_every_hand_that_rests_on_the_handle() {
+fn every_bundled_scene_is_stable_in_any_hand() {
     for scene in bundled_scenes() {
         let file = blob(&scene);
-        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a sound blob");
+        let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
         for (seed, device) in (1..).zip(DEVICES) {
             let profile = Profile::bundled(device).expect("bundled");
-            does_not_shake(&organ, device, &profile);
+            check_no_oscillation(&organ, device, &profile);
             let usual = HandConfig::default();
             let found = palpate(&organ, METHOD, (usual, &profile), (seed, 60.0), Cap::On);
             println!(
-                "{} on {device}: a minute at random, {} touches, {:.2} N at most, {:+.1e} J at most in a touch",
+                "{} on {device}: a minute of random palpation, {} contacts, largest force {:.2} N, largest energy of a contact {:+.1e} J",
                 organ.scene.as_str(),
                 found.contacts,
                 found.peak_n,
@@ -114,16 +117,17 @@ fn every_bundled_scene_is_stable_in_every_hand_that_rests_on_the_handle() {
             assert!(found.max_given_j < MAX_GIVEN_J, "{device}: {found:?}");
         }
         if organ.scene.as_str() == "liver-small" {
-            shakes_without_the_cap(&organ);
+            check_oscillation_without_the_cap(&organ);
         }
     }
 }
 
-/// The same organ four times as large for two fingers on a light device: the cap is all that stands between it and shaking.
-fn shakes_without_the_cap(organ: &Organ<'_>) {
+/// The same organ at scale 4 for two fingers on a light device, where only the stiffness cap prevents an
+/// oscillation.
+fn check_oscillation_without_the_cap(organ: &Organ<'_>) {
     let mut profile = frictionless(&Profile::bundled("touch").expect("bundled"));
     profile.workspace.scale *= 4.0;
-    let quantum_m = profile.mechanism.encoder_quantum_m.expect("it is stated");
+    let quantum_m = profile.mechanism.encoder_quantum_m.expect("the profile has an encoder step");
     let run = |cap| hold(organ, METHOD, 0, 0.008, (HandConfig::LIGHT, &profile), cap, Disturbance::Once);
     let (with, without) = (run(Cap::On), run(Cap::Off));
     println!(
@@ -135,5 +139,8 @@ fn shakes_without_the_cap(organ: &Organ<'_>) {
         1e3 * without.peak_to_peak_m
     );
     assert!(with.phase == Phase::Active && with.peak_to_peak_m < quantum_m, "{with:?}");
-    assert!(without.peak_to_peak_m > 20.0 * quantum_m, "{without:?}: this test could not fail");
+    assert!(
+        without.peak_to_peak_m > 20.0 * quantum_m,
+        "{without:?}: the case must oscillate without the cap"
+    );
 }

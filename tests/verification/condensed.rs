@@ -1,4 +1,4 @@
-//! The condensed potential W(d): h = dW/dd, S = dh/dd, W_ijk = dS/dd and du/dd for every law and pair of fields.
+//! The condensed potential W(d): h = dW/dd, S = dh/dd, W_ijk = dS/dd and du/dd for every law and field pair.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use palpate_precompute::scene::{Constraints, PressurePair};
 use palpate_precompute::solve::{Configuration, Problem, Solver, settle};
 use palpate_tests::{beam, every_law, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
-/// A body with a name for the output.
+/// A body and its name in the output.
 struct Case {
     name: String,
     body: Arc<Body>,
@@ -24,13 +24,13 @@ fn case(name: &str, change: impl FnOnce(&mut Model)) -> Case {
     let fixed = nodes_where(&mesh, |x| x[0] == 0.0);
     let mut model = Model::uniform(mooney_rivlin(), &fixed);
     change(&mut model);
-    let body =
-        settle(Body::new(&mesh, &model).expect("every element has volume")).expect("the beam has a rest");
+    let body = settle(Body::new(&mesh, &model).expect("every element has volume"))
+        .expect("the rest state converges");
     let handle = Handle::node(nearest_node(&mesh, [0.06, 0.02, 0.04]));
     Case { name: name.into(), body: Arc::new(body), handle, constraints: Constraints::Elimination }
 }
 
-/// Every law, every pair, every way to hold and to load the beam.
+/// Every law, every field pair, and every boundary condition and load of the beam.
 fn cases() -> Vec<Case> {
     let mut all: Vec<Case> = every_law()
         .into_iter()
@@ -74,11 +74,12 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
     println!("{:34} {:>9} {:>9} {:>9} {:>9}   relative difference", "", "h", "S", "W_ijk", "du/dd");
     for case in cases() {
         let mut solver = solver(&case);
-        let rest = solver.rest().expect("the beam is held");
+        let rest = solver.rest().expect("the beam is fixed");
         let d = [0.004, -0.003, -0.008];
-        let half = solver.advance(&rest.seed, d.map(|x| 0.5 * x)).expect("half way converges");
-        let here = solver.advance(&half.seed, d).expect("the beam follows");
-        // Fibres come into play within a hundredth of stretch: W is C3 there, and only a short step sees its slopes.
+        let half =
+            solver.advance(&rest.seed, d.map(|x| 0.5 * x)).expect("half of the displacement converges");
+        let here = solver.advance(&half.seed, d).expect("the beam converges");
+        // Fibres tighten within a stretch of 1 %. W is only C3 there, so the difference step must be short.
         let fibres = case.name.starts_with("holzapfel");
         let step = if fibres { 2e-6 } else { 5e-5 };
         let mut worst = [0.0f64; 4];
@@ -88,7 +89,7 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
                 there[axis] += by * step;
                 solver.advance(&here.seed, there).expect("a step of 0.2 mm converges")
             });
-            // Central difference of fourth order.
+            // Fourth-order central difference.
             let slope = |value: &dyn Fn(&Configuration) -> f64| {
                 let [a, b, c, d] = around.each_ref().map(value);
                 (a - 8.0 * b + 8.0 * c - d) / (12.0 * step)
@@ -106,7 +107,7 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
                 for (row, column, by) in [(i, j, k), (j, k, i), (i, k, j)] {
                     if by == axis {
                         let error = slope(&|c| c.stiffness_n_m[(row, column)]) - third;
-                        // The linear law has none.
+                        // The third derivative of the linear law is zero.
                         worst[2] = worst[2].max(error.abs() / size.max(here.stiffness_n_m.norm()));
                     }
                 }
@@ -118,7 +119,7 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
         }
         let [h, s, third, u] = worst;
         println!("{:34} {h:9.1e} {s:9.1e} {third:9.1e} {u:9.1e}", case.name);
-        // W is C3 with fibres: the third derivative has kinks, and the difference errs by its step there.
+        // W is C3 with fibres: the third derivative has kinks, which limit the accuracy of the difference.
         let allowed = if fibres { [1e-8, 1e-7, 1e-6, 1e-6] } else { [1e-8, 1e-7, 1e-7, 1e-7] };
         assert!(worst.iter().zip(allowed).all(|(w, a)| *w < a), "{}", case.name);
         assert_eq!(here.unstable_modes, Some(0), "{}", case.name);
@@ -129,10 +130,11 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
 fn energy_is_the_work_along_a_path() {
     for case in cases() {
         let mut solver = solver(&case);
-        let mut here = solver.rest().expect("the beam is held");
+        let mut here = solver.rest().expect("the beam is fixed");
         let reaction = Vector3::from(here.force_n).norm();
         assert!(here.energy_j.abs() < 1e-15 && reaction < 1e-9, "{}: rest has no force", case.name);
-        // Gauss-Legendre with five points on the straight path: exact to the tenth order of the step.
+        // Gauss-Legendre quadrature with five points on the straight path: the error is of tenth order in the
+        // step.
         let end = [0.006, 0.004, -0.009];
         let nodes = [0.0469100770306680, 0.2307653449471585, 0.5, 0.7692346550528415, 0.953_089_922_969_332];
         let weights = [
@@ -142,16 +144,16 @@ fn energy_is_the_work_along_a_path() {
             0.2393143352496832,
             0.1184634425280945,
         ];
-        // In pieces, because fibres that come into play leave kinks in the fourth derivative.
+        // In pieces, because fibres that tighten leave kinks in the fourth derivative.
         let (mut work, pieces) = (0.0, 8);
         for piece in 0..pieces {
             for (t, w) in nodes.into_iter().zip(weights) {
                 let t = (f64::from(piece) + t) / f64::from(pieces);
-                here = solver.advance(&here.seed, end.map(|x| t * x)).expect("the beam follows");
+                here = solver.advance(&here.seed, end.map(|x| t * x)).expect("the beam converges");
                 work += w / f64::from(pieces) * Vector3::from(here.force_n).dot(&Vector3::from(end));
             }
         }
-        let energy = solver.advance(&here.seed, end).expect("the beam follows").energy_j;
+        let energy = solver.advance(&here.seed, end).expect("the beam converges").energy_j;
         let error = (work / energy - 1.0).abs();
         println!("{:34} energy against work along a path: {error:.1e}", case.name);
         assert!(error < 1e-7, "{}: work {work} J, energy {energy} J", case.name);
@@ -163,8 +165,8 @@ fn the_same_solve_gives_the_same_bits() {
     let case = case("mooney-rivlin", |_| {});
     let d = [0.003, 0.002, -0.011];
     let reach = |solver: &mut Solver, d: [f64; 3]| {
-        let rest = solver.rest().expect("the beam is held");
-        solver.advance(&rest.seed, d).expect("the beam follows")
+        let rest = solver.rest().expect("the beam is fixed");
+        solver.advance(&rest.seed, d).expect("the beam converges")
     };
     let first = reach(&mut solver(&case), d);
     let mut used = solver(&case);
@@ -176,17 +178,20 @@ fn the_same_solve_gives_the_same_bits() {
 }
 
 #[test]
-fn pressure_keeps_the_volume() {
+fn the_pressure_preserves_the_volume() {
     let volume = |law: Material| {
         let case = case(law.name(), |m| m.regions = vec![law.into()]);
         let mut solver = solver(&case);
-        let rest = solver.rest().expect("the beam is held");
-        solver.advance(&rest.seed, [0.0, 0.01, 0.012]).expect("the beam follows").volume_m3
+        let rest = solver.rest().expect("the beam is fixed");
+        solver.advance(&rest.seed, [0.0, 0.01, 0.012]).expect("the beam converges").volume_m3
     };
     let rest = beam().volume_m3();
-    // Every pressure node has a free element here, so the constraints add up to the whole volume.
+    // Every pressure node has a free element here, so the constraints sum to the total volume.
     let change = volume(mooney_rivlin()) / rest - 1.0;
     println!("Mooney-Rivlin: volume change {change:.1e}");
     assert!(change.abs() < 1e-12);
-    assert!((volume(st_venant_kirchhoff()) / rest - 1.0).abs() > 1e-6, "a compressible body does change");
+    assert!(
+        (volume(st_venant_kirchhoff()) / rest - 1.0).abs() > 1e-6,
+        "the volume of a compressible body must change"
+    );
 }

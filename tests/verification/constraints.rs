@@ -1,4 +1,4 @@
-//! Elimination against multipliers, reactions in balance, rigid patches.
+//! Elimination compared with multipliers, balance of reactions, and rigid patches.
 
 use std::sync::Arc;
 
@@ -23,14 +23,14 @@ fn top() -> u32 {
     nearest_node(&beam(), [0.06, 0.02, 0.04])
 }
 
-/// A patch of the top face round its middle.
+/// A patch of the top face around its middle.
 fn tip() -> Handle {
     Handle::patch(top(), &nodes_where(&beam(), |x| x[2] > 0.039 && (x[0] - 0.06).abs() < 0.01))
 }
 
 fn reach(solver: &mut Solver, pose: &Pose) -> Configuration {
-    let rest = solver.rest().expect("the beam is held");
-    solver.advance_to(&rest.seed, pose).expect("the beam follows")
+    let rest = solver.rest().expect("the beam is fixed");
+    solver.advance_to(&rest.seed, pose).expect("the beam converges")
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn multipliers_and_elimination_agree() {
             }
             let [a, b] = [Constraints::Elimination, Constraints::Multipliers].map(|constraints| {
                 let mut solver = Solver::new(problem(&model, &handle, constraints));
-                // S is as good as the state it is taken at: ask for more of it than of a usual solve.
+                // S is as accurate as its state, so the tolerance is stricter than usual.
                 solver.newton.tolerance = 1e-11;
                 reach(&mut solver, &pose)
             });
@@ -75,7 +75,7 @@ fn multipliers_and_elimination_agree() {
             worst = worst.max(apart);
         }
     }
-    println!("elimination against multipliers, worst relative difference {worst:.1e}");
+    println!("elimination and multipliers, worst relative difference {worst:.1e}");
 }
 
 #[test]
@@ -96,19 +96,19 @@ fn reaction_is_minus_the_sum_of_the_fixed_reactions() {
     assert!(worst < 1e-10);
 }
 
-/// dW along a turn of the patch is the moment times the turn; a whole-body turn of force and moment is in balance.
+/// For a rotation of the patch, dW is the moment times the rotation. Force and moment balance over the body.
 #[test]
 fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
     let plain = Model::uniform(mooney_rivlin(), &fixed());
     moment_of_a_patch("P1/P1", &plain);
     moment_of_a_patch("P2/P1", &Model { order: Order::Quadratic, ..plain.clone() });
-    // Sagged: the patch turns about where its centre is at rest, not about where the mesh has it.
+    // Under gravity the patch rotates about its centre at rest, and not about that of the mesh.
     moment_of_a_patch("P1/P1 under gravity", &Model { body_force_n_m3: [0.0, 0.0, -3.0e4], ..plain });
 }
 
 fn moment_of_a_patch(name: &str, model: &Model) {
     let body = Body::new(&beam(), model).expect("every element has volume");
-    let body = Arc::new(settle(body).expect("the beam has a rest"));
+    let body = Arc::new(settle(body).expect("the rest state converges"));
     let mut solver = Solver::new(Arc::new(Problem::with(body, Some(tip()), Constraints::Elimination)));
     let pose = Pose { displacement_m: [0.003, 0.002, -0.006], rotation_rad: [0.08, -0.12, 0.2] };
     let here = reach(&mut solver, &pose);
@@ -117,13 +117,13 @@ fn moment_of_a_patch(name: &str, model: &Model) {
     for axis in 0..3 {
         let step = 1e-3;
         let energy = |solver: &mut Solver, by: f64| {
-            // Turn on top of the present rotation, about a fixed axis through the centre.
+            // An additional rotation about a fixed axis through the centre.
             let mut turn = Vector3::zeros();
             turn[axis] = by;
             let total = Rotation3::from_scaled_axis(turn)
                 * Rotation3::from_scaled_axis(Vector3::from(pose.rotation_rad));
             let there = Pose { rotation_rad: total.scaled_axis().into(), ..pose };
-            solver.advance_to(&here.seed, &there).expect("the beam follows").energy_j
+            solver.advance_to(&here.seed, &there).expect("the beam converges").energy_j
         };
         let slope = (8.0 * (energy(&mut solver, step) - energy(&mut solver, -step))
             - (energy(&mut solver, 2.0 * step) - energy(&mut solver, -2.0 * step)))
@@ -136,7 +136,7 @@ fn moment_of_a_patch(name: &str, model: &Model) {
     if model.body_force_n_m3 != [0.0; 3] {
         return;
     }
-    // Moments about the origin of tool and fixation cancel; the solver must stand at the pose for its nodal forces.
+    // Moments of tool and fixation about the origin cancel. The nodal forces are those of the present pose.
     let again = reach(&mut solver, &pose);
     let body = &solver.problem().body;
     let mut sum = Vector3::zeros();
@@ -148,7 +148,7 @@ fn moment_of_a_patch(name: &str, model: &Model) {
     assert!(sum.norm() < 1e-9 * size, "{sum}");
 }
 
-/// Every node of the patch, those between its vertices too, is where a rigid body would be.
+/// Checks that every node of the patch, including mid-edge nodes, moves with the rigid body.
 fn assert_moves_rigidly(body: &Body, here: &Configuration, pose: &Pose) {
     let vertices = tip().nodes;
     let held = |n: u32| vertices.binary_search(&n).is_ok();
@@ -168,13 +168,13 @@ fn assert_moves_rigidly(body: &Body, here: &Configuration, pose: &Pose) {
         let now = Vector3::from(body.nodes_m[node as usize]) + moved;
         let centre = at_rest(top()) + Vector3::from(pose.displacement_m);
         let rigid = centre + turn * (at_rest(node) - at_rest(top()));
-        assert!((now - rigid).norm() < 1e-12, "node {node}: {now} instead of {rigid}");
+        assert!((now - rigid).norm() < 1e-12, "node {node}: {now} expected {rigid}");
     }
 }
 
-/// The nodal body force does the work of b on any field the element can have: on u_z = x^2 with quadratic elements.
+/// The nodal body force does the exact work on every field of the element: u_z = x^2 with quadratic elements.
 #[test]
-fn a_body_force_works_on_every_field_of_the_element() {
+fn a_body_force_does_exact_work_on_every_field_of_the_element() {
     let mesh = beam();
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for x in &mesh.nodes_m {
@@ -195,12 +195,12 @@ fn a_body_force_works_on_every_field_of_the_element() {
                 .map(|n| body.external_force_n[3 * n + 2] * body.nodes_m[n][0].powi(power))
                 .sum();
             let exact = force * moment(power);
-            assert!((work / exact - 1.0).abs() < 1e-12, "{order:?}, x^{power}: {work} instead of {exact}");
+            assert!((work / exact - 1.0).abs() < 1e-12, "{order:?}, x^{power}: {work}, expected {exact}");
         }
     }
 }
 
-/// At the border of two incompressible materials the stress jumps, and the pressure with it: each has its own.
+/// The stress jumps at the border of two incompressible materials, so each has its own pressure there.
 #[test]
 fn materials_do_not_share_a_pressure() {
     let mesh = beam();
@@ -223,7 +223,7 @@ fn materials_do_not_share_a_pressure() {
         assert_eq!(sites, touching, "vertex {vertex}");
         border += usize::from(touching.len() == 2);
     }
-    assert!(border > 4, "the two materials have a border");
+    assert!(border > 4, "the two materials must share vertices");
     for (element, region) in body.elements.iter().zip(&region_of_tet) {
         assert!(element.pressures.iter().all(|&p| body.pressure_sites[p as usize].1 == *region));
     }

@@ -1,8 +1,9 @@
 //! Cook's membrane: a tapered panel, clamped at the left and sheared at the right, in plane strain.
 //!
-//! Published displacements of the top right corner: E = 70, nu = 1/3, shear force 100: 32.20 (Code_Aster), 32.27 (CalculiX),
-//! 32.28 (Elmer), collected by the CoFEA benchmark. Nearly incompressible, E = 250, nu = .4999, force 100: 7.769 (Kasper and
-//! Taylor 2000, mixed-enhanced strain). With nu near a half tet4 locks, tet10 lags, and P2/P1 does neither.
+//! Published displacements of the top right corner: E = 70, nu = 1/3, shear force 100: 32.20 (Code_Aster),
+//! 32.27 (CalculiX), 32.28 (Elmer), collected by the CoFEA benchmark. Nearly incompressible, E = 250, nu =
+//! .4999, force 100: 7.769 (Kasper and Taylor 2000, mixed-enhanced strain). With nu near 1/2, tet4 locks,
+//! tet10 converges slowly, and P2/P1 has neither problem.
 
 use nalgebra::Vector3;
 use palpate_precompute::body::{Body, Model, Region};
@@ -11,7 +12,8 @@ use palpate_precompute::material::{Lame, LinearElastic, Material, MooneyRivlin};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::solve::settle;
 
-/// Vertical displacement of the top right corner (48, 60) with `n` x `n` cells, one thick, under a shear force per thickness.
+/// Vertical displacement of the top right corner (48, 60) with `n` x `n` cells, one cell thick, under a shear
+/// force per thickness.
 fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     let mut mesh = TetMesh::cuboid([n, n, 1], 1.0 / n as f64);
     let thickness = 16.0 / n as f64;
@@ -30,7 +32,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     };
     let mut body = Body::new(&mesh, &model).expect("every element has volume");
     let at_right = |x: &[f64; 3]| (x[0] - 48.0).abs() < 1e-9;
-    // Uniform shear over the right face, 16 x thickness: each face of a tet there carries its share of the area.
+    // Uniform shear over the right face, 16 x thickness; each face of a tet carries its share of the area.
     let mut loads = vec![0.0; body.node_count()];
     for (element, tet) in mesh.tets.iter().enumerate() {
         let face: Vec<u32> =
@@ -48,7 +50,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     for (node, load) in loads.iter().enumerate() {
         body.external_force_n[3 * node + 1] = *load;
     }
-    let body = settle(body).expect("the panel bends");
+    let body = settle(body).expect("the panel converges");
     let corner = (0..count).find(|&node| {
         let x = mesh.nodes_m[node as usize];
         at_right(&x) && (x[1] - 60.0).abs() < 1e-9
@@ -63,7 +65,7 @@ fn row(name: &str, sizes: &[usize], order: Order, region: Region, force: f64) ->
 }
 
 #[test]
-fn cooks_membrane_bends_as_published() {
+fn cooks_membrane_matches_published_displacements() {
     let linear = |young, poisson| -> Region {
         Material::LinearElastic(LinearElastic { lame: Lame::from_young_poisson(young, poisson) }).into()
     };
@@ -73,7 +75,7 @@ fn cooks_membrane_bends_as_published() {
     let tet10 = row("linear nu = 1/3, tet10", &few, Order::Quadratic, linear(70.0, 1.0 / 3.0), 100.0);
     let locked = row("linear nu = .4999, tet4", &many, Order::Linear, linear(250.0, 0.4999), 100.0);
     let nearly = row("linear nu = .4999, tet10", &few, Order::Quadratic, linear(250.0, 0.4999), 100.0);
-    // Small load, so that the incompressible law answers as the linear one does; C10 = mu / 2.
+    // A small load, for which the incompressible law agrees with the linear one; C10 = mu / 2.
     let mu_pa = 250.0 / (2.0 * 1.4999);
     let neo = Region {
         material: Material::MooneyRivlin(MooneyRivlin { c10_pa: 0.5 * mu_pa, c01_pa: 0.0 }),

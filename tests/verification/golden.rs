@@ -1,4 +1,4 @@
-//! Forces on our own organ against GetFEM, which the paper used too (`tests/peers`, results committed).
+//! Forces on the bundled organ compared with GetFEM, which the paper used (`tests/peers`, results committed).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,7 +19,7 @@ struct Row {
     energy_j: f64,
 }
 
-/// A case's first columns: mesh, law, order, fixed set, active node.
+/// The first columns of a case: mesh, law, order, fixed set, active node.
 type Key = (String, String, u8, String, String, u32);
 
 fn golden() -> BTreeMap<Key, Vec<Row>> {
@@ -49,7 +49,7 @@ fn golden() -> BTreeMap<Key, Vec<Row>> {
     cases
 }
 
-/// The liver's parameters, as tests/peers/getfem_model.py has them.
+/// The parameters of the liver, as in tests/peers/getfem_model.py.
 fn material(law: &str) -> Material {
     let lame = Lame::from_young_poisson(15480.0, 0.49);
     let (c10_pa, c01_pa) = (1300.0, 1280.0);
@@ -68,7 +68,7 @@ fn material(law: &str) -> Material {
 fn forces_and_energies_on_the_bundled_organ_agree_with_getfem() {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets");
     let cases = golden();
-    assert!(cases.len() >= 28, "the golden table is whole: {}", cases.len());
+    assert!(cases.len() >= 28, "the golden table is incomplete: {}", cases.len());
     println!("{:44} {:>5} {:>9} {:>9}   worst relative difference", "case", "rows", "force", "energy");
     for ((case, law, order, mesh, fixed, node), rows) in cases {
         let scene = Scene::load(&assets.join(format!("{mesh}.toml"))).and_then(|scene| scene.resolve());
@@ -76,9 +76,9 @@ fn forces_and_energies_on_the_bundled_organ_agree_with_getfem() {
         scene.order = order;
         scene.materials[0].material = material(&law);
         scene.fixed = scene.mesh.node_groups[&fixed].clone();
-        let body = Body::new(&scene.mesh, &scene.model()).expect("the organ is sound");
+        let body = Body::new(&scene.mesh, &scene.model()).expect("the organ is valid");
         let mut solver = Solver::new(Arc::new(Problem::new(Arc::new(body), node)));
-        let mut here = solver.rest().expect("the organ is held");
+        let mut here = solver.rest().expect("the organ is fixed");
         let (mut force, mut energy) = (0.0f64, 0.0f64);
         for row in &rows {
             here = solver.advance(&here.seed, row.displacement_m).unwrap_or_else(|e| panic!("{case}: {e}"));
@@ -87,7 +87,8 @@ fn forces_and_energies_on_the_bundled_organ_agree_with_getfem() {
             energy = energy.max((here.energy_j / row.energy_j - 1.0).abs());
         }
         println!("{case:44} {:>5} {force:9.1e} {energy:9.1e}", rows.len());
-        // GetFEM stops at a residual of up to 2.5e-12 of the force; energies are of second order in it.
+        // GetFEM stops at a residual of up to 2.5e-12 of the force. The energy error is of second order in
+        // it.
         assert!(force < 1e-9 && energy < 1e-9, "{case}");
     }
 }

@@ -11,17 +11,17 @@ use palpate_tests::{box_mesh, every_law, mooney_rivlin};
 
 const C10_PA: f64 = 1300.0;
 const C01_PA: f64 = 1280.0;
-/// The box, m.
+/// Size of the box, m.
 const SIZE_M: [f64; 3] = [0.06, 0.04, 0.04];
 
-/// The box of 60 x 40 x 40 mm, nothing fixed.
+/// The box of 60 x 40 x 40 mm without constraints.
 fn free_box(material: Material, order: Order) -> Body {
     let mesh = box_mesh([3, 2, 2], 0.02);
     let model = Model { order, ..Model::uniform(material, &[]) };
     Body::new(&mesh, &model).expect("every element has volume")
 }
 
-/// Forces, energy and tangent of x -> F x with the pressure `pressure_pa` everywhere.
+/// Forces, energy and tangent of x -> F x with a uniform pressure.
 fn homogeneous(body: &Body, gradient: &Matrix3<f64>, pressure_pa: f64) -> (Assembled, Pattern) {
     let dofs = DofMap::new(body, None, Constraints::Elimination);
     let pattern = Pattern::new(body, &dofs);
@@ -49,7 +49,7 @@ fn area(axis: usize) -> f64 {
 }
 
 #[test]
-fn patch_test_inner_nodes_are_in_balance_and_faces_carry_the_nominal_stress() {
+fn the_patch_test_holds_for_inner_nodes_and_faces() {
     let gradient = Matrix3::new(1.2, 0.1, -0.05, 0.02, 0.9, 0.15, -0.1, 0.07, 1.05);
     let mut worst = 0.0f64;
     for law in every_law() {
@@ -66,7 +66,7 @@ fn patch_test_inner_nodes_are_in_balance_and_faces_carry_the_nominal_stress() {
                 }
             }
             assert!(inner >= 2, "the box has inner nodes");
-            // Divergence theorem: sum of f (x) X is the volume times P.
+            // Divergence theorem: the sum of f (x) X is the volume times P.
             let mut moment = Matrix3::zeros();
             for (node, x) in body.nodes_m.iter().enumerate() {
                 let force = Vector3::from(result.force_on(&[node as u32]));
@@ -85,7 +85,7 @@ fn patch_test_inner_nodes_are_in_balance_and_faces_carry_the_nominal_stress() {
     assert!(worst < 1e-12);
 }
 
-/// A free body has six rigid motions, and no other deformation without energy (a single pressure field apart).
+/// A free body has six rigid motions, and no other deformation without energy, except for one pressure field.
 #[test]
 fn the_tangent_of_a_free_body_has_six_zero_eigenvalues() {
     let mesh = box_mesh([1, 1, 1], 0.02);
@@ -118,7 +118,7 @@ fn the_tangent_of_a_free_body_has_six_zero_eigenvalues() {
 }
 
 #[test]
-fn a_rigid_motion_costs_nothing_and_energy_is_objective() {
+fn a_rigid_motion_needs_no_energy_and_the_energy_is_objective() {
     let turn = *Rotation3::from_euler_angles(0.4, 1.3, -0.8).matrix();
     let stretch = Matrix3::new(1.1, 0.2, 0.0, 0.0, 0.95, -0.1, 0.05, 0.0, 1.02);
     for law in every_law().into_iter().filter(|law| !matches!(law, Material::LinearElastic(_))) {
@@ -139,10 +139,10 @@ fn a_rigid_motion_costs_nothing_and_energy_is_objective() {
     }
 }
 
-/// Incompressible bar F = diag(l, l^-1/2, l^-1/2) with free sides: nominal stress 2 (l - l^-2)(C10 + C01 / l), pressure
-/// 2 [C10 / l + C01 (l + l^-2)] (Treloar 1975).
+/// Incompressible bar, F = diag(l, l^-1/2, l^-1/2), with free sides: nominal stress 2 (l - l^-2)(C10 + C01 /
+/// l), pressure 2 [C10 / l + C01 (l + l^-2)] (Treloar 1975).
 #[test]
-fn uniaxial_mooney_rivlin_follows_its_closed_form() {
+fn uniaxial_mooney_rivlin_matches_its_closed_form() {
     for order in [Order::Linear, Order::Quadratic] {
         let mut worst = 0.0f64;
         for l in [0.6, 0.9, 1.0, 1.3, 2.0f64] {
@@ -158,15 +158,15 @@ fn uniaxial_mooney_rivlin_follows_its_closed_form() {
             let energy = density * SIZE_M.iter().product::<f64>();
             assert!((result.energy_j - energy).abs() < 1e-12 * (energy.abs() + 1e-3), "l = {l}");
         }
-        println!("uniaxial Mooney-Rivlin, {order:?}: worst force off by {worst:.1e} of C10 A");
+        println!("uniaxial Mooney-Rivlin, {order:?}: worst force error {worst:.1e} of C10 A");
         assert!(worst < 1e-12);
     }
 }
 
-/// F = diag(l, l, l^-2) with free faces along z: nominal stress 2 (l - l^-5)(C10 + C01 l^2) in the plane, pressure
-/// 2 [C10 l^-4 + 2 C01 l^-2].
+/// F = diag(l, l, l^-2) with free faces along z: nominal stress 2 (l - l^-5)(C10 + C01 l^2) in the plane,
+/// pressure 2 [C10 l^-4 + 2 C01 l^-2].
 #[test]
-fn equibiaxial_mooney_rivlin_follows_its_closed_form() {
+fn equibiaxial_mooney_rivlin_matches_its_closed_form() {
     let mut worst = 0.0f64;
     for l in [0.8, 1.0, 1.2, 1.6f64] {
         let body = free_box(mooney_rivlin(), Order::Linear);
@@ -179,14 +179,14 @@ fn equibiaxial_mooney_rivlin_follows_its_closed_form() {
             worst = worst.max((found - want).abs() / C10_PA);
         }
     }
-    println!("equibiaxial Mooney-Rivlin: worst nominal stress off by {worst:.1e} of C10");
+    println!("equibiaxial Mooney-Rivlin: worst nominal stress error {worst:.1e} of C10");
     assert!(worst < 1e-12);
 }
 
-/// Simple shear x = X + k Y: shear stress 2 (C10 + C01) k, and with sigma_zz = 0, p = 2 (C10 + C01 (2 + k^2)), the normal
-/// stresses sigma_xx = 2 C10 k^2, sigma_yy = -2 C01 k^2 (Rivlin 1948; the Poynting effect).
+/// Simple shear x = X + k Y: shear stress 2 (C10 + C01) k. With sigma_zz = 0, p = 2 (C10 + C01 (2 + k^2)),
+/// the normal stresses are sigma_xx = 2 C10 k^2 and sigma_yy = -2 C01 k^2 (Rivlin 1948; the Poynting effect).
 #[test]
-fn simple_shear_of_mooney_rivlin_follows_its_closed_form() {
+fn simple_shear_of_mooney_rivlin_matches_its_closed_form() {
     let mut worst = 0.0f64;
     for k in [-0.7, 0.1, 0.5, 1.0] {
         let body = free_box(mooney_rivlin(), Order::Linear);
@@ -194,7 +194,8 @@ fn simple_shear_of_mooney_rivlin_follows_its_closed_form() {
         gradient[(0, 1)] = k;
         let pressure = 2.0 * (C10_PA + C01_PA * (2.0 + k * k));
         let (result, _) = homogeneous(&body, &gradient, pressure);
-        // Cauchy stress sigma = P F^T / J, with V P = sum of f (x) X (faces share their edges' nodes).
+        // Cauchy stress sigma = P F^T / J, with V P = sum of f (x) X, because faces share the nodes of their
+        // edges.
         let mut nominal = Matrix3::zeros();
         for (node, x) in body.nodes_m.iter().enumerate() {
             nominal += Vector3::from(result.force_on(&[node as u32])) * Vector3::from(*x).transpose();
@@ -206,7 +207,7 @@ fn simple_shear_of_mooney_rivlin_follows_its_closed_form() {
             Matrix3::new(2.0 * C10_PA * k * k, shear, 0.0, shear, -2.0 * C01_PA * k * k, 0.0, 0.0, 0.0, 0.0);
         worst = worst.max((stress - want).norm() / C10_PA);
     }
-    println!("simple shear of Mooney-Rivlin: worst Cauchy stress off by {worst:.1e} of C10");
+    println!("simple shear of Mooney-Rivlin: worst Cauchy stress error {worst:.1e} of C10");
     assert!(worst < 1e-12);
 }
 
@@ -222,14 +223,14 @@ fn small_strains_obey_hookes_law() {
     let young = face_force(&body, &result, 0).x / area(0) / strain;
     println!("Mooney-Rivlin: E = {young:.4} Pa, 6 (C10 + C01) = {}", 6.0 * (C10_PA + C01_PA));
     assert!((young / (6.0 * (C10_PA + C01_PA)) - 1.0).abs() < 3e-6);
-    // Every law: shear modulus in simple shear; the compressible ones: lambda + 2 mu in confined extension.
+    // Every law: shear modulus in simple shear. The compressible ones: lambda + 2 mu in confined extension.
     for law in every_law() {
         let body = free_box(law, Order::Linear);
         let rest_pa = law.rest_pressure_pa().unwrap_or(0.0);
         let mut shear = Matrix3::identity();
         shear[(0, 1)] = strain;
         let mu = face_force(&body, &homogeneous(&body, &shear, rest_pa).0, 1).x / area(1) / strain;
-        // The fibres of the anisotropic law are slack at so small a strain.
+        // The fibres of the anisotropic law are slack at this strain.
         assert!((mu / law.shear_modulus_pa() - 1.0).abs() < 1e-5, "{}: mu = {mu}", law.name());
         if law.rest_pressure_pa().is_none() {
             let [lambda_pa, mu_pa] = law.parameters()[..] else { panic!("Lame's constants") };

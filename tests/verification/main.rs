@@ -1,4 +1,4 @@
-//! Verification: problems with known answers, each with its observed figure in the output (`cargo test -- --nocapture`).
+//! Verification against known solutions. Each test prints its measured error (`cargo test -- --nocapture`).
 
 mod condensed;
 mod constraints;

@@ -1,10 +1,10 @@
-//! Manufactured solutions: a chosen displacement, the body force that makes it an equilibrium, and the order at which the
-//! error falls with the mesh.
+//! Manufactured solutions: a chosen displacement, the body force that makes it an equilibrium, and the order
+//! of convergence of the error.
 //!
-//! The body force is -Div P(F*), by fourth-order differences of the law's own stress; it is integrated, like the errors, with
-//! fourteen points. The cube's boundary is held where u* vanishes, and
-//! loaded by its tractions where it does not. Expected orders: tet4 2 in L2 and 1 in H1, tet10 3 and 2,
-//! the pressure of P2/P1 2 in L2. Meshes are wobbled boxes, not nested, so observed orders scatter by about 0.2.
+//! The body force is -Div P(F*), by fourth-order differences of the law's stress. It is integrated, like the
+//! errors, with fourteen points. The boundary of the cube is fixed where u* vanishes, and loaded by its
+//! tractions elsewhere. Expected orders: tet4 2 in L2 and 1 in H1, tet10 3 and 2, the pressure of P2/P1 2 in
+//! L2. The meshes are irregular and not nested, so the observed orders scatter by about 0.2.
 
 use nalgebra::{Matrix3, Vector3};
 use palpate_precompute::body::{Body, Model};
@@ -17,22 +17,23 @@ use palpate_precompute::solve::settle;
 use palpate_tests::{box_mesh, mooney_rivlin, nodes_where};
 use std::f64::consts::PI;
 
-/// Chosen fields on the unit cube.
+/// The chosen fields on the unit cube.
 struct Solution {
     displacement: fn(&Vector3<f64>) -> Vector3<f64>,
     /// Excess pressure, Pa.
     pressure: fn(&Vector3<f64>) -> f64,
-    /// Whether the faces x = 0 and x = 1 are loaded by their tractions instead of held.
+    /// Whether the faces x = 0 and x = 1 are loaded by their tractions instead of fixed.
     loaded_faces: bool,
 }
 
-/// Smooth, with every component different, zero on the boundary.
+/// A smooth field with different components, zero on the boundary.
 fn bubble(x: &Vector3<f64>) -> Vector3<f64> {
     let [a, b, c] = [x.x, x.y, x.z].map(|t| (PI * t).sin());
     0.06 * Vector3::new(a * b * c, -0.7 * a * a * b * c, 0.5 * a * b * c * c)
 }
 
-/// A shear along x that varies over y and z: volume-preserving whatever its amount is. Zero where y or z is 0 or 1.
+/// A shear along x that varies over y and z. It preserves volume for any amplitude, and is zero where y or z
+/// is 0 or 1.
 fn sheared(x: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(0.15 * (PI * x.y).sin().powi(2) * (PI * x.z).sin(), 0.0, 0.0)
 }
@@ -68,7 +69,7 @@ fn body_force(solution: &Solution, law: &Material, x: &Vector3<f64>) -> Vector3<
     -(0..3).map(|axis| slope(stress, x, axis, 2e-3).column(axis).into_owned()).sum::<Vector3<f64>>()
 }
 
-/// N_a at any barycentric coordinates.
+/// Shape function N_a at barycentric coordinates.
 fn shape(order: Order, barycentric: &[f64; 4], a: usize) -> f64 {
     match (order, a) {
         (Order::Linear, _) => barycentric[a],
@@ -80,7 +81,7 @@ fn shape(order: Order, barycentric: &[f64; 4], a: usize) -> f64 {
     }
 }
 
-/// Adds the tractions P(F*) N of the faces x = 0 and x = 1, with seven points a triangle (degree 5, Radon).
+/// Adds the tractions P(F*) N of the faces x = 0 and x = 1, with seven points per triangle (degree 5, Radon).
 fn load_faces(body: &mut Body, mesh: &TetMesh, solution: &Solution, law: &Material) {
     let root = 15.0f64.sqrt();
     let mut rule = vec![([1.0 / 3.0; 3], 0.225)];
@@ -124,8 +125,9 @@ fn load_faces(body: &mut Body, mesh: &TetMesh, solution: &Solution, law: &Materi
     }
 }
 
-/// Every tet in four at its centroid: then each has a vertex inside, which P2/P1 wants. Without it the pressures of tets in the
-/// held corners are hardly determined, and their errors alone make the order of the pressure 1 (measured 1.03).
+/// Splits every tet into four at its centroid, so that each has an inner vertex, as P2/P1 needs. Without the
+/// split the pressures of tets in fixed corners are poorly determined, and reduce the order of the pressure
+/// to 1 (measured 1.03).
 fn split_at_centroids(mesh: &TetMesh) -> TetMesh {
     let mut nodes_m = mesh.nodes_m.clone();
     let mut tets = Vec::new();
@@ -138,7 +140,7 @@ fn split_at_centroids(mesh: &TetMesh) -> TetMesh {
             tets.push(part);
         }
     }
-    TetMesh::new(nodes_m, tets).expect("parts of sound tets are sound")
+    TetMesh::new(nodes_m, tets).expect("parts of valid tets are valid")
 }
 
 /// Errors of displacement in L2 and H1 and of pressure in L2.
@@ -171,7 +173,7 @@ fn errors(solution: &Solution, law: Material, order: Order, pair: PressurePair, 
     if solution.loaded_faces {
         load_faces(&mut body, &mesh, solution, &law);
     }
-    let body = settle(body).expect("the manufactured body settles");
+    let body = settle(body).expect("the manufactured body converges");
     let state = &body.rest.state;
     let mut squares = [0.0; 3];
     for (index, element) in body.elements.iter().enumerate() {
@@ -205,7 +207,8 @@ fn errors(solution: &Solution, law: Material, order: Order, pair: PressurePair, 
     squares.map(f64::sqrt)
 }
 
-/// Prints the errors on every mesh; asserts the order between the two finest, less what the wobble of the meshes scatters.
+/// Prints the errors on every mesh. Asserts the order between the two finest ones, less the scatter of the
+/// meshes.
 fn study(
     name: &str,
     solution: &Solution,

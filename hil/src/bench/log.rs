@@ -1,26 +1,28 @@
-//! The runs of `hil/bench/run` as rows of the fault matrix: a line each of its log, `run` or `host` and then `name=value`.
+//! Parses the log of `hil/bench/run` into rows of the fault matrix. A row is one line: `run` or `host`, then
+//! `name=value` pairs.
 
-use super::Strike;
-use crate::matrix::{Ended, Run, Wrong};
+use super::BenchFault;
+use crate::matrix::{Ended, FaultKind, Run};
 use core::fmt;
 use palpate_core::Fault;
 
 /// Name of the rig in the table.
 const RIG: &str = "falcon-qemu";
 
-/// A line that says it is a run and is none that has passed.
+/// A run line that cannot be parsed or that failed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BadLine(String);
 
 impl fmt::Display for BadLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "no run that has passed: {}", self.0)
+        write!(f, "not a passed run: {}", self.0)
     }
 }
 
 impl core::error::Error for BadLine {}
 
-/// All runs with a fault, as the guest judged them. Their times are from the fault to zero; the guest's time is not real.
+/// All runs with an injected fault, as the guest judged them. Their times are from the fault to zero force.
+/// The guest's clock is not real time.
 pub fn runs(log: &str) -> Result<Vec<Run>, BadLine> {
     let lines = log.lines().filter(|line| line.starts_with("run ") || line.starts_with("host "));
     let faulty = lines.filter(|line| !line.contains(" fault=none "));
@@ -30,11 +32,11 @@ pub fn runs(log: &str) -> Result<Vec<Run>, BadLine> {
 fn run(line: &str) -> Option<Run> {
     let words: Vec<&str> = line.split(' ').collect();
     let value = |name: &str| words.iter().find_map(|word| word.strip_prefix(name)?.strip_prefix('='));
-    let wrong = wrong(value("fault")?)?;
+    let fault = fault_kind(value("fault")?)?;
     let seed = value("seed").map_or(Some(0), |seed| seed.parse().ok())?;
-    let mut run = Run::with_nothing(RIG, wrong, seed, f32::INFINITY);
+    let mut run = Run::empty(RIG, fault, seed, f32::INFINITY);
     run.ended = match value("end")? {
-        "active" => Ended::RodeOn,
+        "active" => Ended::Recovered,
         "supervisor" => Ended::Supervisor,
         "latched:stale" => Ended::Latched(Fault::Stale),
         "latched:not-ready" => Ended::Latched(Fault::NotReady),
@@ -48,31 +50,31 @@ fn run(line: &str) -> Option<Run> {
     (words.last() == Some(&"PASS")).then_some(run)
 }
 
-fn wrong(name: &str) -> Option<Wrong> {
-    let struck = |strike| match strike {
-        Strike::WrongEcho => Wrong::WrongEcho,
-        Strike::DropRequest | Strike::DropReply => Wrong::Drop,
-        Strike::UnplugMidFrame => Wrong::UnplugMidFrame,
-        Strike::Replug => Wrong::Replug,
-        Strike::UnplugPower => Wrong::UnplugPower,
-        Strike::PowerCycle => Wrong::PowerCycle,
-        Strike::StallIn | Strike::StallOut => Wrong::TransferStall,
-        Strike::Silence => Wrong::Silence,
-        Strike::Babble => Wrong::Babble,
-        Strike::Stall => Wrong::Stall,
-        Strike::Delay => Wrong::Delay,
-        Strike::Duplicate => Wrong::Duplicate,
-        Strike::Truncate => Wrong::Truncate,
-        Strike::Reorder => Wrong::Reorder,
-        Strike::CorruptReply => Wrong::CorruptReply,
-        Strike::Noise => Wrong::Noise,
-        Strike::Homing => Wrong::HomingLost,
-        Strike::EncoderJump => Wrong::EncoderJump,
+fn fault_kind(name: &str) -> Option<FaultKind> {
+    let kind_of = |fault| match fault {
+        BenchFault::WrongEcho => FaultKind::WrongEcho,
+        BenchFault::DropRequest | BenchFault::DropReply => FaultKind::Drop,
+        BenchFault::UnplugMidFrame => FaultKind::UnplugMidFrame,
+        BenchFault::Replug => FaultKind::Replug,
+        BenchFault::UnplugPower => FaultKind::UnplugPower,
+        BenchFault::PowerCycle => FaultKind::PowerCycle,
+        BenchFault::StallIn | BenchFault::StallOut => FaultKind::TransferStall,
+        BenchFault::Silence => FaultKind::Silence,
+        BenchFault::Noise => FaultKind::Noise,
+        BenchFault::Stall => FaultKind::Stall,
+        BenchFault::Delay => FaultKind::Delay,
+        BenchFault::Duplicate => FaultKind::Duplicate,
+        BenchFault::Truncate => FaultKind::Truncate,
+        BenchFault::Reorder => FaultKind::Reorder,
+        BenchFault::CorruptReply => FaultKind::CorruptReply,
+        BenchFault::RandomMix => FaultKind::RandomMix,
+        BenchFault::HomingLost => FaultKind::HomingLost,
+        BenchFault::EncoderJump => FaultKind::EncoderJump,
     };
     match name {
-        "host-killed" => Some(Wrong::HostKilled),
-        "host-paused" => Some(Wrong::HostPaused),
-        name => Strike::ALL.into_iter().find(|strike| strike.name() == name).map(struck),
+        "host-killed" => Some(FaultKind::HostKilled),
+        "host-paused" => Some(FaultKind::HostPaused),
+        name => BenchFault::ALL.into_iter().find(|fault| fault.name() == name).map(kind_of),
     }
 }
 
@@ -82,7 +84,7 @@ mod tests {
 
     const LOG: &str = "--- 11 seeds\n\
         run seed=0 fault=none end=active largest_n=1.71 step_n=0.20 zero_ms=- PASS\n\
-        run seed=8 fault=silence end=latched:stale struck=11 largest_n=0.91 step_n=0.25 zero_ms=48 PASS\n\
+        run seed=8 fault=silence end=latched:stale injected=11 largest_n=0.91 step_n=0.25 zero_ms=48 PASS\n\
         host fault=host-killed end=supervisor largest_n=1.50 step_n=0.00 zero_ms=21.5 PASS\n\
         summary PASS runs=2\n";
 
@@ -90,27 +92,30 @@ mod tests {
     fn runs_with_a_fault_become_rows() {
         let runs = runs(LOG).expect("both have passed");
         assert_eq!(runs.len(), 2);
-        assert_eq!((runs[0].wrong, runs[0].seed), (Wrong::Silence, 8));
+        assert_eq!((runs[0].fault, runs[0].seed), (FaultKind::Silence, 8));
         assert_eq!((runs[0].ended, runs[0].zero_us), (Ended::Latched(Fault::Stale), Some(48_000)));
         assert_eq!((runs[0].largest_n, runs[0].step_n), (0.91, 0.25));
-        assert_eq!((runs[1].wrong, runs[1].zero_us), (Wrong::HostKilled, Some(21_500)));
+        assert_eq!((runs[1].fault, runs[1].zero_us), (FaultKind::HostKilled, Some(21_500)));
     }
 
     #[test]
-    fn what_failed_is_no_row_and_is_not_passed_over() {
+    fn failed_and_malformed_runs_are_errors() {
         for line in
             ["run seed=3 FAIL nothing was felt", "host fault=host-paused FAIL no zero", "run seed=1 fault=x"]
         {
             assert_eq!(runs(line), Err(BadLine(line.into())));
         }
     }
-    /// Whoever looks for a fault of the issue finds it by its name.
+    /// Each fault of the requirements has a row of its own name.
     #[test]
     fn each_fault_has_a_row() {
-        let names = |strikes: &[Strike]| -> Vec<&str> {
-            strikes.iter().map(|strike| wrong(strike.name()).expect("a fault of the bench").name()).collect()
+        let names = |faults: &[BenchFault]| -> Vec<&str> {
+            faults
+                .iter()
+                .map(|fault| fault_kind(fault.name()).expect("a fault of the bench").name())
+                .collect()
         };
-        let all = names(&Strike::ALL);
+        let all = names(&BenchFault::ALL);
         for name in [
             "drop",
             "silence",
@@ -119,7 +124,7 @@ mod tests {
             "truncate",
             "corrupt reply",
             "reorder",
-            "babble",
+            "noise",
             "transfer stalled",
             "unplug mid-frame",
             "unplug, replug",

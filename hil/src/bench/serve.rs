@@ -1,7 +1,7 @@
-//! The bench on its sockets, in real time.
+//! Serves the bench on its sockets, in real time.
 
-use super::ask::Ask;
-use super::order::{NotUnderstood, Order};
+use super::command::{BenchCommand, UnknownCommand};
+use super::remote::RigRequest;
 use super::rig::Rig;
 use super::stepped::Stepped;
 use crate::falcon::{Setup, Stall};
@@ -15,38 +15,38 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// How long a device in real time is left alone if nothing comes: far below the chip's timer of 1 ms.
+/// Poll period of a device in real time without traffic: far below the chip's 1 ms timer.
 const PAUSE: Duration = Duration::from_micros(50);
-/// The same for one whose time goes on when it is told to: what does not come from the sockets cannot happen.
+/// Poll period of a device in stepped time, whose state changes only through the sockets.
 const LONG_PAUSE: Duration = Duration::from_millis(5);
 
-/// Where and how long to serve.
+/// Sockets and duration of the bench.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Socket for QEMU's usb-redir.
     pub usbredir: PathBuf,
-    /// Socket for orders, if any.
+    /// Socket for commands, if any.
     pub control: Option<PathBuf>,
-    /// Until when, if nobody says `end` or closes the socket before.
+    /// Longest duration, unless `end` or a closed socket ends the bench before.
     pub longest: Duration,
 }
 
-/// A stream that is looked at without waiting.
+/// A listening socket and its peer, read without blocking.
 #[derive(Debug)]
-struct Line {
+struct PolledSocket {
     listener: UnixListener,
     stream: Option<UnixStream>,
     output: Vec<u8>,
 }
 
-impl Line {
+impl PolledSocket {
     fn listen(path: &Path) -> io::Result<Self> {
         let listener = UnixListener::bind(path)?;
         listener.set_nonblocking(true)?;
         Ok(Self { listener, stream: None, output: Vec::new() })
     }
 
-    /// The peer is here, perhaps only now.
+    /// Whether a peer is connected; accepts one if it waits.
     fn is_open(&mut self) -> io::Result<bool> {
         if self.stream.is_none() {
             match self.listener.accept() {
@@ -61,7 +61,8 @@ impl Line {
         Ok(self.stream.is_some())
     }
 
-    /// What has come; nothing at all means that there was nothing, and an error of kind `UnexpectedEof` that the peer is gone.
+    /// Received bytes; empty if there are none. An error of kind `UnexpectedEof` means that the peer has
+    /// closed.
     fn read(&mut self) -> io::Result<Vec<u8>> {
         let Some(stream) = &mut self.stream else { return Ok(Vec::new()) };
         let mut bytes = vec![0; 4096];
@@ -76,17 +77,17 @@ impl Line {
         }
     }
 
-    /// What has something for [`Line::is_open`] or [`Line::read`] next.
+    /// The descriptor to poll for [`PolledSocket::is_open`] or [`PolledSocket::read`].
     fn source(&self) -> BorrowedFd<'_> {
         self.stream.as_ref().map_or_else(|| self.listener.as_fd(), AsFd::as_fd)
     }
 
-    /// Whether bytes wait for room.
+    /// Whether bytes wait for room in the socket.
     fn is_full(&self) -> bool {
         !self.output.is_empty()
     }
 
-    /// Sends as much as there is room for.
+    /// Sends as many bytes as the socket takes.
     fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.output.extend(bytes);
         let Some(stream) = &mut self.stream else { return Ok(()) };
@@ -101,8 +102,8 @@ impl Line {
     }
 }
 
-/// Waits until something comes, or for so long.
-fn wait(lines: &[Option<&Line>], longest: Duration) -> io::Result<()> {
+/// Waits for input, or for `longest`.
+fn wait(lines: &[Option<&PolledSocket>], longest: Duration) -> io::Result<()> {
     let mut sources: Vec<PollFd<'_>> =
         lines.iter().flatten().map(|line| PollFd::new(line.source(), PollFlags::POLLIN)).collect();
     match ppoll(&mut sources, Some(TimeSpec::from(longest)), None) {
@@ -111,110 +112,110 @@ fn wait(lines: &[Option<&Line>], longest: Duration) -> io::Result<()> {
     }
 }
 
-/// How long the guest may take to deal with what the device sent, however busy the machine.
-const CERTAIN: Duration = Duration::from_secs(60);
+/// How long the guest may take to process the device's output on a busy machine.
+const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// The device on the bus.
-enum Stand {
-    /// In real time.
-    Free(Box<Rig>),
-    /// In the guest's.
+enum BusDevice {
+    /// On the wall clock.
+    RealTime(Box<Rig>),
+    /// On the guest's clock.
     Stepped(Box<Stepped>),
 }
 
-impl Stand {
+impl BusDevice {
     fn is_plugged(&self) -> bool {
         match self {
-            Self::Free(rig) => rig.is_plugged(),
+            Self::RealTime(rig) => rig.is_plugged(),
             Self::Stepped(device) => device.is_plugged(),
         }
     }
 
-    /// Does what is due; somebody may wait for what it sends.
-    fn poll(&mut self, is_read: bool) {
+    /// Does what is due. `is_awaited`: the host waits for a transfer from the device.
+    fn poll(&mut self, is_awaited: bool) {
         match self {
-            Self::Free(rig) => rig.poll(),
-            Self::Stepped(device) if is_read => device.wait(),
+            Self::RealTime(rig) => rig.poll(),
+            Self::Stepped(device) if is_awaited => device.wait(),
             Self::Stepped(_) => {}
         }
     }
 
-    /// How long it may be left alone if nothing comes; somebody may wait for what it sends.
-    fn pause(&self, is_read: bool) -> Duration {
+    /// How long to wait without traffic. `is_awaited`: the host waits for a transfer from the device.
+    fn pause(&self, is_awaited: bool) -> Duration {
         match self {
-            Self::Free(_) => PAUSE,
-            Self::Stepped(device) if device.runs() && is_read => Duration::ZERO,
-            Self::Stepped(device) if device.runs() => PAUSE,
+            Self::RealTime(_) => PAUSE,
+            Self::Stepped(device) if device.is_opening() && is_awaited => Duration::ZERO,
+            Self::Stepped(device) if device.is_opening() => PAUSE,
             Self::Stepped(_) => LONG_PAUSE,
         }
     }
 
-    fn obey(&mut self, order: Order) -> String {
-        if let (Self::Stepped(_), Order::Plug { seed }) = (&self, order) {
-            *self = Self::Free(Box::new(Rig::new(seed)));
+    fn execute(&mut self, command: BenchCommand) -> String {
+        if let (Self::Stepped(_), BenchCommand::Plug { seed }) = (&self, command) {
+            *self = Self::RealTime(Box::new(Rig::new(seed)));
             return "ok".into();
         }
         match self {
-            Self::Free(rig) => rig.obey(order),
-            Self::Stepped(_) if order == Order::End => "ok".into(),
-            Self::Stepped(_) => NotUnderstood.to_string(),
+            Self::RealTime(rig) => rig.execute(command),
+            Self::Stepped(_) if command == BenchCommand::End => "ok".into(),
+            Self::Stepped(_) => UnknownCommand.to_string(),
         }
     }
 
-    fn ask(&mut self, ask: Ask) -> String {
-        if let (Self::Free(_), Ask::Fresh { seed }) = (&self, &ask) {
+    fn request(&mut self, request: RigRequest) -> String {
+        if let (Self::RealTime(_), RigRequest::NewDevice { seed }) = (&self, &request) {
             *self = Self::Stepped(Box::new(Stepped::new(*seed)));
         }
         match self {
-            Self::Free(_) => NotUnderstood.to_string(),
-            Self::Stepped(device) => device.obey(ask).to_string(),
+            Self::RealTime(_) => UnknownCommand.to_string(),
+            Self::Stepped(device) => device.execute(request).to_string(),
         }
     }
 }
 
-impl UsbDevice for Stand {
+impl UsbDevice for BusDevice {
     fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         match self {
-            Self::Free(rig) => rig.control(setup, data),
+            Self::RealTime(rig) => rig.control(setup, data),
             Self::Stepped(device) => device.control(setup, data),
         }
     }
 
     fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {
         match self {
-            Self::Free(rig) => rig.bulk_out(bytes),
+            Self::RealTime(rig) => rig.bulk_out(bytes),
             Self::Stepped(device) => device.bulk_out(bytes),
         }
     }
 
     fn bulk_in(&mut self, max: usize) -> Result<Option<Vec<u8>>, Stall> {
         match self {
-            Self::Free(rig) => rig.bulk_in(max),
+            Self::RealTime(rig) => rig.bulk_in(max),
             Self::Stepped(device) => device.bulk_in(max),
         }
     }
 }
 
-/// Serves until the peer is gone, `end` was ordered, or the time is over; writes a log.
+/// Serves until the peer closes, the command `end`, or the time limit. Writes a log.
 pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let begun = Instant::now();
-    let mut bus = Line::listen(&options.usbredir)?;
-    let mut control = options.control.as_deref().map(Line::listen).transpose()?;
-    // Without orders somebody else's machine is to see it at once.
-    let rig = if control.is_some() { Rig::put_away() } else { Rig::new(0) };
-    let (mut session, mut rig) = (Session::new(), Stand::Free(Box::new(rig)));
-    let mut orders = Vec::new();
-    // An answer that waits until the driver has dealt with what the device sent, and since when.
-    let mut owed: Option<(String, Instant)> = None;
+    let mut bus = PolledSocket::listen(&options.usbredir)?;
+    let mut control = options.control.as_deref().map(PolledSocket::listen).transpose()?;
+    // Without a command socket the guest is to see the device at once.
+    let rig = if control.is_some() { Rig::unplugged() } else { Rig::new(0) };
+    let (mut session, mut rig) = (Session::new(), BusDevice::RealTime(Box::new(rig)));
+    let mut commands = Vec::new();
+    // A reply that waits until the driver has processed the device's output, and its time.
+    let mut pending_reply: Option<(String, Instant)> = None;
     writeln!(log, "listening")?;
     let ended = loop {
         if begun.elapsed() >= options.longest {
-            break "time is over";
+            break "the time limit is reached";
         }
         let mut busy = false;
         if bus.is_open()? {
-            rig.poll(session.is_read());
-            if session.is_greeted() && rig.is_plugged() != session.is_connected() {
+            rig.poll(session.has_pending_in());
+            if session.is_handshake_done() && rig.is_plugged() != session.is_connected() {
                 if session.is_connected() {
                     session.disconnect();
                 } else {
@@ -228,7 +229,9 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                     busy |= !bytes.is_empty();
                     session.receive(&bytes, &mut rig).map_err(io::Error::other)?;
                 }
-                Err(error) if error.kind() == ErrorKind::UnexpectedEof => break "the virtual machine is gone",
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+                    break "the virtual machine has closed its socket";
+                }
                 Err(error) => return Err(error),
             }
             if session.is_connected() && rig.is_plugged() {
@@ -242,42 +245,44 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             && control.is_open()?
         {
             match control.read() {
-                Ok(bytes) => orders.extend(bytes),
-                Err(error) if error.kind() == ErrorKind::UnexpectedEof => break "the virtual machine is gone",
+                Ok(bytes) => commands.extend(bytes),
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+                    break "the virtual machine has closed its socket";
+                }
                 Err(error) => return Err(error),
             }
             let mut end = false;
-            if let Some((answer, since)) = &owed {
-                // A cable that is out brings nothing more.
-                if session.is_read() || !session.is_connected() {
+            if let Some((answer, since)) = &pending_reply {
+                // No transfer arrives from a device that is unplugged.
+                if session.has_pending_in() || !session.is_connected() {
                     control.write(format!("{answer}\n").as_bytes())?;
-                    (owed, busy) = (None, true);
-                } else if since.elapsed() > CERTAIN {
-                    break "the driver does not read";
+                    (pending_reply, busy) = (None, true);
+                } else if since.elapsed() > MAX_WAIT {
+                    break "the driver posts no transfer";
                 }
             }
-            while let Some(at) = orders.iter().position(|byte| *byte == b'\n') {
-                let line: Vec<u8> = orders.drain(..=at).collect();
+            while let Some(at) = commands.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = commands.drain(..=at).collect();
                 let line = String::from_utf8_lossy(&line).trim().to_string();
                 busy = true;
-                if let Ok(ask) = line.parse::<Ask>() {
-                    let waits = matches!(ask, Ask::Pass { is_read: true, .. });
-                    let answer = rig.ask(ask);
+                if let Ok(request) = line.parse::<RigRequest>() {
+                    let waits = matches!(request, RigRequest::Advance { wait_for_driver: true, .. });
+                    let answer = rig.request(request);
                     if waits {
-                        owed = Some((answer, Instant::now()));
+                        pending_reply = Some((answer, Instant::now()));
                     } else {
                         control.write(format!("{answer}\n").as_bytes())?;
                     }
                     continue;
                 }
-                let answer = match line.parse::<Order>() {
-                    Ok(order) => {
-                        end |= order == Order::End;
-                        if matches!(order, Order::Plug { .. }) && session.is_connected() {
+                let answer = match line.parse::<BenchCommand>() {
+                    Ok(command) => {
+                        end |= command == BenchCommand::End;
+                        if matches!(command, BenchCommand::Plug { .. }) && session.is_connected() {
                             session.disconnect();
                             writeln!(log, "[{:9.3}] the cable is out", begun.elapsed().as_secs_f64())?;
                         }
-                        rig.obey(order)
+                        rig.execute(command)
                     }
                     Err(error) => error.to_string(),
                 };
@@ -292,7 +297,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
         if !busy {
             let lines = [Some(&bus), control.as_ref()];
             let is_full = lines.iter().flatten().any(|line| line.is_full());
-            wait(&lines, if is_full { PAUSE } else { rig.pause(session.is_read()) })?;
+            wait(&lines, if is_full { PAUSE } else { rig.pause(session.has_pending_in()) })?;
         }
     };
     writeln!(log, "[{:9.3}] {ended}: {:?}", begun.elapsed().as_secs_f64(), session.traffic())?;

@@ -1,7 +1,7 @@
-//! The emulated Falcon behind a rig in the guest: time stands still but where the guest says so, so that the guest's own time, which is not
-//! real, does not matter.
+//! The emulated Falcon behind a rig in the guest. Time advances only on the guest's request, because the
+//! guest's own clock is not real time.
 
-use super::ask::{Ask, Told};
+use super::remote::{RigReply, RigRequest};
 use crate::falcon::{FaultyFtdi, MemoryFtdi, Setup, Stall};
 use crate::rig::FalconRig;
 use crate::usbredir::UsbDevice;
@@ -9,18 +9,18 @@ use palpate_host::device::falcon::Ftdi;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How far time goes each time the device is looked at while a driver that is being opened waits, us.
+/// Time step for each poll while a driver is being opened, us.
 const RUN_STEP_US: u64 = 50;
 
-/// A device, its hand and the link of the driver that has it.
+/// A device, its hand and the link of the driver that holds it.
 pub struct Stepped {
     rig: FalconRig,
     link: Arc<FaultyFtdi<MemoryFtdi>>,
-    runs: bool,
+    is_opening: bool,
 }
 
 impl Stepped {
-    /// A device like new.
+    /// A new device, plugged in.
     ///
     /// # Panics
     ///
@@ -29,7 +29,7 @@ impl Stepped {
     pub fn new(seed: u64) -> Self {
         let mut rig = FalconRig::new(seed);
         let link = rig.connect().expect("a new device is plugged in");
-        Self { rig, link, runs: false }
+        Self { rig, link, is_opening: false }
     }
 
     /// Whether the cable is in.
@@ -38,39 +38,39 @@ impl Stepped {
         self.link.inner().falcon().is_plugged()
     }
 
-    /// Whether time goes on by itself where somebody waits: a driver is being opened.
+    /// Whether a driver is being opened: time advances while the host waits for a transfer.
     #[must_use]
-    pub const fn runs(&self) -> bool {
-        self.runs
+    pub const fn is_opening(&self) -> bool {
+        self.is_opening
     }
 
-    /// Somebody waits for what the device sends next: time goes on, if a driver is being opened.
+    /// Advances time if a driver is being opened. Called while the host waits for a transfer.
     pub fn wait(&mut self) {
-        if self.runs {
+        if self.is_opening {
             let mut falcon = self.link.inner().falcon();
             let next_us = falcon.now_us() + RUN_STEP_US;
             falcon.advance(next_us);
         }
     }
 
-    /// Does what was asked.
-    pub fn obey(&mut self, ask: Ask) -> Told {
-        match ask {
-            Ask::Fresh { seed } => *self = Self::new(seed),
-            Ask::Run => {
-                // What the driver before had of it is lost with that one's link.
+    /// Executes a request.
+    pub fn execute(&mut self, request: RigRequest) -> RigReply {
+        match request {
+            RigRequest::NewDevice { seed } => *self = Self::new(seed),
+            RigRequest::BeginOpen => {
+                // Data of the earlier driver is lost with its link.
                 if let Ok(link) = self.rig.connect() {
                     self.link = link;
                 }
-                self.runs = true;
+                self.is_opening = true;
             }
-            Ask::Hold => {
-                self.runs = false;
+            RigRequest::EndOpen => {
+                self.is_opening = false;
                 self.rig.begin();
             }
-            ask => return Told::of(&mut self.rig, ask),
+            request => return RigReply::of(&mut self.rig, request),
         }
-        Told::Done
+        RigReply::Done
     }
 }
 
@@ -81,10 +81,10 @@ impl UsbDevice for Stepped {
 
     fn bulk_out(&mut self, bytes: &[u8]) -> Result<usize, Stall> {
         if !self.is_plugged() {
-            // Nobody is there to say anything, until the bus notices.
+            // The transfer is lost until the guest detects the unplugging.
             return Ok(0);
         }
-        // Once the cable is pulled in the middle of it nobody answers either.
+        // A transfer during which the cable is pulled is lost too.
         Ok(self.link.write(bytes, Duration::ZERO).unwrap_or(0))
     }
 
@@ -101,7 +101,8 @@ impl UsbDevice for Stepped {
     }
 }
 
-/// A control transfer. The chip's own requests go through the wire's faults: a purge also throws away what they hold back.
+/// A control transfer. Requests of the chip pass through the faulty link, because a purge also discards what
+/// that holds.
 pub(super) fn control(link: &FaultyFtdi<MemoryFtdi>, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
     if setup == Setup::vendor(setup.request, setup.value) {
         return link.control(setup.request, setup.value).map(|()| Vec::new()).map_err(|_| Stall);
@@ -114,30 +115,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_stands_still_but_while_a_driver_is_opened_and_waits() {
+    fn time_advances_only_while_a_driver_is_being_opened() {
         let mut device = Stepped::new(1);
         let now_us = |device: &Stepped| device.link.inner().falcon().now_us();
         device.wait();
         assert_eq!(now_us(&device), 0);
-        device.obey(Ask::Run);
+        device.execute(RigRequest::BeginOpen);
         device.wait();
         assert_eq!(now_us(&device), RUN_STEP_US);
-        device.obey(Ask::Hold);
+        device.execute(RigRequest::EndOpen);
         device.wait();
         assert_eq!(now_us(&device), RUN_STEP_US);
-        let told = device.obey(Ask::Pass { from_us: 0, until_us: 1_000, every_us: 250, is_read: false });
-        assert!(matches!(told, Told::Was(places) if places.len() == 4));
-        assert_eq!(now_us(&device), RUN_STEP_US + 1_000, "the driver's clock began when it was open");
+        let reply = device.execute(RigRequest::Advance {
+            from_us: 0,
+            until_us: 1_000,
+            every_us: 250,
+            wait_for_driver: false,
+        });
+        assert!(matches!(reply, RigReply::Positions(places) if places.len() == 4));
+        assert_eq!(now_us(&device), RUN_STEP_US + 1_000, "the driver's clock began when opening ended");
     }
 
     #[test]
-    fn a_pulled_cable_is_silent_and_a_driver_that_is_opened_then_has_a_link_of_its_own() {
+    fn an_unplugged_device_is_silent_and_a_new_driver_has_a_new_link() {
         let mut device = Stepped::new(1);
-        device.obey(Ask::Unplug(crate::rig::Cut::Between));
+        device.execute(RigRequest::Unplug(crate::rig::Cut::Between));
         assert!(!device.is_plugged());
         assert_eq!((device.bulk_out(b"x"), device.bulk_in(64)), (Ok(0), Ok(None)));
-        device.obey(Ask::Replug);
-        device.obey(Ask::Run);
+        device.execute(RigRequest::Replug);
+        device.execute(RigRequest::BeginOpen);
         assert_eq!(device.bulk_out(b"x"), Ok(1));
         for _ in 0..1_000 {
             device.wait();

@@ -1,29 +1,29 @@
-//! Of the contract: what is felt at the motors, with the driver alone.
+//! Contract checks of the force at the motors, with the driver alone.
 
 use super::samples::every_fault;
-use super::{Broken, ask, in_device, made, turned};
+use super::{Violation, hold_force, in_device, new_rig, permuted};
 use crate::fault::Faults;
-use crate::rig::Kind;
+use crate::rig::RigKind;
 use crate::session::Session;
 use palpate_core::vec3;
 use palpate_host::device::DeviceState;
 
-pub(super) fn says_what_it_is(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
+pub(super) fn says_what_it_is(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
     let max_force_n = rig.profile().max_force_n;
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let info = session.device().info();
-    ensure!(!info.name.is_empty(), "it has no name");
-    ensure!(!info.self_arming, "a device with motors must not arm itself");
-    ensure!(info.max_force_n == max_force_n, "{} N, not {max_force_n} N", info.max_force_n);
+    ensure!(!info.name.is_empty(), "the device has no name");
+    ensure!(!info.self_arming, "a device with motors is self-arming");
+    ensure!(info.max_force_n == max_force_n, "{} N, expected {max_force_n} N", info.max_force_n);
     ensure!(info.max_stiffness_n_m > 0.0 && info.resolution_m > 0.0, "{info:?}");
-    ensure!(session.device().emergency_stop().is_some(), "the watchdog has no second way to the motors");
+    ensure!(session.device().emergency_stop().is_some(), "no emergency handle for the watchdog");
     Ok(())
 }
 
-pub(super) fn forces_arrive(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+pub(super) fn forces_arrive(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let asked = [
         [1.5, 0.0, 0.0],
         [-1.5, 0.0, 0.0],
@@ -34,44 +34,44 @@ pub(super) fn forces_arrive(kind: Kind) -> Result<(), Broken> {
         [0.7, -1.1, 2.0],
     ];
     for asked_n in asked {
-        ask(&mut session, asked_n, 4)?;
-        let (felt_n, wanted_n) = (session.rig.felt().force_n, in_device(asked_n));
-        // The grip has moved since the sample on which the motors' torques stand.
-        let most_n = traits.motor_step_n + 0.01 * vec3::norm(asked_n);
-        ensure!(vec3::distance(felt_n, wanted_n) <= most_n, "{felt_n:?} N was felt, not {wanted_n:?} N");
-        ask(&mut session, vec3::ZERO, 30)?;
-        let felt = session.rig.felt();
+        hold_force(&mut session, asked_n, 4)?;
+        let (felt_n, wanted_n) = (session.rig.force_record().force_n, in_device(asked_n));
+        // The torques were computed for the sampled position, and the grip has moved since.
+        let max_n = traits.motor_step_n + 0.01 * vec3::norm(asked_n);
         ensure!(
-            felt.force_n == vec3::ZERO && felt.off_since_us.is_some(),
-            "{felt:?} with no force asked for"
+            vec3::distance(felt_n, wanted_n) <= max_n,
+            "{felt_n:?} N at the hand, expected {wanted_n:?} N"
         );
+        hold_force(&mut session, vec3::ZERO, 30)?;
+        let felt = session.rig.force_record();
+        ensure!(felt.force_n == vec3::ZERO && felt.off_since_us.is_some(), "{felt:?} with zero requested");
     }
-    // A force that is held moves the hand along itself.
+    // A constant force moves the hand along its direction.
     for axis in 0..3 {
         let mut asked_n = vec3::ZERO;
         asked_n[axis] = 2.0;
         let before_m = session.rig.position_m();
-        ask(&mut session, asked_n, 200)?;
+        hold_force(&mut session, asked_n, 200)?;
         let moved_m = vec3::sub(session.rig.position_m(), before_m);
         let along_m = vec3::dot(moved_m, in_device(asked_n)) / 2.0;
         ensure!(
             along_m > 0.9 * vec3::norm(moved_m) && along_m > 1e-3,
             "{asked_n:?} N moved it by {moved_m:?}"
         );
-        ask(&mut session, vec3::ZERO, 300)?;
+        hold_force(&mut session, vec3::ZERO, 300)?;
     }
     Ok(())
 }
 
-pub(super) fn nothing_before_homing(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
-    let mut session = Session::open(&mut *rig, turned(&traits))?;
-    ensure!(session.rig.felt().largest_force_n == 0.0, "opening it gave a force");
+pub(super) fn nothing_before_homing(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
+    let mut session = Session::open(&mut *rig, permuted(&traits))?;
+    ensure!(session.rig.force_record().largest_force_n == 0.0, "opening caused a force");
     if !traits.homes {
         ensure!(session.state() == DeviceState::Homed, "{:?}", session.state());
         return Ok(());
     }
-    ensure!(session.state() != DeviceState::Homed, "homed before anything was said");
+    ensure!(session.state() != DeviceState::Homed, "homed before any exchange");
     let mut unhomed_ticks = 0;
     for _ in 0..5_000 {
         let sample = session.tick([3.0, -2.0, 4.0])?;
@@ -79,22 +79,22 @@ pub(super) fn nothing_before_homing(kind: Kind) -> Result<(), Broken> {
             break;
         }
         unhomed_ticks += 1;
-        ensure!(sample.is_none(), "{sample:?} before it was homed");
-        let felt = session.rig.felt();
-        ensure!(felt.largest_force_n == 0.0 && felt.largest_motor == 0, "{felt:?} before it was homed");
+        ensure!(sample.is_none(), "{sample:?} before homing");
+        let felt = session.rig.force_record();
+        ensure!(felt.largest_force_n == 0.0 && felt.largest_motor == 0, "{felt:?} before homing");
     }
     ensure!(session.state() == DeviceState::Homed && unhomed_ticks > 10, "homed after {unhomed_ticks} ticks");
-    ask(&mut session, [3.0, -2.0, 4.0], 20)?;
-    let felt = session.rig.felt();
+    hold_force(&mut session, [3.0, -2.0, 4.0], 20)?;
+    let felt = session.rig.force_record();
     ensure!(felt.largest_unhomed_n == 0.0, "{felt:?}");
-    ensure!(felt.force_n != vec3::ZERO, "no force after it was homed");
+    ensure!(felt.force_n != vec3::ZERO, "no force after homing");
     Ok(())
 }
 
-pub(super) fn never_beyond_the_limit(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
+pub(super) fn never_beyond_the_limit(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
     let limit_n = rig.profile().max_force_n;
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let (inf, nan, max) = (f32::INFINITY, f32::NAN, f32::MAX);
     let asked = [
         [max, 0.0, 0.0],
@@ -111,61 +111,68 @@ pub(super) fn never_beyond_the_limit(kind: Kind) -> Result<(), Broken> {
         [1.0, nan, -inf],
     ];
     for asked_n in asked {
-        session.rig.forget();
-        ask(&mut session, asked_n, 4)?;
-        let felt = session.rig.felt();
-        let most_n = limit_n + traits.motor_step_n;
-        ensure!(felt.largest_force_n <= most_n, "{} N with {asked_n:?} N asked for", felt.largest_force_n);
+        session.rig.reset_record();
+        hold_force(&mut session, asked_n, 4)?;
+        let felt = session.rig.force_record();
+        let max_n = limit_n + traits.motor_step_n;
+        ensure!(felt.largest_force_n <= max_n, "{} N with {asked_n:?} N requested", felt.largest_force_n);
         ensure!(felt.force_n.iter().all(|component| component.is_finite()), "{felt:?}");
         if !vec3::is_finite(asked_n) {
-            ensure!(felt.force_n == vec3::ZERO, "{asked_n:?} is no force, and {:?} N was felt", felt.force_n);
+            ensure!(
+                felt.force_n == vec3::ZERO,
+                "{asked_n:?} is not finite, and {:?} N at the hand",
+                felt.force_n
+            );
         } else {
-            // Shortened, not turned.
+            // The clamp shortens the force and keeps its direction.
             let asked_n =
                 asked_n.map(|component| component / asked_n.iter().fold(0.0, |m: f32, c| m.max(c.abs())));
             let along_n = vec3::dot(vec3::normalize_or_zero(in_device(asked_n)), felt.force_n);
-            ensure!(along_n > 0.99 * limit_n.min(1.0), "{:?} N with {asked_n:?} asked for", felt.force_n);
+            ensure!(along_n > 0.99 * limit_n.min(1.0), "{:?} N with {asked_n:?} requested", felt.force_n);
         }
-        ask(&mut session, vec3::ZERO, 60)?;
+        hold_force(&mut session, vec3::ZERO, 60)?;
     }
     Ok(())
 }
 
-pub(super) fn zero_goes_at_once(kind: Kind) -> Result<(), Broken> {
-    // The way to the device is sound; what comes back is not.
+pub(super) fn zero_goes_at_once(kind: RigKind) -> Result<(), Violation> {
+    // Only the link from the device is faulty.
     for (name, faults) in every_fault() {
         if name == "unplug" {
             continue;
         }
         for lead in 1..6 {
-            let (mut rig, traits) = made(kind);
-            let mut session = Session::homed(&mut *rig, turned(&traits))?;
-            ask(&mut session, [0.0, 1.0, 2.0], 10)?;
+            let (mut rig, traits) = new_rig(kind);
+            let mut session = Session::homed(&mut *rig, permuted(&traits))?;
+            hold_force(&mut session, [0.0, 1.0, 2.0], 10)?;
             session.rig.set_faults(Faults::NONE, faults);
-            ask(&mut session, [0.0, 1.0, 2.0], lead)?;
-            ensure!(session.rig.felt().off_since_us.is_none(), "{name}: no force to take away");
+            hold_force(&mut session, [0.0, 1.0, 2.0], lead)?;
+            ensure!(
+                session.rig.force_record().off_since_us.is_none(),
+                "{name}: no force before the zero command"
+            );
             let asked_us = session.now_us();
-            ask(&mut session, vec3::ZERO, 2)?;
-            let felt = session.rig.felt();
+            hold_force(&mut session, vec3::ZERO, 2)?;
+            let felt = session.rig.force_record();
             let off_us = felt.off_since_us.map(|us| us.saturating_sub(asked_us));
             ensure!(
                 felt.force_n == vec3::ZERO && off_us.is_some_and(|us| us <= 2_000),
-                "{name}, {lead} ticks in: {felt:?}"
+                "{name}, {lead} ticks after the fault: {felt:?}"
             );
-            ask(&mut session, vec3::ZERO, 40)?;
-            ensure!(session.rig.felt().force_n == vec3::ZERO, "{name}: the force came back");
+            hold_force(&mut session, vec3::ZERO, 40)?;
+            ensure!(session.rig.force_record().force_n == vec3::ZERO, "{name}: the force returned");
         }
     }
     Ok(())
 }
 
-pub(super) fn zero_after_stop(kind: Kind) -> Result<(), Broken> {
+pub(super) fn zero_after_stop(kind: RigKind) -> Result<(), Violation> {
     for way in 0..3 {
-        let (mut rig, traits) = made(kind);
-        let mut session = Session::homed(&mut *rig, turned(&traits))?;
+        let (mut rig, traits) = new_rig(kind);
+        let mut session = Session::homed(&mut *rig, permuted(&traits))?;
         let mut second = session.device().emergency_stop();
-        ask(&mut session, [2.0, -1.0, 1.0], 10)?;
-        ensure!(vec3::norm(session.rig.felt().force_n) > 2.0, "{:?}", session.rig.felt());
+        hold_force(&mut session, [2.0, -1.0, 1.0], 10)?;
+        ensure!(vec3::norm(session.rig.force_record().force_n) > 2.0, "{:?}", session.rig.force_record());
         let name = match way {
             0 => {
                 session.device().stop();
@@ -176,16 +183,16 @@ pub(super) fn zero_after_stop(kind: Kind) -> Result<(), Broken> {
                 "drop"
             }
             _ => {
-                let second = second.as_mut().ok_or_else(|| Broken("no second handle".into()))?;
+                let second = second.as_mut().ok_or_else(|| Violation("no emergency handle".into()))?;
                 second.zero()?;
-                "second handle"
+                "the emergency handle"
             }
         };
         session.pass(2_000);
-        let felt = session.rig.felt();
+        let felt = session.rig.force_record();
         ensure!(felt.force_n == vec3::ZERO && felt.off_since_us.is_some(), "after {name}: {felt:?}");
         session.pass(20_000);
-        ensure!(session.rig.felt().force_n == vec3::ZERO, "after {name} the force came back");
+        ensure!(session.rig.force_record().force_n == vec3::ZERO, "after {name} the force returned");
     }
     Ok(())
 }

@@ -1,62 +1,70 @@
-//! Of the contract: the driver with loop and controller, on an organ.
+//! Contract checks of the driver with loop and controller, on an organ.
 
-use super::{Broken, ask, kind_of, made, turned};
+use super::{Violation, error_kind, hold_force, new_rig, permuted};
 use crate::fault::Faults;
-use crate::rig::{Cut, Kind, Mishap, Rig};
+use crate::rig::{Cut, HardwareFault, Rig, RigKind};
 use crate::session::{self, Bench, Session};
 use palpate_core::{Fault, Method, Organ, Phase, vec3};
 use palpate_host::DeviceErrorKind;
 use palpate_host::device::DeviceState;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Presses into the organ until the hand is pushed back; the loop is armed.
-fn lean_in(bench: &mut Bench<'_, '_>) -> Result<(), Broken> {
+/// Arms the loop and presses into the organ until the organ pushes the hand back.
+fn press_in(bench: &mut Bench<'_, '_>) -> Result<(), Violation> {
     let path = session::press(bench.rig, 0.006, 0.014);
     bench.rig.follow(path);
     bench.controls.arm();
     let records = bench.run(800)?;
     let last = records.last().map(|record| record.phase);
-    ensure!(last == Some(Phase::Active), "{last:?} after 0.8 s of a sound link");
-    let felt = bench.rig.felt();
+    ensure!(last == Some(Phase::Active), "{last:?} after 0.8 s of a fault-free link");
+    let felt = bench.rig.force_record();
     let out_n = felt.force_n[2];
-    ensure!(out_n > 0.3, "pressed in, the hand is not pushed out: {:?} N", felt.force_n);
+    ensure!(out_n > 0.3, "the organ does not push the hand out: {:?} N", felt.force_n);
     Ok(())
 }
 
 fn on_golden<T>(
     rig: &mut dyn Rig,
-    test: impl FnOnce(&mut Bench<'_, '_>) -> Result<T, Broken>,
-) -> Result<T, Broken> {
+    test: impl FnOnce(&mut Bench<'_, '_>) -> Result<T, Violation>,
+) -> Result<T, Violation> {
     let blob = session::golden_organ();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).map_err(|error| Broken(error.to_string()))?;
+    let organ: Organ<'_> = Organ::read(blob.bytes()).map_err(|error| Violation(error.to_string()))?;
     session::with_loop(rig, &organ, Method::Energy, test)?
 }
 
-pub(super) fn nothing_before_arming(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, _) = made(kind);
+pub(super) fn nothing_before_arming(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, _) = new_rig(kind);
     on_golden(&mut *rig, |bench| {
         let path = session::press(bench.rig, 0.006, 0.014);
         bench.rig.follow(path.clone());
         let records = bench.run(800)?;
-        ensure!(records.iter().all(|record| record.phase == Phase::Disarmed), "it armed itself");
-        let felt = bench.rig.felt();
-        ensure!(felt.largest_motor == 0 && felt.largest_force_n == 0.0, "{felt:?} without being armed");
-        // Armed deep inside nothing pushes either: it must come through the surface.
+        ensure!(records.iter().all(|record| record.phase == Phase::Disarmed), "the loop armed itself");
+        let felt = bench.rig.force_record();
+        ensure!(felt.largest_motor == 0 && felt.largest_force_n == 0.0, "{felt:?} without arming");
+        // Armed below the surface, the controller renders nothing until the hand crosses the surface.
         bench.controls.arm();
         bench.run(50)?;
-        ensure!(bench.rig.felt().largest_force_n == 0.0, "{:?} at the moment of arming", bench.rig.felt());
+        ensure!(
+            bench.rig.force_record().largest_force_n == 0.0,
+            "{:?} at the moment of arming",
+            bench.rig.force_record()
+        );
         bench.rig.follow(path);
         bench.run(800)?;
-        ensure!(bench.rig.felt().force_n[2] > 0.3, "{:?} N, armed and pressed", bench.rig.felt().force_n);
+        ensure!(
+            bench.rig.force_record().force_n[2] > 0.3,
+            "{:?} N, armed and pressed",
+            bench.rig.force_record().force_n
+        );
         Ok(())
     })
 }
 
-pub(super) fn zero_after_the_loop(kind: Kind) -> Result<(), Broken> {
+pub(super) fn zero_after_the_loop(kind: RigKind) -> Result<(), Violation> {
     for way in 0..3 {
-        let (mut rig, _) = made(kind);
+        let (mut rig, _) = new_rig(kind);
         on_golden(&mut *rig, |bench| {
-            lean_in(bench)?;
+            press_in(bench)?;
             let name = match way {
                 0 => {
                     bench.controls.disarm();
@@ -68,15 +76,15 @@ pub(super) fn zero_after_the_loop(kind: Kind) -> Result<(), Broken> {
                     "the end of the loop"
                 }
                 _ => {
-                    bench.plant_panic();
+                    bench.panic_in_next_exchange();
                     let ended = catch_unwind(AssertUnwindSafe(|| bench.step().is_ok()));
                     ensure!(ended.is_err(), "no panic");
-                    // What a thread's stack would have done while it unwound.
+                    // As unwinding the thread's stack would do.
                     bench.end();
                     "a panic"
                 }
             };
-            let felt = bench.rig.felt();
+            let felt = bench.rig.force_record();
             ensure!(felt.force_n == vec3::ZERO && felt.off_since_us.is_some(), "after {name}: {felt:?}");
             Ok(())
         })?;
@@ -84,128 +92,137 @@ pub(super) fn zero_after_the_loop(kind: Kind) -> Result<(), Broken> {
     Ok(())
 }
 
-pub(super) fn lost_homing(kind: Kind) -> Result<(), Broken> {
-    for mishap in [Mishap::LoseHoming, Mishap::PowerCycle] {
-        let (mut rig, _) = made(kind);
-        if !rig.strike(mishap) {
+pub(super) fn lost_homing(kind: RigKind) -> Result<(), Violation> {
+    for fault in [HardwareFault::HomingLost, HardwareFault::PowerCycle] {
+        let (mut rig, _) = new_rig(kind);
+        if !rig.inject(fault) {
             continue;
         }
-        let (mut rig, _) = made(kind);
+        let (mut rig, _) = new_rig(kind);
         on_golden(&mut *rig, |bench| {
-            lean_in(bench)?;
-            bench.rig.strike(mishap);
+            press_in(bench)?;
+            bench.rig.inject(fault);
             let records = bench.run(40)?;
-            // The reply that says so is one tick old, and the zero goes with the exchange after that.
+            // The loss is reported one tick late, and the next exchange sends the zero.
             let latched = records.iter().position(|record| matches!(record.phase, Phase::SafeZero(_)));
             let last = records.last().map(|record| (record.phase, record.device));
-            ensure!(latched.is_some_and(|tick| tick <= 11), "{mishap:?}: latched after {latched:?} ticks");
-            if mishap == Mishap::LoseHoming {
+            ensure!(latched.is_some_and(|tick| tick <= 11), "{fault:?}: latched after {latched:?} ticks");
+            if fault == HardwareFault::HomingLost {
                 let wanted = (Phase::SafeZero(Fault::NotReady), DeviceState::Unhomed);
-                ensure!(last == Some(wanted), "{mishap:?}: {last:?}");
+                ensure!(last == Some(wanted), "{fault:?}: {last:?}");
             }
-            ensure!(bench.rig.felt().force_n == vec3::ZERO, "{mishap:?}: {:?}", bench.rig.felt());
+            ensure!(
+                bench.rig.force_record().force_n == vec3::ZERO,
+                "{fault:?}: {:?}",
+                bench.rig.force_record()
+            );
             let late = records.iter().skip(4).filter(|record| record.sample.is_some()).count();
-            ensure!(late == 0, "{mishap:?}: {late} samples of a device that knows no place");
-            // Neither a reset nor arming helps before it is homed.
+            ensure!(late == 0, "{fault:?}: {late} samples of a device that is not homed");
+            // Neither a reset nor arming gives a force before homing.
             bench.controls.reset();
             bench.controls.arm();
             let records = bench.run(40)?;
             let last = records.last().map(|record| record.phase);
-            // A device that has become silent is taken for what it was last, and is stale 10 ms later.
-            ensure!(last != Some(Phase::Active), "{mishap:?}: armed without being homed");
+            // A silent device keeps its last state and is stale 10 ms later.
+            ensure!(last != Some(Phase::Active), "{fault:?}: armed without homing");
             let unhomed = |record: &&palpate_host::TickRecord| record.device != DeviceState::Homed;
             let active =
                 records.iter().filter(unhomed).filter(|record| record.phase == Phase::Active).count();
-            ensure!(active == 0, "{mishap:?}: {active} ticks armed without being homed");
-            ensure!(bench.rig.felt().force_n == vec3::ZERO, "{mishap:?}: {:?}", bench.rig.felt());
+            ensure!(active == 0, "{fault:?}: {active} ticks armed without homing");
+            ensure!(
+                bench.rig.force_record().force_n == vec3::ZERO,
+                "{fault:?}: {:?}",
+                bench.rig.force_record()
+            );
             Ok(())
         })?;
     }
     Ok(())
 }
 
-/// A silence that is latched, ticks.
+/// Ticks of silence that are latched.
 const STALE_TICKS: u64 = 14;
 
-/// Armed inside nothing pushes until the hand enters anew, so it does.
-pub(super) fn latched_stays(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, _) = made(kind);
+/// The hand leaves the organ and enters it again, because a controller that is armed inside renders nothing.
+pub(super) fn latched_stays(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, _) = new_rig(kind);
     on_golden(&mut *rig, |bench| {
-        lean_in(bench)?;
+        press_in(bench)?;
         bench.rig.set_faults(Faults::NONE, Faults { drop: 1.0, ..Faults::NONE });
-        // Long enough to be stale, and too short for a device link to call its session lost.
+        // Long enough to be stale, and too short for the device link to lose its session.
         let records = bench.run(STALE_TICKS)?;
         let latched = Some(Phase::SafeZero(Fault::Stale));
         let last = records.last().map(|record| record.phase);
         ensure!(last == latched, "{last:?} after {STALE_TICKS} ms of silence");
         bench.rig.set_faults(Faults::NONE, Faults::NONE);
         let mut records = bench.run(60)?;
-        bench.rig.forget();
-        let path = session::press_anew(bench.rig, 0.006, 0.014);
+        bench.rig.reset_record();
+        let path = session::press_again(bench.rig, 0.006, 0.014);
         bench.rig.follow(path);
-        records.extend(bench.run(session::ANEW_TICKS)?);
+        records.extend(bench.run(session::PRESS_AGAIN_TICKS)?);
         let sampled = records.iter().filter(|record| record.sample.is_some()).count();
-        ensure!(sampled > 150, "{sampled} samples of a link that is sound again");
+        ensure!(sampled > 150, "{sampled} samples of a link without faults");
         let left = records.iter().map(|record| record.phase).find(|phase| Some(*phase) != latched);
         ensure!(left.is_none(), "{left:?} after a latched fault, without a reset");
-        let felt = bench.rig.felt();
+        let felt = bench.rig.force_record();
         ensure!(
             felt.force_n == vec3::ZERO && felt.largest_force_n == 0.0,
-            "{felt:?} after a latched fault, pressed anew"
+            "{felt:?} after a latched fault and a new press"
         );
-        // The same way gives a force once somebody has reset and armed.
+        // The same press gives a force after a reset and arming.
         bench.controls.reset();
         bench.run(2)?;
         bench.controls.arm();
-        let path = session::press_anew(bench.rig, 0.006, 0.014);
+        let path = session::press_again(bench.rig, 0.006, 0.014);
         bench.rig.follow(path);
-        bench.run(session::ANEW_TICKS)?;
-        let felt = bench.rig.felt();
-        ensure!(felt.force_n[2] > 0.3, "{:?} N, reset, armed and pressed anew", felt.force_n);
+        bench.run(session::PRESS_AGAIN_TICKS)?;
+        let felt = bench.rig.force_record();
+        ensure!(felt.force_n[2] > 0.3, "{:?} N, after a reset, arming and a new press", felt.force_n);
         Ok(())
     })
 }
 
-pub(super) fn unplugged_is_gone(kind: Kind) -> Result<(), Broken> {
+pub(super) fn unplugged_is_gone(kind: RigKind) -> Result<(), Violation> {
     for cut in [Cut::Between, Cut::MidFrame] {
-        let (mut rig, traits) = made(kind);
+        let (mut rig, traits) = new_rig(kind);
         {
-            let mut session = Session::homed(&mut *rig, turned(&traits))?;
-            ask(&mut session, [1.0, 1.0, 1.0], 10)?;
-            // The request is on its way when the cable goes.
+            let mut session = Session::homed(&mut *rig, permuted(&traits))?;
+            hold_force(&mut session, [1.0, 1.0, 1.0], 10)?;
+            // A request is in flight when the cable is pulled.
             let now_us = session.now_us();
             let _ = session.device().exchange(now_us, [1.0, 1.0, 1.0]);
             session.rig.unplug(cut);
             session.pass(1_000);
-            let gone =
-                (0..5).any(|_| kind_of(session.tick([1.0, 1.0, 1.0])) == Some(DeviceErrorKind::Disconnected));
-            ensure!(gone, "{cut:?}: five exchanges after the cable was pulled it is not said to be gone");
+            let gone = (0..5)
+                .any(|_| error_kind(session.tick([1.0, 1.0, 1.0])) == Some(DeviceErrorKind::Disconnected));
+            ensure!(gone, "{cut:?}: not reported as disconnected five exchanges after unplugging");
             session.rig.replug();
-            let before = session.rig.felt().commands;
+            let before = session.rig.force_record().commands;
             for _ in 0..50 {
-                let kind = kind_of(session.tick([1.0, 1.0, 1.0]));
-                ensure!(
-                    kind == Some(DeviceErrorKind::Disconnected),
-                    "{cut:?}: {kind:?} from a driver that is lost"
-                );
+                let kind = error_kind(session.tick([1.0, 1.0, 1.0]));
+                ensure!(kind == Some(DeviceErrorKind::Disconnected), "{cut:?}: {kind:?} from a lost driver");
             }
-            let after = session.rig.felt().commands;
-            ensure!(after == before, "{cut:?}: a lost driver commands the motors of a device put in again");
+            let after = session.rig.force_record().commands;
+            ensure!(after == before, "{cut:?}: a lost driver commands the motors after replugging");
         }
-        // Opened anew it has no force, and gets none before it is homed and armed.
-        rig.forget();
+        // Opened again the device has no force, and gets none before homing and arming.
+        rig.reset_record();
         on_golden(&mut *rig, |bench| {
-            let felt = bench.rig.felt();
+            let felt = bench.rig.force_record();
             ensure!(felt.force_n == vec3::ZERO, "{cut:?}: opened and homed, {felt:?}");
             let path = session::press(bench.rig, 0.006, 0.014);
             bench.rig.follow(path);
             let records = bench.run(800)?;
             ensure!(
                 records.iter().all(|record| record.phase == Phase::Disarmed),
-                "{cut:?}: it went on by itself"
+                "{cut:?}: the loop resumed by itself"
             );
-            ensure!(bench.rig.felt().force_n == vec3::ZERO, "{cut:?}: {:?}", bench.rig.felt());
-            lean_in(bench)
+            ensure!(
+                bench.rig.force_record().force_n == vec3::ZERO,
+                "{cut:?}: {:?}",
+                bench.rig.force_record()
+            );
+            press_in(bench)
         })?;
     }
     Ok(())

@@ -1,15 +1,15 @@
-//! Of the contract: what comes back, how old it is, and when nothing does.
+//! Contract checks of the samples: their values, their age, and silence.
 
-use super::{Broken, ask, in_model, made, turned};
+use super::{Violation, hold_force, in_model, new_rig, permuted};
 use crate::fault::Faults;
 use crate::mechanism::Waypoint;
-use crate::rig::{Kind, Traits};
+use crate::rig::{RigKind, Traits};
 use crate::session::Session;
 use palpate_core::{Sample, Vec3, vec3};
 use palpate_host::DeviceErrorKind;
 use std::time::Duration;
 
-/// There and back along two axes, with a rest at each end.
+/// Moves back and forth along two axes, with a rest at each end.
 fn sweep(traits: &Traits, reach_m: f32) -> Vec<Waypoint> {
     let at =
         |t_us, x: f32, y: f32| Waypoint { t_us, position_m: vec3::add(traits.middle_m, [x, y, 0.5 * x]) };
@@ -22,19 +22,19 @@ fn sweep(traits: &Traits, reach_m: f32) -> Vec<Waypoint> {
     ]
 }
 
-pub(super) fn positions_are_right(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+pub(super) fn positions_are_right(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     session.rig.follow(sweep(&traits, 0.02));
     let begun = session.truth().len();
     let mut samples = Vec::new();
     for _ in 0..1_600 {
         samples.extend(session.tick(vec3::ZERO)?);
     }
-    ensure!(samples.len() > 700, "{} samples in 1.6 s of a sound link", samples.len());
+    ensure!(samples.len() > 700, "{} samples in 1.6 s of a fault-free link", samples.len());
     for sample in samples.iter().skip(2) {
         let since = session.truth().partition_point(|(t_us, _)| *t_us < sample.t_us).max(begun);
-        // The encoders were read some time between the request and two ticks later.
+        // The encoders were read between the request and two ticks later.
         let then = session.truth()[since..].iter().take(9);
         let off_m = then
             .map(|(_, device_m)| vec3::distance(in_model(&traits, *device_m), sample.position_m))
@@ -44,23 +44,25 @@ pub(super) fn positions_are_right(kind: Kind) -> Result<(), Broken> {
     Ok(())
 }
 
-/// The time when the grip was nearest to where a sample says it was, and how far that is; the hand moves one way, along the model's z.
-fn seen_at(truth: &[(u64, Vec3)], traits: &Traits, sample: &Sample) -> (u64, f32) {
+/// The time at which the grip was nearest to the sampled position, and that distance. The hand moves in one
+/// direction, along the model's z.
+fn nearest_truth(truth: &[(u64, Vec3)], traits: &Traits, sample: &Sample) -> (u64, f32) {
     let after = truth.partition_point(|(_, device_m)| in_model(traits, *device_m)[2] < sample.position_m[2]);
-    let beside = truth[after.saturating_sub(1)..].iter().take(2);
+    let neighbours = truth[after.saturating_sub(1)..].iter().take(2);
     let distance = |device_m: Vec3| vec3::distance(in_model(traits, device_m), sample.position_m);
-    let seen = beside.map(|(t_us, device_m)| (*t_us, distance(*device_m)));
+    let seen = neighbours.map(|(t_us, device_m)| (*t_us, distance(*device_m)));
     seen.fold((0, f32::INFINITY), |best, next| if next.1 < best.1 { next } else { best })
 }
 
-/// Moves the hand one way, fast, under faults; every sample must have been true when it is stamped, or later.
-fn stamps_under(kind: Kind, seed: u64, to_device: Faults, to_host: Faults) -> Result<usize, Broken> {
+/// Moves the hand fast in one direction under faults. No sample may be stamped later than its position was
+/// true.
+fn check_stamps(kind: RigKind, seed: u64, to_device: Faults, to_host: Faults) -> Result<usize, Violation> {
     let mut rig = (kind.make)(seed);
     let traits = rig.traits();
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let at = |t_us, x: f32| Waypoint { t_us, position_m: vec3::add(traits.middle_m, [x, 0.0, 0.0]) };
     session.rig.follow(vec![at(0, -0.03), at(300_000, -0.03), at(1_000_000, 0.03)]);
-    ask(&mut session, vec3::ZERO, 300)?;
+    hold_force(&mut session, vec3::ZERO, 300)?;
     session.rig.set_faults(to_device, to_host);
     let from = session.truth().len();
     let mut seen = 0;
@@ -70,46 +72,46 @@ fn stamps_under(kind: Kind, seed: u64, to_device: Faults, to_host: Faults) -> Re
             exchanged => exchanged.unwrap_or(None),
         };
         let Some(sample) = sample else { continue };
-        ensure!(sample.t_us <= session.now_us(), "a stamp of the future: {sample:?}");
-        // At the ends of its way the hand is too slow to tell the time by.
+        ensure!(sample.t_us <= session.now_us(), "a time stamp in the future: {sample:?}");
+        // At the ends of the path the hand is too slow to determine the time.
         let place_m = sample.position_m[2];
         if !(-0.022..0.022).contains(&place_m) {
             continue;
         }
         seen += 1;
-        let (then_us, off_m) = seen_at(&session.truth()[from..], &traits, &sample);
-        ensure!(off_m <= 2.0 * traits.count_m, "{} um from every truth: {sample:?}", 1e6 * off_m);
-        // 40 mm/s at the slowest part that counts: a count is two milliseconds there.
+        let (then_us, off_m) = nearest_truth(&session.truth()[from..], &traits, &sample);
+        ensure!(off_m <= 2.0 * traits.count_m, "{} um from every true position: {sample:?}", 1e6 * off_m);
+        // The hand moves at 40 mm/s at least, so one count takes up to two milliseconds.
         let tolerance_us = 2_500;
         ensure!(
             sample.t_us <= then_us + tolerance_us,
-            "stamped {} us, and true at {then_us} us",
+            "stamped {} us, but true at {then_us} us",
             sample.t_us
         );
     }
     Ok(seen)
 }
 
-pub(super) fn stamps_are_not_too_young(kind: Kind) -> Result<(), Broken> {
+pub(super) fn stamps_are_not_too_young(kind: RigKind) -> Result<(), Violation> {
     let none = Faults::NONE;
-    let mut seen = stamps_under(kind, 1, none, none)?;
-    ensure!(seen > 200, "{seen} samples of a sound link");
+    let mut seen = check_stamps(kind, 1, none, none)?;
+    ensure!(seen > 200, "{seen} samples of a fault-free link");
     let numbered = (kind.make)(1).traits().numbered_replies;
-    // A link whose replies have no numbers cannot tell two that were swapped; no serial line swaps any.
+    // Replies without numbers cannot reveal that two were swapped. No serial line swaps them.
     for (seed, (name, faults)) in
-        (2..).zip(seldom().into_iter().filter(|(name, _)| numbered || *name != "reorder"))
+        (2..).zip(rare_faults().into_iter().filter(|(name, _)| numbered || *name != "reorder"))
     {
         for (to_device, to_host) in [(none, faults), (faults, none), (faults, faults)] {
-            let stamped = stamps_under(kind, seed, to_device, to_host);
-            seen += stamped.map_err(|Broken(why)| Broken(format!("{name}: {why}")))?;
+            let stamped = check_stamps(kind, seed, to_device, to_host);
+            seen += stamped.map_err(|Violation(why)| Violation(format!("{name}: {why}")))?;
         }
     }
     ensure!(seen > 2_000, "{seen} samples in all");
     Ok(())
 }
 
-/// One thing at a time, to a frame now and then.
-fn seldom() -> [(&'static str, Faults); 7] {
+/// One kind of fault at a time, on few frames.
+fn rare_faults() -> [(&'static str, Faults); 7] {
     let none = Faults::NONE;
     [
         ("drop", Faults { drop: 0.05, ..none }),
@@ -118,34 +120,34 @@ fn seldom() -> [(&'static str, Faults); 7] {
         ("truncate", Faults { truncate: 0.05, ..none }),
         ("reorder", Faults { reorder: 0.03, ..none }),
         ("stall", Faults { stall: 0.02, stall_us: 9_000, ..none }),
-        ("babble", Faults { babble: 0.05, ..none }),
+        ("noise", Faults { noise: 0.05, ..none }),
     ]
 }
 
-pub(super) fn late_is_not_fresh(kind: Kind) -> Result<(), Broken> {
+pub(super) fn late_is_not_fresh(kind: RigKind) -> Result<(), Violation> {
     for delay_us in [12_000, 25_000, 60_000] {
-        let (mut rig, traits) = made(kind);
-        let mut session = Session::homed(&mut *rig, turned(&traits))?;
+        let (mut rig, traits) = new_rig(kind);
+        let mut session = Session::homed(&mut *rig, permuted(&traits))?;
         session.rig.set_faults(Faults::NONE, Faults { delay: 1.0, delay_us, ..Faults::NONE });
         for tick in 0..400 {
             let now_us = session.now_us();
             let Ok(Some(sample)) = session.tick(vec3::ZERO) else { continue };
             let age_us = now_us - sample.t_us;
-            // What was on its way before the fault began may still come in time.
+            // A reply that was in flight before the fault may still be in time.
             ensure!(
                 tick < 3 || age_us + 1_000 >= delay_us.min(16_000),
-                "{age_us} us old after {delay_us} us"
+                "{age_us} us old with a delay of {delay_us} us"
             );
         }
-        ensure!(session.rig.counts().delayed > 5, "nothing was late: {:?}", session.rig.counts());
+        ensure!(session.rig.counts().delayed > 5, "no frame was delayed: {:?}", session.rig.counts());
     }
     Ok(())
 }
 
-pub(super) fn silence_is_reported(kind: Kind) -> Result<(), Broken> {
-    let (mut rig, traits) = made(kind);
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
-    ask(&mut session, vec3::ZERO, 20)?;
+pub(super) fn silence_is_reported(kind: RigKind) -> Result<(), Violation> {
+    let (mut rig, traits) = new_rig(kind);
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
+    hold_force(&mut session, vec3::ZERO, 20)?;
     session.rig.set_faults(Faults::NONE, Faults { drop: 1.0, ..Faults::NONE });
     let (mut samples, mut timeouts) = (0, 0);
     for _ in 0..100 {
@@ -155,17 +157,17 @@ pub(super) fn silence_is_reported(kind: Kind) -> Result<(), Broken> {
             Err(error) => return Err(error.into()),
         }
     }
-    ensure!(samples <= 1 && timeouts > 20, "{samples} samples and {timeouts} timeouts in a tenth of silence");
+    ensure!(samples <= 1 && timeouts > 20, "{samples} samples and {timeouts} timeouts in 0.1 s of silence");
     session.rig.set_faults(Faults::NONE, Faults::NONE);
     let mut back = 0;
     for _ in 0..100 {
         back += u32::from(matches!(session.tick(vec3::ZERO), Ok(Some(_))));
     }
-    ensure!(back > 30, "{back} samples in a tenth of a second after the silence");
+    ensure!(back > 30, "{back} samples in 0.1 s after the silence");
     Ok(())
 }
 
-/// Everything that a link may do, one thing at a time, to every frame.
+/// Every kind of link fault, one at a time, on every frame.
 pub(super) fn every_fault() -> [(&'static str, Faults); 9] {
     let none = Faults::NONE;
     [
@@ -176,21 +178,23 @@ pub(super) fn every_fault() -> [(&'static str, Faults); 9] {
         ("corrupt", Faults { corrupt: 1.0, ..none }),
         ("reorder", Faults { reorder: 1.0, ..none }),
         ("stall", Faults { stall: 0.1, stall_us: 30_000, ..none }),
-        ("babble", Faults { babble: 1.0, ..none }),
+        ("noise", Faults { noise: 1.0, ..none }),
         ("unplug", Faults { unplug: 1.0, unplug_us: 20_000, ..none }),
     ]
 }
 
-/// Longest that an exchange may keep the loop in virtual time, us: two writes that find no room, at a tick each, would be an overrun already.
-const LONGEST_EXCHANGE_US: u64 = 2_000;
+/// Longest virtual time of an exchange, us. Two writes that each wait one tick for room would already be an
+/// overrun.
+const MAX_EXCHANGE_US: u64 = 2_000;
 
-/// Longest median of an exchange on a sound link in memory: there is nothing to wait for, and a driver that sleeps is not seen in virtual time.
-const MEDIAN_EXCHANGE: Duration = Duration::from_millis(1);
+/// Largest median real time of an exchange on a fault-free link in memory, which has nothing to wait for.
+/// Virtual time would not show a driver that sleeps.
+const MAX_MEDIAN_EXCHANGE: Duration = Duration::from_millis(1);
 
-/// The median of some hundreds: a busy machine delays a few.
-fn median_exchange(kind: Kind) -> Result<Duration, Broken> {
-    let (mut rig, traits) = made(kind);
-    let mut session = Session::homed(&mut *rig, turned(&traits))?;
+/// Median of some hundred exchanges, because a busy machine delays a few.
+fn median_exchange(kind: RigKind) -> Result<Duration, Violation> {
+    let (mut rig, traits) = new_rig(kind);
+    let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let mut times = Vec::new();
     for tick in 0..400 {
         session.tick(if tick % 7 < 5 { [1.0, 0.0, 0.5] } else { vec3::ZERO })?;
@@ -200,24 +204,27 @@ fn median_exchange(kind: Kind) -> Result<Duration, Broken> {
     Ok(times[times.len() / 2])
 }
 
-pub(super) fn exchanges_do_not_wait(kind: Kind) -> Result<(), Broken> {
+pub(super) fn exchanges_do_not_wait(kind: RigKind) -> Result<(), Violation> {
     if kind.in_memory {
         let median = median_exchange(kind)?;
-        ensure!(median < MEDIAN_EXCHANGE, "an exchange on a sound link takes {median:?} of real time");
+        ensure!(
+            median < MAX_MEDIAN_EXCHANGE,
+            "an exchange on a fault-free link takes {median:?} of real time"
+        );
     }
     for (name, faults) in every_fault() {
         for (to_device, to_host) in [(faults, Faults::NONE), (Faults::NONE, faults), (faults, faults)] {
-            let (mut rig, traits) = made(kind);
-            let mut session = Session::homed(&mut *rig, turned(&traits))?;
+            let (mut rig, traits) = new_rig(kind);
+            let mut session = Session::homed(&mut *rig, permuted(&traits))?;
             session.rig.set_faults(to_device, to_host);
             for tick in 0..60 {
                 let force_n = if tick % 7 < 5 { [1.0, 0.0, 0.5] } else { vec3::ZERO };
-                // Errors are what the link deserves.
+                // Errors are expected under these faults.
                 let _ = session.tick(force_n);
             }
             let (virtual_us, real) = session.longest_wait();
-            ensure!(virtual_us <= LONGEST_EXCHANGE_US, "{name}: an exchange took {virtual_us} us");
-            // Not a measurement: what hangs is what is meant.
+            ensure!(virtual_us <= MAX_EXCHANGE_US, "{name}: an exchange took {virtual_us} us");
+            // This bound is no measurement; it detects a hang.
             ensure!(real < Duration::from_secs(10), "{name}: an exchange took {real:?}");
         }
     }

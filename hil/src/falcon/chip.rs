@@ -1,10 +1,12 @@
-//! The FT232R between USB and the board's UART: vendor requests, baud rates, two buffers, status bytes and the latency timer.
+//! The FT232R chip between USB and the board's UART: vendor requests, baud rates, two buffers, status bytes
+//! and the latency timer.
 //!
 //! ```text
-//! bulk OUT -> 128 bytes -> UART at the set rate -> board;   board -> UART -> 256 bytes -> (62 bytes | timer | event character) -> bulk IN
+//! bulk OUT -> 128 bytes -> UART at the set rate -> board
+//! board -> UART -> 256 bytes -> (62 bytes | timer | event character) -> bulk IN
 //! ```
 //!
-//! Time is the caller's. Bytes of another rate or format than the receiver's arrive damaged, as they would on a wire.
+//! The caller passes the time. Bytes at another rate or format than the receiver's arrive corrupted.
 
 mod requests;
 
@@ -14,25 +16,25 @@ use super::descriptors;
 use super::uart::{OTHER_FORMAT, WireByte, byte_ns};
 use std::collections::VecDeque;
 
-/// Bytes in front of the payload of every packet to the host.
+/// Status bytes at the start of every packet to the host.
 pub const STATUS_LEN: usize = 2;
 /// Payload of a full packet.
 pub const PAYLOAD_LEN: usize = descriptors::PACKET_LEN - STATUS_LEN;
-/// Bytes from the host that wait for the UART.
+/// Buffer for bytes from the host to the UART.
 const OUT_BUFFER_LEN: usize = 128;
-/// Bytes from the UART that wait for the host; more are lost.
+/// Buffer for bytes from the UART to the host; an overflow loses bytes.
 const IN_BUFFER_LEN: usize = 256;
 /// Latency timer after power-up, ms.
 const DEFAULT_LATENCY_MS: u8 = 16;
 
-/// Line status: overrun, framing error, and room for what comes next.
+/// Line status: overrun, framing error, and transmitter empty.
 const OVERRUN: u8 = 0x02;
 const FRAMING_ERROR: u8 = 0x08;
 const TRANSMITTER_EMPTY: u8 = 0x60;
-/// Modem status: nothing on the inputs; bit 0 is always set.
+/// Modem status: all inputs low; bit 0 is always set.
 const MODEM_STATUS: u8 = 0x01;
 
-/// Lines of the modem control that reach the board.
+/// Modem control lines that reach the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ModemLines {
     /// Data terminal ready.
@@ -41,7 +43,7 @@ pub struct ModemLines {
     pub rts: bool,
 }
 
-/// The chip.
+/// State of the chip.
 #[derive(Debug, Clone)]
 pub struct Chip {
     now_ns: u64,
@@ -51,7 +53,7 @@ pub struct Chip {
     lines: ModemLines,
     latency_ms: u8,
     event: Option<u8>,
-    /// Bytes from the host and when they came.
+    /// Bytes from the host and their times.
     to_board: VecDeque<(u64, u8)>,
     out_free_ns: u64,
     /// Bytes on the wire from the board.
@@ -60,7 +62,7 @@ pub struct Chip {
     received: VecDeque<u8>,
     line_errors: u8,
     timer_due_ns: u64,
-    /// The timer has run out or the event character has come: the next packet goes out, full or not.
+    /// The timer has expired or the event character has arrived: the next packet is sent, full or not.
     flush: bool,
 }
 
@@ -71,7 +73,7 @@ impl Default for Chip {
 }
 
 impl Chip {
-    /// A chip that gets its power now.
+    /// A chip that is powered up now.
     #[must_use]
     pub const fn new(now_us: u64) -> Self {
         let now_ns = now_us * 1_000;
@@ -94,19 +96,19 @@ impl Chip {
         }
     }
 
-    /// The modem lines as the host has set them.
+    /// The modem lines as set by the host.
     #[must_use]
     pub const fn lines(&self) -> ModemLines {
         self.lines
     }
 
-    /// Set rate, bits a second.
+    /// Baud rate, bits per second.
     #[must_use]
     pub const fn baud(&self) -> u32 {
         self.baud
     }
 
-    /// What the request "reset" does: empty buffers, no event character, lines low; rate, format and latency stay.
+    /// The request "reset": clears buffers, event character and modem lines; keeps rate, format and latency.
     fn reset(&mut self) {
         self.to_board.clear();
         self.purge_received();
@@ -124,14 +126,14 @@ impl Chip {
         self.timer_due_ns = self.now_ns + self.latency_ms as u64 * 1_000_000;
     }
 
-    /// Takes bytes from the host as far as there is room; gives how many. The rest has to come again.
+    /// Takes as many bytes from the host as fit and returns their number. The host sends the rest again.
     pub fn bulk_out(&mut self, bytes: &[u8]) -> usize {
         let count = bytes.len().min(OUT_BUFFER_LEN - self.to_board.len());
         self.to_board.extend(bytes[..count].iter().map(|byte| (self.now_ns, *byte)));
         count
     }
 
-    /// Packets for the host that are ready now, at most `max` bytes; full ones may be followed by a short one, which ends a transfer.
+    /// Packets that are ready for the host, at most `max` bytes. A short packet ends a transfer.
     pub fn bulk_in(&mut self, max: usize) -> Option<Vec<u8>> {
         let mut transfer = Vec::new();
         while max - transfer.len() >= descriptors::PACKET_LEN {
@@ -168,7 +170,7 @@ impl Chip {
         Some(WireByte { at_ns, byte, baud: if self.is_8n1 { self.baud } else { OTHER_FORMAT } })
     }
 
-    /// The board sends bytes, from `at_ns` on, or as soon as its transmitter is free.
+    /// Sends bytes from the board, from `at_ns` on or when its transmitter is free.
     pub fn from_board(&mut self, at_ns: u64, bytes: &[u8], baud: u32) {
         for byte in bytes {
             self.in_free_ns = self.in_free_ns.max(at_ns) + byte_ns(baud);
@@ -176,13 +178,13 @@ impl Chip {
         }
     }
 
-    /// Moves on: bytes arrive, the timer runs.
+    /// Advances to a time: bytes arrive, and the timer runs.
     pub fn advance(&mut self, now_us: u64) {
         self.now_ns = self.now_ns.max(now_us * 1_000);
         let baud = if self.is_8n1 { self.baud } else { OTHER_FORMAT };
         while let Some(wire) = self.from_board.front().copied().filter(|wire| wire.at_ns <= self.now_ns) {
             self.from_board.pop_front();
-            let byte = wire.heard_at(baud);
+            let byte = wire.decoded_at(baud);
             if byte != wire.byte {
                 self.line_errors |= FRAMING_ERROR;
             }
@@ -213,12 +215,12 @@ mod tests {
     }
 
     #[test]
-    fn bytes_take_their_time_on_the_wire_and_there_is_room_for_128() {
+    fn the_output_buffer_holds_128_bytes_sent_at_the_baud_rate() {
         let mut chip = fast();
         assert_eq!(chip.bulk_out(&[7; 200]), 128);
         assert_eq!(chip.next_for_board(6_665), None);
-        let first = chip.next_for_board(6_666).expect("one byte time");
-        assert_eq!((first.byte, first.baud, first.heard_at(9_600) == 7), (7, 1_500_000, false));
+        let first = chip.next_for_board(6_666).expect("after one byte time");
+        assert_eq!((first.byte, first.baud, first.decoded_at(9_600) == 7), (7, 1_500_000, false));
         let mut last_ns = 0;
         while let Some(byte) = chip.next_for_board(u64::MAX) {
             last_ns = byte.at_ns;
@@ -226,9 +228,9 @@ mod tests {
         assert_eq!(last_ns, 128 * 6_666);
     }
 
-    /// With nothing to say there is a packet of two bytes each time the timer has run out, and none before.
+    /// An idle chip sends a packet of two status bytes each time the timer expires, and none before.
     #[test]
-    fn an_idle_chip_sends_its_status_once_per_latency() {
+    fn an_idle_chip_sends_its_status_each_latency_period() {
         let mut chip = fast();
         for ms in 1..=5 {
             chip.advance(ms * 1_000 - 1);
@@ -245,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_wait_for_the_timer_for_62_of_them_or_for_the_event_character() {
+    fn a_packet_is_sent_on_the_timer_at_62_bytes_or_on_the_event_character() {
         let mut chip = fast();
         chip.from_board(0, b"<abc>", 1_500_000);
         chip.advance(999);
@@ -260,7 +262,7 @@ mod tests {
         chip.advance(1_600);
         let full = chip.bulk_in(512).expect("62 bytes");
         assert_eq!((full.len(), full.last()), (64, Some(&b'y')));
-        assert_eq!(chip.bulk_in(512), None, "one more waits for the timer");
+        assert_eq!(chip.bulk_in(512), None, "the last byte waits for the timer");
 
         set(&mut chip, 6, 0x013e);
         chip.from_board(1_700_000, b"<abc>", 1_500_000);
@@ -271,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_transfer_of_several_packets_has_the_status_in_each_and_ends_short() {
+    fn each_packet_of_a_transfer_has_its_status_and_a_short_one_ends_it() {
         let mut chip = fast();
         chip.from_board(0, &(0..130).collect::<Vec<u8>>(), 1_500_000);
         chip.advance(1_000);
@@ -285,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_reads_overruns_and_purging_empties() {
+    fn unread_bytes_overrun_and_a_purge_clears_the_buffers() {
         let mut chip = fast();
         chip.from_board(0, &[1; 300], 1_500_000);
         chip.advance(10_000);
@@ -304,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn another_rate_or_format_is_noise() {
+    fn a_wrong_rate_or_format_is_noise() {
         let mut chip = fast();
         chip.from_board(0, b"A", 142_857);
         chip.advance(1_000);
@@ -317,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_move_by_their_mask_and_unknown_requests_stall() {
+    fn modem_lines_follow_their_mask_and_unknown_requests_stall() {
         let mut chip = fast();
         set(&mut chip, 1, 0x0101);
         set(&mut chip, 1, 0x0200);
@@ -334,13 +336,13 @@ mod tests {
     }
 
     #[test]
-    fn it_is_enumerated() {
+    fn standard_requests_enumerate_the_chip() {
         let mut chip = Chip::new(0);
         let get = |value, length| Setup { request_type: 0x80, request: 6, value, index: 0, length };
         assert_eq!(chip.control(get(0x0100, 8), &[]).expect("a descriptor").len(), 8);
         assert_eq!(chip.control(get(0x0100, 64), &[]).expect("a descriptor").len(), 18);
         assert_eq!(chip.control(get(0x0200, 255), &[]).expect("a descriptor").len(), 32);
-        assert_eq!(chip.control(get(0x0600, 10), &[]), Err(Stall), "no other speed");
+        assert_eq!(chip.control(get(0x0600, 10), &[]), Err(Stall), "it has one speed only");
         let configure = Setup { request_type: 0, request: 9, value: 1, index: 0, length: 0 };
         assert_eq!(chip.control(configure, &[]), Ok(Vec::new()));
         let which = Setup { request_type: 0x80, request: 8, value: 0, index: 0, length: 1 };

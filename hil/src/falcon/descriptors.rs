@@ -1,4 +1,4 @@
-//! What the chip says about itself when it is enumerated: 0403:CB48, full speed, one interface with a bulk pipe each way.
+//! USB descriptors of the chip: 0403:CB48, full speed, one interface with one bulk pipe in each direction.
 
 /// Vendor id: FTDI.
 pub const VENDOR_ID: u16 = 0x0403;
@@ -8,7 +8,7 @@ pub const PRODUCT_ID: u16 = 0xcb48;
 pub const ENDPOINT_IN: u8 = 0x81;
 /// Address of the bulk pipe from the host.
 pub const ENDPOINT_OUT: u8 = 0x02;
-/// Size of a bulk packet either way.
+/// Size of a bulk packet in either direction.
 pub const PACKET_LEN: usize = 64;
 
 const DEVICE: u8 = 1;
@@ -17,7 +17,7 @@ const STRING: u8 = 3;
 
 /// Packet size of endpoint 0 of an FT232R.
 const CONTROL_PACKET_LEN: u8 = 8;
-/// Release number by which drivers know an FT232R.
+/// Release number that identifies an FT232R.
 const RELEASE: u16 = 0x0600;
 /// American English, the only language.
 const LANGUAGE: u16 = 0x0409;
@@ -31,7 +31,7 @@ const VERSION: [u8; 2] = RELEASE.to_le_bytes();
 #[rustfmt::skip]
 const DEVICE_DESCRIPTOR: [u8; 18] = [
     18, DEVICE, 0x00, 0x02,       // USB 2.0
-    0, 0, 0, CONTROL_PACKET_LEN,  // the interface says the class
+    0, 0, 0, CONTROL_PACKET_LEN,  // class given by the interface
     VENDOR[0], VENDOR[1], PRODUCT[0], PRODUCT[1], VERSION[0], VERSION[1],
     1, 2, 3,                      // strings
     1,                            // configuration
@@ -39,15 +39,16 @@ const DEVICE_DESCRIPTOR: [u8; 18] = [
 
 #[rustfmt::skip]
 const CONFIGURATION_DESCRIPTOR: [u8; 32] = [
-    9, CONFIGURATION, 32, 0, 1, 1, 0, 0xa0, 45,    // 32 bytes in all, one interface, bus powered, 90 mA
-    9, 4, 0, 0, 2, 0xff, 0xff, 0xff, 2,            // interface 0, two endpoints, a class of the vendor's own
+    9, CONFIGURATION, 32, 0, 1, 1, 0, 0xa0, 45,    // 32 bytes in total, one interface, bus powered, 90 mA
+    9, 4, 0, 0, 2, 0xff, 0xff, 0xff, 2,            // interface 0, two endpoints, vendor-specific class
     7, 5, ENDPOINT_IN, 2, PACKET_LEN as u8, 0, 0,  // bulk
     7, 5, ENDPOINT_OUT, 2, PACKET_LEN as u8, 0, 0,
 ];
 
-/// The descriptor that GET_DESCRIPTOR asks for with this value: type in the high byte, index in the low one.
+/// The descriptor that GET_DESCRIPTOR requests with this value: type in the high byte, index in the low one.
 ///
-/// None: the request is stalled, as for the device qualifier, which a device of one speed has not.
+/// `None` stalls the request, for example for the device qualifier, which a single-speed device does not
+/// have.
 #[must_use]
 pub fn descriptor(value: u16) -> Option<Vec<u8>> {
     let [index, kind] = value.to_le_bytes();
@@ -72,13 +73,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ids_and_the_pipes_are_where_usb_wants_them() {
+    fn ids_and_pipes_are_at_their_usb_offsets() {
         let device = descriptor(0x0100).expect("a device");
         assert_eq!((device.len(), device[0], device[1]), (18, 18, 1));
         assert_eq!(device[8..12], [0x03, 0x04, 0x48, 0xcb]);
         let configuration = descriptor(0x0200).expect("a configuration");
         assert_eq!(usize::from(configuration[2]), configuration.len());
-        // Walked by the lengths, as a host does.
+        // Parsed by the lengths, as a host does.
         let (mut kinds, mut at) = (Vec::new(), 0);
         while let Some(&[len, kind]) = configuration.get(at..at + 2) {
             kinds.push(kind);
@@ -91,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn strings_are_utf16_and_others_are_refused() {
+    fn strings_are_utf16_and_unknown_descriptors_stall() {
         assert_eq!(descriptor(0x0300), Some(vec![4, 3, 0x09, 0x04]));
         assert_eq!(descriptor(0x0301).expect("the vendor")[2..6], [b'N', 0, b'o', 0]);
         assert_eq!((descriptor(0x0304), descriptor(0x0600), descriptor(0x0101)), (None, None, None));

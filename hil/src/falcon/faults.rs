@@ -1,22 +1,23 @@
-//! Faults between the chip and the board, seen by the driver: what the UART loses, damages, doubles, delays or makes up.
+//! Faults of the UART between the chip and the board, as the driver sees them: loss, corruption, duplication,
+//! delay and noise.
 //!
-//! USB protects its packets, so nothing happens to the status bytes or to the boundaries of packets: the payload is taken out, spoiled, and
-//! packed again. Vendor requests pass, unless the cable is pulled.
+//! USB protects its packets, so status bytes and packet boundaries stay intact. The wrapper unpacks the
+//! payload, applies the faults, and packs it again. Vendor requests pass unless the cable is pulled.
 
 use super::chip::{PAYLOAD_LEN, STATUS_LEN};
 use super::descriptors::PACKET_LEN;
 use super::memory::Link;
-use crate::fault::{FaultCounts, Faults, Lane};
+use crate::fault::{Channel, FaultCounts, Faults};
 use palpate_host::device::falcon::Ftdi;
 use palpate_host::{DeviceError, DeviceErrorKind};
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How long a waiting read lets the chip go on before it looks at the clock again.
-const STEP: Duration = Duration::from_micros(100);
+/// How long the chip runs during a blocking read before the clock is read again.
+const READ_STEP: Duration = Duration::from_micros(100);
 
-/// A chip, or what passes for one, behind faults.
+/// A chip, or another link, with faults.
 #[derive(Debug)]
 pub struct FaultyFtdi<F> {
     inner: F,
@@ -25,13 +26,13 @@ pub struct FaultyFtdi<F> {
 
 #[derive(Debug)]
 struct State {
-    to_device: Lane,
-    to_host: Lane,
-    /// Payload that has come out of the lane.
+    to_device: Channel,
+    to_host: Channel,
+    /// Payload that has left the channel.
     ready: VecDeque<u8>,
     /// Status bytes of the last packet.
     status: [u8; STATUS_LEN],
-    /// While the cable is pulled: when it is put in again.
+    /// While the cable is out: the time at which it is plugged in again.
     replug_us: Option<u64>,
 }
 
@@ -40,8 +41,8 @@ impl<F: Link> FaultyFtdi<F> {
     #[must_use]
     pub fn new(inner: F, seed: u64) -> Self {
         let state = State {
-            to_device: Lane::new(seed),
-            to_host: Lane::new(!seed),
+            to_device: Channel::new(seed),
+            to_host: Channel::new(!seed),
             ready: VecDeque::new(),
             status: [0; STATUS_LEN],
             replug_us: None,
@@ -49,27 +50,27 @@ impl<F: Link> FaultyFtdi<F> {
         Self { inner, state: Mutex::new(state) }
     }
 
-    /// Changes the faults of each direction from here on.
+    /// Sets the faults of each direction from now on.
     pub fn set_faults(&self, to_device: Faults, to_host: Faults) {
         let mut state = self.lock();
         state.to_device.set_faults(to_device);
         state.to_host.set_faults(to_host);
     }
 
-    /// What was done so far: on the way to the device, and to the host.
+    /// Counts of the faults so far: to the device, and to the host.
     #[must_use]
     pub fn counts(&self) -> (FaultCounts, FaultCounts) {
         let state = self.lock();
         (state.to_device.counts(), state.to_host.counts())
     }
 
-    /// When the newest of what has come through to the host came out of the chip.
+    /// The time at which the chip sent the newest payload that has reached the host.
     #[must_use]
-    pub fn heard_us(&self) -> Option<u64> {
-        self.lock().to_host.newest_us()
+    pub fn last_received_us(&self) -> Option<u64> {
+        self.lock().to_host.newest_sent_us()
     }
 
-    /// The link inside.
+    /// The wrapped link.
     pub const fn inner(&self) -> &F {
         &self.inner
     }
@@ -78,7 +79,7 @@ impl<F: Link> FaultyFtdi<F> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts the cable in if it is time, and hands on what is due for the device.
+    /// Plugs the cable in when it is due, and forwards the frames that are due to the device.
     fn serve(&self, state: &mut State) -> Result<(), DeviceError> {
         let now_us = self.inner.now_us();
         if state.replug_us.is_some_and(|replug_us| replug_us <= now_us) {
@@ -86,7 +87,7 @@ impl<F: Link> FaultyFtdi<F> {
             self.inner.replug();
         }
         while let Some(frame) = state.to_device.take(now_us) {
-            // What does not fit is lost, as it is where nobody waits for room.
+            // Bytes without room are lost, as with a sender that does not wait.
             match self.inner.write(&frame, Duration::ZERO) {
                 Err(error) if !error.kind().is_transient() => return Err(error),
                 Ok(_) | Err(_) => {}
@@ -95,19 +96,19 @@ impl<F: Link> FaultyFtdi<F> {
         Ok(())
     }
 
-    /// Pulls the cable if a fault of either direction says so.
+    /// Pulls the cable if a fault of either direction requires it.
     fn pull(&self, state: &mut State) {
         let now_us = self.inner.now_us();
-        let cut_us = state.to_device.cut_until_us(now_us).or(state.to_host.cut_until_us(now_us));
+        let cut_us = state.to_device.unplugged_until_us(now_us).or(state.to_host.unplugged_until_us(now_us));
         if let (Some(until_us), None) = (cut_us, state.replug_us) {
             state.replug_us = Some(until_us);
-            state.forget();
+            state.clear();
             self.inner.unplug();
         }
     }
 
-    /// Spoils what the chip has sent, if anything, and packs what has come through into the buffer.
-    fn pass_on(&self, state: &mut State, packets: &[u8], buffer: &mut [u8]) -> usize {
+    /// Applies the faults to the chip's packets, and packs the payload that is due into the buffer.
+    fn forward(&self, state: &mut State, packets: &[u8], buffer: &mut [u8]) -> usize {
         let payload: Vec<u8> =
             packets.chunks(PACKET_LEN).flat_map(|packet| &packet[STATUS_LEN..]).copied().collect();
         if let Some(status) = packets.first_chunk() {
@@ -120,16 +121,17 @@ impl<F: Link> FaultyFtdi<F> {
         while let Some(frame) = state.to_host.take(self.inner.now_us()) {
             state.ready.extend(frame);
         }
-        let idle = !packets.is_empty() && payload.is_empty();
-        state.pack(buffer, idle)
+        let is_idle = !packets.is_empty() && payload.is_empty();
+        state.pack(buffer, is_idle)
     }
 }
 
 impl State {
-    /// Full packets and a short one, as many as fit; an idle packet if there is nothing and the chip sent one.
-    fn pack(&mut self, buffer: &mut [u8], idle: bool) -> usize {
+    /// Packs full packets and a short one as far as they fit. Packs an idle packet if there is no payload and
+    /// the chip sent one.
+    fn pack(&mut self, buffer: &mut [u8], is_idle: bool) -> usize {
         let mut count = 0;
-        while buffer.len() - count >= PACKET_LEN && (!self.ready.is_empty() || (idle && count == 0)) {
+        while buffer.len() - count >= PACKET_LEN && (!self.ready.is_empty() || (is_idle && count == 0)) {
             buffer[count..count + STATUS_LEN].copy_from_slice(&self.status);
             count += STATUS_LEN;
             for byte in self.ready.drain(..self.ready.len().min(PAYLOAD_LEN)) {
@@ -140,7 +142,7 @@ impl State {
         count
     }
 
-    fn forget(&mut self) {
+    fn clear(&mut self) {
         self.to_device.purge();
         self.to_host.purge();
         self.ready.clear();
@@ -153,7 +155,7 @@ impl<F: Link> Ftdi for FaultyFtdi<F> {
         self.serve(&mut state)?;
         self.inner.control(request, value)?;
         if request == 0 && value != 2 {
-            // What the chip has already sent is thrown away with what it holds.
+            // A purge also discards the payload that the chip has already sent.
             state.ready.clear();
         }
         Ok(())
@@ -162,7 +164,7 @@ impl<F: Link> Ftdi for FaultyFtdi<F> {
     fn write(&self, bytes: &[u8], timeout: Duration) -> Result<usize, DeviceError> {
         let mut state = self.lock();
         self.serve(&mut state)?;
-        // A handle that is lost says so, whatever the faults do with the bytes.
+        // A lost handle is an error under any fault.
         self.inner.write(&[], timeout)?;
         if state.to_device.refuses() {
             return Err(DeviceError::new(DeviceErrorKind::Timeout));
@@ -187,12 +189,12 @@ impl<F: Link> Ftdi for FaultyFtdi<F> {
         loop {
             self.serve(&mut self.lock())?;
             let left = Duration::from_micros(until_us.saturating_sub(self.inner.now_us()));
-            // Nothing is locked meanwhile, so that another thread can write.
-            let count = match self.inner.read(&mut packets, left.min(STEP)) {
+            // The lock is released during the read, so that another thread can write.
+            let count = match self.inner.read(&mut packets, left.min(READ_STEP)) {
                 Err(error) if error.kind() != DeviceErrorKind::Timeout => return Err(error),
                 read => read.unwrap_or(0),
             };
-            let count = self.pass_on(&mut self.lock(), &packets[..count], buffer);
+            let count = self.forward(&mut self.lock(), &packets[..count], buffer);
             if count > 0 {
                 return Ok(count);
             }
@@ -210,7 +212,7 @@ impl<F: Link> Link for FaultyFtdi<F> {
 
     fn unplug(&self) {
         let mut state = self.lock();
-        state.forget();
+        state.clear();
         self.inner.unplug();
     }
 
@@ -221,8 +223,8 @@ impl<F: Link> Link for FaultyFtdi<F> {
 
     fn reopen(&self) -> Result<(), DeviceError> {
         let mut state = self.lock();
-        state.forget();
-        // Nobody calls a handle that is lost any more, so the cable may still have to be put in.
+        state.clear();
+        // Nothing calls a lost handle, so the cable may still have to be plugged in.
         let served = self.serve(&mut state);
         self.inner.reopen().and(served)
     }
@@ -245,14 +247,14 @@ mod tests {
         ftdi
     }
 
-    /// Payload of what comes within 10 ms, as long as something comes each time.
+    /// Payload that arrives within 10 ms.
     fn answer(ftdi: &FaultyFtdi<MemoryFtdi>) -> Vec<u8> {
         ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
         let (mut got, mut buffer, until_us) = (Vec::new(), [0; 512], ftdi.now_us() + 10_000);
         while ftdi.now_us() < until_us {
             if let Ok(count) = ftdi.read(&mut buffer, Duration::from_micros(500)) {
                 for packet in buffer[..count].chunks(PACKET_LEN) {
-                    assert_eq!(packet[..STATUS_LEN], [0x01, 0x60], "the status is never struck");
+                    assert_eq!(packet[..STATUS_LEN], [0x01, 0x60], "the status stays intact");
                     got.extend(&packet[STATUS_LEN..]);
                 }
             }
@@ -261,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_on_either_way_has_no_reply() {
+    fn a_frame_lost_in_either_direction_has_no_reply() {
         let ftdi = device();
         assert_eq!(answer(&ftdi).len(), 16);
         let all = Faults { drop: 1.0, ..NONE };
@@ -269,47 +271,47 @@ mod tests {
         assert_eq!(answer(&ftdi), b"");
         ftdi.set_faults(NONE, all);
         assert_eq!(answer(&ftdi), b"");
-        let heard = ftdi.inner().falcon().firmware().map(|firmware| firmware.requests());
-        assert_eq!((heard, ftdi.counts().0.dropped, ftdi.counts().1.dropped), (Some(2), 1, 1));
+        let received = ftdi.inner().falcon().firmware().map(|firmware| firmware.requests());
+        assert_eq!((received, ftdi.counts().0.dropped, ftdi.counts().1.dropped), (Some(2), 1, 1));
     }
 
     #[test]
-    fn replies_are_doubled_late_and_babbled_over() {
+    fn replies_are_duplicated_delayed_and_preceded_by_noise() {
         let ftdi = device();
         ftdi.set_faults(NONE, Faults { duplicate: 1.0, ..NONE });
         let twice = answer(&ftdi);
         assert_eq!((twice.len(), &twice[..16]), (32, &twice[16..]));
-        ftdi.set_faults(NONE, Faults { babble: 1.0, ..NONE });
+        ftdi.set_faults(NONE, Faults { noise: 1.0, ..NONE });
         assert!((17..=40).contains(&answer(&ftdi).len()));
         ftdi.set_faults(NONE, Faults { delay: 1.0, delay_us: 12_000, ..NONE });
         assert_eq!(answer(&ftdi), b"");
         ftdi.set_faults(NONE, NONE);
-        assert_eq!(answer(&ftdi).len(), 32, "with the next one");
+        assert_eq!(answer(&ftdi).len(), 32, "together with the next one");
     }
 
-    /// An old command that arrives after a newer one: the motors cannot know.
+    /// A delayed command arrives after a newer one and overrides it.
     #[test]
-    fn a_late_request_is_late_for_the_motors_too() {
+    fn a_delayed_request_reaches_the_motors_late() {
         let ftdi = device();
         ftdi.set_faults(Faults { delay: 1.0, delay_us: 5_000, ..NONE }, NONE);
         ftdi.write(b"<EGAAAAAAAAAAAA>", Duration::ZERO).expect("the cable is in");
-        assert!(ftdi.read(&mut [0; 64], Duration::from_micros(4_900)).is_ok(), "idle");
-        assert_eq!(ftdi.inner().falcon().felt().largest_motor, 0);
+        assert!(ftdi.read(&mut [0; 64], Duration::from_micros(4_900)).is_ok(), "is_idle");
+        assert_eq!(ftdi.inner().falcon().force_record().largest_motor, 0);
         let until_us = ftdi.now_us() + 6_000;
         while ftdi.now_us() < until_us {
             let _ = ftdi.read(&mut [0; 64], Duration::from_micros(500));
         }
-        assert_eq!(ftdi.inner().falcon().felt().largest_motor, 100);
+        assert_eq!(ftdi.inner().falcon().force_record().largest_motor, 100);
     }
 
     #[test]
-    fn purging_throws_away_what_has_come_through() {
+    fn a_purge_discards_received_payload() {
         let ftdi = device();
         ftdi.set_faults(NONE, Faults { duplicate: 1.0, ..NONE });
         ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
         ftdi.write(ZERO, Duration::ZERO).expect("the cable is in");
         ftdi.inner().falcon().advance(900);
-        // A buffer of one packet leaves 2 bytes of 64 behind.
+        // A buffer of one packet leaves 2 of 64 bytes unread.
         assert_eq!(ftdi.read(&mut [0; 64], Duration::ZERO), Ok(64));
         ftdi.control(0, 1).expect("a known request");
         assert!(ftdi.read(&mut [0; 64], Duration::ZERO).is_err());

@@ -1,28 +1,29 @@
-//! The firmware at 1.5 Mbaud: 16-byte packets, one reply for each good one, homing, and no watchdog.
+//! The firmware at 1.5 Mbaud: 16-byte packets, one reply to each valid packet, homing, and no watchdog.
 //!
-//! Packet: `<`, 14 bytes of 0x41 + value, `>`. To the device: motors 1 to 3 (i16, four nibbles, low first), then bit 0 homing request and
-//! bits 1 to 3 the LEDs green, blue, red, then 0x41. Back: encoders 1 to 3 in the same coding, then bits 0 to 3 buttons and bits 4 to 6
-//! homed, then 0x41. Anything else is thrown away without a reply. The motors keep the last command that was understood.
+//! Packet: `<`, 14 bytes of 0x41 + value, `>`. To the device: motors 1 to 3 (i16, four nibbles, low first),
+//! then bit 0 homing request and bits 1 to 3 the LEDs green, blue, red, then 0x41. To the host: encoders 1 to
+//! 3 in the same coding, then bits 0 to 3 buttons and bits 4 to 6 homed, then 0x41. Other packets are
+//! discarded without a reply. The motors keep the last valid command.
 
-/// Rate of the firmware.
+/// Baud rate of the firmware.
 pub const BAUD: u32 = 1_500_000;
-/// Length of a packet either way.
+/// Length of a packet in either direction.
 pub const PACKET_LEN: usize = 16;
 
 const BEGIN: u8 = 0x3c;
 const END: u8 = 0x3e;
-/// Zero.
+/// Code of zero.
 const BASE: u8 = 0x41;
 const HOMING_REQUEST: u8 = 1;
 
-/// What a good packet says.
+/// Content of a valid packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Request {
     motors: [i16; 3],
     control: u8,
 }
 
-/// The firmware as long as it runs.
+/// The running firmware.
 #[derive(Debug, Clone)]
 pub struct Firmware {
     packet: Vec<u8>,
@@ -30,9 +31,9 @@ pub struct Firmware {
     homing: bool,
     leds: u8,
     buttons: u8,
-    /// What the wheels really stand at, from their index.
+    /// True counts of the encoder wheels from their index.
     counts: [i32; 3],
-    /// Added to what is reported.
+    /// Offset of the reported counts.
     offset: [i32; 3],
     homed: [bool; 3],
     requests: u64,
@@ -40,7 +41,7 @@ pub struct Firmware {
 }
 
 impl Firmware {
-    /// Firmware that starts with its encoders `raw_offset` away from where the index would put them.
+    /// Firmware whose encoders start with the offset `raw_offset` from their index.
     #[must_use]
     pub fn new(counts: [i32; 3], raw_offset: [i16; 3]) -> Self {
         Self {
@@ -57,7 +58,7 @@ impl Firmware {
         }
     }
 
-    /// The last motor command that was understood.
+    /// The last valid motor command.
     #[must_use]
     pub const fn motors(&self) -> [i16; 3] {
         self.motors
@@ -69,7 +70,7 @@ impl Firmware {
         self.leds
     }
 
-    /// Whether the last packet asked for homing.
+    /// Whether the last packet requested homing.
     #[must_use]
     pub const fn is_homing(&self) -> bool {
         self.homing
@@ -81,25 +82,26 @@ impl Firmware {
         self.homed
     }
 
-    /// Good packets so far.
+    /// Valid packets so far.
     #[must_use]
     pub const fn requests(&self) -> u64 {
         self.requests
     }
 
-    /// Packets begun and thrown away so far.
+    /// Discarded packets so far.
     #[must_use]
     pub const fn refused(&self) -> u64 {
         self.refused
     }
 
-    /// Buttons held now: plus, forward, centre, minus from bit 0.
+    /// Pressed buttons: plus, forward, centre, minus from bit 0.
     pub const fn set_buttons(&mut self, buttons: u8) {
         self.buttons = buttons & 0x0f;
     }
 
-    /// The wheels stand here now. An axis that is pushed in past its index while homing is asked for is homed: it counts from there.
-    pub fn note(&mut self, counts: [i32; 3]) {
+    /// Sets the true counts. An axis that moves in past its index during homing is homed and counts from
+    /// there.
+    pub fn update(&mut self, counts: [i32; 3]) {
         for axis in 0..3 {
             let passes = self.counts[axis] > 0 && counts[axis] <= 0;
             if self.homing && !self.homed[axis] && passes {
@@ -109,28 +111,28 @@ impl Firmware {
         self.counts = counts;
     }
 
-    /// An encoder miscounts: what it reports is so much away from now on.
+    /// Adds a miscount to an encoder.
     pub const fn jump(&mut self, axis: usize, counts: i32) {
         self.offset[axis] += counts;
     }
 
-    /// How far off each encoder is; 0 before its axis is homed.
+    /// Miscount of each encoder; 0 before its axis is homed.
     #[must_use]
     pub fn miscounted(&self) -> [i32; 3] {
         core::array::from_fn(|axis| if self.homed[axis] { self.offset[axis] } else { 0 })
     }
 
-    /// The index is forgotten, as after a reset of the board.
+    /// Loses the index, as after a reset of the board.
     pub fn lose_homing(&mut self, raw_offset: [i16; 3]) {
         (self.homed, self.offset) = ([false; 3], raw_offset.map(i32::from));
     }
 
-    /// Takes a byte as it was heard; after the last one of a good packet there is the reply.
+    /// Takes a received byte. Returns the reply after the last byte of a valid packet.
     pub fn take(&mut self, byte: u8) -> Option<[u8; PACKET_LEN]> {
         if self.packet.is_empty() && byte != BEGIN {
             return None;
         }
-        // No byte inside can be a beginning, so whatever was before it is the rest of a packet that was cut.
+        // The begin character cannot occur inside a packet, so the bytes before it are a truncated packet.
         if byte == BEGIN && !self.packet.is_empty() {
             self.refused += 1;
             self.packet.clear();
@@ -156,7 +158,7 @@ impl Firmware {
         let mut packet = [BASE; PACKET_LEN];
         packet[0] = BEGIN;
         for axis in 0..3 {
-            // An i16 wraps round, as its register does.
+            // An i16 wraps, like its register.
             let reported = (self.counts[axis] + self.offset[axis]) as u16;
             for nibble in 0..4 {
                 packet[1 + 4 * axis + nibble] += (reported >> (4 * nibble) & 0x0f) as u8;
@@ -169,7 +171,7 @@ impl Firmware {
     }
 }
 
-/// Whether there is a packet among these bytes that begins and ends as one does.
+/// Whether the bytes contain a packet with valid delimiters.
 #[must_use]
 pub fn is_whole(bytes: &[u8]) -> bool {
     bytes.windows(PACKET_LEN).any(|packet| (packet[0], packet[PACKET_LEN - 1]) == (BEGIN, END))
@@ -191,25 +193,25 @@ fn parse(packet: &[u8]) -> Option<Request> {
 mod tests {
     use super::*;
 
-    /// By hand: motors 1, -2 and 0x1234, homing and the blue LED.
+    /// Coded by hand: motors 1, -2 and 0x1234, homing and the blue LED.
     const REQUEST: &[u8; 16] = b"<BAAAOPPPEDCBFA>";
 
-    fn say(firmware: &mut Firmware, bytes: &[u8]) -> Vec<u8> {
+    fn send(firmware: &mut Firmware, bytes: &[u8]) -> Vec<u8> {
         bytes.iter().filter_map(|byte| firmware.take(*byte)).flatten().collect()
     }
 
     #[test]
-    fn a_packet_is_understood_and_answered() {
+    fn a_valid_packet_is_decoded_and_answered() {
         let mut firmware = Firmware::new([-516, 0, 300], [0; 3]);
         firmware.set_buttons(0b1001);
         // -516 is 0xFDFC, 300 is 0x012C; buttons plus and minus.
-        assert_eq!(say(&mut firmware, REQUEST), b"<MPNPAAAAMCBAJA>");
+        assert_eq!(send(&mut firmware, REQUEST), b"<MPNPAAAAMCBAJA>");
         assert_eq!(firmware.motors(), [1, -2, 0x1234]);
         assert_eq!((firmware.leds(), firmware.is_homing(), firmware.requests()), (0b010, true, 1));
     }
 
     #[test]
-    fn a_whole_packet_is_seen_among_others_bytes() {
+    fn a_whole_packet_is_found_among_other_bytes() {
         let mut bytes = b"x>".to_vec();
         bytes.extend(REQUEST);
         assert!(is_whole(&bytes) && is_whole(REQUEST));
@@ -217,11 +219,11 @@ mod tests {
     }
 
     #[test]
-    fn anything_else_is_thrown_away_and_the_motors_go_on() {
+    fn invalid_packets_are_discarded_and_the_motors_keep_their_command() {
         let mut firmware = Firmware::new([0; 3], [0; 3]);
-        say(&mut firmware, REQUEST);
+        send(&mut firmware, REQUEST);
         for bad in [
-            &b"<BAAAOPPPEDCBFA"[..], // cut: found out at the next beginning
+            &b"<BAAAOPPPEDCBFA"[..], // truncated: detected at the next begin character
             b"<BAAAOPPPEDCB>",
             b"<BAAAOPPPEDCBFAA",
             b"<BAAAQPPPEDCBFA>",
@@ -229,42 +231,42 @@ mod tests {
             b"BAAAOPPPEDCBFA>",
             b"\xff\x00>>>",
         ] {
-            assert_eq!(say(&mut firmware, bad), b"", "{bad:?}");
+            assert_eq!(send(&mut firmware, bad), b"", "{bad:?}");
         }
         assert_eq!((firmware.refused(), firmware.requests()), (5, 1));
         assert_eq!(firmware.motors(), [1, -2, 0x1234]);
-        // It is in step again at once, also in the middle of a cut packet.
-        assert_eq!(say(&mut firmware, b"<BAA<AAAAAAAAAAAAAA>").len(), 16);
+        // It resynchronises at once, also inside a truncated packet.
+        assert_eq!(send(&mut firmware, b"<BAA<AAAAAAAAAAAAAA>").len(), 16);
         assert_eq!((firmware.motors(), firmware.is_homing()), ([0; 3], false));
     }
 
     #[test]
-    fn each_axis_is_homed_where_it_is_pushed_in_past_its_index() {
+    fn each_axis_is_homed_when_it_moves_in_past_its_index() {
         let mut firmware = Firmware::new([40, 40, 40], [1_000, -2_000, 32_767]);
-        firmware.note([-5, 40, 40]);
-        assert_eq!(firmware.homed(), [false; 3], "nobody asked");
-        firmware.note([40, 40, 40]);
-        say(&mut firmware, REQUEST);
-        firmware.note([-1, 40, 0]);
+        firmware.update([-5, 40, 40]);
+        assert_eq!(firmware.homed(), [false; 3], "homing was not requested");
+        firmware.update([40, 40, 40]);
+        send(&mut firmware, REQUEST);
+        firmware.update([-1, 40, 0]);
         assert_eq!(firmware.homed(), [true, false, true]);
-        firmware.note([-1, -3, 0]);
-        let reply = say(&mut firmware, REQUEST);
+        firmware.update([-1, -3, 0]);
+        let reply = send(&mut firmware, REQUEST);
         assert_eq!((reply[13], &reply[1..9]), (BASE + 0x70, &b"PPPPNPPP"[..]));
-        // Being pulled out past it homes nothing.
+        // Moving out past the index homes nothing.
         let mut firmware = Firmware::new([-10; 3], [0; 3]);
-        say(&mut firmware, REQUEST);
-        firmware.note([10; 3]);
+        send(&mut firmware, REQUEST);
+        firmware.update([10; 3]);
         assert_eq!(firmware.homed(), [false; 3]);
     }
 
     #[test]
-    fn before_homing_counts_are_off_and_wrap_round() {
+    fn before_homing_counts_are_offset_and_wrap() {
         let mut firmware = Firmware::new([10, 0, 0], [32_767, 0, 0]);
-        let reply = say(&mut firmware, REQUEST);
+        let reply = send(&mut firmware, REQUEST);
         // 32777 is 0x8009: -32759 as an i16.
         assert_eq!(&reply[1..5], b"JAAI");
         firmware.jump(1, 3);
         firmware.lose_homing([0, 0, 5]);
-        assert_eq!(&say(&mut firmware, REQUEST)[1..13], b"KAAAAAAAFAAA");
+        assert_eq!(&send(&mut firmware, REQUEST)[1..13], b"KAAAAAAAFAAA");
     }
 }

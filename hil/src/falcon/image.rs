@@ -1,7 +1,7 @@
-//! The boot stream of a TI C28x over a serial line (TI SPRU095), read word by word as it comes, and written for tests.
+//! The serial boot stream of a TI C28x (TI SPRU095), parsed byte by byte, and written for tests.
 //!
-//! 16-bit words, low byte first: the key, eight reserved ones that are zero, the entry address (high, low), then blocks of
-//! {count, address high, address low, data}; a count of zero ends it.
+//! Words have 16 bits, low byte first: the key, eight reserved zero words, the entry address (high, low),
+//! then blocks of {count, address high, address low, data}. A count of zero ends the stream.
 
 /// First word of every stream.
 const KEY: u16 = 0x08aa;
@@ -10,25 +10,25 @@ const RESERVED: usize = 8;
 /// The processor addresses 4 M words.
 const ADDRESS_LIMIT: u32 = 1 << 22;
 
-/// What a whole stream said.
+/// Content of a complete stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Image {
-    /// Where the firmware begins.
+    /// Entry address of the firmware.
     pub entry: u32,
-    /// Blocks.
+    /// Number of blocks.
     pub blocks: u32,
-    /// Words of data in all of them.
+    /// Number of data words in all blocks.
     pub words: u32,
 }
 
-/// Why a stream is none.
+/// Why a stream is invalid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageError {
-    /// The first word is another one than the key.
+    /// The first word is not the key.
     Key(u16),
     /// A reserved word is not zero.
     Reserved(u16),
-    /// An address outside the processor's.
+    /// An address out of range.
     Address(u32),
     /// Bytes after the end.
     Trailing,
@@ -37,9 +37,9 @@ pub enum ImageError {
 impl core::fmt::Display for ImageError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Key(word) => write!(f, "the stream begins with {word:#06x}, not with the key"),
-            Self::Reserved(word) => write!(f, "a reserved word is {word:#06x}, not 0"),
-            Self::Address(address) => write!(f, "address {address:#x} is outside the processor's 22 bits"),
+            Self::Key(word) => write!(f, "the stream begins with {word:#06x}, expected {KEY:#06x}"),
+            Self::Reserved(word) => write!(f, "a reserved word is {word:#06x}, expected 0"),
+            Self::Address(address) => write!(f, "address {address:#x} is beyond 22 bits"),
             Self::Trailing => f.write_str("bytes after the end of the stream"),
         }
     }
@@ -47,7 +47,7 @@ impl core::fmt::Display for ImageError {
 
 impl core::error::Error for ImageError {}
 
-/// Which word comes next.
+/// The expected word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Expected {
     Key,
@@ -61,7 +61,7 @@ enum Expected {
     Nothing,
 }
 
-/// A stream as far as it has come.
+/// A partly received stream.
 #[derive(Debug, Clone)]
 pub struct BootStream {
     low: Option<u8>,
@@ -76,7 +76,7 @@ impl Default for BootStream {
 }
 
 impl BootStream {
-    /// Takes a byte; at the end of the stream there is the image.
+    /// Takes a byte. Returns the image at the end of the stream.
     pub fn take(&mut self, byte: u8) -> Result<Option<Image>, ImageError> {
         let Some(low) = self.low.take() else {
             self.low = Some(byte);
@@ -115,7 +115,7 @@ impl BootStream {
     }
 }
 
-/// An address of which so many words follow.
+/// An address that is followed by `words` words.
 fn address(high: u16, low: u16, words: u16) -> Result<u32, ImageError> {
     let address = u32::from(high) << 16 | u32::from(low);
     if address.saturating_add(u32::from(words)) > ADDRESS_LIMIT {
@@ -124,7 +124,7 @@ fn address(high: u16, low: u16, words: u16) -> Result<u32, ImageError> {
     Ok(address)
 }
 
-/// A stream of our own making: the emulated board runs its firmware whatever a sound stream carries.
+/// A synthetic stream. The emulated board ignores the data of a valid stream.
 #[must_use]
 pub fn synthetic_image(entry: u32, blocks: &[(u32, &[u16])]) -> Vec<u8> {
     let halves = |address: u32| [(address >> 16) as u16, address as u16];
@@ -153,13 +153,13 @@ mod tests {
         Ok(image)
     }
 
-    fn sound() -> Vec<u8> {
+    fn valid() -> Vec<u8> {
         synthetic_image(0x3f_8000, &[(0x3f_8000, &[1, 2, 3]), (0x8000, &[0xffff; 40])])
     }
 
     #[test]
-    fn a_sound_stream_is_read_to_its_end_and_no_byte_before() {
-        let bytes = sound();
+    fn a_valid_stream_ends_at_its_last_byte() {
+        let bytes = valid();
         assert_eq!(bytes[..4], [0xaa, 0x08, 0, 0]);
         assert_eq!(bytes.len(), 2 * (1 + 8 + 2 + 3 + 3 + 3 + 40 + 1));
         assert_eq!(read(&bytes), Ok(Some(Image { entry: 0x3f_8000, blocks: 2, words: 43 })));
@@ -169,12 +169,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
-        let mut bytes = sound();
+    fn each_defect_has_its_error() {
+        let mut bytes = valid();
         bytes.push(0);
         assert_eq!(read(&bytes), Err(ImageError::Trailing));
         let damaged = |at: usize, byte| {
-            let mut bytes = sound();
+            let mut bytes = valid();
             bytes[at] = byte;
             read(&bytes)
         };

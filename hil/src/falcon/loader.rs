@@ -1,32 +1,35 @@
-//! The boot loader: how a board without firmware gets one.
+//! The boot loader, which loads the firmware into the board.
 //!
-//! 1. DTR goes high: the monitor listens at 9600 baud. `0A 43 0D` is answered by `0A 44 2C 0D`, perhaps after a `00`.
-//! 2. DTR goes low: the processor listens at 142,857 baud. `41` is echoed.
-//! 3. Every byte of the boot stream is echoed; at its end the firmware runs. A stream that is none ends the echo.
+//! 1. DTR rises: the monitor listens at 9600 baud. `0A 43 0D` is answered by `0A 44 2C 0D`, optionally after
+//!    a `00`.
+//! 2. DTR falls: the processor listens at 142,857 baud. `41` is echoed.
+//! 3. Every byte of the boot stream is echoed, and at its end the firmware starts. An invalid stream ends the
+//!    echo.
 //!
-//! DTR going high begins again at any time, also while firmware runs: assumed, since a load may be repeated.
+//! A rise of DTR restarts the sequence at any time, also while the firmware runs. This is an assumption,
+//! because a load can be repeated.
 
 use super::chip::ModemLines;
 use super::image::{BootStream, Image};
 
-/// Rate of the monitor.
+/// Baud rate of the monitor.
 pub const MONITOR_BAUD: u32 = 9_600;
-/// Rate of the load.
+/// Baud rate of the load.
 pub const LOAD_BAUD: u32 = 142_857;
 
 const HELLO: [u8; 3] = [0x0a, 0x43, 0x0d];
 const WELCOME: [u8; 4] = [0x0a, 0x44, 0x2c, 0x0d];
-/// The byte by which the processor would measure the rate.
+/// The byte from which the processor measures the baud rate.
 const AUTOBAUD: u8 = 0x41;
 
-/// What a loader may do wrong.
+/// Faults of the loader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoaderFault {
     /// It never answers.
     Silent,
-    /// It answers the handshake, but not as it should.
+    /// It answers the handshake with an error.
     Refuses,
-    /// It echoes this byte of the stream with a bit flipped, and takes it so.
+    /// It receives and echoes this byte of the stream with a flipped bit.
     WrongEcho {
         /// Index of the byte.
         at: usize,
@@ -40,38 +43,38 @@ pub enum LoaderFault {
     NeverStarts,
 }
 
-/// How the loader is to behave.
+/// Options of the loader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LoaderOptions {
-    /// A `00` comes before the answer to the handshake.
+    /// A `00` precedes the answer to the handshake.
     pub leading_zero: bool,
-    /// What goes wrong, and in how many tries before one goes well.
+    /// The fault, and the number of loads that have it.
     pub fault: Option<(LoaderFault, u32)>,
 }
 
-/// How far it is.
+/// State of the loader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Waits for DTR to go high.
     Idle,
     /// Waits for the handshake.
     Monitor,
-    /// The handshake is done; waits for DTR to go low.
-    Greeted,
-    /// Waits for the byte that says the rate.
+    /// The handshake is done. Waits for DTR to go low.
+    HandshakeDone,
+    /// Waits for the byte that determines the baud rate.
     Autobaud,
-    /// Takes the stream.
+    /// Receives the stream.
     Loading,
-    /// The stream was none, or the loader has a fault: nothing more is said.
+    /// The stream is invalid or the loader has a fault. It is silent.
     Dead,
 }
 
-/// What a byte brought.
+/// The result of a received byte.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Answer {
     /// Bytes to send back.
     pub bytes: Vec<u8>,
-    /// The firmware that runs from now on.
+    /// The firmware that starts now.
     pub started: Option<Image>,
 }
 
@@ -84,12 +87,12 @@ pub struct Loader {
     recent: [u8; HELLO.len()],
     stream: BootStream,
     taken: usize,
-    /// Tries so far: handshakes begun.
-    tries: u32,
+    /// Handshakes so far.
+    loads: u32,
 }
 
 impl Loader {
-    /// A board that has just got its power.
+    /// A board that is powered up now.
     #[must_use]
     pub fn new(options: LoaderOptions) -> Self {
         Self {
@@ -99,57 +102,57 @@ impl Loader {
             recent: [0; HELLO.len()],
             stream: BootStream::default(),
             taken: 0,
-            tries: 0,
+            loads: 0,
         }
     }
 
-    /// How far it is.
+    /// State of the loader.
     #[must_use]
     pub const fn stage(&self) -> Stage {
         self.stage
     }
 
-    /// Loads begun so far.
+    /// Loads started so far.
     #[must_use]
-    pub const fn tries(&self) -> u32 {
-        self.tries
+    pub const fn loads(&self) -> u32 {
+        self.loads
     }
 
-    /// The rate it listens and speaks at now.
+    /// The present baud rate of both directions.
     #[must_use]
     pub const fn baud(&self) -> u32 {
         match self.stage {
-            Stage::Idle | Stage::Monitor | Stage::Greeted => MONITOR_BAUD,
+            Stage::Idle | Stage::Monitor | Stage::HandshakeDone => MONITOR_BAUD,
             Stage::Autobaud | Stage::Loading | Stage::Dead => LOAD_BAUD,
         }
     }
 
-    /// The host has set the modem lines; true if that resets the board.
+    /// Sets the modem lines. Returns true if that resets the board.
     pub fn lines(&mut self, lines: ModemLines) -> bool {
         let (rises, falls) = (lines.dtr && !self.dtr, !lines.dtr && self.dtr);
         self.dtr = lines.dtr;
         if rises {
             (self.stage, self.recent) = (Stage::Monitor, [0; HELLO.len()]);
         } else if falls {
-            self.stage = if self.stage == Stage::Greeted { Stage::Autobaud } else { Stage::Idle };
+            self.stage = if self.stage == Stage::HandshakeDone { Stage::Autobaud } else { Stage::Idle };
         }
         rises
     }
 
-    /// The board has lost its power and got it again: only another rise of DTR wakes the monitor.
+    /// Power cycle of the board: only another rise of DTR starts the monitor.
     pub const fn restart(&mut self) {
         self.stage = Stage::Idle;
     }
 
-    /// The fault of the load that goes on now.
+    /// The fault of the present load.
     fn fault(&self) -> Option<LoaderFault> {
-        self.options.fault.filter(|(_, times)| self.tries <= *times).map(|(fault, _)| fault)
+        self.options.fault.filter(|(_, times)| self.loads <= *times).map(|(fault, _)| fault)
     }
 
-    /// Takes a byte as it was heard at the loader's rate.
+    /// Takes a byte as received at the loader's baud rate.
     pub fn take(&mut self, byte: u8) -> Answer {
         match self.stage {
-            Stage::Monitor | Stage::Greeted => self.greet(byte),
+            Stage::Monitor | Stage::HandshakeDone => self.handshake(byte),
             Stage::Autobaud if byte == AUTOBAUD => {
                 (self.stage, self.stream, self.taken) = (Stage::Loading, BootStream::default(), 0);
                 Answer { bytes: vec![AUTOBAUD], started: None }
@@ -159,18 +162,18 @@ impl Loader {
         }
     }
 
-    fn greet(&mut self, byte: u8) -> Answer {
+    fn handshake(&mut self, byte: u8) -> Answer {
         self.recent = [self.recent[1], self.recent[2], byte];
         if self.recent != HELLO {
             return Answer::default();
         }
-        self.tries += 1;
+        self.loads += 1;
         let mut bytes = if self.options.leading_zero { vec![0] } else { Vec::new() };
         match self.fault() {
             Some(LoaderFault::Silent) => return Answer::default(),
             Some(LoaderFault::Refuses) => bytes.extend([0x0a, 0x45, 0x0d]),
             _ => {
-                self.stage = Stage::Greeted;
+                self.stage = Stage::HandshakeDone;
                 bytes.extend(WELCOME);
             }
         }
@@ -179,7 +182,7 @@ impl Loader {
 
     fn load(&mut self, byte: u8) -> Answer {
         let fault = self.fault();
-        let heard = match fault {
+        let received = match fault {
             Some(LoaderFault::WrongEcho { at }) if at == self.taken => byte ^ 0x10,
             Some(LoaderFault::FallsSilent { at }) if at <= self.taken => {
                 self.stage = Stage::Dead;
@@ -188,8 +191,8 @@ impl Loader {
             _ => byte,
         };
         self.taken += 1;
-        let mut answer = Answer { bytes: vec![heard], started: None };
-        match self.stream.take(heard) {
+        let mut answer = Answer { bytes: vec![received], started: None };
+        match self.stream.take(received) {
             Ok(None) => {}
             Ok(Some(_)) if fault == Some(LoaderFault::NeverStarts) => self.stage = Stage::Dead,
             Ok(started) => (self.stage, answer.started) = (Stage::Idle, started),
@@ -210,7 +213,7 @@ mod tests {
     const HIGH: ModemLines = ModemLines { dtr: true, rts: false };
     const LOW: ModemLines = ModemLines { dtr: false, rts: false };
 
-    fn say(loader: &mut Loader, bytes: &[u8]) -> Vec<u8> {
+    fn send(loader: &mut Loader, bytes: &[u8]) -> Vec<u8> {
         bytes.iter().flat_map(|byte| loader.take(*byte).bytes).collect()
     }
 
@@ -218,13 +221,13 @@ mod tests {
         synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 50])])
     }
 
-    /// As far as the echo of the stream, and whether the firmware started.
+    /// Loads an image. Returns the echo of the stream, and whether the firmware started.
     fn load(loader: &mut Loader, image: &[u8]) -> (Vec<u8>, bool) {
         loader.lines(LOW);
         assert!(loader.lines(HIGH));
-        say(loader, &HELLO);
+        send(loader, &HELLO);
         assert!(!loader.lines(LOW));
-        if say(loader, &[AUTOBAUD]) != [AUTOBAUD] {
+        if send(loader, &[AUTOBAUD]) != [AUTOBAUD] {
             return (Vec::new(), false);
         }
         let (mut echo, mut started) = (Vec::new(), false);
@@ -237,47 +240,47 @@ mod tests {
     }
 
     #[test]
-    fn the_handshake_is_answered_while_dtr_is_high_and_only_then() {
+    fn the_handshake_is_answered_only_while_dtr_is_high() {
         let mut loader = Loader::new(LoaderOptions::default());
-        assert_eq!(say(&mut loader, &HELLO), b"");
+        assert_eq!(send(&mut loader, &HELLO), b"");
         loader.lines(HIGH);
         assert_eq!(loader.baud(), 9_600);
-        assert_eq!(say(&mut loader, b"\x0a\x43\x43"), b"");
-        assert_eq!(say(&mut loader, &HELLO), WELCOME);
-        assert_eq!(say(&mut loader, &HELLO), WELCOME, "again, if the first answer was lost");
+        assert_eq!(send(&mut loader, b"\x0a\x43\x43"), b"");
+        assert_eq!(send(&mut loader, &HELLO), WELCOME);
+        assert_eq!(send(&mut loader, &HELLO), WELCOME, "again, because the first answer may be lost");
         loader.lines(LOW);
         assert_eq!((loader.stage(), loader.baud()), (Stage::Autobaud, 142_857));
-        assert_eq!(say(&mut loader, b"\xff\x41"), [0x41]);
+        assert_eq!(send(&mut loader, b"\xff\x41"), [0x41]);
     }
 
     #[test]
-    fn without_a_greeting_dtr_leads_nowhere() {
+    fn without_a_handshake_dtr_starts_no_load() {
         let mut loader = Loader::new(LoaderOptions::default());
         loader.lines(HIGH);
         loader.lines(LOW);
         assert_eq!(loader.stage(), Stage::Idle);
-        assert_eq!(say(&mut loader, &[AUTOBAUD]), b"");
+        assert_eq!(send(&mut loader, &[AUTOBAUD]), b"");
     }
 
     #[test]
-    fn a_sound_image_is_echoed_and_started() {
+    fn a_valid_image_is_echoed_and_started() {
         let mut loader = Loader::new(LoaderOptions { leading_zero: true, fault: None });
         assert_eq!(load(&mut loader, &image()), (image(), true));
     }
 
     #[test]
-    fn an_image_that_is_none_loses_its_echo_and_dtr_begins_again() {
+    fn an_invalid_image_ends_the_echo_and_dtr_restarts_the_load() {
         let mut loader = Loader::new(LoaderOptions::default());
         let mut damaged = image();
         damaged[1] = 0x07;
         assert_eq!(load(&mut loader, &damaged), (vec![0xaa], false));
         assert_eq!(loader.stage(), Stage::Dead);
         assert_eq!(load(&mut loader, &image()), (image(), true));
-        assert_eq!(loader.tries(), 2);
+        assert_eq!(loader.loads(), 2);
     }
 
     #[test]
-    fn faults_strike_as_many_tries_as_asked() {
+    fn a_fault_occurs_in_the_given_number_of_loads() {
         for fault in [
             LoaderFault::Silent,
             LoaderFault::Refuses,

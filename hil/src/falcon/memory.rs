@@ -1,7 +1,8 @@
-//! The emulated Falcon in the driver's own process: the chip's transfers as the host's trait calls them.
+//! The emulated Falcon in the driver's own process, behind the trait of the USB chip.
 //!
-//! Time is virtual, and then a waiting call moves it, or it is that of the wall. A driver with threads gets time in steps: one thread moves it, calls of
-//! the others wait until it has, and no step ends before the reading thread has looked.
+//! Time is virtual and advanced by blocking calls, or it is real time. A driver with threads uses stepped
+//! time: one thread advances it, calls of the other threads wait for that, and a step ends only after the
+//! reading thread has polled.
 
 use super::descriptors::PACKET_LEN;
 use super::{EmulatedFalcon, Setup};
@@ -12,16 +13,16 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::ThreadId;
 use std::time::{Duration, Instant};
 
-/// How far virtual time goes at a time while a call waits, us.
+/// Step of virtual time during a blocking call, us.
 const VIRTUAL_STEP_US: u64 = 10;
-/// How long a call sleeps at a time while it waits in real time.
+/// Sleep between polls in real time.
 const REAL_STEP: Duration = Duration::from_micros(50);
-/// How far time goes before a reading thread looks again, us.
+/// Step of stepped time before the reading thread polls again, us.
 const READ_STEP_US: u64 = 250;
-/// How long a thread of a busy machine may take for a look.
-const CERTAIN: Duration = Duration::from_secs(20);
+/// Longest time for a poll of another thread on a busy machine.
+const MAX_WAIT: Duration = Duration::from_secs(20);
 
-/// A cable, a clock, and somebody who puts the one in by the other: what faults need of a link.
+/// A link with a clock and a cable, as fault injection needs it.
 pub trait Link: Ftdi {
     /// The time, us.
     fn now_us(&self) -> u64;
@@ -29,10 +30,10 @@ pub trait Link: Ftdi {
     /// Pulls the cable.
     fn unplug(&self);
 
-    /// Puts it in again. Who has the device open has lost it all the same.
+    /// Plugs the cable in again. Handles that were open before stay lost.
     fn replug(&self);
 
-    /// Opens the device anew, on the same handle.
+    /// Opens the device again on the same handle.
     fn reopen(&self) -> Result<(), DeviceError>;
 }
 
@@ -54,53 +55,54 @@ impl<L: Link + ?Sized> Link for Arc<L> {
     }
 }
 
-/// Whose time it is.
+/// Source of the time.
 #[derive(Debug, Clone, Copy)]
 enum Time {
-    /// The test's, and any call that waits moves it.
+    /// Virtual time, advanced by the test and by any blocking call.
     Virtual,
-    /// The test's, and calls of this thread move it.
+    /// Virtual time, advanced only by calls of this thread.
     Stepped(ThreadId),
-    /// The wall's: when it began, and what the device's time was then, us.
+    /// Real time: its start, and the device's time at the start, us.
     Real(Instant, u64),
 }
 
-/// The device, for all handles.
+/// The device, shared by all handles.
 #[derive(Debug)]
 struct Shared {
     falcon: Mutex<EmulatedFalcon>,
-    /// In steps: time has moved, or a reading thread has looked.
-    moved: Condvar,
+    /// Signalled when stepped time has advanced or the reading thread has polled.
+    time_moved: Condvar,
 }
 
-/// The thread that reads from a handle whose time goes in steps. Written and read with the device locked.
+/// State of the reading thread of a stepped handle. Accessed with the device locked.
 #[derive(Debug, Default)]
 struct Reader {
     reads: AtomicBool,
-    /// It is wanted no more.
+    /// The driver is being dropped.
     released: AtomicBool,
-    /// When it has looked in vain, us.
-    looked_us: AtomicU64,
+    /// Time of its last poll without data, us.
+    polled_us: AtomicU64,
 }
 
 /// An open handle of an emulated device.
 ///
-/// Virtual time is the test's: `falcon().advance(t)`. A call with a timeout moves it until there is something or the timeout is over; one with
-/// a zero timeout looks and does not move it. Two threads that both wait would both move it: give them real time, or time in steps.
+/// The test advances virtual time by `falcon().advance(t)`. A call with a timeout advances it until data
+/// arrives or the timeout ends. A call with a zero timeout does not advance it. Two blocking threads would
+/// both advance virtual time, so they need real or stepped time.
 #[derive(Debug)]
 pub struct MemoryFtdi {
     shared: Arc<Shared>,
     time: Time,
     reader: Reader,
-    /// The device's count of plugs when this handle was opened.
-    plugs: AtomicU64,
+    /// The device's plug count when this handle was opened.
+    plug_count: AtomicU64,
 }
 
-const fn gone() -> DeviceError {
+const fn disconnected() -> DeviceError {
     DeviceError::new(DeviceErrorKind::Disconnected)
 }
 
-const fn nothing() -> DeviceError {
+const fn timed_out() -> DeviceError {
     DeviceError::new(DeviceErrorKind::Timeout)
 }
 
@@ -111,13 +113,14 @@ impl MemoryFtdi {
         Self::timed(falcon, Time::Virtual)
     }
 
-    /// A device on virtual time that only the caller's thread moves; for a driver with threads. [`MemoryFtdi::advance`] moves it.
+    /// A device on virtual time that only the caller's thread advances, by [`MemoryFtdi::advance`]. For a
+    /// driver with threads.
     #[must_use]
     pub fn stepped(falcon: EmulatedFalcon) -> Self {
         Self::timed(falcon, Time::Stepped(std::thread::current().id()))
     }
 
-    /// A device on real time, which begins now.
+    /// A device on real time, which starts now.
     #[must_use]
     pub fn in_real_time(falcon: EmulatedFalcon) -> Self {
         let from_us = falcon.now_us();
@@ -125,34 +128,35 @@ impl MemoryFtdi {
     }
 
     fn timed(falcon: EmulatedFalcon, time: Time) -> Self {
-        let plugs = falcon.plugs().into();
-        let shared = Arc::new(Shared { falcon: Mutex::new(falcon), moved: Condvar::new() });
-        Self { shared, time, reader: Reader::default(), plugs }
+        let plug_count = falcon.plug_count().into();
+        let shared = Arc::new(Shared { falcon: Mutex::new(falcon), time_moved: Condvar::new() });
+        Self { shared, time, reader: Reader::default(), plug_count }
     }
 
-    /// Another handle of the same device, opened now.
+    /// Opens another handle of the same device.
     pub fn open_again(&self) -> Result<Self, DeviceError> {
         let falcon = self.falcon();
         if !falcon.is_plugged() {
-            return Err(gone());
+            return Err(disconnected());
         }
-        let plugs = falcon.plugs().into();
-        Ok(Self { shared: Arc::clone(&self.shared), time: self.time, reader: Reader::default(), plugs })
+        let plug_count = falcon.plug_count().into();
+        Ok(Self { shared: Arc::clone(&self.shared), time: self.time, reader: Reader::default(), plug_count })
     }
 
-    /// Virtual time goes on until then. In steps a thread that reads from this handle has taken all there is by the end of it.
+    /// Advances virtual time. In stepped time a thread that reads from this handle has received all data by
+    /// the end.
     ///
     /// # Panics
     ///
-    /// If that thread does not look for 20 s.
+    /// If that thread does not poll for 20 s.
     pub fn advance(&self, until_us: u64) {
         if let Time::Stepped(_) = self.time {
             loop {
                 let mut falcon = self.falcon();
                 let next_us = (falcon.now_us() + READ_STEP_US).min(until_us);
                 falcon.advance(next_us);
-                self.shared.moved.notify_all();
-                self.wait_looked(falcon);
+                self.shared.time_moved.notify_all();
+                self.wait_for_reader(falcon);
                 if next_us >= until_us {
                     return;
                 }
@@ -161,63 +165,63 @@ impl MemoryFtdi {
         self.falcon().advance(until_us);
     }
 
-    /// Until the thread that reads has begun and has taken all there is.
-    pub(crate) fn wait_reading(&self) {
-        let until = Instant::now() + CERTAIN;
+    /// Waits until the reading thread has started and has received all data.
+    pub(crate) fn wait_until_reading(&self) {
+        let until = Instant::now() + MAX_WAIT;
         while !self.reader.reads.load(Ordering::Relaxed) {
-            assert!(Instant::now() < until, "nobody reads");
+            assert!(Instant::now() < until, "no thread reads");
             std::thread::yield_now();
         }
-        self.wait_looked(self.falcon());
+        self.wait_for_reader(self.falcon());
     }
 
-    /// Whoever waits in a call waits no more, and nobody waits for whom reads: the driver is being dropped.
+    /// Ends all waits, because the driver is being dropped.
     pub(crate) fn release(&self) {
         let falcon = self.falcon();
         self.reader.released.store(true, Ordering::Relaxed);
         self.reader.reads.store(false, Ordering::Relaxed);
         drop(falcon);
-        self.shared.moved.notify_all();
+        self.shared.time_moved.notify_all();
     }
 
-    fn wait_looked(&self, mut falcon: MutexGuard<'_, EmulatedFalcon>) {
-        let Reader { reads, looked_us, .. } = &self.reader;
-        while reads.load(Ordering::Relaxed) && looked_us.load(Ordering::Relaxed) < falcon.now_us() {
-            let waited = self.shared.moved.wait_timeout(falcon, CERTAIN);
+    fn wait_for_reader(&self, mut falcon: MutexGuard<'_, EmulatedFalcon>) {
+        let Reader { reads, polled_us, .. } = &self.reader;
+        while reads.load(Ordering::Relaxed) && polled_us.load(Ordering::Relaxed) < falcon.now_us() {
+            let waited = self.shared.time_moved.wait_timeout(falcon, MAX_WAIT);
             let (woken, waited) = waited.unwrap_or_else(PoisonError::into_inner);
-            assert!(!waited.timed_out(), "the thread that reads hangs");
+            assert!(!waited.timed_out(), "the reading thread hangs");
             falcon = woken;
         }
     }
 
-    /// A call of a thread that does not move time waits until somebody does: `None` if its handle is lost.
-    fn wait_moved<'f>(
+    /// Waits in a thread that does not advance time until another one does. `None` if the handle is lost.
+    fn wait_for_time<'f>(
         &'f self,
         falcon: MutexGuard<'f, EmulatedFalcon>,
         reads: bool,
     ) -> Option<MutexGuard<'f, EmulatedFalcon>> {
-        let Reader { reads: reading, released, looked_us } = &self.reader;
+        let Reader { reads: reading, released, polled_us } = &self.reader;
         if reads && !released.load(Ordering::Relaxed) {
             reading.store(true, Ordering::Relaxed);
-            looked_us.store(falcon.now_us(), Ordering::Relaxed);
-            self.shared.moved.notify_all();
+            polled_us.store(falcon.now_us(), Ordering::Relaxed);
+            self.shared.time_moved.notify_all();
         }
         let before_us = falcon.now_us();
         let still = |falcon: &mut EmulatedFalcon| {
             falcon.now_us() == before_us && self.is_open(falcon) && !released.load(Ordering::Relaxed)
         };
-        let falcon = self.shared.moved.wait_while(falcon, still).unwrap_or_else(PoisonError::into_inner);
+        let falcon = self.shared.time_moved.wait_while(falcon, still).unwrap_or_else(PoisonError::into_inner);
         let is_lost = !self.is_open(&falcon) || released.load(Ordering::Relaxed);
         if is_lost {
             reading.store(false, Ordering::Relaxed);
-            self.shared.moved.notify_all();
+            self.shared.time_moved.notify_all();
         }
         (!is_lost).then_some(falcon)
     }
 
-    /// The device behind it, at the time that it is.
+    /// The device at the present time.
     pub fn falcon(&self) -> MutexGuard<'_, EmulatedFalcon> {
-        // A test that panicked elsewhere leaves the device as it was.
+        // A panic of another test leaves the device valid.
         let mut falcon = self.shared.falcon.lock().unwrap_or_else(PoisonError::into_inner);
         if let Time::Real(begun, from_us) = self.time {
             falcon.advance(from_us + begun.elapsed().as_micros() as u64);
@@ -225,24 +229,24 @@ impl MemoryFtdi {
         falcon
     }
 
-    /// Whether this handle still is one of the device.
+    /// Whether this handle is still open.
     fn is_open(&self, falcon: &EmulatedFalcon) -> bool {
-        falcon.is_plugged() && falcon.plugs() == self.plugs.load(Ordering::Relaxed)
+        falcon.is_plugged() && falcon.plug_count() == self.plug_count.load(Ordering::Relaxed)
     }
 
-    /// The device, if this handle still is one of it.
+    /// The device, if this handle is still open.
     fn opened(&self) -> Result<MutexGuard<'_, EmulatedFalcon>, DeviceError> {
         let falcon = self.falcon();
         if self.is_open(&falcon) {
             return Ok(falcon);
         }
-        // Whoever reads will not any more.
+        // The reading thread stops.
         self.reader.reads.store(false, Ordering::Relaxed);
-        self.shared.moved.notify_all();
-        Err(gone())
+        self.shared.time_moved.notify_all();
+        Err(disconnected())
     }
 
-    /// Does something again and again until it says that it is done or the timeout is over.
+    /// Repeats an attempt until it succeeds or the timeout ends.
     fn wait(
         &self,
         timeout: Duration,
@@ -259,12 +263,12 @@ impl MemoryFtdi {
                     falcon = self.opened()?;
                 }
                 Time::Stepped(mover) if mover != std::thread::current().id() => {
-                    falcon = self.wait_moved(falcon, reads).ok_or_else(gone)?;
+                    falcon = self.wait_for_time(falcon, reads).ok_or_else(disconnected)?;
                 }
                 Time::Virtual | Time::Stepped(_) => {
                     let next_us = (falcon.now_us() + VIRTUAL_STEP_US).min(until_us);
                     falcon.advance(next_us);
-                    self.shared.moved.notify_all();
+                    self.shared.time_moved.notify_all();
                 }
             }
         }
@@ -284,12 +288,12 @@ impl Ftdi for MemoryFtdi {
             count += falcon.bulk_out(&bytes[count..]);
             count == bytes.len()
         })?;
-        if count == 0 && !bytes.is_empty() { Err(nothing()) } else { Ok(count) }
+        if count == 0 && !bytes.is_empty() { Err(timed_out()) } else { Ok(count) }
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         if buffer.len() < PACKET_LEN {
-            // A packet that does not fit is lost, and the controller says overflow.
+            // A packet that does not fit is lost, and a USB controller reports an overflow.
             return Err(DeviceError::new(DeviceErrorKind::Io));
         }
         let mut count = 0;
@@ -297,10 +301,10 @@ impl Ftdi for MemoryFtdi {
             let Some(packets) = falcon.bulk_in(buffer.len() - count) else { return false };
             buffer[count..count + packets.len()].copy_from_slice(&packets);
             count += packets.len();
-            // A short packet ends a transfer, and so does a full buffer.
+            // A transfer ends with a short packet or a full buffer.
             count % PACKET_LEN != 0 || buffer.len() - count < PACKET_LEN
         })?;
-        if count == 0 { Err(nothing()) } else { Ok(count) }
+        if count == 0 { Err(timed_out()) } else { Ok(count) }
     }
 }
 
@@ -320,9 +324,9 @@ impl Link for MemoryFtdi {
     fn reopen(&self) -> Result<(), DeviceError> {
         let falcon = self.falcon();
         if !falcon.is_plugged() {
-            return Err(gone());
+            return Err(disconnected());
         }
-        self.plugs.store(falcon.plugs(), Ordering::Relaxed);
+        self.plug_count.store(falcon.plug_count(), Ordering::Relaxed);
         Ok(())
     }
 }
@@ -339,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn looking_takes_no_time_and_waiting_takes_as_much_as_it_needs() {
+    fn polling_takes_no_time_and_waiting_takes_the_time_until_data() {
         let ftdi = MemoryFtdi::new(device());
         let mut buffer = [0; 512];
         let looked = ftdi.read(&mut buffer, Duration::ZERO);
@@ -360,12 +364,12 @@ mod tests {
             Err(DeviceErrorKind::Timeout)
         );
         assert_eq!(ftdi.write(&[0; 300], LONG), Ok(300));
-        // All but what is still in the buffer has gone over the wire.
+        // All bytes have crossed the wire except those in the buffer.
         assert!((300 * 6_666..300 * 6_666 + 50_000).contains(&(ftdi.now_us() * 1_000)));
     }
 
     #[test]
-    fn a_pulled_cable_loses_the_handle_for_good() {
+    fn unplugging_loses_the_handle_permanently() {
         let ftdi = MemoryFtdi::new(device());
         ftdi.unplug();
         let kind = |error: DeviceError| error.kind();
@@ -375,15 +379,16 @@ mod tests {
         assert!(ftdi.reopen().is_err() && ftdi.open_again().is_err());
         ftdi.replug();
         assert_eq!(ftdi.control(0, 0).map_err(kind), Err(DeviceErrorKind::Disconnected));
-        let other = ftdi.open_again().expect("it is in again");
+        let other = ftdi.open_again().expect("it is plugged in again");
         assert_eq!(other.control(0, 0), Ok(()));
-        ftdi.reopen().expect("it is in again");
+        ftdi.reopen().expect("it is plugged in again");
         assert_eq!(ftdi.control(0, 0), Ok(()));
     }
 
-    /// Whatever the scheduler does: at the end of a step the reading thread has all that was sent by then, and a call that waits ends with its driver.
+    /// Under any scheduling the reading thread has all data at the end of a step, and a blocking call ends
+    /// when the driver is dropped.
     #[test]
-    fn in_steps_time_is_moved_by_one_thread_and_no_step_ends_before_the_other_has_looked() {
+    fn a_time_step_ends_after_the_reading_thread_has_polled() {
         let ftdi = Arc::new(MemoryFtdi::stepped(device()));
         let read = Arc::new(AtomicU64::new(0));
         let (chip, count) = (Arc::clone(&ftdi), Arc::clone(&read));
@@ -397,10 +402,10 @@ mod tests {
                 }
             }
         });
-        ftdi.wait_reading();
+        ftdi.wait_until_reading();
         assert_eq!((ftdi.now_us(), read.load(Ordering::Relaxed)), (0, 0));
         for packets in 1..50 {
-            // An idle packet each 16 ms.
+            // One idle packet every 16 ms.
             ftdi.advance(16_000 * packets);
             assert_eq!((ftdi.now_us(), read.load(Ordering::Relaxed)), (16_000 * packets, 2 * packets));
         }
@@ -409,9 +414,9 @@ mod tests {
         ftdi.advance(2_000_000);
     }
 
-    /// At least as long as the latency timer says; how much longer is the machine's affair.
+    /// Reading takes at least the latency timer; the machine may add to it.
     #[test]
-    fn real_time_goes_by_itself() {
+    fn real_time_advances_by_itself() {
         let ftdi = MemoryFtdi::in_real_time(device());
         let begun = Instant::now();
         assert_eq!(ftdi.read(&mut [0; 64], Duration::from_secs(10)), Ok(2));

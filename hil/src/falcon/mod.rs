@@ -1,14 +1,16 @@
-//! Emulated Novint Falcon: the FTDI chip, the board behind it with its boot loader and its firmware, and the grip in a hand.
+//! Emulated Novint Falcon: the FTDI chip, the board with its boot loader and firmware, and the grip in a
+//! hand.
 //!
 //! ```text
 //! vendor requests, bulk pipes -> chip <- UART -> loader | firmware <- encoders, motors -> grip <- hand
 //! ```
 //!
-//! In: control and bulk transfers as USB carries them, and the time. Out: packets with status bytes, and a record of what the hand felt. Two
-//! fronts stand before it: [`MemoryFtdi`] for a driver in the same process, and whatever serves the transfers of a real bus.
+//! Input: control and bulk transfers as on USB, and the time. Output: packets with status bytes, and a record
+//! of the force on the hand. [`MemoryFtdi`] serves a driver in the same process; [`crate::bench`] serves a
+//! real bus.
 //!
-//! Written from the protocol's description. No watchdog: the motors go on with the last command, also after the cable was pulled, because the
-//! board has a power supply of its own.
+//! The emulator is written from the protocol's description. It has no watchdog: the motors keep the last
+//! command, also after the cable is pulled, because the board has its own power supply.
 
 pub mod chip;
 pub mod descriptors;
@@ -28,7 +30,7 @@ pub use image::synthetic_image;
 pub use loader::{LoaderFault, LoaderOptions};
 pub use memory::MemoryFtdi;
 
-use crate::felt::Felt;
+use crate::force_record::ForceRecord;
 use crate::mechanism::Waypoint;
 use firmware::Firmware;
 use grip::{Grip, NM_PER_MOTOR_COUNT};
@@ -39,25 +41,26 @@ use palpate_host::device::hand::{Drag, HandConfig};
 use std::time::Duration;
 use uart::WireByte;
 
-/// Time from the last byte of a request to the first of its reply, ns. Assumed; the wire takes five times as long.
+/// Time from the last byte of a request to the first byte of its reply, ns. This is an assumption; the
+/// transfer itself takes five times as long.
 const TURNAROUND_NS: u64 = 20_000;
 
-/// What the device and the hand on it are like.
+/// Configuration of the device and the hand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FalconConfig {
     /// The hand.
     pub hand: HandConfig,
-    /// The mechanism it moves.
+    /// The mechanism.
     pub drag: Drag,
-    /// What the hand does; it begins when the first packet asks for homing.
+    /// Path of the hand; it starts with the first homing request.
     pub path: Vec<Waypoint>,
     /// Torque of one count of each motor's command, N m.
     pub nm_per_motor_count: [f64; 3],
-    /// How far the encoders are off before homing, counts.
+    /// Offset of the encoders before homing, counts.
     pub raw_offset: [i16; 3],
-    /// How the boot loader behaves.
+    /// Options of the boot loader.
     pub loader: LoaderOptions,
-    /// The firmware runs already, as after an earlier session.
+    /// The firmware already runs, as after an earlier session.
     pub firmware_runs: bool,
 }
 
@@ -65,7 +68,7 @@ impl Default for FalconConfig {
     fn default() -> Self {
         Self {
             hand: HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() },
-            // As the profile "falcon" assumes it.
+            // As assumed by the profile "falcon".
             drag: Drag { mass_kg: 0.15, damping_n_s_m: 1.0, coulomb_n: 0.2 },
             path: homing_path(),
             nm_per_motor_count: NM_PER_MOTOR_COUNT,
@@ -76,7 +79,7 @@ impl Default for FalconConfig {
     }
 }
 
-/// Pulls the grip out and pushes it in, which homes it, then holds it in the middle of the workspace: done after 1.5 s.
+/// Homing motion: pulls the grip out, pushes it in, and holds it in the middle of the workspace. Lasts 1.5 s.
 #[must_use]
 pub fn homing_path() -> Vec<Waypoint> {
     [(0, 0.115), (400_000, 0.155), (500_000, 0.155), (1_100_000, 0.100), (1_400_000, 0.120)]
@@ -96,12 +99,12 @@ pub struct EmulatedFalcon {
     buttons: u8,
     now_us: u64,
     plugged: bool,
-    /// How often the cable was put in: who has opened the device before has lost it.
-    plugs: u64,
+    /// How often the cable was plugged in. Handles opened before the last time are lost.
+    plug_count: u64,
 }
 
 impl EmulatedFalcon {
-    /// A device that was just plugged in, at time 0.
+    /// A device plugged in at time 0.
     #[must_use]
     pub fn new(config: FalconConfig) -> Self {
         let FalconConfig { hand, drag, path, nm_per_motor_count, raw_offset, loader, firmware_runs } = config;
@@ -116,22 +119,22 @@ impl EmulatedFalcon {
             buttons: 0,
             now_us: 0,
             plugged: true,
-            plugs: 0,
+            plug_count: 0,
         }
     }
 
-    /// The time it is at, us.
+    /// The present time, us.
     #[must_use]
     pub const fn now_us(&self) -> u64 {
         self.now_us
     }
 
-    /// Moves on to a time; one that has passed already changes nothing.
+    /// Advances to a time; an earlier time has no effect.
     pub fn advance(&mut self, now_us: u64) {
         self.now_us = self.now_us.max(now_us);
         while let Some(wire) = self.chip.next_for_board(self.now_us * 1_000) {
             self.move_grip(wire.at_ns / 1_000);
-            self.hear(wire);
+            self.receive_byte(wire);
         }
         self.move_grip(self.now_us);
         self.chip.advance(self.now_us);
@@ -140,17 +143,17 @@ impl EmulatedFalcon {
     fn move_grip(&mut self, until_us: u64) {
         while let Some(counts) = self.grip.step(until_us) {
             if let Some(firmware) = &mut self.firmware {
-                firmware.note(counts);
+                firmware.update(counts);
             }
         }
     }
 
-    /// A byte has reached the board.
-    fn hear(&mut self, wire: WireByte) {
+    /// Handles a byte that has reached the board.
+    fn receive_byte(&mut self, wire: WireByte) {
         let reply_ns = wire.at_ns + TURNAROUND_NS;
         let Some(firmware) = &mut self.firmware else {
             let baud = self.loader.baud();
-            let answer = self.loader.take(wire.heard_at(baud));
+            let answer = self.loader.take(wire.decoded_at(baud));
             self.chip.from_board(reply_ns, &answer.bytes, baud);
             if answer.started.is_some() {
                 self.image = answer.started;
@@ -159,7 +162,7 @@ impl EmulatedFalcon {
             return;
         };
         firmware.set_buttons(self.buttons);
-        let Some(reply) = firmware.take(wire.heard_at(firmware::BAUD)) else { return };
+        let Some(reply) = firmware.take(wire.decoded_at(firmware::BAUD)) else { return };
         self.grip.command(wire.at_ns / 1_000, firmware.motors(), firmware.homed() == [true; 3]);
         if firmware.is_homing() {
             self.grip.begin();
@@ -167,7 +170,7 @@ impl EmulatedFalcon {
         self.chip.from_board(reply_ns, &reply, firmware::BAUD);
     }
 
-    /// A control transfer.
+    /// Handles a control transfer.
     pub fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         let answer = self.chip.control(setup, data)?;
         if self.loader.lines(self.chip.lines()) {
@@ -176,12 +179,12 @@ impl EmulatedFalcon {
         Ok(answer)
     }
 
-    /// A transfer from the host: how many bytes there was room for.
+    /// A transfer from the host. Returns the number of bytes taken.
     pub fn bulk_out(&mut self, bytes: &[u8]) -> usize {
         self.chip.bulk_out(bytes)
     }
 
-    /// Packets for the host that are ready, at most `max` bytes.
+    /// Packets that are ready for the host, at most `max` bytes.
     pub fn bulk_in(&mut self, max: usize) -> Option<Vec<u8>> {
         self.chip.bulk_in(max)
     }
@@ -191,16 +194,16 @@ impl EmulatedFalcon {
         self.grip.power_off(self.now_us);
     }
 
-    /// The cable is pulled. The chip had its power from there: it forgets what it held. The motors keep their command.
+    /// Pulls the cable. The chip is powered by USB and loses its state. The motors keep their command.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.start_chip();
     }
 
-    /// The cable is put in again: another device for whoever had this one open.
+    /// Plugs the cable in again, as a new device for the host.
     pub fn replug(&mut self) {
         self.plugged = true;
-        self.plugs += 1;
+        self.plug_count += 1;
         self.start_chip();
     }
 
@@ -209,12 +212,12 @@ impl EmulatedFalcon {
         self.loader.lines(self.chip.lines());
     }
 
-    /// The board sends bytes that nobody asked for.
-    pub fn babble(&mut self, bytes: &[u8]) {
+    /// Sends unsolicited bytes from the board.
+    pub fn send_noise(&mut self, bytes: &[u8]) {
         self.chip.from_board(self.now_us * 1_000, bytes, firmware::BAUD);
     }
 
-    /// The board loses its power and gets it again: no firmware, no motors, no homing. The cable stays where it is.
+    /// Power cycle of the board: no firmware, no motor command, no homing. The cable stays in.
     pub fn power_cycle(&mut self) {
         self.loader.restart();
         self.reset_board();
@@ -226,59 +229,59 @@ impl EmulatedFalcon {
         self.plugged
     }
 
-    /// How often the cable was put in again.
+    /// How often the cable was plugged in again.
     #[must_use]
-    pub const fn plugs(&self) -> u64 {
-        self.plugs
+    pub const fn plug_count(&self) -> u64 {
+        self.plug_count
     }
 
-    /// An encoder miscounts by so much from now on.
+    /// Adds a miscount to an encoder.
     pub fn jump_encoder(&mut self, axis: usize, counts: i32) {
         if let Some(firmware) = &mut self.firmware {
             firmware.jump(axis, counts);
         }
     }
 
-    /// The firmware forgets its homing and where its encoders stand; what the motors do it does not forget.
+    /// Loses the homing and the encoder offsets of the firmware. The motors keep their command.
     pub fn lose_homing(&mut self) {
         if let Some(firmware) = &mut self.firmware {
             firmware.lose_homing(self.raw_offset);
         }
     }
 
-    /// The hand leaves what it does for another path, whose times count from now.
+    /// Gives the hand another path; its times count from now.
     pub fn follow(&mut self, path: Vec<Waypoint>) {
         self.grip.follow(path);
     }
 
-    /// From now on hand and grip stand still while no command has come for so long.
-    pub const fn stand_without_commands(&mut self, after: Duration) {
-        self.grip.stand_without_commands(after);
+    /// Lets hand and grip stand still while no command has arrived for `after`.
+    pub const fn freeze_without_commands(&mut self, after: Duration) {
+        self.grip.freeze_without_commands(after);
     }
 
-    /// The hand holds these buttons: plus, forward, centre, minus from bit 0.
+    /// Presses these buttons: plus, forward, centre, minus from bit 0.
     pub const fn press(&mut self, buttons: u8) {
         self.buttons = buttons;
     }
 
-    /// What the hand felt.
+    /// Record of the force on the hand.
     #[must_use]
-    pub const fn felt(&self) -> &Felt {
-        self.grip.felt()
+    pub const fn force_record(&self) -> &ForceRecord {
+        self.grip.force_record()
     }
 
-    /// Begins the record of what the hand felt anew.
-    pub fn forget(&mut self) {
-        self.grip.forget();
+    /// Resets the record of the force on the hand.
+    pub fn reset_record(&mut self) {
+        self.grip.reset_record();
     }
 
-    /// Where the grip is, m.
+    /// Position of the grip, m.
     #[must_use]
     pub const fn position_m(&self) -> Vec3 {
         self.grip.position_m()
     }
 
-    /// What the wheels of the encoders stand at, from their indices, and what was miscounted since.
+    /// Counts of the encoder wheels from their indices, with later miscounts.
     #[must_use]
     pub fn counts(&self) -> [i32; 3] {
         let miscounted = self.firmware.as_ref().map_or([0; 3], Firmware::miscounted);
@@ -310,7 +313,7 @@ impl EmulatedFalcon {
         self.firmware.as_ref().is_some_and(|firmware| firmware.homed() == [true; 3])
     }
 
-    /// The chip as USB sees it.
+    /// The chip.
     #[must_use]
     pub const fn chip(&self) -> &Chip {
         &self.chip
@@ -321,7 +324,7 @@ impl EmulatedFalcon {
 mod tests {
     use super::*;
 
-    /// Zero for the motors but 100 for the first, homing.
+    /// Command 100 for the first motor and 0 for the others, with a homing request.
     const PUSH: &[u8; 16] = b"<EGAAAAAAAAAABA>";
 
     fn running() -> EmulatedFalcon {
@@ -336,27 +339,27 @@ mod tests {
         let mut falcon = running();
         assert_eq!(falcon.bulk_out(PUSH), 16);
         falcon.advance(500);
-        assert!(falcon.felt().force_n[2] < 0.0, "a positive command pulls the first arm in");
+        assert!(falcon.force_record().force_n[2] < 0.0, "a positive command pulls the first arm in");
         falcon
     }
 
     #[test]
-    fn a_packet_sets_the_motors_when_its_last_byte_is_there() {
+    fn a_packet_sets_the_motors_at_its_last_byte() {
         let mut falcon = running();
         falcon.bulk_out(PUSH);
         falcon.advance(106);
-        assert_eq!(falcon.felt().commands, 0);
+        assert_eq!(falcon.force_record().commands, 0);
         falcon.advance(107);
-        assert_eq!((falcon.felt().commands, falcon.felt().last_command_us), (1, Some(106)));
-        assert_eq!(falcon.felt().largest_motor, 100);
-        assert!(falcon.felt().largest_unhomed_n > 0.0, "and it was not homed");
+        assert_eq!((falcon.force_record().commands, falcon.force_record().last_command_us), (1, Some(106)));
+        assert_eq!(falcon.force_record().largest_motor, 100);
+        assert!(falcon.force_record().largest_unhomed_n > 0.0, "and it was not homed");
         assert_eq!(falcon.bulk_in(64), None);
         falcon.advance(234);
         assert_eq!(falcon.bulk_in(64).map(|packet| packet.len()), Some(18));
     }
 
     #[test]
-    fn one_long_step_of_time_is_as_good_as_many() {
+    fn one_long_time_step_equals_many_short_ones() {
         let (mut often, mut once) = (running(), running());
         for falcon in [&mut often, &mut once] {
             falcon.bulk_out(PUSH);
@@ -367,13 +370,13 @@ mod tests {
         often.advance(300_000);
         once.advance(300_000);
         once.advance(200_000);
-        assert_eq!((often.felt(), often.position_m()), (once.felt(), once.position_m()));
+        assert_eq!((often.force_record(), often.position_m()), (once.force_record(), once.position_m()));
         assert_eq!(often.bulk_in(512), once.bulk_in(512));
         assert_eq!(once.now_us(), 300_000);
     }
 
     #[test]
-    fn at_another_rate_the_firmware_hears_noise() {
+    fn at_a_wrong_rate_the_firmware_receives_noise() {
         let mut falcon = running();
         falcon.control(Setup::vendor(3, 0x15), &[]).expect("a known request");
         falcon.bulk_out(PUSH);
@@ -382,29 +385,32 @@ mod tests {
     }
 
     #[test]
-    fn dtr_resets_the_board_and_takes_the_force_away() {
+    fn dtr_resets_the_board_and_removes_the_force() {
         let mut falcon = pushed();
         falcon.control(Setup::vendor(1, 0x0101), &[]).expect("a known request");
         assert!(falcon.firmware().is_none());
-        assert_eq!((falcon.felt().force_n, falcon.felt().off_since_us), ([0.0; 3], Some(500)));
+        assert_eq!(
+            (falcon.force_record().force_n, falcon.force_record().off_since_us),
+            ([0.0; 3], Some(500))
+        );
     }
 
     #[test]
-    fn what_was_on_its_way_is_lost_with_the_cable_and_the_force_is_not() {
+    fn unplugging_loses_bytes_in_flight_and_keeps_the_force() {
         let mut falcon = pushed();
         falcon.bulk_out(b"<AAAAAAAAAAAABA>");
         falcon.unplug();
         falcon.advance(100_000);
         falcon.replug();
         falcon.advance(200_000);
-        assert!(falcon.felt().force_n[2] < 0.0 && falcon.felt().off_since_us.is_none());
-        assert_eq!(falcon.chip().baud(), 9_600, "a chip with new power");
+        assert!(falcon.force_record().force_n[2] < 0.0 && falcon.force_record().off_since_us.is_none());
+        assert_eq!(falcon.chip().baud(), 9_600, "the chip was powered up again");
     }
 
     #[test]
-    fn babble_comes_in_as_any_other_bytes() {
+    fn unsolicited_bytes_are_received_like_any_others() {
         let mut falcon = running();
-        falcon.babble(b"noise>");
+        falcon.send_noise(b"noise>");
         falcon.advance(100);
         assert_eq!(falcon.bulk_in(64), Some(b"\x01\x60noise>".to_vec()));
     }

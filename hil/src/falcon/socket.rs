@@ -1,8 +1,9 @@
 //! The emulated chip for a driver in another process: its transfers over a socket, one at a time.
 //!
-//! A request is a letter and its body: `c` request u8, value u16; `w` bytes; `r` room u16, timeout in us u32. An answer is a letter, `k` for
-//! done, `t` for nothing in time and `g` for gone, and a body: what was read, or how many bytes went. Each body has its length, u16, before it.
-//! Little-endian throughout.
+//! A request is a letter and a body: `c` with request u8 and value u16; `w` with bytes; `r` with capacity u16
+//! and timeout in us u32. A reply is a letter, `k` for done, `t` for timeout and `g` for disconnected, and a
+//! body: the bytes read, or the number of bytes written. Each body is preceded by its length, u16. All
+//! numbers are little-endian.
 
 use super::memory::MemoryFtdi;
 use palpate_host::device::falcon::Ftdi;
@@ -17,8 +18,8 @@ const CONTROL: u8 = b'c';
 const WRITE: u8 = b'w';
 const READ: u8 = b'r';
 const DONE: u8 = b'k';
-const NOTHING: u8 = b't';
-const GONE: u8 = b'g';
+const TIMED_OUT: u8 = b't';
+const DISCONNECTED: u8 = b'g';
 
 fn send(stream: &mut UnixStream, letter: u8, body: &[u8]) -> io::Result<()> {
     let len = u16::try_from(body.len()).map_err(io::Error::other)?;
@@ -34,19 +35,19 @@ fn receive(stream: &mut UnixStream) -> io::Result<(u8, Vec<u8>)> {
     Ok((letter, body))
 }
 
-/// A name without a file: it is gone with the socket.
+/// An abstract socket name, which leaves no file behind.
 fn address(name: &str) -> io::Result<SocketAddr> {
     SocketAddr::from_abstract_name(name)
 }
 
-/// Listens for drivers; looking for one does not wait.
+/// Listens for drivers; accepting does not block.
 pub fn listen(name: &str) -> io::Result<UnixListener> {
     let listener = UnixListener::bind_addr(&address(name)?)?;
     listener.set_nonblocking(true)?;
     Ok(listener)
 }
 
-/// Serves one driver until it is gone. Blocks.
+/// Serves one driver until it closes the socket. Blocks.
 pub fn serve(mut stream: UnixStream, chip: &MemoryFtdi) -> io::Result<()> {
     stream.set_nonblocking(false)?;
     loop {
@@ -70,28 +71,28 @@ pub fn serve(mut stream: UnixStream, chip: &MemoryFtdi) -> io::Result<()> {
         };
         match answer {
             Ok(body) => send(&mut stream, DONE, &body)?,
-            Err(error) if error.kind().is_transient() => send(&mut stream, NOTHING, &[])?,
-            Err(_) => send(&mut stream, GONE, &[])?,
+            Err(error) if error.kind().is_transient() => send(&mut stream, TIMED_OUT, &[])?,
+            Err(_) => send(&mut stream, DISCONNECTED, &[])?,
         }
     }
 }
 
-/// The chip as the driver in the other process has it.
+/// The chip as seen by the driver in the other process.
 #[derive(Debug)]
 pub struct SocketFtdi(Mutex<UnixStream>);
 
 impl SocketFtdi {
-    /// Connects to who listens under this name.
+    /// Connects to the listener of this name.
     pub fn connect(name: &str) -> io::Result<Self> {
         UnixStream::connect_addr(&address(name)?).map(|stream| Self(Mutex::new(stream)))
     }
 
-    fn ask(&self, letter: u8, body: &[u8]) -> Result<Vec<u8>, DeviceError> {
+    fn request(&self, letter: u8, body: &[u8]) -> Result<Vec<u8>, DeviceError> {
         let mut stream = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let answer = send(&mut stream, letter, body).and_then(|()| receive(&mut stream));
         match answer {
             Ok((DONE, body)) => Ok(body),
-            Ok((NOTHING, _)) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
+            Ok((TIMED_OUT, _)) => Err(DeviceError::new(DeviceErrorKind::Timeout)),
             _ => Err(DeviceError::new(DeviceErrorKind::Disconnected)),
         }
     }
@@ -100,19 +101,19 @@ impl SocketFtdi {
 impl Ftdi for SocketFtdi {
     fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
         let [low, high] = value.to_le_bytes();
-        self.ask(CONTROL, &[request, low, high]).map(drop)
+        self.request(CONTROL, &[request, low, high]).map(drop)
     }
 
-    /// Does not wait for room: a packet always finds some.
+    /// Does not wait for room, because a packet always fits.
     fn write(&self, bytes: &[u8], _timeout: Duration) -> Result<usize, DeviceError> {
-        let count = self.ask(WRITE, bytes)?;
+        let count = self.request(WRITE, bytes)?;
         Ok(usize::from(u16::from_le_bytes(count.try_into().unwrap_or_default())))
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
         let room = u16::try_from(buffer.len()).unwrap_or(u16::MAX).to_le_bytes();
         let us = u32::try_from(timeout.as_micros()).unwrap_or(u32::MAX).to_le_bytes();
-        let bytes = self.ask(READ, &[&room[..], &us].concat())?;
+        let bytes = self.request(READ, &[&room[..], &us].concat())?;
         let room = buffer.get_mut(..bytes.len()).ok_or(DeviceError::new(DeviceErrorKind::Io))?;
         room.copy_from_slice(&bytes);
         Ok(bytes.len())

@@ -1,4 +1,4 @@
-//! A host process on the stage: started, spoken to, signalled, and waited for.
+//! A host process of the testbed: start, commands, signals, and status lines.
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -8,26 +8,26 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How long what must happen is waited for, however busy the machine.
-pub const CERTAIN: Duration = Duration::from_secs(60);
-/// How often a host is told to hold its force.
-const TRIES: usize = 30;
-/// How long one try may take.
-const TRY: Duration = Duration::from_secs(3);
-/// How long a force that may be there already is waited for.
-const LOOK: Duration = Duration::from_micros(100);
+/// Longest wait for an event that must happen, on a busy machine.
+pub const MAX_WAIT: Duration = Duration::from_secs(60);
+/// How often a host is asked to hold its force.
+const MAX_TRIES: usize = 30;
+/// Longest time of one try.
+const TRY_TIMEOUT: Duration = Duration::from_secs(3);
+/// Longest wait for a force that may be there already.
+const POLL_PERIOD: Duration = Duration::from_micros(100);
 
-/// A host process. Ends with this.
+/// A host process. It is killed on drop.
 pub struct Host {
     child: Child,
     words: ChildStdin,
     lines: Arc<Mutex<Vec<String>>>,
-    /// It says nothing any more.
+    /// Its output has ended.
     silent: Arc<AtomicBool>,
 }
 
 impl Host {
-    /// Starts one.
+    /// Starts a host process.
     ///
     /// # Panics
     ///
@@ -36,13 +36,13 @@ impl Host {
     pub fn start(mut command: Command) -> Self {
         let mut child =
             command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts");
-        let (words, said) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
+        let (words, output) = (child.stdin.take().expect("piped"), child.stdout.take().expect("piped"));
         let lines = Arc::new(Mutex::new(Vec::new()));
         let silent = Arc::new(AtomicBool::new(false));
-        let (heard, ended) = (Arc::clone(&lines), Arc::clone(&silent));
+        let (printed, ended) = (Arc::clone(&lines), Arc::clone(&silent));
         std::thread::spawn(move || {
-            for line in BufReader::new(said).lines().map_while(Result::ok) {
-                heard.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+            for line in BufReader::new(output).lines().map_while(Result::ok) {
+                printed.lock().unwrap_or_else(PoisonError::into_inner).push(line);
             }
             ended.store(true, Ordering::Relaxed);
         });
@@ -53,71 +53,72 @@ impl Host {
     ///
     /// # Panics
     ///
-    /// If it is not there.
+    /// If the process has ended.
     pub fn signal(&self, signal: Signal) {
-        kill(Pid::from_raw(self.child.id() as i32), signal).expect("it is there");
+        kill(Pid::from_raw(self.child.id() as i32), signal).expect("the process runs");
     }
 
-    /// Says a word to it; one that is gone does not hear it.
-    pub fn say(&self, word: &str) {
+    /// Sends a command; one to an ended process is lost.
+    pub fn send(&self, word: &str) {
         let _ = (&self.words).write_all(format!("{word}\n").as_bytes());
     }
 
-    /// From now on it resets nothing by itself, and its force is on the motors. An error is what did not come in a few tries. `has_force`
-    /// looks whether the force gets there in some time.
+    /// Asks the host to stop resetting by itself, with its force on the motors. `has_force` checks whether
+    /// the force is on the motors within a time. Returns the missing event after some tries.
     ///
-    /// A watchdog on a busy machine may fire between its word and the look at the force; it then goes back, and holds anew.
+    /// On a busy machine a watchdog may fire between the host's reply and this check. The host then releases
+    /// and holds again.
     pub fn hold(&self, mut has_force: impl FnMut(Duration) -> bool) -> Result<(), &'static str> {
         let mut is_there = false;
-        let _ = comes(CERTAIN, || {
-            is_there = has_force(LOOK);
+        let _ = happens_within(MAX_WAIT, || {
+            is_there = has_force(POLL_PERIOD);
             is_there || self.silent.load(Ordering::Relaxed)
         });
         if !is_there {
             return Err("no force");
         }
-        for _ in 0..TRIES {
-            if has_force(TRY) {
-                self.say("hold");
-                if !comes(CERTAIN, || self.said("holds")) {
-                    return Err("no word that the host holds");
+        for _ in 0..MAX_TRIES {
+            if has_force(TRY_TIMEOUT) {
+                self.send("hold");
+                if !happens_within(MAX_WAIT, || self.has_printed("holds")) {
+                    return Err("the host has not confirmed that it holds");
                 }
-                if has_force(TRY) && !self.said("zeroed") {
+                if has_force(TRY_TIMEOUT) && !self.has_printed("zeroed") {
                     return Ok(());
                 }
                 self.release()?;
             }
         }
-        Err("no force that is held")
+        Err("the force was not held")
     }
 
-    /// It resets again what a busy machine trips.
+    /// The host resets by itself again.
     pub fn release(&self) -> Result<(), &'static str> {
-        self.say("again");
-        if !comes(CERTAIN, || self.said("again")) {
-            return Err("no word that the host goes back");
+        self.send("again");
+        if !happens_within(MAX_WAIT, || self.has_printed("again")) {
+            return Err("the host has not confirmed the release");
         }
-        self.forget();
+        self.remove_status_lines();
         Ok(())
     }
 
-    /// Whether it has said this.
+    /// Whether the host has printed this line.
     #[must_use]
-    pub fn said(&self, line: &str) -> bool {
-        self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|said| said == line)
+    pub fn has_printed(&self, line: &str) -> bool {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner).iter().any(|printed| printed == line)
     }
 
-    /// Forgets what it has said of holding.
-    fn forget(&self) {
+    /// Removes the status lines about holding.
+    fn remove_status_lines(&self) {
         let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         lines.retain(|line| !["holds", "again", "zeroed"].contains(&&line[..]));
     }
 
-    /// Its supervisor, once it has said which; nothing if it does not in time.
+    /// The pid of its supervisor, once the host has printed it; `None` after a timeout.
     #[must_use]
     pub fn supervisor(&self) -> Option<Pid> {
         let mut found = None;
-        let _ = comes(CERTAIN, || {
+        let _ = happens_within(MAX_WAIT, || {
             let lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
             found = lines.iter().find_map(|line| line.strip_prefix("supervisor ")?.parse().ok());
             found.is_some() || self.silent.load(Ordering::Relaxed)
@@ -125,11 +126,11 @@ impl Host {
         found.map(Pid::from_raw)
     }
 
-    /// Waits until it ends by itself; whether it ended well.
+    /// Waits until it ends by itself. Returns whether it succeeded.
     ///
     /// # Panics
     ///
-    /// If it is not ours to wait for.
+    /// If the wait fails.
     pub fn end(&mut self) -> bool {
         self.child.wait().expect("it ends by itself").success()
     }
@@ -142,18 +143,18 @@ impl Drop for Host {
     }
 }
 
-/// Waits until something has happened.
+/// Waits for an event.
 ///
 /// # Panics
 ///
-/// If it has not in [`CERTAIN`].
+/// If it does not happen within [`MAX_WAIT`].
 pub fn wait(what: &str, done: impl FnMut() -> bool) {
-    assert!(comes(CERTAIN, done), "no {what}");
+    assert!(happens_within(MAX_WAIT, done), "no {what}");
 }
 
-/// Whether something happens in time.
+/// Whether an event happens within a time.
 #[must_use]
-pub fn comes(time: Duration, mut done: impl FnMut() -> bool) -> bool {
+pub fn happens_within(time: Duration, mut done: impl FnMut() -> bool) -> bool {
     let begun = Instant::now();
     while !done() {
         if begun.elapsed() >= time {
@@ -164,10 +165,10 @@ pub fn comes(time: Duration, mut done: impl FnMut() -> bool) -> bool {
     true
 }
 
-/// Whether a process is there.
+/// Whether a process runs.
 #[must_use]
 pub fn is_running(process: Pid) -> bool {
-    // An ended one whose parent was killed may lie about as a zombie for a moment.
+    // An ended process may remain as a zombie for a moment.
     let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     !stat.is_empty() && !stat.contains(") Z ")
 }

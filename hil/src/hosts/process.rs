@@ -1,4 +1,4 @@
-//! The processes: a host that renders a force, with a supervisor or without, and that supervisor.
+//! The processes: a host that renders a force, with a supervisor or without, and the supervisor.
 
 use crate::falcon::socket::SocketFtdi;
 use palpate_core::Vec3;
@@ -16,12 +16,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How long a device on a busy machine may take to answer.
-const PATIENCE: Duration = Duration::from_secs(10);
-/// Of a line that has no speed: it is a pseudo terminal.
+/// Longest time for a reply of the device on a busy machine.
+const TIMEOUT: Duration = Duration::from_secs(10);
+/// The baud rate has no effect on a pseudo terminal.
 const BAUD: u32 = 1_000_000;
 
-/// What is held.
+/// The emulated device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Device {
     /// A Polhem on a pseudo terminal.
@@ -33,10 +33,10 @@ pub enum Device {
 }
 
 impl Device {
-    /// All of them.
+    /// All devices.
     pub const ALL: [Self; 3] = [Self::Polhem, Self::Falcon, Self::Link];
 
-    /// Device and link, as in the table.
+    /// Name of device and link in the table.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -46,7 +46,7 @@ impl Device {
         }
     }
 
-    /// Whether the product gives it a supervisor. The device link has a watchdog instead, its own.
+    /// Whether it has a supervisor in the product. The device link has its own watchdog instead.
     #[must_use]
     pub const fn is_supervised(self) -> bool {
         !matches!(self, Self::Link)
@@ -81,7 +81,7 @@ impl Device {
             }
             Self::Link => {
                 let config =
-                    LinkConfig::of(&self.profile(), PATIENCE).ok_or("the profile states no capstan")?;
+                    LinkConfig::of(&self.profile(), TIMEOUT).ok_or("the profile has no [capstan]")?;
                 let mut device = Link::open(place, BAUD, config).map_err(|error| error.to_string())?;
                 device.home(&AtomicBool::new(false)).map_err(|error| error.to_string())?;
                 Ok(Box::new(device))
@@ -90,14 +90,14 @@ impl Device {
     }
 }
 
-/// What a process is.
+/// Role of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// A host as the product runs it: with a supervisor where the device needs one.
+    /// A host as in the product: with a supervisor where the device needs one.
     Host,
-    /// A host that holds the device itself.
-    Alone,
-    /// A supervisor; a host starts it.
+    /// A host that owns the device itself.
+    Unsupervised,
+    /// A supervisor, started by a host.
     Supervisor,
 }
 
@@ -105,13 +105,13 @@ impl Role {
     const fn name(self) -> &'static str {
         match self {
             Self::Host => "host",
-            Self::Alone => "alone",
+            Self::Unsupervised => "unsupervised",
             Self::Supervisor => "supervisor",
         }
     }
 }
 
-/// How `program` is started as one of the processes.
+/// The command that starts `program` in this role.
 #[must_use]
 pub(super) fn command(
     program: &Path,
@@ -127,21 +127,21 @@ pub(super) fn command(
     command
 }
 
-/// The life of a process, by the arguments after `process`; an error is a line for people.
+/// Main function of a process, with the arguments after `process`. The error is one line.
 pub fn process(arguments: &[String]) -> Result<(), String> {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let [role, device, place, limit_ms, force_n @ ..] = &words[..] else {
         return Err("ROLE DEVICE PLACE LIMIT_MS FORCE".into());
     };
-    let limit_ms = limit_ms.parse().map_err(|_| "a limit is a number of ms")?;
-    let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("no such device")?;
+    let limit_ms = limit_ms.parse().map_err(|_| "LIMIT_MS must be an integer in ms")?;
+    let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("unknown DEVICE")?;
     let numbers: Vec<f32> = force_n.iter().filter_map(|word| word.parse().ok()).collect();
-    let force_n: Vec3 = numbers.try_into().map_err(|_| "a force has three components")?;
+    let force_n: Vec3 = numbers.try_into().map_err(|_| "FORCE must have three components")?;
     if *role == Role::Host.name() && device.is_supervised() {
         let program = std::env::current_exe().map_err(|error| error.to_string())?;
         let supervisor = command(&program, Role::Supervisor, device, place, limit_ms, force_n);
         host(supervisor, limit_ms, device == Device::Falcon, force_n)
-    } else if [Role::Host.name(), Role::Alone.name()].contains(role) {
+    } else if [Role::Host.name(), Role::Unsupervised.name()].contains(role) {
         render(device.open(place)?, force_n);
         Ok(())
     } else {
@@ -149,7 +149,7 @@ pub fn process(arguments: &[String]) -> Result<(), String> {
     }
 }
 
-/// The life of a host with a supervisor, which is started by `supervisor`.
+/// Main function of a host with a supervisor, which `supervisor` starts.
 pub fn host(supervisor: Command, limit_ms: u32, homes: bool, force_n: Vec3) -> Result<(), String> {
     let never = AtomicBool::new(false);
     let mut held = Supervised::start(supervisor, limit_ms, &never).map_err(|error| error.to_string())?;
@@ -161,14 +161,15 @@ pub fn host(supervisor: Command, limit_ms: u32, homes: bool, force_n: Vec3) -> R
     Ok(())
 }
 
-/// The life of a supervisor.
+/// Main function of a supervisor.
 pub fn supervise<D: palpate_host::Device>(open: impl FnOnce() -> Result<D, String>) -> Result<(), String> {
     let request = RtRequest { fifo_priority: Some(51), keep_awake: false, ..RtRequest::default() };
     let (_, _held) = sys::enter_real_time(&request);
     serve_stdin(Policy::Other, open).map(drop).map_err(|error| error.to_string())
 }
 
-/// A thousand times a second until the device is gone. Resets by itself what a busy machine trips, while it is not told to hold.
+/// Renders the force at 1 kHz until the device is lost. Unless it holds, it resets after a watchdog that
+/// fired on a busy machine.
 fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
     let (hold, reset) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let words = (Arc::clone(&hold), Arc::clone(&reset));
@@ -205,9 +206,9 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
                 device.reset();
             }
         }
-        let told = hold.load(Ordering::Relaxed);
-        if told != holds {
-            holds = told;
+        let requested = hold.load(Ordering::Relaxed);
+        if requested != holds {
+            holds = requested;
             println!("{}", if holds { "holds" } else { "again" });
         }
         if reset.swap(false, Ordering::Relaxed) {

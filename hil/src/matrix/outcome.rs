@@ -1,29 +1,29 @@
-//! What came of a run, and the limits that it is held to.
+//! The outcome of a run, and the limits that it must keep.
 
-use super::Wrong;
-use crate::hosts::GENEROUS;
+use super::FaultKind;
+use crate::hosts::MAX_TIME_TO_ZERO;
 use crate::session::TICK_US;
 use palpate_core::Fault;
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// The loop rode it out and renders on.
-    RodeOn,
-    /// A latched fault.
+    /// The loop recovered and renders on.
+    Recovered,
+    /// The loop latched a fault.
     Latched(Fault),
-    /// The device is gone; the loop ended.
+    /// The device is lost and the loop ended.
     Lost,
-    /// The driver was not opened.
+    /// The driver refused to open.
     Refused,
-    /// It was opened all the same, without a force.
+    /// The driver opened, without a force.
     Opened,
-    /// The supervisor took the force away.
+    /// The supervisor set zero force.
     Supervisor,
-    /// The device did, and its own watchdog keeps it away.
+    /// The device's own watchdog set zero force and latched.
     Watchdog,
-    /// It did not come so far, or no further: what was waited for in vain.
-    Missed(&'static str),
+    /// An expected event did not happen.
+    TimedOut(&'static str),
 }
 
 /// One run.
@@ -31,123 +31,123 @@ pub enum Ended {
 pub struct Run {
     /// Name of the rig.
     pub rig: &'static str,
-    /// What went wrong.
-    pub wrong: Wrong,
-    /// Its seed: with the rig's name and the fault it repeats the run.
+    /// The injected fault.
+    pub fault: FaultKind,
+    /// Seed; with the rig and the fault it repeats the run.
     pub seed: u64,
     /// How it ended.
     pub ended: Ended,
-    /// From the fault to the first tick without a sample, us.
+    /// Time from the fault to the first tick without a sample, us.
     pub degraded_us: Option<u64>,
-    /// From the fault to the tick that latched, or in which the device was said to be gone, us.
+    /// Time from the fault to the tick that latched or reported the loss of the device, us.
     pub detected_us: Option<u64>,
-    /// From there to motors without a force, us.
+    /// Time from the detection to zero force, us.
     pub zero_us: Option<u64>,
-    /// From the end of the fault to motors without a force, us; 0 if they had none before.
-    pub mended_us: Option<u64>,
-    /// Largest force at the motors from the fault on, N.
+    /// Time from the end of the fault to zero force, us; 0 if the force was zero before.
+    pub zero_after_fault_us: Option<u64>,
+    /// Largest force at the motors since the fault, N.
     pub largest_n: f32,
-    /// Largest change of it by one command that was not zero, N.
+    /// Largest change of the force by one non-zero command, N.
     pub step_n: f32,
-    /// Fastest change of it from one command to the next, N/s.
+    /// Largest rate of change of the force, N/s.
     pub steepest_n_per_s: f32,
-    /// Longest time for which it was beyond the profile's limit, us, to a tick.
-    pub beyond_us: u64,
-    /// The profile's limit and a step of the motors, N.
+    /// Longest interval with a force above the profile's limit, us; the resolution is one tick.
+    pub over_limit_us: u64,
+    /// The profile's limit plus one motor step, N.
     pub limit_n: f32,
-    /// The motors had a force again, or the loop left the fault it had latched, although nobody had reset and armed.
+    /// The force returned, or the latch ended, without a reset and arming.
     pub resumed: bool,
-    /// Furthest that the force at the motors was from the organ's before the fault, N.
-    pub off_n: Option<f32>,
-    /// Furthest that it was from the organ's after a fault that was ridden out, or after reset, arming and another press, N.
-    pub after_n: Option<f32>,
-    /// Frames that were struck on the way to the device and on the way back, where the fault is one of frames.
-    pub struck: Option<[u64; 2]>,
-    /// What was not as it must be, as it was seen on the way.
-    pub(super) flaw: Option<&'static str>,
-    /// Requests got through to the motors all the time.
-    pub(super) way_is_sound: bool,
+    /// Largest error of the force at the motors before the fault, N.
+    pub error_before_n: Option<f32>,
+    /// Largest error of the force after recovery, or after reset, arming and another press, N.
+    pub error_after_n: Option<f32>,
+    /// Faulty frames to the device and to the host, for a fault that acts on frames.
+    pub injected: Option<[u64; 2]>,
+    /// The first violation observed during the run.
+    pub(super) observed_violation: Option<&'static str>,
+    /// All requests reached the motors.
+    pub(super) request_path_ok: bool,
     pub(super) checked_requests: bool,
-    /// Fastest that the controller lets the force change, where requests came to the motors as they were sent, N/s.
+    /// Largest allowed rate of change of the force, where requests reach the motors without delay, N/s.
     pub(super) slew_n_per_s: Option<f32>,
 }
 
-/// Age at which a sample is a fault, us.
+/// Age from which a sample is stale, us.
 pub(super) const STALE_US: u64 = 10_000;
-/// Two ticks.
-const REACTION_US: u64 = 2 * TICK_US;
-/// From the end of a fault on the way to the device to the first zero that is understood, us: a pause of 3 ms, a request given up after 2 ms, one
-/// that only ends a damaged line, and the ticks between.
-const MENDED_US: u64 = 12_000;
+/// Longest time from the detection to zero force, us: two ticks.
+const MAX_REACTION_US: u64 = 2 * TICK_US;
+/// Longest time from the end of a fault on the request path to the first zero that is understood, us: a pause
+/// of 3 ms, a request abandoned after 2 ms, one that only ends a corrupted line, and the ticks between.
+const MAX_ZERO_AFTER_FAULT_US: u64 = 12_000;
 
 impl Run {
-    /// A run of which nothing is known yet; limit in N.
-    pub(crate) const fn with_nothing(rig: &'static str, wrong: Wrong, seed: u64, limit_n: f32) -> Self {
+    /// A run without results; limit in N.
+    pub(crate) const fn empty(rig: &'static str, fault: FaultKind, seed: u64, limit_n: f32) -> Self {
         Self {
             rig,
-            wrong,
+            fault,
             seed,
-            ended: Ended::RodeOn,
+            ended: Ended::Recovered,
             degraded_us: None,
             detected_us: None,
             zero_us: None,
-            mended_us: None,
+            zero_after_fault_us: None,
             largest_n: 0.0,
             step_n: 0.0,
             steepest_n_per_s: 0.0,
-            beyond_us: 0,
+            over_limit_us: 0,
             limit_n,
             resumed: false,
-            off_n: None,
-            after_n: None,
-            struck: None,
-            flaw: None,
-            way_is_sound: true,
+            error_before_n: None,
+            error_after_n: None,
+            injected: None,
+            observed_violation: None,
+            request_path_ok: true,
             checked_requests: true,
             slew_n_per_s: None,
         }
     }
 
-    /// What of the limits it breaks.
+    /// The first violated limit.
     #[must_use]
-    pub fn broken(&self) -> Option<&'static str> {
+    pub fn violation(&self) -> Option<&'static str> {
         let latched = matches!(self.ended, Ended::Latched(_) | Ended::Lost);
-        if let Ended::Missed(what) = self.ended {
+        if let Ended::TimedOut(what) = self.ended {
             return Some(what);
         }
-        if self.flaw.is_some() {
-            return self.flaw;
+        if self.observed_violation.is_some() {
+            return self.observed_violation;
         }
-        if !self.wrong.may_end(self.ended) {
-            return Some("it has ended otherwise than this fault ends");
+        if !self.fault.allows(self.ended) {
+            return Some("this outcome is not allowed for the fault");
         }
         if self.slew_n_per_s.is_some_and(|slew_n_per_s| self.steepest_n_per_s > slew_n_per_s) {
-            return Some("the force has risen faster than it may");
+            return Some("the force has exceeded its slew limit");
         }
-        // A cable that is out carries no zero, and a device without a watchdog keeps its force.
-        if latched && self.way_is_sound && self.zero_us.is_none_or(|us| us > REACTION_US) {
+        // No zero can reach an unplugged device, and a device without a watchdog keeps its force.
+        if latched && self.request_path_ok && self.zero_us.is_none_or(|us| us > MAX_REACTION_US) {
             return Some("no zero two ticks after detection");
         }
         if matches!(self.ended, Ended::Latched(_))
-            && !self.way_is_sound
-            && self.mended_us.is_none_or(|us| us > MENDED_US)
+            && !self.request_path_ok
+            && self.zero_after_fault_us.is_none_or(|us| us > MAX_ZERO_AFTER_FAULT_US)
         {
-            return Some("no zero after the link was mended");
+            return Some("no zero after the end of the link fault");
         }
-        let is_late = |us: Option<u64>| us.is_none_or(|us| us > GENEROUS.as_micros() as u64);
-        if matches!(self.wrong, Wrong::HostKilled | Wrong::HostPaused) && is_late(self.zero_us) {
-            return Some("no zero for a host that is gone");
+        let is_late = |us: Option<u64>| us.is_none_or(|us| us > MAX_TIME_TO_ZERO.as_micros() as u64);
+        if matches!(self.fault, FaultKind::HostKilled | FaultKind::HostPaused) && is_late(self.zero_us) {
+            return Some("no zero after the loss of the host");
         }
         if self.ended == Ended::Watchdog && is_late(self.detected_us) {
             return Some("no latch by the device's watchdog");
         }
-        let damaged = self.wrong == Wrong::CorruptRequest && !self.checked_requests;
+        let damaged = self.fault == FaultKind::CorruptRequest && !self.checked_requests;
         if self.largest_n > self.limit_n && !damaged {
             return Some("a force beyond the limit");
         }
-        if self.beyond_us > MENDED_US {
+        if self.over_limit_us > MAX_ZERO_AFTER_FAULT_US {
             return Some("a force beyond the limit for more than 12 ms");
         }
-        self.resumed.then_some("force without re-arming")
+        self.resumed.then_some("a force without a reset and arming")
     }
 }

@@ -1,12 +1,12 @@
-//! The runs as tables, for people and for machines.
+//! The runs as a Markdown table and as comma-separated values.
 
-use super::{Ended, Run, Wrong};
+use super::{Ended, FaultKind, Run};
 use core::fmt::{self, Write};
 
-/// One line of the table: all runs of one fault on one rig.
+/// One row: all runs of one fault on one rig.
 struct Row<'a> {
     rig: &'static str,
-    wrong: Wrong,
+    fault: FaultKind,
     runs: Vec<&'a Run>,
 }
 
@@ -15,35 +15,35 @@ impl Row<'_> {
         self.runs.iter().filter(|run| is(run)).count()
     }
 
-    /// The largest of some times, ms; a dash if there is none.
-    fn most_ms(&self, of: impl Fn(&Run) -> Option<u64>) -> String {
-        let most = self.runs.iter().filter_map(|run| of(run)).max();
-        most.map_or_else(|| "-".into(), |us| format!("{:.1}", us as f32 / 1e3))
+    /// Maximum of some times, ms; a dash without any.
+    fn max_ms(&self, of: impl Fn(&Run) -> Option<u64>) -> String {
+        let max = self.runs.iter().filter_map(|run| of(run)).max();
+        max.map_or_else(|| "-".into(), |us| format!("{:.1}", us as f32 / 1e3))
     }
 
-    fn most(&self, of: impl Fn(&Run) -> f32) -> f32 {
-        self.runs.iter().fold(0.0, |most, run| most.max(of(run)))
+    fn max(&self, of: impl Fn(&Run) -> f32) -> f32 {
+        self.runs.iter().fold(0.0, |max, run| max.max(of(run)))
     }
 
-    /// Furthest from the organ's force after it was ridden out, N; a dash if none was.
-    fn most_after(&self) -> String {
-        let most = self.runs.iter().filter_map(|run| run.after_n).reduce(f32::max);
-        most.map_or_else(|| "-".into(), |newtons| format!("{newtons:.3}"))
+    /// Largest error of the force after recovery, N; a dash without any.
+    fn max_error_after(&self) -> String {
+        let max = self.runs.iter().filter_map(|run| run.error_after_n).reduce(f32::max);
+        max.map_or_else(|| "-".into(), |newtons| format!("{newtons:.3}"))
     }
 
-    /// How they ended, and how often.
+    /// The outcomes and their counts.
     fn ends(&self) -> String {
         let mut ends: Vec<(String, usize)> = Vec::new();
         for run in &self.runs {
             let name = match run.ended {
-                Ended::RodeOn => "rode on".into(),
+                Ended::Recovered => "recovered".into(),
                 Ended::Latched(fault) => fault.name().into(),
                 Ended::Lost => "loop ended".into(),
                 Ended::Refused => "not opened".into(),
                 Ended::Opened => "opened".into(),
                 Ended::Supervisor => "supervisor".into(),
                 Ended::Watchdog => "device's watchdog".into(),
-                Ended::Missed(what) => what.into(),
+                Ended::TimedOut(what) => what.into(),
             };
             match ends.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, count)) => *count += 1,
@@ -56,7 +56,7 @@ impl Row<'_> {
     }
 }
 
-/// The runs as a table for people; Markdown.
+/// The runs as a Markdown table.
 #[derive(Debug)]
 pub struct Table<'a>(pub &'a [Run]);
 
@@ -64,15 +64,15 @@ impl fmt::Display for Table<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut rows: Vec<Row<'_>> = Vec::new();
         for run in self.0 {
-            match rows.iter_mut().find(|row| row.rig == run.rig && row.wrong == run.wrong) {
+            match rows.iter_mut().find(|row| row.rig == run.rig && row.fault == run.fault) {
                 Some(row) => row.runs.push(run),
-                None => rows.push(Row { rig: run.rig, wrong: run.wrong, runs: vec![run] }),
+                None => rows.push(Row { rig: run.rig, fault: run.fault, runs: vec![run] }),
             }
         }
-        rows.sort_by_key(|row| (row.rig, row.wrong));
+        rows.sort_by_key(|row| (row.rig, row.fault));
         f.write_str(
-            "| device, link | fault | runs | no sample after, ms | detected after, ms | then zero after, ms | zero after the link is back, ms | \
-             largest force, N | beyond the limit for, ms | largest step, N | ended | off the organ's force afterwards, N | again without arming |\n\
+            "| device, link | fault | runs | first missing sample, ms | detection, ms | detection to zero, ms | end of fault to zero, ms | \
+             largest force, N | above the limit, ms | largest step, N | outcome | force error afterwards, N | resumed without arming |\n\
              |---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
         )?;
         for row in &rows {
@@ -80,17 +80,17 @@ impl fmt::Display for Table<'_> {
                 f,
                 "| {} | {} | {} | {} | {} | {} | {} | {:.2} | {} | {:.2} | {} | {} | {} |",
                 row.rig,
-                row.wrong.name(),
+                row.fault.name(),
                 row.runs.len(),
-                row.most_ms(|run| run.degraded_us),
-                row.most_ms(|run| run.detected_us),
-                row.most_ms(|run| run.zero_us.filter(|_| run.way_is_sound)),
-                row.most_ms(|run| run.mended_us.filter(|_| !run.way_is_sound)),
-                row.most(|run| run.largest_n),
-                row.most_ms(|run| Some(run.beyond_us).filter(|us| *us > 0)),
-                row.most(|run| run.step_n),
+                row.max_ms(|run| run.degraded_us),
+                row.max_ms(|run| run.detected_us),
+                row.max_ms(|run| run.zero_us.filter(|_| run.request_path_ok)),
+                row.max_ms(|run| run.zero_after_fault_us.filter(|_| !run.request_path_ok)),
+                row.max(|run| run.largest_n),
+                row.max_ms(|run| Some(run.over_limit_us).filter(|us| *us > 0)),
+                row.max(|run| run.step_n),
                 row.ends(),
-                row.most_after(),
+                row.max_error_after(),
                 row.count(|run| run.resumed),
             )?;
         }
@@ -98,39 +98,39 @@ impl fmt::Display for Table<'_> {
     }
 }
 
-/// The runs one by one, for a machine: comma-separated values.
+/// The runs one by one, as comma-separated values.
 #[must_use]
 pub fn csv(runs: &[Run]) -> String {
     let mut text = String::from(
-        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,mended_us,largest_n,step_n,beyond_us,resumed,off_n,after_n,struck_there,struck_back,steepest_n_per_s,broken\n",
+        "rig,fault,seed,ended,degraded_us,detected_us,zero_us,zero_after_fault_us,largest_n,step_n,over_limit_us,resumed,error_before_n,error_after_n,injected_to_device,injected_to_host,steepest_n_per_s,violation\n",
     );
-    // Names have commas.
+    // Names contain commas.
     let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     let number = |us: Option<u64>| us.map_or_else(String::new, |us| us.to_string());
     let newtons = |force: Option<f32>| force.map_or_else(String::new, |force| force.to_string());
     for run in runs {
-        // Writing to a String does not fail.
+        // Writing to a String cannot fail.
         let _ = writeln!(
             text,
             "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             run.rig,
-            quoted(run.wrong.name()),
+            quoted(run.fault.name()),
             run.seed,
             quoted(&format!("{:?}", run.ended)),
             number(run.degraded_us),
             number(run.detected_us),
             number(run.zero_us),
-            number(run.mended_us),
+            number(run.zero_after_fault_us),
             run.largest_n,
             run.step_n,
-            run.beyond_us,
+            run.over_limit_us,
             run.resumed,
-            newtons(run.off_n),
-            newtons(run.after_n),
-            number(run.struck.map(|[there, _]| there)),
-            number(run.struck.map(|[_, back]| back)),
+            newtons(run.error_before_n),
+            newtons(run.error_after_n),
+            number(run.injected.map(|[there, _]| there)),
+            number(run.injected.map(|[_, back]| back)),
             run.steepest_n_per_s,
-            quoted(run.broken().unwrap_or(""))
+            quoted(run.violation().unwrap_or(""))
         );
     }
     text

@@ -1,11 +1,12 @@
-//! The Falcon in memory: the real driver on the emulated chip, all of it on virtual time. Reading and writing in the exchange, or by the driver's own
-//! threads as on USB: then a tick is over when they have done what there was to do.
+//! The Falcon in memory: the real driver on the emulated chip, on virtual time. The driver reads and writes
+//! in the exchange, or in threads of its own as on USB. With threads a tick ends when they have finished
+//! their work.
 
-use super::{Cut, Mishap, OpenError, Rig, Traits};
+use super::{Cut, HardwareFault, OpenError, Rig, Traits};
 use crate::falcon::memory::Link;
 use crate::falcon::{EmulatedFalcon, FalconConfig, FaultyFtdi, LoaderOptions, MemoryFtdi, synthetic_image};
 use crate::fault::{FaultCounts, Faults};
-use crate::felt::Felt;
+use crate::force_record::ForceRecord;
 use crate::mechanism::Waypoint;
 use palpate_core::{Sample, Vec3};
 use palpate_host::device::DeviceWrapper;
@@ -18,75 +19,82 @@ use std::cell::Cell;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long after a request has left the cable is pulled in the middle of it, us: of 107 on the wire.
+/// Time from a request to a cable pulled during it, us; a request takes 107 us on the wire.
 const MID_FRAME_US: u64 = 50;
-/// Counts of an encoder to a metre at the handle, about: the coarsest direction.
+/// Encoder counts per metre at the handle in the coarsest direction, approximately.
 const COUNTS_PER_M: f32 = 1.0 / 54e-6;
 
-/// Outside the indices of all three axes, m.
-const OUT_M: Vec3 = [0.0, 0.0, 0.145];
+/// A position outside the indices of all three axes, m.
+const OUTSIDE_M: Vec3 = [0.0, 0.0, 0.145];
 
-/// How long the writing thread of a busy machine may take for a request.
-const CERTAIN: Duration = Duration::from_secs(20);
+/// Longest time of the writing thread for a request on a busy machine.
+const MAX_WAIT: Duration = Duration::from_secs(20);
 
-/// The way of one driver to the device.
+/// The link of one driver.
 type FalconLink = Arc<FaultyFtdi<MemoryFtdi>>;
 
 /// The Falcon in memory.
 pub struct FalconRig {
-    /// The device; every driver has a handle of its own.
+    /// The device; each driver has its own handle.
     device: MemoryFtdi,
-    /// The link of the driver that was opened last.
+    /// The link of the latest driver.
     link: Option<FalconLink>,
     mode: Mode,
     profile: Profile,
     firmware: Option<Image>,
     seed: u64,
-    /// The device's time when the driver was opened, us.
+    /// The device's time when the latest driver was opened, us.
     opened_us: u64,
-    /// A driver had it before.
+    /// An earlier driver was opened.
     was_open: bool,
-    /// From the emulated counts to a place: the driver's own, solved to a micrometre.
+    /// Positions from the emulated counts: the driver's own solver, with a tolerance of one micrometre.
     kinematics: Cell<Kinematics>,
 }
 
 impl FalconRig {
-    /// A device whose firmware runs and whose hand homes it as soon as it is asked to.
+    /// A device with running firmware, in a hand that homes it on request.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         Self::with(seed, Mode::Polled, true, LoaderOptions::default())
     }
 
-    /// The same with a driver that reads and writes by threads of its own, as it does on USB.
+    /// The same with a driver that reads and writes in threads of its own, as on USB.
     #[must_use]
     pub fn with_threads(seed: u64) -> Self {
         Self::with(seed, Mode::Threaded { fifo_priority: None }, true, LoaderOptions::default())
     }
 
-    /// A device that has forgotten its firmware and a user who has the file.
+    /// A device without firmware, and a user who has the image.
     #[must_use]
-    pub fn silent(seed: u64, loader: LoaderOptions) -> Self {
+    pub fn without_firmware(seed: u64, loader: LoaderOptions) -> Self {
         Self::with(seed, Mode::Polled, false, loader)
     }
 
-    /// A device whose motors turn with these torques a count, N m, and a user who has the profile for it.
+    /// A device with these motor torques per count, N m, and a matching profile.
     #[must_use]
     pub fn calibrated(nm_per_motor_count: [f64; 3], profile: Profile) -> Self {
         let config = FalconConfig { firmware_runs: true, nm_per_motor_count, ..FalconConfig::default() };
-        Self::made(7, Mode::Polled, config, profile)
+        Self::from_config(7, Mode::Polled, config, profile)
     }
 
     fn with(seed: u64, mode: Mode, firmware_runs: bool, loader: LoaderOptions) -> Self {
         let profile = Profile::bundled("falcon").expect("bundled");
-        Self::made(seed, mode, FalconConfig { firmware_runs, loader, ..FalconConfig::default() }, profile)
+        Self::from_config(
+            seed,
+            mode,
+            FalconConfig { firmware_runs, loader, ..FalconConfig::default() },
+            profile,
+        )
     }
 
-    /// A hand and what it feels of the mechanism are added to the configuration.
-    fn made(seed: u64, mode: Mode, config: FalconConfig, profile: Profile) -> Self {
+    /// Adds a homing path and the drag of the profile to the configuration.
+    fn from_config(seed: u64, mode: Mode, config: FalconConfig, profile: Profile) -> Self {
         let middle_m = profile.workspace.device_origin_m;
-        // Held outside its indices, then pushed in: homed in a tenth of a second.
-        let path =
-            vec![Waypoint { t_us: 0, position_m: OUT_M }, Waypoint { t_us: 100_000, position_m: middle_m }];
+        // The grip starts outside the indices and moves in, which homes it within 0.1 s.
+        let path = vec![
+            Waypoint { t_us: 0, position_m: OUTSIDE_M },
+            Waypoint { t_us: 100_000, position_m: middle_m },
+        ];
         let falcon = EmulatedFalcon::new(FalconConfig { path, drag: super::drag(&profile), ..config });
         let image = synthetic_image(0x3f_8000, &[(0x3f_8000, &[0x1234; 200])]);
         Self {
@@ -97,7 +105,7 @@ impl FalconRig {
             link: None,
             mode,
             profile,
-            firmware: Some(Image::new(image).expect("a sound stream")),
+            firmware: Some(Image::new(image).expect("a valid stream")),
             seed,
             opened_us: 0,
             was_open: false,
@@ -105,14 +113,15 @@ impl FalconRig {
         }
     }
 
-    /// A link for one driver, as opening a device gives it: without faults, until it is told.
+    /// A link for one driver, without faults at first.
     pub fn connect(&mut self) -> Result<FalconLink, DeviceError> {
         let link = Arc::new(FaultyFtdi::new(self.device.open_again()?, self.seed));
         self.link = Some(Arc::clone(&link));
         Ok(link)
     }
 
-    /// A driver has the device, and its clock begins now. After the first one it has to be homed once more, and the user does it.
+    /// Starts the clock of a new driver. After the first driver the device has to be homed again, which the
+    /// hand does.
     pub fn begin(&mut self) {
         self.opened_us = self.device.falcon().now_us();
         if std::mem::replace(&mut self.was_open, true) {
@@ -121,13 +130,13 @@ impl FalconRig {
     }
 }
 
-/// A driver with threads: an exchange is over when its request has gone, or was refused.
-struct Stepwise {
+/// A driver with threads. An exchange ends when its request is sent or refused.
+struct ThreadedDriver {
     inner: Falcon<FaultyFtdi<MemoryFtdi>>,
     link: FalconLink,
 }
 
-impl DeviceWrapper for Stepwise {
+impl DeviceWrapper for ThreadedDriver {
     type Inner = Falcon<FaultyFtdi<MemoryFtdi>>;
 
     fn inner(&self) -> &Self::Inner {
@@ -140,20 +149,20 @@ impl DeviceWrapper for Stepwise {
 
     fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
-        self.inner.wait_attempted(CERTAIN);
+        self.inner.wait_attempted(MAX_WAIT);
         exchanged
     }
 }
 
-impl Drop for Stepwise {
+impl Drop for ThreadedDriver {
     fn drop(&mut self) {
         self.link.inner().release();
     }
 }
 
-/// Out past the indices and in again.
+/// Moves out past the indices and in again.
 fn home_again(middle_m: Vec3) -> Vec<Waypoint> {
-    [(0, middle_m), (200_000, OUT_M), (300_000, OUT_M), (400_000, middle_m)]
+    [(0, middle_m), (200_000, OUTSIDE_M), (300_000, OUTSIDE_M), (400_000, middle_m)]
         .map(|(t_us, position_m)| Waypoint { t_us, position_m })
         .to_vec()
 }
@@ -162,7 +171,7 @@ impl Rig for FalconRig {
     fn name(&self) -> String {
         match self.mode {
             Mode::Polled => "Falcon in memory".into(),
-            Mode::Threaded { .. } => "Falcon in memory, by threads".into(),
+            Mode::Threaded { .. } => "Falcon in memory, with threads".into(),
         }
     }
 
@@ -175,10 +184,10 @@ impl Rig for FalconRig {
             homes: true,
             virtual_time: true,
             middle_m: self.profile.workspace.device_origin_m,
-            // A count of each of the three encoders, rounded down.
+            // One count of each of the three encoders, rounded down.
             count_m: 100e-6,
             motor_step_n: 5e-3,
-            // USB ends at the chip; from there it is a UART without parity.
+            // USB ends at the chip. The UART behind it has no parity.
             checked_requests: false,
             numbered_replies: false,
             has_watchdog: false,
@@ -193,13 +202,13 @@ impl Rig for FalconRig {
             self.begin();
             return Ok(Box::new(inner));
         }
-        link.inner().wait_reading();
+        link.inner().wait_until_reading();
         self.begin();
-        Ok(Box::new(Stepwise { inner, link }))
+        Ok(Box::new(ThreadedDriver { inner, link }))
     }
 
     fn advance(&mut self, now_us: u64) {
-        // Through the handle of whoever reads: it is waited for.
+        // Advances through the handle of the reading thread, which is waited for.
         let handle = self.link.as_ref().map_or(&self.device, |link| link.inner());
         handle.advance(self.opened_us + now_us);
     }
@@ -208,12 +217,12 @@ impl Rig for FalconRig {
         self.device.falcon().now_us().saturating_sub(self.opened_us)
     }
 
-    fn felt(&self) -> Felt {
-        self.device.falcon().felt().on_clock(self.opened_us)
+    fn force_record(&self) -> ForceRecord {
+        self.device.falcon().force_record().on_clock(self.opened_us)
     }
 
-    fn forget(&mut self) {
-        self.device.falcon().forget();
+    fn reset_record(&mut self) {
+        self.device.falcon().reset_record();
     }
 
     fn position_m(&self) -> Vec3 {
@@ -253,9 +262,9 @@ impl Rig for FalconRig {
         self.link.as_ref().map(|link| link.counts().into())
     }
 
-    fn heard_us(&self) -> Option<u64> {
-        let heard_us = self.link.as_ref().and_then(|link| link.heard_us());
-        heard_us.map(|us| us.saturating_sub(self.opened_us))
+    fn last_received_us(&self) -> Option<u64> {
+        let last_received_us = self.link.as_ref().and_then(|link| link.last_received_us());
+        last_received_us.map(|us| us.saturating_sub(self.opened_us))
     }
 
     fn unplug(&mut self, cut: Cut) {
@@ -274,14 +283,14 @@ impl Rig for FalconRig {
         self.device.replug();
     }
 
-    fn strike(&mut self, mishap: Mishap) -> bool {
+    fn inject(&mut self, fault: HardwareFault) -> bool {
         let mut falcon = self.device.falcon();
-        match mishap {
-            Mishap::EncoderJump { axis, by_m } => {
+        match fault {
+            HardwareFault::EncoderJump { axis, by_m } => {
                 falcon.jump_encoder(axis, (by_m * COUNTS_PER_M).round() as i32);
             }
-            Mishap::LoseHoming => falcon.lose_homing(),
-            Mishap::PowerCycle => falcon.power_cycle(),
+            HardwareFault::HomingLost => falcon.lose_homing(),
+            HardwareFault::PowerCycle => falcon.power_cycle(),
         }
         true
     }

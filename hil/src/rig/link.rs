@@ -1,7 +1,7 @@
 //! The device link on a serial line.
 
-use super::serial::{SerialDevice, SerialRig, WAKE, Wire, held_in_the_middle};
-use super::{Mishap, OpenError, Traits};
+use super::serial::{SerialDevice, SerialRig, WAKE_TIMEOUT, Wire, held_in_the_middle};
+use super::{HardwareFault, OpenError, Traits};
 use crate::link::{COUNTS_PER_TURN, EmulatedLink};
 use crate::mechanism::Handle;
 use crate::transport::Transport;
@@ -14,11 +14,11 @@ use palpate_link::{DeviceFault, Phase};
 use serialport::SerialPort;
 use std::io;
 
-/// The figures of any device on a gantry: force, friction, mass, encoder steps and mapping are its profile's, mechanism and link are those of
-/// the device link. For devices that have a profile and no driver.
+/// Any device on a gantry: force, friction, mass, encoder steps and mapping come from its profile; mechanism
+/// and link are those of the device link. For profiles without an emulator.
 #[must_use]
-pub fn on_a_gantry(mut profile: Profile) -> SerialRig<EmulatedLink> {
-    let step_m = f64::from(*profile.mechanism.encoder_quantum_m.get_or_insert(FINE_M));
+pub fn on_gantry(mut profile: Profile) -> SerialRig<EmulatedLink> {
+    let step_m = f64::from(*profile.mechanism.encoder_quantum_m.get_or_insert(DEFAULT_STEP_M));
     profile.capstan.get_or_insert_with(|| Capstan {
         metres_per_turn: [step_m * f64::from(COUNTS_PER_TURN); 3],
         origin_m: profile.workspace.device_origin_m.map(f64::from),
@@ -26,8 +26,8 @@ pub fn on_a_gantry(mut profile: Profile) -> SerialRig<EmulatedLink> {
     SerialRig::of(profile, Wire::Memory, 1)
 }
 
-/// A step of encoders that nobody has stated, m.
-const FINE_M: f32 = 10e-6;
+/// Encoder step of a profile that states none, m.
+const DEFAULT_STEP_M: f32 = 10e-6;
 
 impl SerialDevice for EmulatedLink {
     const NAME: &'static str = "device link";
@@ -47,7 +47,7 @@ impl SerialDevice for EmulatedLink {
             middle_m: profile.workspace.device_origin_m,
             // Half a count on each of three axes.
             count_m: 0.87 * profile.mechanism.encoder_quantum_m.unwrap_or(30e-6) + 1e-6,
-            // A micro-newton-metre on each of three drums.
+            // One micro-newton-metre on each of three drums.
             motor_step_n: 2e-4,
             checked_requests: true,
             numbered_replies: true,
@@ -60,7 +60,7 @@ impl SerialDevice for EmulatedLink {
         profile: &Profile,
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError> {
-        let config = LinkConfig::of(profile, WAKE).ok_or("the profile states no capstan")?;
+        let config = LinkConfig::of(profile, WAKE_TIMEOUT).ok_or("the profile has no [capstan]")?;
         Ok(Box::new(Link::with_port(port, LinkConfig { workspace, ..config })?))
     }
 
@@ -84,11 +84,11 @@ impl SerialDevice for EmulatedLink {
         Self::press(self, buttons);
     }
 
-    fn strike(&mut self, mishap: Mishap) -> bool {
-        match mishap {
-            Mishap::EncoderJump { axis, by_m } => self.jump(axis, by_m),
-            Mishap::LoseHoming => self.lose_homing(),
-            Mishap::PowerCycle => self.power_cycle(),
+    fn inject(&mut self, fault: HardwareFault) -> bool {
+        match fault {
+            HardwareFault::EncoderJump { axis, by_m } => self.jump(axis, by_m),
+            HardwareFault::HomingLost => self.lose_homing(),
+            HardwareFault::PowerCycle => self.power_cycle(),
         }
         true
     }

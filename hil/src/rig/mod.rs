@@ -1,14 +1,15 @@
-//! A rig: one emulated device at the far end of one transport, with the real driver on this side of it.
+//! A rig: one emulated device on one transport, with the real driver.
 //!
 //! ```text
 //! contract, matrix, closed loop -> Device (the real driver) -> transport, faults -> emulated device -> hand
-//!            |------------------------------- Rig: time, hand, mishaps, what was felt ---------------|
+//!            |------------------------------- Rig: time, hand, faults, force record ----------------|
 //! ```
 //!
-//! What is asked of every device is asked of a [`Rig`]: the contract suite ([`crate::contract`]), the fault matrix ([`crate::matrix`]) and the
-//! closed loop ([`crate::closed_loop`]). A new device on a serial line is one [`SerialDevice`] and comes with two rigs, in memory and over a
-//! pseudo terminal; any other is one `Rig`. [`all`] lists what there is; the Falcon on QEMU's bus is a rig of the guest's
-//! (`bin/falcon-guest/far.rs`).
+//! The tests of all devices use a [`Rig`]: the contract suite ([`crate::contract`]), the fault matrix
+//! ([`crate::matrix`]) and the closed loop ([`crate::closed_loop`]). A new device on a serial line implements
+//! [`SerialDevice`] and has two rigs, in memory and over a pseudo terminal. Any other device implements
+//! `Rig`. [`all`] lists the rigs; the rig of the Falcon on QEMU's USB is in the guest
+//! (`bin/falcon-guest/remote_rig.rs`).
 
 mod falcon;
 mod link;
@@ -16,15 +17,15 @@ mod polhem;
 mod serial;
 
 pub use falcon::FalconRig;
-pub use link::on_a_gantry;
+pub use link::on_gantry;
 pub use serial::{SerialDevice, SerialRig, Wire};
 
 use crate::fault::{FaultCounts, Faults};
-use crate::felt::Felt;
-use crate::handed::Holder;
+use crate::force_record::ForceRecord;
 use crate::link::EmulatedLink;
 use crate::mechanism::Waypoint;
 use crate::polhem::EmulatedPolhem;
+use crate::supervised::DeviceOwner;
 use core::error::Error;
 use palpate_core::Vec3;
 use palpate_host::Device;
@@ -32,7 +33,7 @@ use palpate_host::device::hand::Drag;
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
 
-/// What the mechanism of a device does to the hand on it, as its profile knows it, or else assumes it.
+/// Mass and friction of a device's mechanism from its profile, or the assumed values.
 fn drag(profile: &Profile) -> Drag {
     let (known, assumed) = (&profile.mechanism, profile.assumed);
     Drag {
@@ -42,83 +43,85 @@ fn drag(profile: &Profile) -> Drag {
     }
 }
 
-/// What a device needs and how exact it is.
+/// Properties of a device.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Traits {
-    /// It must be homed before it knows where it is.
+    /// It must be homed before it gives positions.
     pub homes: bool,
-    /// Time is the rig's: a call that waits moves it, and nothing else does.
+    /// Time is virtual, and only blocking calls and the rig advance it.
     pub virtual_time: bool,
-    /// Middle of where the hand can go, device frame, m. A new rig's hand ends up there once it is homed.
+    /// Middle of the workspace, device frame, m. The hand is there after homing.
     pub middle_m: Vec3,
-    /// How far from the truth a position may be that is right to a count of every encoder, m.
+    /// Largest error of a position with correct encoder counts, m.
     pub count_m: f32,
-    /// How far from what was asked a force may be that is right to a step of every motor, N.
+    /// Largest error of a force with correct motor steps, N.
     pub motor_step_n: f32,
-    /// Requests carry a checksum, or the bus under them does all the way to the motors: a damaged one is never taken for another.
+    /// Requests are protected by a checksum up to the motors, so a corrupted one is never executed.
     pub checked_requests: bool,
-    /// Replies say which request they answer.
+    /// Replies carry the number of their request.
     pub numbered_replies: bool,
-    /// It takes the force away itself when its host is gone; any other has a supervisor in the product.
+    /// It has a watchdog; any other device has a supervisor in the product.
     pub has_watchdog: bool,
 }
 
 impl Traits {
-    /// Who holds it in the product.
+    /// The owner of the device in the product.
     #[must_use]
-    pub const fn holder(&self) -> Holder {
-        if self.has_watchdog { Holder::Loop } else { Holder::Supervisor }
+    pub const fn owner(&self) -> DeviceOwner {
+        if self.has_watchdog { DeviceOwner::Loop } else { DeviceOwner::Supervisor }
     }
 }
 
-/// What may happen to a device beside its link.
+/// A fault of the device itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Mishap {
-    /// One encoder miscounts: the position is about so far off from now on, m.
+pub enum HardwareFault {
+    /// One encoder miscounts: the position is offset from now on.
     EncoderJump {
-        /// Axis of the device, or motor.
+        /// Index of the axis or motor.
         axis: usize,
-        /// By how much at the handle, m.
+        /// Approximate offset at the handle, m.
         by_m: f32,
     },
-    /// It forgets where it was homed.
-    LoseHoming,
-    /// Its power goes and comes back; the cable stays in.
+    /// It loses its homing.
+    HomingLost,
+    /// It loses its power and restarts; the cable stays in.
     PowerCycle,
 }
 
-/// Where in the traffic the cable is pulled.
+/// Time of the unplugging relative to the traffic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cut {
     /// Between two requests.
     Between,
-    /// In the middle of the request that is on its way.
+    /// During a request.
     MidFrame,
 }
 
 /// Why a driver could not be opened.
 pub type OpenError = Box<dyn Error + Send + Sync>;
 
-/// An emulated device on a transport, and the way to the real driver for it.
+/// An emulated device on a transport, and its real driver.
 ///
-/// Times are the driver's: us since it was opened. The device's own clock goes on through all openings.
+/// Times are the driver's: us since it was opened. The device's own clock runs across openings.
 pub trait Rig {
-    /// Device and transport, for people.
+    /// Device and transport, for display.
     fn name(&self) -> String;
 
-    /// The profile that the driver is opened with.
+    /// The profile of the driver.
     fn profile(&self) -> &Profile;
 
-    /// What it needs and how exact it is.
+    /// Properties of the device.
     fn traits(&self) -> Traits;
 
-    /// Opens the real driver, as a program does. Its clock begins at 0 when this returns. An earlier one may still be alive.
+    /// Opens the real driver as a program does. Its clock starts at 0 on return. An earlier driver may still
+    /// exist.
     fn open(&mut self, workspace: Workspace) -> Result<Box<dyn Device>, OpenError>;
 
-    /// The device's turn: everything up to a time of the driver's.
+    /// Advances the device to a time of the driver's clock.
     fn advance(&mut self, now_us: u64);
 
-    /// As [`Rig::advance`] from one time to a later one; writes down where the grip really is at the first, and then every so many us.
+    /// As [`Rig::advance`], and records the true position of the grip every `every_us`, starting at
+    /// `from_us`.
     fn advance_noting(&mut self, from_us: u64, until_us: u64, every_us: u64, truth: &mut Vec<(u64, Vec3)>) {
         let mut now_us = from_us;
         while now_us < until_us {
@@ -128,92 +131,92 @@ pub trait Rig {
         }
     }
 
-    /// The device's time on the driver's clock, us. Ahead of the last [`Rig::advance`] by what calls of the driver have waited, where
-    /// time is virtual.
+    /// The device's time on the driver's clock, us. On virtual time it is ahead of the last [`Rig::advance`]
+    /// by the waits of the driver's calls.
     fn now_us(&self) -> u64;
 
-    /// What the hand felt; its times are on the driver's clock.
-    fn felt(&self) -> Felt;
+    /// Record of the force on the hand; its times are on the driver's clock.
+    fn force_record(&self) -> ForceRecord;
 
-    /// Begins the record of what the hand felt anew.
-    fn forget(&mut self);
+    /// Resets the record of the force on the hand.
+    fn reset_record(&mut self);
 
-    /// Where the grip really is, device frame, m.
+    /// True position of the grip, device frame, m.
     fn position_m(&self) -> Vec3;
 
-    /// Where its encoders say that it is, now, device frame, m.
+    /// Position reported by the encoders, device frame, m.
     fn reported_m(&self) -> Vec3;
 
-    /// The hand leaves what it does for another path; device frame, times from now.
+    /// Gives the hand another path; device frame, times from now.
     fn follow(&mut self, path: Vec<Waypoint>);
 
-    /// The hand holds these buttons.
+    /// Presses these buttons.
     fn press(&mut self, buttons: u8);
 
-    /// What goes wrong on the way to the device and back, from here on.
+    /// Sets the faults of the link to the device and to the host from now on.
     fn set_faults(&mut self, to_device: Faults, to_host: Faults);
 
-    /// What went wrong since the driver was opened, both ways.
+    /// Counts of link faults since the driver was opened, both directions together.
     fn counts(&self) -> FaultCounts;
 
-    /// The same on the way to the device and on the way back; nothing where the rig cannot tell.
+    /// Counts of link faults to the device and to the host; `None` if the rig does not know.
     fn counts_each(&self) -> Option<[FaultCounts; 2]> {
         None
     }
 
-    /// When the device had sent the newest of what has come through to the driver, on the driver's clock, us: no sample is younger. Nothing
-    /// if nothing has come, or where the rig cannot tell.
-    fn heard_us(&self) -> Option<u64> {
+    /// Time at which the device sent the newest data that the driver has received, on the driver's clock, us.
+    /// No sample is newer. `None` without data, or if the rig does not know.
+    fn last_received_us(&self) -> Option<u64> {
         None
     }
 
     /// Pulls the cable.
     fn unplug(&mut self, cut: Cut);
 
-    /// Puts it in again.
+    /// Plugs the cable in again.
     fn replug(&mut self);
 
-    /// Something happens to the device. False if it cannot happen to this one.
-    fn strike(&mut self, mishap: Mishap) -> bool;
+    /// Injects a fault of the device. Returns false if the device does not support it.
+    fn inject(&mut self, fault: HardwareFault) -> bool;
 }
 
-/// A rig, made anew with a seed for its faults.
+/// A kind of rig, which is created with a seed for its faults.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
+pub struct RigKind {
     /// Name on the command line and in tables.
     pub name: &'static str,
-    /// Whether it runs on virtual time, and as fast as it computes.
+    /// Whether it runs on virtual time, without waiting.
     pub in_memory: bool,
-    /// Makes one.
+    /// Creates a rig.
     pub make: fn(u64) -> Box<dyn Rig>,
 }
 
-/// Every rig there is.
+/// All kinds of rig.
 #[must_use]
-pub fn all() -> Vec<Kind> {
+pub fn all() -> Vec<RigKind> {
     vec![
-        Kind { name: "falcon-memory", in_memory: true, make: |seed| Box::new(FalconRig::new(seed)) },
-        Kind {
+        RigKind { name: "falcon-memory", in_memory: true, make: |seed| Box::new(FalconRig::new(seed)) },
+        RigKind {
             name: "falcon-threads",
             in_memory: true,
             make: |seed| Box::new(FalconRig::with_threads(seed)),
         },
-        Kind {
+        RigKind {
             name: "link-memory",
             in_memory: true,
             make: |seed| Box::new(SerialRig::<EmulatedLink>::new(Wire::Memory, seed)),
         },
-        Kind {
+        RigKind {
             name: "link-pty",
             in_memory: false,
             make: |seed| Box::new(SerialRig::<EmulatedLink>::new(Wire::Pty, seed)),
         },
-        Kind {
+        RigKind {
             name: "polhem-memory",
             in_memory: true,
             make: |seed| Box::new(SerialRig::<EmulatedPolhem>::new(Wire::Memory, seed)),
         },
-        Kind {
+        RigKind {
             name: "polhem-pty",
             in_memory: false,
             make: |seed| Box::new(SerialRig::<EmulatedPolhem>::new(Wire::Pty, seed)),

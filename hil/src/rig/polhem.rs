@@ -1,7 +1,7 @@
 //! The Polhem on a serial line.
 
-use super::serial::{SerialDevice, WAKE, held_in_the_middle};
-use super::{Mishap, OpenError, Traits};
+use super::serial::{SerialDevice, WAKE_TIMEOUT, held_in_the_middle};
+use super::{HardwareFault, OpenError, Traits};
 use crate::mechanism::Handle;
 use crate::polhem::EmulatedPolhem;
 use crate::transport::Transport;
@@ -13,16 +13,16 @@ use palpate_host::device::workspace::Workspace;
 use serialport::SerialPort;
 use std::io;
 
-/// From the middle of its workspace to where the arm rests without power, m: an assumption.
-const RESTS_M: Vec3 = [0.05, -0.04, -0.06];
+/// Assumed offset of the arm at rest without power from the middle of the workspace, m.
+const REST_OFFSET_M: Vec3 = [0.05, -0.04, -0.06];
 
 impl SerialDevice for EmulatedPolhem {
     const NAME: &'static str = "Polhem";
 
     fn new(profile: &Profile) -> Self {
         let step_m = profile.mechanism.encoder_quantum_m.unwrap_or(0.0);
-        let begin_m = vec3::add(profile.workspace.device_origin_m, RESTS_M);
-        Self::new(held_in_the_middle(profile)).with_step_m(step_m).counting_from(begin_m)
+        let power_up_m = vec3::add(profile.workspace.device_origin_m, REST_OFFSET_M);
+        Self::new(held_in_the_middle(profile)).with_step_m(step_m).with_power_up_position(power_up_m)
     }
 
     fn profile() -> &'static str {
@@ -52,7 +52,7 @@ impl SerialDevice for EmulatedPolhem {
             workspace,
             max_force_n: profile.max_force_n,
             max_stiffness_n_m: profile.cap().n_m,
-            wake_timeout: WAKE,
+            wake_timeout: WAKE_TIMEOUT,
         };
         Ok(Box::new(Polhem::with_port(port, config)?))
     }
@@ -77,18 +77,18 @@ impl SerialDevice for EmulatedPolhem {
         self.set_info(i16::from(buttons));
     }
 
-    fn strike(&mut self, mishap: Mishap) -> bool {
-        match mishap {
-            Mishap::EncoderJump { axis, by_m } => {
+    fn inject(&mut self, fault: HardwareFault) -> bool {
+        match fault {
+            HardwareFault::EncoderJump { axis, by_m } => {
                 let mut jump_m = vec3::ZERO;
                 if let Some(along) = jump_m.get_mut(axis) {
                     *along = by_m;
                 }
                 self.jump(jump_m);
             }
-            Mishap::PowerCycle => self.power_cycle(),
-            // It has none.
-            Mishap::LoseHoming => return false,
+            HardwareFault::PowerCycle => self.power_cycle(),
+            // It has no homing.
+            HardwareFault::HomingLost => return false,
         }
         true
     }

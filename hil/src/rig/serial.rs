@@ -1,9 +1,9 @@
-//! A device on a serial line, in memory or over a pseudo terminal: everything but the device itself.
+//! A device on a serial line, in memory or over a pseudo terminal: all parts but the device itself.
 
-use super::{Cut, Mishap, OpenError, Rig, Traits};
+use super::{Cut, HardwareFault, OpenError, Rig, Traits};
 use crate::fault::{FaultCounts, Faults};
 use crate::faulty::Faulty;
-use crate::felt::Felt;
+use crate::force_record::ForceRecord;
 use crate::mechanism::{Handle, Waypoint};
 use crate::port::{FarEnd, MemoryPort};
 use crate::transport::{MemoryTransport, PtyTransport, Transport};
@@ -19,25 +19,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// How often the device looks at its line, us: a microframe of USB.
+/// Poll period of the device, us: two microframes of USB.
 const STEP_US: u64 = 250;
-/// Longest time in which a device is to wake up on a pseudo terminal of a busy machine.
-pub(super) const WAKE: Duration = Duration::from_secs(20);
-/// How long bytes known to be on their way through the terminal of a busy machine are waited for.
-const CERTAIN: Duration = Duration::from_secs(20);
+/// Longest wake-up time of a device on a pseudo terminal of a busy machine.
+pub(super) const WAKE_TIMEOUT: Duration = Duration::from_secs(20);
+/// Longest wait for bytes in flight in a pseudo terminal of a busy machine.
+const MAX_WAIT: Duration = Duration::from_secs(20);
 
-/// An emulated device that speaks over a serial line, and how its real driver is opened.
+/// An emulated device on a serial line, and how to open its real driver.
 pub trait SerialDevice: Send + 'static {
-    /// Name for people.
+    /// Name for display.
     const NAME: &'static str;
 
-    /// A device that has just been given power, and a hand that holds it in its middle.
+    /// A device that is powered up now, held in the middle of its workspace.
     fn new(profile: &Profile) -> Self;
 
     /// Name of the bundled profile.
     fn profile() -> &'static str;
 
-    /// What it needs and how exact it is; [`SerialRig`] says whether time is virtual.
+    /// Properties of the device; [`SerialRig`] sets whether time is virtual.
     fn traits(profile: &Profile) -> Traits;
 
     /// Opens the real driver on a port.
@@ -47,7 +47,7 @@ pub trait SerialDevice: Send + 'static {
         workspace: Workspace,
     ) -> Result<Box<dyn Device>, OpenError>;
 
-    /// Serves everything that has come over the line by `now_us`, and moves on to then.
+    /// Serves all input up to `now_us` and advances to it.
     fn poll(&mut self, now_us: u64, link: &mut dyn Transport) -> io::Result<()>;
 
     /// The handle with the hand on it.
@@ -56,22 +56,22 @@ pub trait SerialDevice: Send + 'static {
     /// The handle with the hand on it.
     fn handle_mut(&mut self) -> &mut Handle;
 
-    /// Where its encoders say that the handle is, m.
+    /// Position reported by the encoders, m.
     fn reported_m(&self) -> Vec3;
 
-    /// The hand holds these buttons.
+    /// Presses these buttons.
     fn press(&mut self, buttons: u8);
 
-    /// Something happens to it. False if it cannot happen to this one.
-    fn strike(&mut self, mishap: Mishap) -> bool;
+    /// Injects a fault. Returns false if the device does not support it.
+    fn inject(&mut self, fault: HardwareFault) -> bool;
 
-    /// Whether its own watchdog has ended the session; never, where it has none.
+    /// Whether its own watchdog has latched; always false without one.
     fn has_latched(&self) -> bool {
         false
     }
 }
 
-/// A steady hand that holds the handle of a profile's mechanism in the middle of its workspace.
+/// The handle of the profile's mechanism, held without tremor in the middle of the workspace.
 pub(super) fn held_in_the_middle(profile: &Profile) -> Handle {
     let drag = super::drag(profile);
     let hand = HandConfig { persistence: 0.0, tremor_m: 0.0, ..HandConfig::default() };
@@ -79,27 +79,27 @@ pub(super) fn held_in_the_middle(profile: &Profile) -> Handle {
     Handle::held(hand, drag, vec![middle])
 }
 
-/// What carries the bytes.
+/// Transport of the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
     /// Memory, on virtual time.
     Memory,
-    /// A pseudo terminal of the kernel; the two sides go in step all the same, so a busy machine changes nothing.
+    /// A pseudo terminal. Both sides run in lockstep, so the load of the machine has no effect.
     Pty,
 }
 
-/// The device's end of either.
+/// The device's end of the transport.
 type Line = Faulty<Box<dyn Transport + Send>>;
 
-/// The device with its end of the line.
-struct Far<E> {
+/// The device and its end of the line.
+struct DeviceSide<E> {
     device: E,
-    /// Nothing while the cable is out.
+    /// `None` while the cable is out.
     line: Option<Line>,
     now_us: u64,
 }
 
-impl<E: SerialDevice> FarEnd for Far<E> {
+impl<E: SerialDevice> FarEnd for DeviceSide<E> {
     fn now_us(&self) -> u64 {
         self.now_us
     }
@@ -112,23 +112,23 @@ impl<E: SerialDevice> FarEnd for Far<E> {
     }
 }
 
-impl<E: SerialDevice> Far<E> {
+impl<E: SerialDevice> DeviceSide<E> {
     fn poll(&mut self) {
         let polled = match &mut self.line {
             Some(line) => self.device.poll(self.now_us, line),
-            None => self.device.poll(self.now_us, &mut Given(&[])),
+            None => self.device.poll(self.now_us, &mut FixedInput(&[])),
         };
-        // A driver that has closed its end of a terminal is a cable pulled.
+        // A driver that closes its end of the terminal counts as a pulled cable.
         if polled.is_err() {
             self.line = None;
         }
     }
 }
 
-/// A line on which nothing comes but these bytes, and nothing goes anywhere.
-struct Given<'a>(&'a [u8]);
+/// A line with a fixed input, which discards all output.
+struct FixedInput<'a>(&'a [u8]);
 
-impl Transport for Given<'_> {
+impl Transport for FixedInput<'_> {
     fn receive(&mut self, _now_us: u64, buffer: &mut [u8]) -> io::Result<usize> {
         io::Read::read(&mut self.0, buffer)
     }
@@ -140,35 +140,35 @@ impl Transport for Given<'_> {
 
 /// A device on a serial line.
 pub struct SerialRig<E> {
-    far: Arc<Mutex<Far<E>>>,
+    far: Arc<Mutex<DeviceSide<E>>>,
     wire: Wire,
     profile: Profile,
     seed: u64,
-    /// Whether the port that was opened last is still there.
+    /// Whether the latest port is still plugged in.
     plugged: Arc<AtomicBool>,
     cable_in: bool,
-    /// A second handle of the driver's end of a pseudo terminal: to see what has come through.
+    /// A second handle of the driver's end of the pseudo terminal, to count the received bytes.
     driver_end: Option<TTYPort>,
     opened_us: u64,
 }
 
 impl<E: SerialDevice> SerialRig<E> {
-    /// A device that has just been plugged in.
+    /// A device that was just plugged in.
     ///
     /// # Panics
     ///
-    /// If its profile is not among the bundled ones.
+    /// If its profile is not bundled.
     #[must_use]
     pub fn new(wire: Wire, seed: u64) -> Self {
         let profile = Profile::bundled(E::profile()).expect("an emulated device has a bundled profile");
         Self::of(profile, wire, seed)
     }
 
-    /// A device of this profile that has just been plugged in.
+    /// A device with this profile that was just plugged in.
     #[must_use]
     pub(super) fn of(profile: Profile, wire: Wire, seed: u64) -> Self {
         Self {
-            far: Arc::new(Mutex::new(Far { device: E::new(&profile), line: None, now_us: 0 })),
+            far: Arc::new(Mutex::new(DeviceSide { device: E::new(&profile), line: None, now_us: 0 })),
             wire,
             profile,
             seed,
@@ -179,7 +179,7 @@ impl<E: SerialDevice> SerialRig<E> {
         }
     }
 
-    fn far(&self) -> MutexGuard<'_, Far<E>> {
+    fn far(&self) -> MutexGuard<'_, DeviceSide<E>> {
         self.far.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -187,17 +187,17 @@ impl<E: SerialDevice> SerialRig<E> {
         self.far().line = Some(Faulty::new(transport, Faults::NONE, self.seed));
     }
 
-    /// The terminal hands bytes on late, in real time: done when the driver can read what it got. Anything else would add silence to the line
-    /// in virtual time.
+    /// Advances until the driver can read all delivered bytes. A terminal forwards bytes late, in real time,
+    /// which would add silence to the line in virtual time.
     fn advance_terminal(&self, until_us: u64, driver_end: &TTYPort) {
-        let delivered = |far: &Far<E>| far.line.as_ref().map_or(0, Line::delivered);
+        let delivered = |far: &DeviceSide<E>| far.line.as_ref().map_or(0, Line::delivered);
         let mut far = self.far();
-        // The driver has read all there was, so what it may read next is what is delivered now.
+        // The driver has read all earlier bytes, so it reads next what is delivered now.
         let Ok(unread) = driver_end.bytes_to_read() else { return far.advance(until_us) };
         let before = delivered(&far);
         far.advance(until_us);
         let expected = u64::from(unread) + delivered(&far) - before;
-        let patience = Instant::now() + CERTAIN;
+        let patience = Instant::now() + MAX_WAIT;
         while driver_end.bytes_to_read().is_ok_and(|count| u64::from(count) < expected) {
             assert!(Instant::now() < patience, "bytes lost in the terminal");
             std::thread::yield_now();
@@ -257,7 +257,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         let opened_us = self.far().now_us;
         self.opened_us = opened_us;
         let device = opened?;
-        // What opening has sent last has no reader yet.
+        // The last bytes sent during opening have not been read yet.
         self.advance(0);
         Ok(device)
     }
@@ -274,12 +274,12 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         self.far().now_us - self.opened_us
     }
 
-    fn felt(&self) -> Felt {
-        self.far().device.handle().felt().on_clock(self.opened_us)
+    fn force_record(&self) -> ForceRecord {
+        self.far().device.handle().force_record().on_clock(self.opened_us)
     }
 
-    fn forget(&mut self) {
-        self.far().device.handle_mut().forget();
+    fn reset_record(&mut self) {
+        self.far().device.handle_mut().reset_record();
     }
 
     fn position_m(&self) -> Vec3 {
@@ -312,9 +312,9 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         self.far().line.as_ref().map(Line::counts_each)
     }
 
-    fn heard_us(&self) -> Option<u64> {
-        let heard_us = self.far().line.as_ref().and_then(Line::heard_us);
-        heard_us.map(|us| us.saturating_sub(self.opened_us))
+    fn last_received_us(&self) -> Option<u64> {
+        let last_received_us = self.far().line.as_ref().and_then(Line::last_received_us);
+        last_received_us.map(|us| us.saturating_sub(self.opened_us))
     }
 
     fn unplug(&mut self, cut: Cut) {
@@ -324,9 +324,9 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         let (now_us, mut request) = (far.now_us, [0; 256]);
         if let (Some(mut line), Cut::MidFrame) = (far.line.take(), cut) {
             let count = line.receive(now_us, &mut request).unwrap_or(0);
-            // Half of it has come through.
+            // Half of the request arrives.
             let half = request.get(..count / 2).unwrap_or_default();
-            let _ = far.device.poll(now_us, &mut Given(half));
+            let _ = far.device.poll(now_us, &mut FixedInput(half));
         }
         drop(far);
         self.driver_end = None;
@@ -336,7 +336,7 @@ impl<E: SerialDevice> Rig for SerialRig<E> {
         self.cable_in = true;
     }
 
-    fn strike(&mut self, mishap: Mishap) -> bool {
-        self.far().device.strike(mishap)
+    fn inject(&mut self, fault: HardwareFault) -> bool {
+        self.far().device.inject(fault)
     }
 }

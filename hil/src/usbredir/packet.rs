@@ -1,25 +1,27 @@
-//! usb-redir, version 0.7, as bytes: little-endian, 16-byte headers {type, length, id} after the hello, whose header has 12.
+//! Wire format of usb-redir 0.7: little-endian, with 16-byte headers {type, length, id} after the hello,
+//! whose header has 12 bytes.
 //!
-//! Only what a device with bulk pipes needs. Anything of the peer's that does not fit ends the session: there is no way back into step.
+//! Covers only a device with bulk pipes. An invalid packet ends the session, because the stream cannot be
+//! resynchronised.
 
 use crate::falcon::Setup;
 use core::fmt;
 
-/// What both ends must have, as bits of the capabilities: the device's release in device_connect, packet sizes in ep_info, 64-bit ids, 32-bit
-/// lengths of bulk packets. With these every header has one layout.
+/// Capability bits that both ends must have: the device's release in device_connect, packet sizes in ep_info,
+/// 64-bit ids, 32-bit lengths of bulk packets. With them every header has a fixed layout.
 pub const CAPABILITIES: u32 = 1 << 1 | 1 << 4 | 1 << 5 | 1 << 6;
-/// Room for a name.
+/// Length of the version string.
 const VERSION_LEN: usize = 64;
 const VERSION: &[u8] = b"palpate-hil";
-/// Header of the hello, whose id has 32 bits.
+/// Header of the hello, which has a 32-bit id.
 const HELLO_HEADER_LEN: usize = 12;
 const HEADER_LEN: usize = 16;
-/// More than any transfer that a guest asks for.
-const MOST: usize = 1 << 20;
+/// Longest accepted body; guests request less.
+const MAX_BODY_LEN: usize = 1 << 20;
 /// Endpoints in ep_info: 16 out, 16 in.
 pub const ENDPOINTS: usize = 32;
 
-/// Types of packets.
+/// Packet types.
 pub mod kind {
     #![allow(missing_docs)]
     pub const HELLO: u32 = 0;
@@ -39,29 +41,29 @@ pub mod kind {
     pub const BULK: u32 = 101;
 }
 
-/// How a transfer ended.
+/// Result of a transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Status {
-    /// Well.
+    /// Success.
     Success = 0,
-    /// The host wanted it no more.
+    /// The host cancelled it.
     Cancelled = 1,
-    /// A request that makes no sense.
+    /// An invalid request.
     Invalid = 2,
-    /// The device refused it.
+    /// The device stalled it.
     Stall = 4,
 }
 
-/// What the peer said.
+/// A message of the peer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Message {
-    /// The first of all: what it can do.
+    /// The first message, with the peer's capabilities.
     Hello {
         /// Capabilities.
         capabilities: u32,
     },
-    /// The bus is reset.
+    /// Bus reset.
     Reset,
     /// SET_CONFIGURATION.
     SetConfiguration(u8),
@@ -79,9 +81,9 @@ pub enum Message {
         /// Interface.
         interface: u8,
     },
-    /// The transfer with this packet's id is not wanted any more.
+    /// Cancels the transfer with this packet's id.
     Cancel,
-    /// A control transfer; data only on its way out.
+    /// A control transfer, with data for a request out.
     Control {
         /// Endpoint address.
         endpoint: u8,
@@ -92,31 +94,31 @@ pub enum Message {
     },
     /// A bulk transfer.
     Bulk(Bulk),
-    /// Something that such a device has no use for.
+    /// A type that such a device does not need.
     Other(u32),
 }
 
-/// A bulk transfer: its header, and data on the way out.
+/// A bulk transfer, with data for a transfer out.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Bulk {
     /// Endpoint address.
     pub endpoint: u8,
-    /// Bytes wanted, or sent.
+    /// Bytes requested, or sent.
     pub len: usize,
-    /// Stream, of which there are none; given back as it came.
+    /// Stream id, which is returned unchanged.
     pub stream: u32,
     /// Data for the device.
     pub data: Vec<u8>,
 }
 
-/// Why the peer cannot be talked to.
+/// A protocol error of the peer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProtocolError {
-    /// It does not begin with a hello, or says hello again.
+    /// The first packet is not a hello, or a second hello arrived.
     Hello,
-    /// It lacks capabilities.
+    /// Required capabilities are missing.
     Capabilities(u32),
-    /// A packet of this type is longer than anything sensible.
+    /// A packet of this type is too long.
     Long(u32),
     /// A packet of this type is too short for its header.
     Short(u32),
@@ -125,7 +127,7 @@ pub enum ProtocolError {
 impl fmt::Display for ProtocolError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Hello => f.write_str("no hello, or a second one"),
+            Self::Hello => f.write_str("missing or repeated hello"),
             Self::Capabilities(bits) => write!(f, "capabilities {bits:#x} lack some of {CAPABILITIES:#x}"),
             Self::Long(kind) => write!(f, "a packet of type {kind} is too long"),
             Self::Short(kind) => write!(f, "a packet of type {kind} is too short"),
@@ -135,32 +137,32 @@ impl fmt::Display for ProtocolError {
 
 impl core::error::Error for ProtocolError {}
 
-/// Finds packets in a stream of bytes.
+/// Finds packets in a byte stream.
 #[derive(Debug, Clone, Default)]
 pub struct Reader {
     bytes: Vec<u8>,
-    greeted: bool,
+    handshake_done: bool,
 }
 
 impl Reader {
-    /// Takes bytes as they come.
+    /// Appends bytes.
     pub fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
     }
 
-    /// The next whole packet, with its id.
+    /// The next complete message, with its id.
     pub fn next_message(&mut self) -> Result<Option<(u64, Message)>, ProtocolError> {
-        let header_len = if self.greeted { HEADER_LEN } else { HELLO_HEADER_LEN };
+        let header_len = if self.handshake_done { HEADER_LEN } else { HELLO_HEADER_LEN };
         let mut fields = Fields(&self.bytes);
         let (Some(kind), Some(len)) = (fields.u32(), fields.u32()) else { return Ok(None) };
-        if (kind == kind::HELLO) == self.greeted {
+        if (kind == kind::HELLO) == self.handshake_done {
             return Err(ProtocolError::Hello);
         }
         let len = len as usize;
-        if len > MOST {
+        if len > MAX_BODY_LEN {
             return Err(ProtocolError::Long(kind));
         }
-        let id = if self.greeted { fields.u64() } else { fields.u32().map(u64::from) };
+        let id = if self.handshake_done { fields.u64() } else { fields.u32().map(u64::from) };
         let (Some(id), Some(body)) = (id, self.bytes.get(header_len..header_len + len)) else {
             return Ok(None);
         };
@@ -169,14 +171,14 @@ impl Reader {
             if capabilities & CAPABILITIES != CAPABILITIES {
                 return Err(ProtocolError::Capabilities(capabilities));
             }
-            self.greeted = true;
+            self.handshake_done = true;
         }
         self.bytes.drain(..header_len + len);
         Ok(Some((id, message)))
     }
 }
 
-/// Numbers at the head of a packet.
+/// Reads numbers from the start of a packet.
 struct Fields<'b>(&'b [u8]);
 
 impl Fields<'_> {
@@ -208,7 +210,7 @@ fn parse(kind: u32, body: &[u8]) -> Option<Message> {
     Some(match kind {
         kind::HELLO => {
             fields.take::<VERSION_LEN>()?;
-            // Whoever has none sends none.
+            // A peer without capabilities omits the field.
             Message::Hello { capabilities: fields.u32().unwrap_or(0) }
         }
         kind::RESET => Message::Reset,
@@ -245,7 +247,7 @@ pub fn packet(kind: u32, id: u64, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Our hello.
+/// The hello of this end.
 #[must_use]
 pub fn hello() -> Vec<u8> {
     let mut bytes = Vec::new();
@@ -258,7 +260,7 @@ pub fn hello() -> Vec<u8> {
     bytes
 }
 
-/// Answer to a control transfer: its header with the outcome, and what the device said.
+/// Answer to a control transfer: its header with the status, and the device's data.
 #[must_use]
 pub fn control(id: u64, endpoint: u8, setup: Setup, status: Status, len: usize, data: &[u8]) -> Vec<u8> {
     let Setup { request_type, request, value, index, .. } = setup;
@@ -287,7 +289,7 @@ mod tests {
 
     fn read(bytes: &[u8]) -> Result<Vec<(u64, Message)>, ProtocolError> {
         let (mut reader, mut messages) = (Reader::default(), Vec::new());
-        // Byte by byte, as a stream may come.
+        // One byte at a time, as a stream may arrive.
         for byte in bytes {
             reader.push(&[*byte]);
             while let Some(message) = reader.next_message()? {
@@ -318,10 +320,10 @@ mod tests {
             // GET_DESCRIPTOR(device), 18 bytes, id 0x0102030405060708.
             100, 0, 0, 0,  10, 0, 0, 0,  8, 7, 6, 5, 4, 3, 2, 1,
             0x80, 6, 0x80, 0,  0, 1,  0, 0,  18, 0,
-            // A bulk transfer of 0x10040 bytes in.
+            // A bulk transfer in of 0x10040 bytes.
             101, 0, 0, 0,  10, 0, 0, 0,  9, 0, 0, 0, 0, 0, 0, 0,
             0x81, 0,  0x40, 0,  0, 0, 0, 0,  1, 0,
-            // And one of 3 bytes out.
+            // A bulk transfer out of 3 bytes.
             101, 0, 0, 0,  13, 0, 0, 0,  10, 0, 0, 0, 0, 0, 0, 0,
             0x02, 0,  3, 0,  0, 0, 0, 0,  0, 0,  b'a', b'b', b'c',
             21, 0, 0, 0,  0, 0, 0, 0,  9, 0, 0, 0, 0, 0, 0, 0,
@@ -349,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_these_bytes() {
+    fn answers_match_the_wire_format() {
         let setup = Setup { request_type: 0xc0, request: 5, value: 0, index: 0x0102, length: 2 };
         #[rustfmt::skip]
         assert_eq!(control(7, 0x80, setup, Status::Success, 2, &[1, 0x60]), [
@@ -364,13 +366,13 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_ends_the_session() {
+    fn invalid_packets_end_the_session() {
         assert_eq!(read(&packet(kind::RESET, 0, &[])), Err(ProtocolError::Hello));
         assert_eq!(after_hello(&packet(kind::HELLO, 0, &[0; 68])), Err(ProtocolError::Hello));
         let mut weak = hello();
         weak[76] = 0x52;
         assert_eq!(read(&weak), Err(ProtocolError::Capabilities(0x52)));
-        assert_eq!(read(&[0, 0, 0, 0, 63, 0, 0, 0, 0, 0, 0, 0].map(|b| b)), Ok(Vec::new()), "not whole yet");
+        assert_eq!(read(&[0, 0, 0, 0, 63, 0, 0, 0, 0, 0, 0, 0].map(|b| b)), Ok(Vec::new()), "incomplete");
         assert_eq!(after_hello(&packet(kind::BULK, 0, &[0; 9])), Err(ProtocolError::Short(kind::BULK)));
         assert_eq!(after_hello(&[101, 0, 0, 0, 0, 0, 0, 0x7f]), Err(ProtocolError::Long(kind::BULK)));
     }

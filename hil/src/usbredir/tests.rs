@@ -2,15 +2,15 @@ use super::packet::CAPABILITIES;
 use super::*;
 use crate::falcon::{EmulatedFalcon, FalconConfig};
 
-/// A device whose bytes are put there by the test.
-struct Bare {
+/// A device with scripted data.
+struct FakeDevice {
     falcon: EmulatedFalcon,
     room: usize,
     taken: Vec<u8>,
     ready: VecDeque<Result<Vec<u8>, Stall>>,
 }
 
-impl UsbDevice for Bare {
+impl UsbDevice for FakeDevice {
     fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         self.falcon.control(setup, data)
     }
@@ -28,10 +28,10 @@ impl UsbDevice for Bare {
     }
 }
 
-/// A session whose peer has said hello and seen the device; what was said so far is thrown away.
-fn connected() -> (Session, Bare) {
+/// A session after the hello and the connection; its output so far is discarded.
+fn connected() -> (Session, FakeDevice) {
     let falcon = EmulatedFalcon::new(FalconConfig::default());
-    let mut device = Bare { falcon, room: usize::MAX, taken: Vec::new(), ready: VecDeque::new() };
+    let mut device = FakeDevice { falcon, room: usize::MAX, taken: Vec::new(), ready: VecDeque::new() };
     let mut session = Session::new();
     session.receive(&packet::hello(), &mut device).expect("a hello");
     session.connect(&mut device);
@@ -44,13 +44,13 @@ fn bulk(endpoint: u8, len: u16, data: &[u8]) -> Vec<u8> {
     [&[endpoint, 0, low, high, 0, 0, 0, 0, 0, 0], data].concat()
 }
 
-fn ask(session: &mut Session, device: &mut Bare, kind: u32, id: u64, body: &[u8]) -> Vec<u8> {
-    session.receive(&packet::packet(kind, id, body), device).expect("a sound packet");
+fn request(session: &mut Session, device: &mut FakeDevice, kind: u32, id: u64, body: &[u8]) -> Vec<u8> {
+    session.receive(&packet::packet(kind, id, body), device).expect("a valid packet");
     session.take_output()
 }
 
 #[test]
-fn the_device_is_shown_as_its_descriptors_have_it() {
+fn the_device_is_connected_with_its_descriptors() {
     let (mut session, mut device) = connected();
     session.connect(&mut device);
     let output = session.take_output();
@@ -69,40 +69,40 @@ fn the_device_is_shown_as_its_descriptors_have_it() {
         1, 0, 0, 0,  10, 0, 0, 0,  0, 0, 0, 0, 0, 0, 0, 0,
         1,  0, 0, 0,  0x03, 0x04,  0x48, 0xcb,  0x00, 0x06,
     ]);
-    assert!(session.is_connected() && session.is_greeted());
+    assert!(session.is_connected() && session.is_handshake_done());
 }
 
 #[test]
-fn nothing_is_answered_before_it_is_plugged_in_or_after_it_is_not() {
+fn a_disconnected_device_answers_nothing() {
     let (mut session, mut device) = connected();
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 5, &bulk(0x81, 64, b"")), b"", "it waits");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 5, &bulk(0x81, 64, b"")), b"", "it waits");
     session.disconnect();
     assert_eq!(session.take_output(), packet::packet(kind::DEVICE_DISCONNECT, 0, &[]));
     device.ready.push_back(Ok(vec![1, 0x60]));
     session.poll(&mut device);
-    assert_eq!(ask(&mut session, &mut device, kind::CANCEL, 5, &[]), b"");
-    assert_eq!(ask(&mut session, &mut device, kind::SET_CONFIGURATION, 6, &[1]), b"");
+    assert_eq!(request(&mut session, &mut device, kind::CANCEL, 5, &[]), b"");
+    assert_eq!(request(&mut session, &mut device, kind::SET_CONFIGURATION, 6, &[1]), b"");
     assert!(!session.is_connected());
 }
 
 #[test]
-fn control_transfers_go_to_the_device_and_a_refusal_is_a_stall() {
+fn control_transfers_reach_the_device_and_may_stall() {
     let (mut session, mut device) = connected();
     let latency = [0, 9, 0x40, 0, 7, 0, 0, 0, 0, 0];
-    let answer = ask(&mut session, &mut device, kind::CONTROL, 1, &latency);
+    let answer = request(&mut session, &mut device, kind::CONTROL, 1, &latency);
     assert_eq!((&answer[8..16], &answer[16..]), (&[1, 0, 0, 0, 0, 0, 0, 0][..], &latency[..]));
-    let answer = ask(&mut session, &mut device, kind::CONTROL, 2, &[0x80, 10, 0xc0, 0, 0, 0, 0, 0, 1, 0]);
+    let answer = request(&mut session, &mut device, kind::CONTROL, 2, &[0x80, 10, 0xc0, 0, 0, 0, 0, 0, 1, 0]);
     assert_eq!(answer[16..], [0x80, 10, 0xc0, 0, 0, 0, 0, 0, 1, 0, 7]);
-    // The device qualifier of a device of one speed.
-    let answer = ask(&mut session, &mut device, kind::CONTROL, 3, &[0x80, 6, 0x80, 0, 0, 6, 0, 0, 10, 0]);
+    // The device qualifier, which a single-speed device does not have.
+    let answer = request(&mut session, &mut device, kind::CONTROL, 3, &[0x80, 6, 0x80, 0, 0, 6, 0, 0, 10, 0]);
     assert_eq!(answer[16..], [0x80, 6, 0x80, 4, 0, 6, 0, 0, 0, 0]);
     assert_eq!((session.traffic().control, session.traffic().stalled), (3, 1));
 }
 
 #[test]
-fn configuration_and_alternate_setting_are_answered_with_what_holds() {
+fn configuration_and_alternate_setting_are_reported() {
     let (mut session, mut device) = connected();
-    let mut says = |kind, body: &[u8]| ask(&mut session, &mut device, kind, 9, body)[16..].to_vec();
+    let mut says = |kind, body: &[u8]| request(&mut session, &mut device, kind, 9, body)[16..].to_vec();
     assert_eq!(says(kind::SET_CONFIGURATION, &[1]), [0, 1]);
     assert_eq!(says(kind::SET_CONFIGURATION, &[7]), [4, 1]);
     assert_eq!(says(kind::GET_CONFIGURATION, &[]), [0, 1]);
@@ -111,11 +111,11 @@ fn configuration_and_alternate_setting_are_answered_with_what_holds() {
     assert_eq!(says(kind::GET_ALT_SETTING, &[0]), [0, 0, 0]);
 }
 
-/// The host's transfer is larger than a packet: full ones are joined, and a short one ends it.
+/// The host's transfer is larger than a packet: full packets are joined, and a short one ends it.
 #[test]
 fn a_transfer_in_ends_with_a_short_packet_or_when_it_is_full() {
     let (mut session, mut device) = connected();
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 256, b"")), b"");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 256, b"")), b"");
     device.ready.push_back(Ok(vec![9; 64]));
     session.poll(&mut device);
     assert_eq!(session.take_output(), b"", "a full packet may be followed by another");
@@ -124,22 +124,22 @@ fn a_transfer_in_ends_with_a_short_packet_or_when_it_is_full() {
     let answer = session.take_output();
     assert_eq!((answer[8], answer[17], answer[18], answer.len()), (1, 0, 82, 16 + 10 + 82));
 
-    ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 128, b""));
+    request(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 128, b""));
     device.ready.push_back(Ok(vec![7; 128]));
     session.poll(&mut device);
     assert_eq!(session.take_output().len(), 16 + 10 + 128);
-    // No packet may fit, so that it cannot be said to be empty.
+    // A packet may not fit, so the request is invalid.
     assert_eq!(
-        ask(&mut session, &mut device, kind::BULK, 3, &bulk(0x81, 63, b""))[17],
+        request(&mut session, &mut device, kind::BULK, 3, &bulk(0x81, 63, b""))[17],
         Status::Invalid as u8
     );
 }
 
 #[test]
-fn several_transfers_in_are_answered_in_their_order() {
+fn transfers_in_are_answered_in_order() {
     let (mut session, mut device) = connected();
     for id in 1..=3 {
-        assert_eq!(ask(&mut session, &mut device, kind::BULK, id, &bulk(0x81, 64, b"")), b"");
+        assert_eq!(request(&mut session, &mut device, kind::BULK, id, &bulk(0x81, 64, b"")), b"");
     }
     device.ready.extend([Ok(vec![1, 0x60, b'a']), Ok(vec![1, 0x60, b'b'])]);
     session.poll(&mut device);
@@ -149,39 +149,40 @@ fn several_transfers_in_are_answered_in_their_order() {
 }
 
 #[test]
-fn what_a_cancelled_transfer_had_the_next_one_gets() {
+fn the_data_of_a_cancelled_transfer_goes_to_the_next_one() {
     let (mut session, mut device) = connected();
-    ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 256, b""));
+    request(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 256, b""));
     device.ready.push_back(Ok(vec![9; 64]));
     session.poll(&mut device);
-    let answer = ask(&mut session, &mut device, kind::CANCEL, 1, &[]);
+    let answer = request(&mut session, &mut device, kind::CANCEL, 1, &[]);
     assert_eq!((answer[0], answer[8], answer[17], answer.len()), (101, 1, Status::Cancelled as u8, 26));
-    assert_eq!(ask(&mut session, &mut device, kind::CANCEL, 1, &[]), b"", "once is enough");
-    // Full at once, without a look at the device.
-    let answer = ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""));
+    assert_eq!(request(&mut session, &mut device, kind::CANCEL, 1, &[]), b"", "it is cancelled once");
+    // Complete at once, without a poll of the device.
+    let answer = request(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""));
     assert_eq!((answer[17], answer.len()), (0, 16 + 10 + 64));
     assert_eq!(session.traffic().cancelled, 1);
 }
 
-/// QEMU drops an answer to a transfer it has cancelled meanwhile; a driver whose timeout is the chip's timer would lose bytes all the time.
+/// QEMU drops the answer to a transfer that it has cancelled meanwhile. A driver whose timeout equals the
+/// chip's timer would otherwise lose bytes often.
 #[test]
-fn what_met_a_cancellation_on_its_way_is_not_lost() {
+fn the_data_of_an_answer_that_crosses_a_cancellation_is_kept() {
     let (mut session, mut device) = connected();
     device.ready.extend([Ok(vec![1, 0x60, b'a']), Ok(vec![1, 0x60, b'b'])]);
-    ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 64, b""));
-    assert_eq!(ask(&mut session, &mut device, kind::CANCEL, 1, &[]), b"", "it has been answered");
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""))[26..], *b"\x01\x60a");
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 3, &bulk(0x81, 64, b""))[26..], *b"\x01\x60b");
-    assert_eq!(ask(&mut session, &mut device, kind::CANCEL, 2, &[]), b"", "and one after it: too old");
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 4, &bulk(0x81, 64, b"")), b"");
+    request(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 64, b""));
+    assert_eq!(request(&mut session, &mut device, kind::CANCEL, 1, &[]), b"", "it has been answered");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""))[26..], *b"\x01\x60a");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 3, &bulk(0x81, 64, b""))[26..], *b"\x01\x60b");
+    assert_eq!(request(&mut session, &mut device, kind::CANCEL, 2, &[]), b"", "and one after it: too old");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 4, &bulk(0x81, 64, b"")), b"");
 }
 
 #[test]
-fn what_there_is_no_room_for_waits_as_after_a_nak() {
+fn data_without_room_waits_as_after_a_nak() {
     let (mut session, mut device) = connected();
     device.room = 3;
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x02, 5, b"abcde")), b"");
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x02, 1, b"f")), b"");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 1, &bulk(0x02, 5, b"abcde")), b"");
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 2, &bulk(0x02, 1, b"f")), b"");
     device.room = 10;
     session.poll(&mut device);
     let output = session.take_output();
@@ -193,35 +194,35 @@ fn what_there_is_no_room_for_waits_as_after_a_nak() {
 fn a_stalled_pipe_stays_halted_until_it_is_cleared() {
     let (mut session, mut device) = connected();
     device.ready.extend([Err(Stall), Ok(vec![1, 0x60])]);
-    let stalled = ask(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 64, b""));
+    let stalled = request(&mut session, &mut device, kind::BULK, 1, &bulk(0x81, 64, b""));
     assert_eq!((stalled[17], stalled.len()), (Status::Stall as u8, 26));
     let clear = |endpoint| [0, 1, 0x02, 0, 0, 0, endpoint, 0, 0, 0];
-    // Another pipe is another affair.
-    ask(&mut session, &mut device, kind::CONTROL, 2, &clear(0x02));
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 3, &bulk(0x02, 3, b"abc"))[17], 0);
-    let again = ask(&mut session, &mut device, kind::BULK, 4, &bulk(0x81, 64, b""));
-    assert_eq!((again[17], again.len()), (Status::Stall as u8, 26), "for good, if nobody clears it");
-    ask(&mut session, &mut device, kind::CONTROL, 5, &clear(0x81));
-    assert_eq!(ask(&mut session, &mut device, kind::BULK, 6, &bulk(0x81, 64, b""))[26..], [1, 0x60]);
+    // Clearing another pipe has no effect.
+    request(&mut session, &mut device, kind::CONTROL, 2, &clear(0x02));
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 3, &bulk(0x02, 3, b"abc"))[17], 0);
+    let again = request(&mut session, &mut device, kind::BULK, 4, &bulk(0x81, 64, b""));
+    assert_eq!((again[17], again.len()), (Status::Stall as u8, 26), "until it is cleared");
+    request(&mut session, &mut device, kind::CONTROL, 5, &clear(0x81));
+    assert_eq!(request(&mut session, &mut device, kind::BULK, 6, &bulk(0x81, 64, b""))[26..], [1, 0x60]);
 }
 
 #[test]
-fn a_reset_of_the_bus_leaves_nothing_waiting() {
+fn a_bus_reset_cancels_all_transfers() {
     let (mut session, mut device) = connected();
-    ask(&mut session, &mut device, kind::SET_CONFIGURATION, 1, &[1]);
-    ask(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""));
-    let answer = ask(&mut session, &mut device, kind::RESET, 0, &[]);
+    request(&mut session, &mut device, kind::SET_CONFIGURATION, 1, &[1]);
+    request(&mut session, &mut device, kind::BULK, 2, &bulk(0x81, 64, b""));
+    let answer = request(&mut session, &mut device, kind::RESET, 0, &[]);
     assert_eq!((answer[8], answer[17], answer.len()), (2, Status::Cancelled as u8, 26));
     device.ready.push_back(Ok(vec![1, 0x60]));
     session.poll(&mut device);
     assert_eq!(session.take_output(), b"");
-    assert_eq!(ask(&mut session, &mut device, kind::GET_CONFIGURATION, 3, &[])[16..], [0, 0]);
+    assert_eq!(request(&mut session, &mut device, kind::GET_CONFIGURATION, 3, &[])[16..], [0, 0]);
 }
 
 #[test]
-fn a_peer_that_speaks_otherwise_is_refused() {
+fn a_peer_without_the_capabilities_is_refused() {
     let (mut session, mut device) = (Session::new(), connected().1);
     let mut hello = packet::hello();
     hello[76] = CAPABILITIES as u8 & !(1 << 5);
-    assert!(session.receive(&hello, &mut device).is_err() && !session.is_greeted());
+    assert!(session.receive(&hello, &mut device).is_err() && !session.is_handshake_done());
 }

@@ -1,19 +1,22 @@
-//! The test inside the virtual machine: the host's real driver against a Falcon on the guest's own USB, from enumeration to unplugging.
+//! The test inside the virtual machine: the host's real driver on a Falcon on the guest's USB, from
+//! enumeration to unplugging.
 //!
-//! `falcon-guest no-usb` before the machine has USB; after that `run LINE FIRST LAST EXCHANGES`, `contract LINE` or `hosts LINE`, LINE being the line to
-//! the bench; `end LINE` ends what is at its other end. `falcon-guest faults`, anywhere: how many there are, which is how many seeds meet each of them once. Prints a line a step, a run or a check, and at the end one that begins with `summary`, `contract` or `hosts` and `PASS` or
-//! `FAIL`. See `hil/bench/run`.
+//! `falcon-guest no-usb` runs before the machine has USB. Then follow `run LINE FIRST LAST EXCHANGES`,
+//! `contract LINE` or `hosts LINE`, where LINE is the serial line to the bench; `end LINE` ends the bench.
+//! `falcon-guest faults` prints the number of faults, which is the number of seeds that inject each fault
+//! once. Prints one line for each step, run or check, and a last line that begins with `summary`, `contract`
+//! or `hosts` and `PASS` or `FAIL`. See `hil/bench/run`.
 
-mod far;
+mod killed_hosts;
 mod line;
-mod orphans;
-mod patient;
+mod remote_rig;
 mod runs;
-mod waiting;
+mod timeout_ftdi;
+mod wait_for_reply;
 
 use line::Line;
 use palpate_core::Organ;
-use palpate_hil::bench::{Order, Strike};
+use palpate_hil::bench::{BenchCommand, BenchFault};
 use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError};
@@ -23,14 +26,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// A blob wants to start at a multiple of 8; its planes are at multiples of 64.
+/// A blob must be aligned to 8 bytes; its planes are at multiples of 64.
 #[repr(C, align(64))]
 struct Aligned<T: ?Sized>(T);
 
 static ORGAN: &Aligned<[u8]> =
     &Aligned(*include_bytes!("../../../../firmware-like-core/golden/organ-514.blob"));
 
-/// What went wrong, in one line.
+/// The error is one line.
 type Outcome<T> = Result<T, String>;
 
 fn main() -> ExitCode {
@@ -39,18 +42,18 @@ fn main() -> ExitCode {
     let passed = match words[..] {
         ["no-usb"] => no_usb(),
         ["faults"] => {
-            println!("{}", Strike::ALL.len());
+            println!("{}", BenchFault::ALL.len());
             Ok(())
         }
         ["run", line, first, last, exchanges] => match (first.parse(), last.parse(), exchanges.parse()) {
             (Ok(first), Ok(last), Ok(exchanges)) => run(line, first..=last, exchanges),
-            _ => Err("FIRST, LAST and EXCHANGES are numbers".into()),
+            _ => Err("FIRST, LAST and EXCHANGES must be integers".into()),
         },
         ["contract", line] => contract(line),
-        ["hosts", line] => orphans::orphans(line),
-        ["end", line] => Line::open(line).and_then(|mut line| line.order(Order::End).map(drop)),
-        ["host"] => orphans::host(),
-        ["supervise"] => orphans::supervise(),
+        ["hosts", line] => killed_hosts::killed_hosts(line),
+        ["end", line] => Line::open(line).and_then(|mut line| line.command(BenchCommand::End).map(drop)),
+        ["host"] => killed_hosts::host(),
+        ["supervise"] => killed_hosts::supervise(),
         _ => Err("falcon-guest no-usb | faults | run LINE FIRST LAST EXCHANGES | contract LINE | hosts LINE | end LINE"
             .into()),
     };
@@ -63,7 +66,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// What a user is told where there is no USB.
+/// Checks the error message on a machine without USB.
 fn no_usb() -> Outcome<()> {
     let begun = Instant::now();
     match Falcon::open(FalconConfig::default(), None) {
@@ -71,20 +74,21 @@ fn no_usb() -> Outcome<()> {
             println!("no-usb PASS \"{error}\"");
             Ok(())
         }
-        Err(error) => Err(format!("no-usb: another error than expected: {error}")),
-        Ok(_) => Err("no-usb: a Falcon without USB".into()),
+        Err(error) => Err(format!("no-usb: unexpected error: {error}")),
+        Ok(_) => Err("no-usb: a Falcon was opened without USB".into()),
     }
 }
 
-/// Holds the driver to the contract that every rig is held to.
+/// Runs the contract checks on the driver.
 fn contract(line: &str) -> Outcome<()> {
     let begun = Instant::now();
-    let kind = far::kind(Line::open(line)?);
+    let kind = remote_rig::kind(Line::open(line)?);
     let mut failed = 0;
     for check in CHECKS {
         let since = Instant::now();
-        // A line that breaks is a panic of the rig.
-        let kept = catch_unwind(AssertUnwindSafe(|| check.run(kind).map_err(|broken| broken.to_string())));
+        // A broken line to the bench panics in the rig.
+        let kept =
+            catch_unwind(AssertUnwindSafe(|| check.run(kind).map_err(|violation| violation.to_string())));
         let kept = kept.unwrap_or_else(|_| Err("panicked".into()));
         failed += u32::from(kept.is_err());
         let (word, why) = kept.map_or_else(|why| ("FAIL", format!(": {why}")), |()| ("PASS", String::new()));
@@ -123,7 +127,8 @@ fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
     let rate_hz = clean.map_or(0.0, Run::rate_hz);
     println!(
         "summary {} runs={} failed={failed} exchanges={all} clean_exchanges={done} clean_lost={lost} \
-         clean_lost_closing={closing} rate_hz={rate_hz:.0} largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
+         clean_lost_closing={closing} rate_hz={rate_hz:.0} largest_n={largest_n:.2} unhomed_n={unhomed_n:.2} \
+         slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
         if failed == 0 { "PASS" } else { "FAIL" },
         runs.len() + failed,
         begun.elapsed().as_secs_f64()

@@ -1,14 +1,15 @@
-//! One run of a device: up, homed, armed, in touch, struck, safe, and up again only when it is asked for.
+//! One run of a device: open, home, arm, touch, inject the fault, reach zero force, and render again only
+//! after a reset and arming.
 
-mod struck;
+mod faulted;
 
 use crate::Outcome;
 use crate::line::Line;
-use crate::patient::Patient;
-use crate::waiting::{IMPATIENT, Tally, Waiting};
+use crate::timeout_ftdi::TimeoutFtdi;
+use crate::wait_for_reply::{ExchangeCounts, SHORT_TIMEOUT, WaitForReply};
 use core::fmt;
 use palpate_core::{Config, Controller, Fault, LimitConfig, Method, Organ, Phase, vec3};
-use palpate_hil::bench::{Order, Report, Strike};
+use palpate_hil::bench::{BenchCommand, BenchFault, Report};
 use palpate_host::device::DeviceState;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, UsbFtdi};
 use palpate_host::device::workspace::Workspace;
@@ -18,33 +19,33 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Words of the firmware, which is none.
+/// Number of words of the synthetic firmware.
 const FIRMWARE_WORDS: u16 = 500;
-/// Limit of the force, N; the device's own is 8.
+/// Force limit, N; the device's own limit is 8 N.
 const MAX_FORCE_N: f32 = 4.0;
-/// What the motors' whole counts and f32 add to it, N.
+/// Rounding error of the motors' whole counts and of f32, N.
 const ROUNDING_N: f32 = 0.05;
-/// A touch, N.
+/// Least force that counts as touch, N.
 const TOUCH_N: f32 = 0.3;
-/// Ticks in which the hand must have reached the organ, with room for a machine ten times as fast as ours.
+/// Ticks within which the hand must reach the organ, with a tenfold margin for the speed of the machine.
 const TOUCH_TICKS: u64 = 20_000;
-/// For a device that was plugged in to be there, and to be homed.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// For a write where nothing is to be lost; where something is it is as long as for a reply.
-const PATIENT_WRITE: Duration = Duration::from_secs(2);
-/// Ticks in which the hand is above the organ again.
+/// Longest time until a plugged device is found, and until it is homed.
+const TIMEOUT: Duration = Duration::from_secs(60);
+/// Write timeout where no transfer may be lost. With a fault it is as short as that of a reply.
+const LONG_WRITE_TIMEOUT: Duration = Duration::from_secs(2);
+/// Ticks until the hand is above the organ again.
 const LIFT_TICKS: u64 = 250;
-/// Surface of the organ, and axis into it, in the device's frame.
+/// Surface of the organ on the axis into it, device frame.
 const SURFACE_M: [f32; 3] = [0.0, 0.0, 0.115];
 
-/// How a fault ended.
+/// End of the fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum End {
-    /// There was none, or it passed.
+    /// No fault, or the loop recovered.
     Active,
     /// The controller latched it.
     Latched(Fault),
-    /// The device is gone.
+    /// The device is lost.
     Lost(DeviceErrorKind),
 }
 
@@ -58,27 +59,28 @@ impl fmt::Display for End {
     }
 }
 
-/// The driver as the loop has it.
-type Opened = Waiting<Falcon<Patient>>;
+/// The driver as the loop uses it.
+type Opened = WaitForReply<Falcon<TimeoutFtdi>>;
 
-/// What a run has shown.
+/// Result of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Run {
-    pub fault: Option<Strike>,
+    pub fault: Option<BenchFault>,
     pub end: End,
-    /// Exchanges with a sample, and those without; in a run without a fault those that were checked, in touch.
+    /// Exchanges with and without a sample. A run without a fault counts only those in touch.
     pub exchanges: u64,
     pub lost: u64,
-    /// Without a sample after that, while it was disarmed and closed: a zero that goes out at once may cost the reply to a request before it.
+    /// Exchanges without a sample while the device was disarmed and closed. A zero command is sent at once
+    /// and may cost the reply to an earlier request.
     pub lost_closing: u64,
     pub mean_us: u64,
     pub longest_us: u64,
-    pub struck: u64,
+    pub injected: u64,
     pub touch_n: f32,
     pub largest_n: f32,
     pub step_n: f32,
     pub unhomed_n: f32,
-    /// Ticks from the first one without a sample to a command of zero.
+    /// Ticks from the first one without a sample to a zero command.
     pub zero_ticks: u64,
     pub zero_ms: Option<f32>,
     pub again_n: f32,
@@ -96,7 +98,7 @@ impl Run {
         lost_closing: 0,
         mean_us: 0,
         longest_us: 0,
-        struck: 0,
+        injected: 0,
         touch_n: 0.0,
         largest_n: 0.0,
         step_n: 0.0,
@@ -109,15 +111,15 @@ impl Run {
         seconds: 0.0,
     };
 
-    /// What the exchanges have come to.
-    fn count(&mut self, tally: &Tally) {
-        self.exchanges = tally.answered.load(Ordering::Relaxed);
-        self.lost = tally.lost.load(Ordering::Relaxed);
-        self.mean_us = tally.spent_us.load(Ordering::Relaxed) / self.exchanges.max(1);
-        self.longest_us = tally.longest_us.load(Ordering::Relaxed);
+    /// Copies the counts of the exchanges.
+    fn count(&mut self, counts: &ExchangeCounts) {
+        self.exchanges = counts.answered.load(Ordering::Relaxed);
+        self.lost = counts.lost.load(Ordering::Relaxed);
+        self.mean_us = counts.total_us.load(Ordering::Relaxed) / self.exchanges.max(1);
+        self.longest_us = counts.longest_us.load(Ordering::Relaxed);
     }
 
-    /// Exchanges a second.
+    /// Exchanges per second.
     pub(crate) fn rate_hz(&self) -> f64 {
         1e6 / self.mean_us.max(1) as f64
     }
@@ -125,11 +127,12 @@ impl Run {
 
 impl fmt::Display for Run {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { fault, end, exchanges, lost, lost_closing, mean_us, longest_us, struck, ready, .. } = self;
-        let fault = fault.map_or("none", Strike::name);
+        let Self { fault, end, exchanges, lost, lost_closing, mean_us, longest_us, injected, ready, .. } =
+            self;
+        let fault = fault.map_or("none", BenchFault::name);
         write!(
             f,
-            "fault={fault} end={end} struck={struck} ready_ms={} loads={} ",
+            "fault={fault} end={end} injected={injected} ready_ms={} loads={} ",
             ready.as_millis(),
             self.loads
         )?;
@@ -169,23 +172,23 @@ impl<D: Device> Session<'_, '_, D> {
         let deadline_ns = self.index * 1_000_000;
         self.clock.wait_until(deadline_ns, 0);
         self.haptic.tick(self.index, 0, deadline_ns)?;
-        Ok(self.records.pop().expect("one record a tick"))
+        Ok(self.records.pop().expect("one record per tick"))
     }
 
-    /// A tick that must not end the session, and whose force must be right.
+    /// One tick. The device must not be lost, and the force must be valid.
     fn tick(&mut self) -> Outcome<TickRecord> {
         let record = self.step().map_err(|error| format!("the device is lost: {error}"))?;
         self.judge(&record)?;
         Ok(record)
     }
 
-    /// Finite, within the limit, no step beyond the slew limit, zero unless active and homed.
+    /// Checks that the force is finite, within the force and slew limits, and zero unless active and homed.
     fn judge(&mut self, record: &TickRecord) -> Outcome<()> {
         let force_n = record.hand_force_n;
         let step_n = vec3::distance(force_n, self.before_n);
         self.before_n = force_n;
         check(vec3::is_finite(force_n) && vec3::norm(force_n) <= MAX_FORCE_N, || format!("{force_n:?} N"))?;
-        check(force_n == vec3::ZERO || step_n <= 2.001, || format!("a step of {step_n} N in a tick"))?;
+        check(force_n == vec3::ZERO || step_n <= 2.001, || format!("a step of {step_n} N in one tick"))?;
         let may = record.phase == Phase::Active && record.device == DeviceState::Homed;
         check(may || force_n == vec3::ZERO, || {
             format!("{force_n:?} N while {:?}, {:?}", record.phase, record.device)
@@ -197,30 +200,31 @@ impl<D: Device> Session<'_, '_, D> {
     }
 }
 
-/// What all runs share.
+/// State of all runs.
 pub(crate) struct Bench<'o> {
     organ: &'o Organ<'o>,
     line: Line,
     begun: Instant,
-    /// The record may hold a force from a moment at which homing was lost.
-    unhomed_passes: bool,
+    /// The record may hold a force from before homing was lost.
+    unhomed_force_allowed: bool,
 }
 
 impl<'o> Bench<'o> {
     pub(crate) const fn new(organ: &'o Organ<'o>, line: Line, begun: Instant) -> Self {
-        Self { organ, line, begun, unhomed_passes: false }
+        Self { organ, line, begun, unhomed_force_allowed: false }
     }
 
-    pub(crate) fn order(&mut self, order: Order) -> Outcome<()> {
-        self.line.order(order)
+    pub(crate) fn command(&mut self, command: BenchCommand) -> Outcome<()> {
+        self.line.command(command)
     }
 
-    fn say(&self, step: impl fmt::Display) {
+    fn log(&self, step: impl fmt::Display) {
         println!("[{:8.3}] {step}", self.begun.elapsed().as_secs_f64());
     }
 
     fn config(&self) -> FalconConfig {
-        // Device z is the outward normal of the first active node, and the device's origin lies on the surface there.
+        // Device z is the outward normal of the first active node. The device's origin lies on the surface
+        // there.
         let space = &self.organ.spaces[0];
         let normal = space.outward_normal;
         let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
@@ -234,39 +238,39 @@ impl<'o> Bench<'o> {
         FalconConfig { workspace, ..FalconConfig::default() }
     }
 
-    /// From a cable that was just put in to a driver that speaks with the firmware, and whose writes may take so long.
-    fn open(&self, write: Duration) -> Outcome<Falcon<Patient>> {
+    /// Opens the driver on a freshly plugged device, with this write timeout.
+    fn open(&self, write: Duration) -> Outcome<Falcon<TimeoutFtdi>> {
         let image = Image::synthetic(FIRMWARE_WORDS);
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         let open = || {
             let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
-            Falcon::start(Arc::new(Patient::new(chip, write, Duration::MAX)), self.config(), Some(&image))
+            Falcon::start(Arc::new(TimeoutFtdi::new(chip, write, Duration::MAX)), self.config(), Some(&image))
         };
         loop {
             match open() {
                 Ok(falcon) => return Ok(falcon),
-                Err(error) if Instant::now() >= until => return Err(format!("it cannot be opened: {error}")),
-                Err(error) => self.say(format_args!("not yet: {error}")),
+                Err(error) if Instant::now() >= until => return Err(format!("opening failed: {error}")),
+                Err(error) => self.log(format_args!("retrying: {error}")),
             }
         }
     }
 
-    fn home(&mut self, falcon: &mut Falcon<Patient>) -> Outcome<()> {
+    fn home(&mut self, falcon: &mut Falcon<TimeoutFtdi>) -> Outcome<()> {
         let stop = Arc::new(AtomicBool::new(false));
         let alarm = Arc::clone(&stop);
         std::thread::spawn(move || {
-            std::thread::sleep(PATIENCE);
+            std::thread::sleep(TIMEOUT);
             alarm.store(true, Ordering::Relaxed);
         });
         match falcon.home(&stop) {
             Ok(true) => {
                 let homed = self.line.report()?.homed;
-                check(homed, || "the driver says homed, the device does not".into())?;
-                // Enough of what the hand does when it homes: it is to wait above the organ.
-                self.order(Order::Lift)
+                check(homed, || "the driver reports homed, the device does not".into())?;
+                // Ends the homing motion; the hand waits above the organ.
+                self.command(BenchCommand::Lift)
             }
-            Ok(false) => Err("it was not homed in time".into()),
-            Err(error) => Err(format!("lost while it was homed: {error}")),
+            Ok(false) => Err("homing timed out".into()),
+            Err(error) => Err(format!("lost during homing: {error}")),
         }
     }
 
@@ -278,7 +282,7 @@ impl<'o> Bench<'o> {
     ) -> Session<'l, 'o, D> {
         let limits = LimitConfig { max_force_n: MAX_FORCE_N, ..LimitConfig::default() };
         let config = Config { limits, ..Config::new(Method::Hybrid) };
-        let controller = Controller::new(self.organ, config).expect("the golden blob has the method");
+        let controller = Controller::new(self.organ, config).expect("the golden blob contains the method");
         let (producer, records) = rtrb::RingBuffer::new(64);
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let outputs = Outputs { records: producer, latest };
@@ -286,125 +290,130 @@ impl<'o> Bench<'o> {
         Session { haptic, clock, records, index: 0, before_n: vec3::ZERO }
     }
 
-    /// What the hand must never have felt.
-    fn safe(&mut self) -> Outcome<Report> {
+    /// Checks the limits that the force on the hand must never exceed.
+    fn check_limits(&mut self) -> Outcome<Report> {
         let report = self.line.report()?;
-        check(report.unhomed_n == 0.0 || self.unhomed_passes, || {
-            format!("{} N before it was homed", report.unhomed_n)
+        check(report.unhomed_n == 0.0 || self.unhomed_force_allowed, || {
+            format!("{} N before homing", report.unhomed_n)
         })?;
         let limit_n = MAX_FORCE_N + ROUNDING_N;
         check(report.largest_n <= limit_n, || format!("{} N at the grip", report.largest_n))?;
         Ok(report)
     }
 
-    fn off(&mut self, when: &str) -> Outcome<Report> {
-        let report = self.safe()?;
+    fn check_zero(&mut self, when: &str) -> Outcome<Report> {
+        let report = self.check_limits()?;
         check(report.force_n == 0.0, || format!("{} N at the grip {when}", report.force_n))?;
         Ok(report)
     }
 
-    /// Not a newton since the record was begun anew.
-    fn nothing(&mut self, when: &str) -> Outcome<()> {
-        let report = self.off(when)?;
+    /// Checks that no force was recorded since the last reset of the record.
+    fn check_no_force(&mut self, when: &str) -> Outcome<()> {
+        let report = self.check_zero(when)?;
         check(report.largest_n == 0.0, || format!("{} N at the grip {when}", report.largest_n))
     }
 
-    /// Armed above the organ; the hand presses until both feel it.
+    /// Arms above the organ; the hand presses until controller and hand record a force.
     fn touch<D: Device>(&mut self, session: &mut Session<'_, '_, D>, controls: &Controls) -> Outcome<f32> {
         controls.reset();
         controls.arm();
         let armed = session.ticks(2)?;
-        check(armed.last().is_some_and(|record| record.phase == Phase::Active), || "it does not arm".into())?;
-        self.order(Order::Press)?;
+        check(armed.last().is_some_and(|record| record.phase == Phase::Active), || "arming failed".into())?;
+        self.command(BenchCommand::Press)?;
         for _ in 0..TOUCH_TICKS / 100 {
             let records = session.ticks(100)?;
             let phase = records.last().map_or(Phase::Disarmed, |record| record.phase);
-            check(phase == Phase::Active, || format!("{phase:?} while it was pressed"))?;
+            check(phase == Phase::Active, || format!("{phase:?} during the press"))?;
             let felt = records.iter().any(|record| vec3::norm(record.hand_force_n) > TOUCH_N);
-            let report = self.safe()?;
+            let report = self.check_limits()?;
             if felt && report.push_n > TOUCH_N {
                 return Ok(report.push_n);
             }
             check(report.push_n > -TOUCH_N, || format!("the organ pulls: {} N", report.push_n))?;
         }
-        Err("nothing was felt where the organ is".into())
+        Err("no contact force at the organ".into())
     }
 
-    /// The whole of a run.
+    /// One complete run.
     pub(crate) fn run(&mut self, seed: u64, exchanges: u64) -> Outcome<Run> {
-        let fault = Strike::of(seed);
-        self.say(format_args!("seed {seed}, fault {}", fault.map_or("none", Strike::name)));
-        self.order(Order::Plug { seed })?;
+        let fault = BenchFault::of(seed);
+        self.log(format_args!("seed {seed}, fault {}", fault.map_or("none", BenchFault::name)));
+        self.command(BenchCommand::Plug { seed })?;
         let plugged = Instant::now();
-        self.unhomed_passes = false;
-        let falcon = self.open(if fault.is_some() { IMPATIENT } else { PATIENT_WRITE })?;
+        self.unhomed_force_allowed = false;
+        let falcon = self.open(if fault.is_some() { SHORT_TIMEOUT } else { LONG_WRITE_TIMEOUT })?;
         let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
         let loads = self.line.report()?.loads;
-        // A machine so busy that an echo comes late makes the driver send it once more; a wrong echo always.
-        let least = if fault == Some(Strike::WrongEcho) { 2 } else { 1 };
-        check(loads >= least, || format!("{loads} loads of firmware, not {least} at least"))?;
+        // On a busy machine a late echo makes the driver send the firmware again. A wrong echo always does.
+        let least = if fault == Some(BenchFault::WrongEcho) { 2 } else { 1 };
+        check(loads >= least, || format!("{loads} firmware loads, expected at least {least}"))?;
         run.loads = loads;
-        self.say(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
+        self.log(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
 
-        let tally = Arc::new(Tally::default());
-        let mut device = Waiting { device: falcon, tally: Arc::clone(&tally) };
-        self.not_before_homing(&mut device)?;
+        let counts = Arc::new(ExchangeCounts::default());
+        let mut device = WaitForReply { device: falcon, counts: Arc::clone(&counts) };
+        self.no_force_before_homing(&mut device)?;
         self.home(&mut device.device)?;
-        self.say("homed");
+        self.log("homed");
         let (clock, controls) = (VirtualClock::default(), Controls::default());
         let mut session = self.session(device, &clock, &controls);
         let records = session.ticks(LIFT_TICKS)?;
         let is_disarmed = records.iter().all(|record| record.phase == Phase::Disarmed);
-        check(is_disarmed, || "it has armed itself".into())?;
-        self.nothing("before it was armed")?;
+        check(is_disarmed, || "the loop armed itself".into())?;
+        self.check_no_force("before arming")?;
         run.touch_n = self.touch(&mut session, &controls)?;
-        self.say(format_args!("armed and in touch, {:.2} N", run.touch_n));
+        self.log(format_args!("armed and in touch, {:.2} N", run.touch_n));
 
         match fault {
             None => {
-                self.long(&mut session, &tally, exchanges)?;
-                run.count(&tally);
+                self.touch_repeatedly(&mut session, &counts, exchanges)?;
+                run.count(&counts);
                 check(run.lost == 0, || format!("{} exchanges lost", run.lost))?;
-                self.done(session, &controls, &mut run)?;
-                run.lost_closing = tally.lost.load(Ordering::Relaxed) - run.lost;
+                self.finish(session, &controls, &mut run)?;
+                run.lost_closing = counts.lost.load(Ordering::Relaxed) - run.lost;
             }
             Some(fault) => {
-                self.struck(session, &controls, fault, &mut run, &tally)?;
-                run.count(&tally);
+                self.run_fault(session, &controls, fault, &mut run, &counts)?;
+                run.count(&counts);
             }
         }
         run.seconds = plugged.elapsed().as_secs_f32();
         Ok(run)
     }
 
-    /// Neither arming nor anything else gives a force before the device is homed.
-    fn not_before_homing(&mut self, device: &mut Opened) -> Outcome<()> {
+    /// Checks that arming gives no force before the device is homed.
+    fn no_force_before_homing(&mut self, device: &mut Opened) -> Outcome<()> {
         let (clock, controls) = (VirtualClock::default(), Controls::default());
         let mut session = self.session(device, &clock, &controls);
         for _ in 0..20 {
             controls.arm();
             let record = session.tick()?;
-            check(record.device != DeviceState::Homed, || "it says homed before it is".into())?;
-            check(record.phase == Phase::Disarmed, || "it arms before it is homed".into())?;
+            check(record.device != DeviceState::Homed, || "homed is reported before homing".into())?;
+            check(record.phase == Phase::Disarmed, || "armed before homing".into())?;
         }
         drop(session);
-        self.nothing("before it was homed")
+        self.check_no_force("before homing")
     }
 
-    /// In and out of the organ, until so many exchanges are done.
-    fn long(&mut self, session: &mut Session<'_, '_, Opened>, tally: &Tally, exchanges: u64) -> Outcome<()> {
-        let mut next = Order::Lift;
-        while tally.answered.load(Ordering::Relaxed) < exchanges {
-            self.order(next)?;
-            next = if next == Order::Lift { Order::Press } else { Order::Lift };
+    /// Moves in and out of the organ until `exchanges` exchanges are done.
+    fn touch_repeatedly(
+        &mut self,
+        session: &mut Session<'_, '_, Opened>,
+        counts: &ExchangeCounts,
+        exchanges: u64,
+    ) -> Outcome<()> {
+        let mut next = BenchCommand::Lift;
+        while counts.answered.load(Ordering::Relaxed) < exchanges {
+            self.command(next)?;
+            next = if next == BenchCommand::Lift { BenchCommand::Press } else { BenchCommand::Lift };
             session.ticks(1_000)?;
-            self.safe()?;
+            self.check_limits()?;
         }
         Ok(())
     }
 
-    /// Disarmed, and then closed: no force after either.
-    fn done<D: Device>(
+    /// Disarms, then closes the device: zero force after both.
+    fn finish<D: Device>(
         &mut self,
         mut session: Session<'_, '_, D>,
         controls: &Controls,
@@ -412,17 +421,17 @@ impl<'o> Bench<'o> {
     ) -> Outcome<()> {
         controls.disarm();
         session.ticks(5)?;
-        self.off("after it was disarmed")?;
-        // Once more with a force, so that the end has something to take away.
-        self.order(Order::Lift)?;
+        self.check_zero("after disarming")?;
+        // Touches once more, so that closing has a force to remove.
+        self.command(BenchCommand::Lift)?;
         session.ticks(LIFT_TICKS)?;
         self.touch(&mut session, controls)?;
         drop(session);
-        let report = self.off("after the end")?;
+        let report = self.check_zero("after closing")?;
         run.largest_n = run.largest_n.max(report.largest_n);
         run.step_n = run.step_n.max(report.step_n);
         run.unhomed_n = run.unhomed_n.max(report.unhomed_n);
-        self.say("disarmed, closed: no force");
+        self.log("disarmed, closed: no force");
         Ok(())
     }
 }

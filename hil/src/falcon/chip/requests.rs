@@ -1,4 +1,5 @@
-//! Control transfers: the standard requests of a device with one configuration, and the chip's own.
+//! Control transfers: the standard requests of a device with one configuration, and the vendor requests of
+//! the chip.
 
 use super::Chip;
 use crate::falcon::descriptors;
@@ -27,7 +28,7 @@ impl Setup {
     }
 }
 
-/// A request that the device does not know.
+/// An unsupported request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stall;
 
@@ -40,7 +41,7 @@ impl core::fmt::Display for Stall {
 impl core::error::Error for Stall {}
 
 impl Chip {
-    /// A control transfer: data for the host, none for a request out.
+    /// Handles a control transfer. Returns the data for the host, empty for a request out.
     pub fn control(&mut self, setup: Setup, data: &[u8]) -> Result<Vec<u8>, Stall> {
         let mut answer = match setup.request_type {
             0x40 if data.is_empty() && setup.length == 0 => self.vendor_out(setup).map(|()| Vec::new()),
@@ -54,7 +55,7 @@ impl Chip {
     }
 
     fn vendor_out(&mut self, Setup { request, value, index, .. }: Setup) -> Result<(), Stall> {
-        // One interface: the index carries only what the two requests below put there.
+        // There is one interface, so only two requests carry a value in the index.
         if index != 0 && !matches!(request, 2 | 3) {
             return Err(Stall);
         }
@@ -95,7 +96,8 @@ impl Chip {
     const fn standard_out(&mut self, setup: Setup) -> Result<(), Stall> {
         match (setup.request, setup.value) {
             (9, 0 | 1) => self.configuration = setup.value as u8,
-            // The address is the host controller's affair; a halted pipe is cleared; the interface has no alternate.
+            // The host controller assigns the address, a halted pipe is cleared, and the interface has one
+            // setting.
             (5, _) | (1 | 11, 0) => {}
             _ => return Err(Stall),
         }

@@ -1,13 +1,14 @@
-//! The Falcon on the guest's USB as a rig: the real driver here, its device in the bench, whose time goes on when this says so.
+//! The Falcon on the guest's USB as a rig: the real driver runs here, and its device in the bench, whose time
+//! this rig advances.
 
 use crate::line::Line;
-use crate::patient::{Patient, Reader};
+use crate::timeout_ftdi::{Reader, TimeoutFtdi};
 use palpate_core::{Sample, Vec3};
-use palpate_hil::bench::{Ask, Told};
+use palpate_hil::bench::{RigReply, RigRequest};
 use palpate_hil::fault::{FaultCounts, Faults};
-use palpate_hil::felt::Felt;
+use palpate_hil::force_record::ForceRecord;
 use palpate_hil::mechanism::Waypoint;
-use palpate_hil::rig::{Cut, FalconRig, Kind, Mishap, OpenError, Rig, Traits};
+use palpate_hil::rig::{Cut, FalconRig, HardwareFault, OpenError, Rig, RigKind, Traits};
 use palpate_host::device::DeviceWrapper;
 use palpate_host::device::falcon::usb::UsbError;
 use palpate_host::device::falcon::{Falcon, FalconConfig, FalconError, Image, Mode, UsbFtdi};
@@ -18,39 +19,40 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
-/// For a device that was plugged in to be there, and for one that was pulled to be missed.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Shortest wait of a write: the bus of a machine that is not real may be late, and the device's time stands still meanwhile.
-const WRITE: Duration = Duration::from_secs(2);
-/// Longest wait of a read: what the end of a driver may take, in each of some hundred openings.
-const READ: Duration = Duration::from_millis(20);
-/// Words of the firmware, which is none.
+/// Longest time for the guest to detect plugging or unplugging.
+const TIMEOUT: Duration = Duration::from_secs(60);
+/// Shortest write timeout: the USB of a virtual machine may be late, and the device's time stands still
+/// meanwhile.
+const MIN_WRITE_TIMEOUT: Duration = Duration::from_secs(2);
+/// Longest read timeout: it bounds the time to close a driver, some hundred times.
+const MAX_READ_TIMEOUT: Duration = Duration::from_millis(20);
+/// Number of words of the synthetic firmware.
 const FIRMWARE_WORDS: u16 = 500;
 
-/// The line to the bench, for all rigs one after the other.
+/// The line to the bench, shared by all rigs in turn.
 static LINE: OnceLock<Mutex<Line>> = OnceLock::new();
 
-/// The rig, as the suite makes it; from here on the line is its own.
-pub(crate) fn kind(line: Line) -> Kind {
-    // Once in the life of the process.
+/// The rig for the contract suite. Takes over the line.
+pub(crate) fn kind(line: Line) -> RigKind {
+    // Set once in the process.
     let _ = LINE.set(Mutex::new(line));
-    Kind { name: "falcon-qemu", in_memory: false, make: |seed| Box::new(FarRig::new(seed)) }
+    RigKind { name: "falcon-qemu", in_memory: false, make: |seed| Box::new(RemoteRig::new(seed)) }
 }
 
-/// What is asked of the bench.
+/// Sends a request to the bench.
 ///
 /// # Panics
 ///
-/// If it does not answer: the check that asked fails.
-fn ask(ask: Ask) -> Told {
+/// If the bench does not answer. The calling check then fails.
+fn request(request: RigRequest) -> RigReply {
     let mut line = LINE.get().expect("set").lock().unwrap_or_else(PoisonError::into_inner);
-    let answer = line.ask(&ask).unwrap_or_else(|error| panic!("{ask}: {error}"));
-    answer.parse().unwrap_or_else(|_| panic!("the bench says `{answer}` to `{ask}`"))
+    let answer = line.request(&request).unwrap_or_else(|error| panic!("{request}: {error}"));
+    answer.parse().unwrap_or_else(|_| panic!("the bench answers `{answer}` to `{request}`"))
 }
 
-/// The driver; when it is gone nobody reads.
+/// The driver. After it is dropped nothing reads from the chip.
 struct Driver {
-    inner: Falcon<Patient>,
+    inner: Falcon<TimeoutFtdi>,
     reader: Arc<Reader>,
 }
 
@@ -61,35 +63,35 @@ impl Drop for Driver {
 }
 
 impl DeviceWrapper for Driver {
-    type Inner = Falcon<Patient>;
+    type Inner = Falcon<TimeoutFtdi>;
 
-    fn inner(&self) -> &Falcon<Patient> {
+    fn inner(&self) -> &Falcon<TimeoutFtdi> {
         &self.inner
     }
 
-    fn inner_mut(&mut self) -> &mut Falcon<Patient> {
+    fn inner_mut(&mut self) -> &mut Falcon<TimeoutFtdi> {
         &mut self.inner
     }
 
     fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
         let exchanged = self.inner.exchange(now_us, hand_force_n);
-        // The device's time does not go on before it has what was sent.
-        self.inner.wait_attempted(WRITE);
+        // The device receives the request before its time advances.
+        self.inner.wait_attempted(MIN_WRITE_TIMEOUT);
         exchanged
     }
 }
 
-struct FarRig {
+struct RemoteRig {
     profile: Profile,
     traits: Traits,
     now_us: u64,
     reader: Arc<Reader>,
 }
 
-impl FarRig {
+impl RemoteRig {
     fn new(seed: u64) -> Self {
-        ask(Ask::Fresh { seed });
-        // What the device is like it is in memory too.
+        request(RigRequest::NewDevice { seed });
+        // Profile and traits are those of the rig in memory.
         let like = FalconRig::new(seed);
         Self { profile: like.profile().clone(), traits: like.traits(), now_us: 0, reader: Arc::default() }
     }
@@ -100,29 +102,30 @@ impl FarRig {
 
     fn try_open(&self, config: FalconConfig, image: &Image) -> Result<Driver, FalconError> {
         let chip = UsbFtdi::open().map_err(FalconError::Usb)?;
-        let patient = Patient::new(chip, WRITE, READ);
-        let reader = patient.reader();
-        Ok(Driver { inner: Falcon::start(Arc::new(patient), config, Some(image))?, reader })
+        let chip = TimeoutFtdi::new(chip, MIN_WRITE_TIMEOUT, MAX_READ_TIMEOUT);
+        let reader = chip.reader();
+        Ok(Driver { inner: Falcon::start(Arc::new(chip), config, Some(image))?, reader })
     }
 
     fn pass(&mut self, from_us: u64, until_us: u64, every_us: u64) -> Vec<Vec3> {
-        let told = ask(Ask::Pass { from_us, until_us, every_us, is_read: self.reads() });
+        let reply =
+            request(RigRequest::Advance { from_us, until_us, every_us, wait_for_driver: self.reads() });
         self.now_us = self.now_us.max(until_us);
-        match told {
-            Told::Was(places) => places,
-            other => panic!("{other:?} to a time"),
+        match reply {
+            RigReply::Positions(places) => places,
+            other => panic!("{other:?} to an advance"),
         }
     }
 
     fn places(&self) -> (Vec3, Vec3) {
-        match ask(Ask::Place) {
-            Told::Place(is, said) => (is, said),
-            other => panic!("{other:?} to a place"),
+        match request(RigRequest::Position) {
+            RigReply::Position(actual, reported) => (actual, reported),
+            other => panic!("{other:?} to a position request"),
         }
     }
 }
 
-impl Rig for FarRig {
+impl Rig for RemoteRig {
     fn name(&self) -> String {
         "Falcon on the USB of a virtual machine".into()
     }
@@ -140,21 +143,21 @@ impl Rig for FarRig {
             workspace,
             ..FalconConfig::of(&self.profile, Mode::Threaded { fifo_priority: None })
         };
-        let (image, until) = (Image::synthetic(FIRMWARE_WORDS), Instant::now() + PATIENCE);
-        ask(Ask::Run);
+        let (image, until) = (Image::synthetic(FIRMWARE_WORDS), Instant::now() + TIMEOUT);
+        request(RigRequest::BeginOpen);
         let driver = loop {
             match self.try_open(config, &image) {
                 Ok(driver) => break driver,
-                // The guest's kernel has not seen yet what was plugged in or pulled.
+                // The guest's kernel has not processed the last plugging or unplugging yet.
                 Err(FalconError::Usb(UsbError::NotFound | UsbError::Device(_)) | FalconError::Device(_))
                     if Instant::now() < until => {}
                 Err(error) => return Err(error.into()),
             }
         };
         driver.reader.reads.store(true, Ordering::Release);
-        ask(Ask::Hold);
+        request(RigRequest::EndOpen);
         (self.reader, self.now_us) = (Arc::clone(&driver.reader), 0);
-        // What opening has left is read before the first exchange.
+        // Data left from opening is read before the first exchange.
         self.advance(0);
         Ok(Box::new(driver))
     }
@@ -172,15 +175,15 @@ impl Rig for FarRig {
         self.now_us
     }
 
-    fn felt(&self) -> Felt {
-        match ask(Ask::Felt) {
-            Told::Felt(felt) => felt,
-            other => panic!("{other:?} to what was felt"),
+    fn force_record(&self) -> ForceRecord {
+        match request(RigRequest::ForceRecord) {
+            RigReply::ForceRecord(felt) => felt,
+            other => panic!("{other:?} to a record request"),
         }
     }
 
-    fn forget(&mut self) {
-        ask(Ask::Forget);
+    fn reset_record(&mut self) {
+        request(RigRequest::ResetRecord);
     }
 
     fn position_m(&self) -> Vec3 {
@@ -192,40 +195,40 @@ impl Rig for FarRig {
     }
 
     fn follow(&mut self, path: Vec<Waypoint>) {
-        ask(Ask::Follow(path));
+        request(RigRequest::Follow(path));
     }
 
     fn press(&mut self, buttons: u8) {
-        ask(Ask::Press(buttons));
+        request(RigRequest::Press(buttons));
     }
 
     fn set_faults(&mut self, to_device: Faults, to_host: Faults) {
-        ask(Ask::Faults(to_device, to_host));
+        request(RigRequest::Faults(to_device, to_host));
     }
 
     fn counts(&self) -> FaultCounts {
-        match ask(Ask::Counts) {
-            Told::Counts(counts) => counts,
-            other => panic!("{other:?} to what went wrong"),
+        match request(RigRequest::Counts) {
+            RigReply::Counts(counts) => counts,
+            other => panic!("{other:?} to a counts request"),
         }
     }
 
     fn unplug(&mut self, cut: Cut) {
-        ask(Ask::Unplug(cut));
-        // The guest's kernel takes its own time to miss it; the driver's exchanges are counted from there.
-        let until = Instant::now() + PATIENCE;
+        request(RigRequest::Unplug(cut));
+        // The guest's kernel needs time to detect it. Exchanges are counted from there.
+        let until = Instant::now() + TIMEOUT;
         while self.reads() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(1));
         }
     }
 
     fn replug(&mut self) {
-        ask(Ask::Replug);
+        request(RigRequest::Replug);
     }
 
-    fn strike(&mut self, mishap: Mishap) -> bool {
-        // Each of them can happen to a Falcon.
-        ask(Ask::Strike(mishap));
+    fn inject(&mut self, fault: HardwareFault) -> bool {
+        // A Falcon supports every fault.
+        request(RigRequest::Inject(fault));
         true
     }
 }

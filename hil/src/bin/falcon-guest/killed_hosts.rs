@@ -1,37 +1,38 @@
-//! Hosts in the guest that are killed and stopped while they hold a force, and what their supervisor makes of it on a real bus.
+//! Kills and stops host processes in the guest while they render a force, and checks their supervisor on a
+//! real bus.
 
 use crate::Outcome;
 use crate::line::Line;
 use nix::sys::signal::Signal;
 use nix::unistd::Pid;
 use palpate_core::Vec3;
-use palpate_hil::bench::{Order, Report};
-use palpate_hil::hosts::{self, Host, comes, is_running};
-use palpate_hil::matrix::Wrong;
+use palpate_hil::bench::{BenchCommand, Report};
+use palpate_hil::hosts::{self, Host, happens_within, is_running};
+use palpate_hil::matrix::FaultKind;
 use palpate_host::device::falcon::{Falcon, FalconConfig, Image, UsbFtdi};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-/// What the host asks for, N; towards the user.
+/// Commanded force, N; towards the user.
 const FORCE_N: Vec3 = [0.0, 0.0, 1.5];
-/// What of it must be felt, N.
+/// Least force at the grip, N.
 const FELT_N: f32 = 1.0;
-/// Silence after which the supervisor takes the force away here, ms: longer than the product's, for the time of this machine is not real, and it stands
-/// still itself for longer than that.
+/// Silence after which the supervisor sets zero force here, ms. It is longer than the product's limit,
+/// because the guest's clock is not real time and the virtual machine stops for longer than that limit.
 const LIMIT_MS: u32 = 250;
-/// How often a host is brought up before it is a failure that none holds a force.
-const TRIES: usize = 3;
-/// How long nothing must be felt, at each look.
-const STAYS: Duration = Duration::from_millis(500);
-/// Words of the firmware, which is none.
+/// How often to start a host until it renders a force.
+const MAX_TRIES: usize = 3;
+/// How long the force must stay zero at each check.
+const ZERO_HOLD: Duration = Duration::from_millis(500);
+/// Number of words of the synthetic firmware.
 const FIRMWARE_WORDS: u16 = 500;
 
-/// The life of a host process.
+/// Main function of a host process.
 pub(crate) fn host() -> Outcome<()> {
     hosts::host(this("supervise")?, LIMIT_MS, true, FORCE_N)
 }
 
-/// The life of its supervisor.
+/// Main function of its supervisor.
 pub(crate) fn supervise() -> Outcome<()> {
     let image = Image::synthetic(FIRMWARE_WORDS);
     hosts::supervise(|| {
@@ -46,15 +47,15 @@ fn this(word: &str) -> Outcome<Command> {
     Ok(command)
 }
 
-/// Each of them once.
-pub(crate) fn orphans(line: &str) -> Outcome<()> {
+/// Runs each fault once.
+pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
     let begun = Instant::now();
     let mut line = Line::open(line)?;
-    let all = [Wrong::HostKilled, Wrong::HostPaused];
+    let all = [FaultKind::HostKilled, FaultKind::HostPaused];
     let mut failed = 0;
-    for wrong in all {
-        let name = wrong.name();
-        match orphan(&mut line, wrong) {
+    for fault in all {
+        let name = fault.name();
+        match killed_host(&mut line, fault) {
             Ok(Report { largest_n, step_n, zero_ms, .. }) => {
                 let zero_ms = zero_ms.map_or_else(|| "-".into(), |ms| format!("{ms:.1}"));
                 println!(
@@ -72,66 +73,66 @@ pub(crate) fn orphans(line: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// A host whose force is on the motors, and its supervisor.
+/// Starts a host and its supervisor, and waits until the force is on the motors.
 fn held(line: &mut Line) -> Outcome<(Host, Pid)> {
-    line.order(Order::Plug { seed: 0 })?;
-    if !comes(hosts::CERTAIN, || UsbFtdi::open().is_ok()) {
+    line.command(BenchCommand::Plug { seed: 0 })?;
+    if !happens_within(hosts::MAX_WAIT, || UsbFtdi::open().is_ok()) {
         return Err("no Falcon on the bus".into());
     }
     let host = Host::start(this("host")?);
-    let supervisor = host.supervisor().ok_or("no word of the supervisor")?;
-    let mut broken = None;
+    let supervisor = host.supervisor().ok_or("the host has not named its supervisor")?;
+    let mut violation = None;
     let is_felt = |report: Report| report.push_n > FELT_N;
-    // A line that is broken needs no more looks.
-    let mut look = || line.report().map(is_felt).map_err(|error| broken = Some(error)).unwrap_or(true);
-    let held = host.hold(|time| comes(time, &mut look));
-    broken.map_or(Ok(()), Err)?;
+    // A broken line ends the wait.
+    let mut look = || line.report().map(is_felt).map_err(|error| violation = Some(error)).unwrap_or(true);
+    let held = host.hold(|time| happens_within(time, &mut look));
+    violation.map_or(Ok(()), Err)?;
     held?;
     Ok((host, supervisor))
 }
 
-fn orphan(line: &mut Line, wrong: Wrong) -> Outcome<Report> {
+fn killed_host(line: &mut Line, fault: FaultKind) -> Outcome<Report> {
     let mut tried = 1;
     let (host, supervisor) = loop {
         match held(line) {
             Ok(held) => break held,
-            // Nothing was done to it yet: the machine's doing, if it does not happen each time.
-            Err(reason) if tried < TRIES => println!("host fault={} tried {tried}: {reason}", wrong.name()),
+            // No fault was injected yet: a failure here is due to the machine unless it repeats.
+            Err(reason) if tried < MAX_TRIES => println!("host fault={} try {tried}: {reason}", fault.name()),
             Err(reason) => return Err(reason),
         }
         tried += 1;
     };
-    line.order(Order::Forget)?;
-    line.order(Order::Strike)?;
-    host.signal(hosts::signal(wrong));
+    line.command(BenchCommand::ResetRecord)?;
+    line.command(BenchCommand::Inject)?;
+    host.signal(hosts::signal(fault));
     let since = Instant::now();
     let zeroed = loop {
         let report = line.report()?;
         if report.force_n == 0.0 {
             break report;
         }
-        if since.elapsed() > hosts::CERTAIN {
-            return Err(format!("{} N, and the host is gone", report.force_n));
+        if since.elapsed() > hosts::MAX_WAIT {
+            return Err(format!("{} N after the host is lost", report.force_n));
         }
     };
     if zeroed.largest_n <= FELT_N {
-        return Err("there was no force to take away".into());
+        return Err("no force before the fault".into());
     }
     stays_zero(line)?;
     let ends = |supervisor| {
-        if comes(hosts::CERTAIN, || !is_running(supervisor)) {
+        if happens_within(hosts::MAX_WAIT, || !is_running(supervisor)) {
             Ok(())
         } else {
-            Err("no end of the supervisor")
+            Err("the supervisor does not end")
         }
     };
-    if wrong == Wrong::HostKilled {
+    if fault == FaultKind::HostKilled {
         ends(supervisor)?;
     } else {
-        // It goes on with its force as if nothing had been.
+        // The host resumes and sends its force as before.
         host.signal(Signal::SIGCONT);
-        if !comes(hosts::CERTAIN, || host.said("zeroed")) {
-            return Err("no word that it was zeroed".into());
+        if !happens_within(hosts::MAX_WAIT, || host.has_printed("zeroed")) {
+            return Err("the host has not reported that it was zeroed".into());
         }
         stays_zero(line)?;
     }
@@ -142,8 +143,8 @@ fn orphan(line: &mut Line, wrong: Wrong) -> Outcome<Report> {
 }
 
 fn stays_zero(line: &mut Line) -> Outcome<()> {
-    line.order(Order::Forget)?;
-    std::thread::sleep(STAYS);
+    line.command(BenchCommand::ResetRecord)?;
+    std::thread::sleep(ZERO_HOLD);
     let report = line.report()?;
     if report.largest_n == 0.0 && report.force_n == 0.0 {
         return Ok(());

@@ -1,4 +1,4 @@
-//! The chip with waits that fit a machine whose time is not real.
+//! The USB chip with timeouts adapted to a machine whose clock is not real time.
 
 use palpate_host::DeviceError;
 use palpate_host::device::falcon::{Ftdi, UsbFtdi};
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// A driver reads, and has not lost its device.
+/// Whether a driver reads and still has its device.
 #[derive(Debug, Default)]
 pub(crate) struct Reader {
     pub reads: AtomicBool,
@@ -14,27 +14,27 @@ pub(crate) struct Reader {
 
 /// The chip on the guest's USB.
 #[derive(Debug)]
-pub(crate) struct Patient {
+pub(crate) struct TimeoutFtdi {
     chip: UsbFtdi,
-    /// Shortest wait of a write.
+    /// Shortest write timeout.
     write: Duration,
-    /// Longest wait of a read.
+    /// Longest read timeout.
     read: Duration,
     reader: Arc<Reader>,
 }
 
-impl Patient {
-    /// A write may take at least so long, a read at most.
+impl TimeoutFtdi {
+    /// Writes time out after at least `write`, reads after at most `read`.
     pub(crate) fn new(chip: UsbFtdi, write: Duration, read: Duration) -> Self {
         Self { chip, write, read, reader: Arc::default() }
     }
 
-    /// Who reads.
+    /// State of the reading driver.
     pub(crate) fn reader(&self) -> Arc<Reader> {
         Arc::clone(&self.reader)
     }
 
-    /// An error after which nobody reads any more.
+    /// After a permanent error nothing reads any more.
     fn noted<T>(&self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
         if result.as_ref().is_err_and(|error| !error.kind().is_transient()) {
             self.reader.reads.store(false, Ordering::Release);
@@ -43,7 +43,7 @@ impl Patient {
     }
 }
 
-impl Ftdi for Patient {
+impl Ftdi for TimeoutFtdi {
     fn control(&self, request: u8, value: u16) -> Result<(), DeviceError> {
         self.chip.control(request, value)
     }
