@@ -1,15 +1,16 @@
 #!/usr/bin/python3
-"""Measures what GetFEM takes for the five bodies of the paper's Table 1, on the bundled organ, with one thread.
+"""Measures GetFEM's times for the five bodies of the paper's Table 1, on the bundled organ, with one thread.
 
-    /usr/bin/python3 getfem_bench.py [--cases a,b] [--mesh-dir ../../assets] [--csv FILE] [--repetitions N] [--clock cpu]
+    /usr/bin/python3 getfem_bench.py [--cases a,b] [--mesh-dir ../../assets] [--csv FILE] [--repetitions N]
+        [--clock cpu]
 
-Seconds are wall time (or CPU time) of GetFEM's own calls, on one core: assembly of residual and tangent, and MUMPS (analysis,
-factorisation and back-solve, as GetFEM keeps none of them). Newton's loop, copies and the elimination in Python are not
-counted. Fixed: F1; active: A2, moved inward along (-0.67, -0.15, -0.73).
+Seconds are wall time (or CPU time) of GetFEM's own calls, on one core: assembly of residual and tangent, and
+MUMPS (analysis, factorisation and back-solve, because GetFEM keeps none of them). Newton's loop, copies and
+the elimination in Python are not counted. Fixed: F1; active: A2, moved inward along (-0.67, -0.15, -0.73).
 
-An iteration is the median over a step of 1 mm from rest. A configuration is at 15 mm, its solved neighbour at 5 mm:
-either ten increments of 1 mm, or one step from the tangent predictor u + du/dd 10 mm (a by-product of the neighbour, so
-not counted). Both end at a residual of 1e-8 of the reaction.
+The time of an iteration is the median over a step of 1 mm from rest. A configuration at 15 mm is solved from
+its neighbour at 5 mm, either in ten increments of 1 mm, or in one step from the tangent predictor u + du/dd
+10 mm (a by-product of the neighbour, so not counted). Both end at a residual of 1e-8 of the reaction.
 """
 
 import argparse
@@ -95,8 +96,8 @@ def measure(case, mesh_dir, repetitions):
     # x = -K^-1 K_fA d, with GetFEM's tangent at the neighbour.
     model.residual(neighbour)
     tangent, _ = model.tangent()
-    way = (TARGET_MM - NEIGHBOUR_MM) * STEP_M * INWARD
-    predictor, _ = model.solve_linear(tangent, -model.coupling(tangent, way))
+    increment = (TARGET_MM - NEIGHBOUR_MM) * STEP_M * INWARD
+    predictor, _ = model.solve_linear(tangent, -model.coupling(tangent, increment))
 
     ends = []
     try:
@@ -113,9 +114,9 @@ def measure(case, mesh_dir, repetitions):
     except Failed as failure:
         status.append(f"one step failed: {failure}")
     if len(ends) == 2 and np.abs(ends[0] - ends[1])[model.u].max() > 1e-8:
-        status.append("the two ways end in different states")
+        status.append("increments and one step end in different states")
     if any(model.smallest_jacobian(end) <= 0 for end in ends):
-        status.append("a tet is inside out")
+        status.append("a tet is inverted")
     return row | {"status": "; ".join(status) or "ok"}
 
 
@@ -124,9 +125,9 @@ def main():
     arguments.add_argument("--cases", default=",".join(CASES), help="some of " + ",".join(CASES))
     arguments.add_argument("--mesh-dir", type=pathlib.Path, default=HERE.parent.parent / "assets")
     arguments.add_argument("--csv", help="file to write; standard output without it")
-    arguments.add_argument("--repetitions", type=int, help="of every measurement, instead of 1 to 5 by size")
+    arguments.add_argument("--repetitions", type=int, help="repetitions of every measurement, instead of 1 to 5 by size")
     arguments.add_argument(
-        "--clock", choices=("wall", "cpu"), default="wall", help="cpu: for a machine that is busy with other things"
+        "--clock", choices=("wall", "cpu"), default="wall", help="cpu: for a busy machine"
     )
     options = arguments.parse_args()
     if options.clock == "cpu":
@@ -134,10 +135,10 @@ def main():
     names = options.cases.split(",")
     for name in names:
         if name not in CASES:
-            arguments.error(f"no case {name!r}: there are {', '.join(CASES)}")
+            arguments.error(f"unknown case {name!r}; known: {', '.join(CASES)}")
     if not options.mesh_dir.is_dir():
-        arguments.error(f"no folder {options.mesh_dir}")
-    # One core, the last of those we may use: the first gets most of the machine's interrupts.
+        arguments.error(f"folder not found: {options.mesh_dir}")
+    # One core, the last available one, because the first handles most interrupts.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
     with open(options.csv, "w", encoding="utf-8") if options.csv else sys.stdout as file:

@@ -1,21 +1,21 @@
-"""A static hyperelastic body in GetFEM on one of the project's meshes: the peer whose numbers check ours.
+"""A static hyperelastic body in GetFEM on one of the project's meshes, for comparison with the project.
 
     u = 0 on the fixed nodes,   u = d on the active node,   find u (and p) with   dW/du = 0 elsewhere
 
-Force: by the tool ON the body at the active node, dW/dd, N. What the hand feels is the opposite.
+Force: by the tool ON the body at the active node, dW/dd, N. The hand receives the opposite force.
 Energy: strain energy relative to rest, J; the constraint p (1 - J) adds nothing at a solution.
 SI units throughout. p > 0 is compression.
 
 Both Dirichlet conditions are eliminated: GetFEM assembles the whole body, the rows and columns of prescribed
-displacements are left out of what MUMPS gets, and the reaction is what the assembled residual leaves there. MUMPS
-factorises them as symmetric. Both are GetFEM's fastest ways (README.md has the others).
+displacements are removed before MUMPS, and the reaction is the assembled residual in those rows. MUMPS
+factorises the system as symmetric. Both choices are GetFEM's fastest (README.md lists the others).
 
 Needs Debian's python3-getfem (see `install`), run with /usr/bin/python3.
 """
 
 import os
 
-# Before numpy loads its BLAS: one thread, for times that can be compared and digits that can be repeated.
+# Before numpy loads its BLAS: one thread, for comparable times and repeatable digits.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 
@@ -31,7 +31,7 @@ try:
 except ImportError as error:
     sys.exit(f"{MISSING} ({error})")
 
-# What the times below are read from; wall time, unless a caller puts time.process_time here.
+# Clock of the times below: wall time, unless a caller sets time.process_time.
 clock = time.perf_counter
 
 gf.util_trace_level(0)
@@ -43,8 +43,8 @@ LAMBDA_PA = YOUNG_PA * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
 MU_PA = YOUNG_PA / (2 * (1 + POISSON))
 C10_PA, C01_PA = 1300.0, 1280.0
 
-# First Piola stress P (Pa) and strain energy density W (J/m3) in GetFEM's language; F = I + grad u, E = (F'F - I)/2.
-# Written by hand as stresses, and not as potentials for GetFEM to derive: it assembles those 2 to 7 times slower.
+# First Piola stress P (Pa) and strain energy density W (J/m3) in GetFEM's language; F = I + grad u, E = (F'F
+# - I)/2. The stresses are written by hand, because GetFEM assembles derived potentials 2 to 7 times slower.
 F = "(Id(3)+Grad_u)"
 E = f"Green_Lagrangian({F})"
 C = f"Right_Cauchy_Green({F})"
@@ -100,7 +100,7 @@ LAWS = {
 
 
 class Mesh:
-    """Nodes (n x 3, m), tets (m x 4, 0-based nodes in file order), node sets of the surface groups by name."""
+    """Nodes (n x 3, m), tets (m x 4, 0-based nodes in file order), node sets of surface groups by name."""
 
     def __init__(self, nodes, tets, groups):
         self.nodes, self.tets, self.groups = nodes, tets, groups
@@ -109,8 +109,8 @@ class Mesh:
 def read_gmsh(path):
     """Reads Gmsh 4.1 ASCII with node tags 1..N in file order.
 
-    By hand and not by GetFEM's own import, which renumbers a group that shares its number with another of a different
-    dimension, and because the numbers of the nodes have to stay those of the file.
+    GetFEM's own import is not used: it renumbers a group that shares its number with one of another
+    dimension, and the node numbers must stay those of the file.
     """
     with open(path, encoding="ascii") as file:
         lines = [line.strip() for line in file]
@@ -183,7 +183,8 @@ class Failed(Exception):
 class Model:
     """One body, held at `fixed` (0-based nodes) and moved at `active`, with a law of LAWS and order 1 or 2.
 
-    The state is GetFEM's vector of all unknowns: u of the whole body, then p on the vertices if incompressible.
+    The state is GetFEM's vector of all unknowns: u of the whole body, then p on the vertices if
+    incompressible.
     """
 
     def __init__(self, mesh, law, order, fixed, active):
@@ -243,12 +244,12 @@ class Model:
             points = np.ascontiguousarray(self.mf.basic_dof_nodes().T)
             self._points = points
             self._dofs = np.full((len(self.mesh.nodes), 3), -1)
-            for dof in range(0, len(points), 3):  # GetFEM keeps a node's three dofs together
+            for dof in range(0, len(points), 3):  # the three dofs of a node are adjacent
                 node = places.get(points[dof].tobytes())
                 if node is not None:
                     self._dofs[node] = [dof, dof + 1, dof + 2]
             if (self._dofs < 0).any() or (points[0::3] != points[2::3]).any():
-                sys.exit("GetFEM moved the nodes")
+                sys.exit("GetFEM has changed the node positions")
         return self._dofs[np.asarray(nodes)]
 
     def _displacement_dofs(self, fixed):
@@ -272,7 +273,8 @@ class Model:
                 dofs += [dof, dof + 1, dof + 2]
         return np.array(sorted(dofs))
 
-    # One evaluation each. The timed ones return seconds of GetFEM's own work, without the copies into Python.
+    # One evaluation each. Timed functions return the seconds of GetFEM's own calls, without copies into
+    # Python.
 
     def residual(self, state):
         """Assembles the residual: (values over all unknowns: N and m3, seconds)."""
@@ -292,8 +294,9 @@ class Model:
     def solve_linear(self, tangent, right):
         """GetFEM's own choice of solver (MUMPS, symmetric) over the free unknowns: (solution, seconds).
 
-        The system goes in as a linear model of its own, as `gf.linsolve_mumps` ignores the symmetry and takes 1.3 to
-        1.9 times as long. Building that model is not charged; what `solve` spends in putting it together is taken off.
+        The system is passed as a separate linear model, because `gf.linsolve_mumps` ignores the symmetry and
+        takes 1.3 to 1.9 times as long. Building that model is not counted, and its assembly inside `solve` is
+        subtracted.
         """
         linear = gf.Model("real")
         linear.add_variable("x", len(right))
@@ -326,14 +329,17 @@ class Model:
         points = gf.MeshImData(self.mim, -1)
         return float(np.min(self.model.interpolation(J, points)))
 
-    def solve_at(self, displacement, state, tolerance=1e-8, max_iterations=30, polish=0, record=None):
-        """Newton's method at u_A = displacement from the guess `state`: (state, force / N, iterations, relative residual).
+    def solve_at(self, displacement, state, tolerance=1e-8, max_iterations=30, final_corrections=0, record=None):
+        """Newton's method at u_A = displacement from the guess `state`.
 
-        Converged at a residual of `tolerance` times the reaction (2-norms). The first step is always taken in full: it
-        raises the residual legitimately, since all of it sits in the elements around the active node before. Later
-        steps are halved, up to five times, only where the residual becomes a NaN or grows tenfold. `polish` more
-        iterations follow a convergence, kept where they lower the residual. `record` collects (assembly, solve) seconds of
-        every iteration; a residual alone, as at the end, counts as (assembly, None).
+        Returns (state, force / N, iterations, relative residual).
+
+        Converged at a residual of `tolerance` times the reaction (2-norms). The first step is always taken in
+        full. It may raise the residual, which is concentrated in the elements around the active node before.
+        Later steps are halved, up to five times, if the residual is a NaN or grows tenfold. After convergence
+        up to `final_corrections` more iterations follow while they lower the residual. `record` collects the
+        (assembly, solve) seconds of every iteration; a residual alone, as at the end, counts as (assembly,
+        None).
         """
         state = state.copy()
         state[self.active] = displacement
@@ -346,7 +352,7 @@ class Model:
             if not np.isfinite(size) or size > 1e8 * scale:
                 raise Failed(f"diverged after {iterations} iterations")
             if size <= tolerance * scale:
-                if extra == polish:
+                if extra == final_corrections:
                     break
                 extra += 1
             elif iterations >= max_iterations:

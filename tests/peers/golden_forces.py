@@ -3,8 +3,8 @@
 
     /usr/bin/python3 golden_forces.py [--mesh-dir ../../assets] [--csv golden/forces.csv]
 
-Straight paths at 1 mm a step, solved as far as GetFEM gets; a path ends, with a note on stderr, where Newton fails or a
-tet turns inside out. The definitions of force and energy are in getfem_model.py.
+Straight paths in steps of 1 mm. A path ends, with a note on stderr, where Newton's method fails or a tet
+inverts. The definitions of force and energy are in getfem_model.py.
 """
 
 import argparse
@@ -17,10 +17,10 @@ from getfem_model import LAWS, Failed, Model, np, read_scene
 
 HERE = pathlib.Path(__file__).resolve().parent
 STEP_M = 1e-3
-# Against the outward normals of assets/README.md: A1's is (-0.05, 0.13, 0.99), A2's (0.67, 0.15, 0.73).
+# Opposite to the outward normals of assets/README.md: A1's is (-0.05, 0.13, 0.99), A2's (0.67, 0.15, 0.73).
 INWARD = {"A1": (0.05, -0.13, -0.99), "A2": (-0.67, -0.15, -0.73)}
 TANGENT = {"A1": (1.0, 0.0, 0.0), "A2": (0.0, 1.0, 0.0)}
-# Steps (mm) that are written of those that are solved.
+# Steps (mm) that are written to the table.
 SHORT = (1, 2, 3, 4, 5)
 MEDIUM = (1, 2, 3, 4, 6, 8, 10, 12)
 LONG = MEDIUM + (16, 20, 25)
@@ -40,9 +40,9 @@ def cases():
 
 
 def version():
-    """Debian's version of GetFEM, or 'unknown': GetFEM's interface does not tell its own."""
-    asked = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", "python3-getfem"], capture_output=True, text=True)
-    return asked.stdout or "unknown"
+    """Debian's version of GetFEM, or 'unknown': GetFEM's interface does not report its own version."""
+    query = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", "python3-getfem"], capture_output=True, text=True)
+    return query.stdout or "unknown"
 
 
 def main():
@@ -68,10 +68,10 @@ def main():
         for step in range(1, max(steps) + 1):
             displacement = step * STEP_M * unit
             try:
-                state, force, iterations, residual = model.solve_at(displacement, state, tolerance=1e-10, polish=2)
+                state, force, iterations, residual = model.solve_at(displacement, state, tolerance=1e-10, final_corrections=2)
                 smallest = model.smallest_jacobian(state)
                 if smallest <= 0 and law != "linear":
-                    raise Failed(f"a tet is inside out, J = {smallest:.3f}")
+                    raise Failed(f"inverted tet, J = {smallest:.3f}")
             except Failed as failure:
                 print(f"{case}: ends before {step} mm: {failure}", file=sys.stderr)
                 break

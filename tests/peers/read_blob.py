@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Reads a .blob with numpy alone, as docs/formats.md, section 4, describes it: an example for readers in other languages.
+"""Reads a .blob with numpy alone, by docs/formats.md, section 4: an example for readers in other languages.
 
-    read_blob.py FILE.blob                                    what is in it
+    read_blob.py FILE.blob                                    prints the contents
     read_blob.py FILE.blob --points IN.csv --csv OUT.csv [--active A1] [--method energy] [--displacements]
         forces at displacements of the active node; the columns are those of `palpate query`
 
-Methods: trilinear, hermite, energy, kernel. Arithmetic is f64 here and f32 in the core: they differ by some 1e-5 N where forces are
-newtons. Exit code 0, or 2 with one line on standard error.
+Methods: trilinear, hermite, energy, kernel. Arithmetic is f64 here and f32 in the core: they differ by about
+1e-5 N for forces of newtons. Exit code 0, or 2 with one line on standard error.
 """
 
 import argparse
@@ -28,14 +28,15 @@ class Refused(Exception):
 
 
 class Header:
-    """Postcard: varints of seven bits a byte, low ones first; f32 of four bytes; options are 0, or 1 and the value."""
+    """Postcard: varints of seven bits per byte, low bits first; f32 in four bytes; options are 0, or 1 and the
+    value."""
 
     def __init__(self, data):
         self.data, self.at = data, 0
 
     def take(self, count):
         if self.at + count > len(self.data):
-            raise Refused("the header ends too early")
+            raise Refused("the header is truncated")
         self.at += count
         return self.data[self.at - count : self.at]
 
@@ -48,7 +49,7 @@ class Header:
             if byte < 128:
                 return value
             if shift > 63:
-                raise Refused("a number in the header does not end")
+                raise Refused("a varint in the header is too long")
 
     def text(self):
         return self.take(self.varint()).decode()
@@ -76,14 +77,14 @@ class Header:
 class Blob:
     def __init__(self, data):
         if len(data) < 28 or data[:8] != MAGIC:
-            raise Refused("this is no blob")
+            raise Refused("not a blob")
         version, header_len, total_len = struct.unpack_from("<IIQ", data, 8)
         if total_len != len(data):
-            raise Refused(f"the file has {len(data)} bytes, it was written with {total_len}")
+            raise Refused(f"the file has {len(data)} bytes, its header states {total_len}")
         if struct.unpack("<I", data[-4:])[0] != zlib.crc32(data[:-4]):
             raise Refused("checksum mismatch: the file is damaged")
         if version not in VERSIONS:
-            raise Refused(f"layout version {version}, this reads {VERSIONS}")
+            raise Refused(f"layout version {version} is not supported; supported: {VERSIONS}")
         start = -(-(24 + header_len) // ALIGNMENT) * ALIGNMENT
         self.area = data[start:-4]
         self.bytes = len(data)
@@ -103,15 +104,15 @@ class Blob:
         for space in self.spaces if version > 3 else []:
             space.kernel = header.optional(lambda: Kernel(self, header, space.radius_m))
         if header.at != len(header.data):
-            raise Refused("the header goes on after its last space")
+            raise Refused("the header has data after its last space")
 
     def plane(self, reference, kind, width=1):
-        """A plane as an array; `width` numbers make an element."""
+        """A plane as an array; an element has `width` numbers."""
         offset, length = reference
         kind = np.dtype(kind)
         end = offset + length * width * kind.itemsize
         if offset % ALIGNMENT or end > len(self.area):
-            raise Refused("a plane reaches out of the file")
+            raise Refused("a plane exceeds the file")
         plane = np.frombuffer(self.area[offset:end], kind)
         return plane.reshape(-1, width) if width > 1 else plane
 
@@ -132,17 +133,18 @@ class Space:
         self.hermite = None
         if hermite:
             row, nodes = blob.plane(hermite[0], "<u4"), blob.plane(hermite[1], "<f4", 36)
-            # [slot][a][b][c]; the fourth of every four numbers is padding.
+            # [slot][a][b][c]; every fourth number is padding.
             self.hermite = nodes.reshape(-1, 3, 3, 4)[row, :, :, :3].astype(float)
         self.displacement = header.optional(lambda: Displacement(blob, header))
         self.kernel = None
 
-        # Slots: the integer points of the box -E..E, z fastest. R is the radius in cells rounded up, with a little slack.
+        # Slots: the integer points of the box -E..E, z fastest. R is the radius in cells, rounded up with a
+        # tolerance.
         cells = self.radius_m / self.spacing_m
         self.reach = int(np.ceil(cells * (1.0 - 1e-6)))
         self.side = 2 * self.reach + 3
         if len(self.flags) != self.side**3:
-            raise Refused(f"space {self.name}: {len(self.flags)} flags for {self.side} slots a side")
+            raise Refused(f"space {self.name}: {len(self.flags)} flags, expected {self.side}^3")
 
     def methods(self):
         found = []
@@ -162,7 +164,7 @@ class Space:
         return np.array([self.slot([n + e for n, e in zip(low, end)]) for end in ends]).reshape(2, 2, 2)
 
     def locate(self, at_m):
-        """Low corner of the cell, position in it, and how far outwards the point is beyond the ball; rest for no number."""
+        """Low corner of the cell, position in it, outward direction, distance beyond the ball; rest for a NaN."""
         at = np.asarray(at_m, np.float32).astype(float)
         if not np.isfinite(at).all():
             at = np.zeros(3)
@@ -175,7 +177,7 @@ class Space:
         return low, cells - low, outward, beyond
 
     def smooth_share(self, low, t):
-        """1 away from folds, 0 in a cell with a fold, and a smooth step between."""
+        """1 away from branch jumps, 0 in a cell with one (flag FOLD), and a smooth step between."""
         slots = self.corners(low)
         if self.flags[slots[0, 0, 0]] & FOLD:
             return 0.0
@@ -183,13 +185,13 @@ class Space:
         return w * w * (3.0 - 2.0 * w)
 
     def tricubic_force(self, low, t):
-        """Catmull-Rom of the 64 points round a cell."""
+        """Catmull-Rom interpolation of the 64 points around a cell."""
         ends = ((a, b, c) for a in range(-1, 3) for b in range(-1, 3) for c in range(-1, 3))
         slots = np.array([self.slot([n + e for n, e in zip(low, end)]) for end in ends]).reshape(4, 4, 4)
         return np.einsum("i,j,k,ijkn->n", *map(catmull_rom, t), self.force[slots])
 
     def cell_force(self, method, low, t, share):
-        """h in a cell, N; t may be a little outside of it. `share` is that of the energy."""
+        """h in a cell, N; t may be slightly outside. `share` is the weight of the energy interpolant."""
         slots = self.corners(low)
         if method == "trilinear":
             return np.einsum("i,j,k,ijkn->n", *linear(t), self.force[slots])
@@ -199,16 +201,16 @@ class Space:
         return (1.0 - share) * cubic_force(derivatives, t) + share * energy_gradient(derivatives, t)
 
     def force_n(self, method, at_m):
-        """h at any displacement, N; and whether the method has its own data all round."""
+        """h at any displacement, N, and whether the method has data on all sides."""
         if method not in self.methods() or method not in ("trilinear", "hermite", "energy", "kernel"):
-            raise Refused(f"{method} is not in space {self.name} or not in this example")
+            raise Refused(f"{method} is not in space {self.name} or not supported by this reader")
         if method == "kernel":
             return self.kernel.force_n(at_m, self.spacing_m)
         low, t, outward, beyond = self.locate(at_m)
         share = self.smooth_share(low, t)
         force = self.cell_force(method, low, t, share)
         if beyond > 0.0:
-            # In a straight line at first, then constant, by a slope that does not jump along the rim.
+            # Linear at first, then constant, with a slope that is continuous along the rim.
             step = 1e-4
             steady = self.tricubic_force if method == "trilinear" else lambda low, t: self.cell_force(method, low, t, share)
             ends = (steady(low, t + sign * step * outward) for sign in (1, -1))
@@ -231,13 +233,13 @@ class Kernel:
         scalars = blob.plane(scalars, "<f8")
         self.length_m, (xx, xy, xz, yy, yz, zz) = scalars[0], scalars[1:]
         self.base = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        # One row a configuration: its position, then the derivatives of its polynomial.
+        # One row per configuration: its position, then the derivatives of its polynomial.
         numbers = blob.plane(blocks, "<f8", 92).reshape(-1, 23, 4).transpose(0, 2, 1).reshape(-1, 23)
         self.at, self.numbers = numbers[:, :3], numbers[:, 3:]
         self.reach_m = blob.plane(reach, "u1").reshape(9, 9, 9) * (radius_m / 255.0)
 
     def sum(self, x):
-        """Gradient of the Gaussians times polynomials."""
+        """Gradient of the sum of Gaussians times polynomials."""
         r = x - self.at
         power = [np.stack([np.ones(len(r)), r[:, i], r[:, i] ** 2 / 2, r[:, i] ** 3 / 6]) for i in range(3)]
         slope = [np.concatenate([np.zeros((1, len(r))), p[:3]]) for p in power]
@@ -289,7 +291,7 @@ class Displacement:
         self.outliers = dict(zip(blob.plane(outlier_row, "<u4").tolist(), outliers))
 
     def at(self, slots, t, share):
-        """`share` of the slopes, 0 to 1."""
+        """Displacements; `share` is the weight of the slopes, 0 to 1."""
         rows = self.row[slots]
         (lx, ly, lz), (hx, hy, hz), (gx, gy, gz) = linear(t), *zip(*map(cubic, t))
         weight = lambda a, b, c: np.einsum("i,j,k->ijk", a, b, c)
@@ -330,7 +332,7 @@ def cubic(t):
 
 
 def cubic_force(w, t):
-    """Each component of h from its own value and mixed first derivatives at the corners: W_(a + [i = 0], ...)."""
+    """Each component of h from its value and mixed first derivatives at the corners: W_(a + [i = 0], ...)."""
     axes = [np.stack(cubic(x), axis=1) for x in t]  # [end][order]
     pick = lambda i: w[(...,) + tuple(slice(1, 3) if axis == i else slice(0, 2) for axis in range(3))]
     return np.array([np.einsum("ia,jb,kc,ijkabc", *axes, pick(i)) for i in range(3)])
@@ -350,7 +352,7 @@ QUINTIC = np.array(
 
 
 def energy_gradient(w, t):
-    """h = dW/dt of the quintic Hermite interpolant of W, which has all 27 derivatives at each corner."""
+    """h = dW/dt of the quintic Hermite interpolant of W, with all 27 derivatives at each corner."""
     powers = np.arange(6)
     values = [(QUINTIC @ x**powers).reshape(2, 3) for x in t]
     slopes = [(QUINTIC[:, 1:] @ (powers[1:] * x ** powers[:5])).reshape(2, 3) for x in t]
@@ -364,7 +366,7 @@ def show(blob):
     for space in blob.spaces:
         solved = np.count_nonzero(space.flags & SOLVED)
         print(f"space {space.name} (node {space.node}): r_G {space.radius_m:g} m, spacing {space.spacing_m:g} m, ", end="")
-        print(f"{solved} solved, {np.count_nonzero(space.flags & FOLD)} cells with a fold; {', '.join(space.methods())}")
+        print(f"{solved} solved, {np.count_nonzero(space.flags & FOLD)} cells with a branch jump; {', '.join(space.methods())}")
         if space.displacement:
             d = space.displacement
             print(f"  displacements: {len(d.modes)} modes, {d.slopes} with slopes, {len(d.outliers)} outliers")
@@ -374,7 +376,7 @@ def show(blob):
 def query(blob, options):
     spaces = [s for s in blob.spaces if options.active in (None, s.name)]
     if not spaces:
-        raise Refused(f"no active node {options.active}; it has {', '.join(s.name for s in blob.spaces)}")
+        raise Refused(f"unknown active node {options.active}; known: {', '.join(s.name for s in blob.spaces)}")
     space = spaces[0]
     points = np.genfromtxt(options.points, delimiter=",", names=True, ndmin=1)
     columns = ["x_m", "y_m", "z_m", "fx_n", "fy_n", "fz_n", "coverage"]
@@ -403,7 +405,7 @@ def main():
     parser.add_argument("--displacements", action="store_true")
     options = parser.parse_args()
     if (options.points is None) != (options.csv is None):
-        parser.error("--points and --csv go together")
+        parser.error("--points and --csv must be given together")
     try:
         with open(options.blob, "rb") as file:
             blob = Blob(file.read())

@@ -145,7 +145,7 @@ fn the_reader_refuses_a_damaged_file() {
     let mut bytes = file.bytes().to_vec();
     bytes[5000] ^= 1;
     std::fs::write(&path, &bytes).expect("written");
-    for (len, says) in [(bytes.len(), "checksum mismatch"), (bytes.len() - 1, "bytes"), (3, "no blob")] {
+    for (len, says) in [(bytes.len(), "checksum mismatch"), (bytes.len() - 1, "bytes"), (3, "not a blob")] {
         std::fs::write(&path, &bytes[..len]).expect("written");
         let refused = reader(&[&path]);
         let line = String::from_utf8(refused.stderr).expect("text");
