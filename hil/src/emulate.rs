@@ -1,7 +1,7 @@
 //! An emulated device on a pseudo terminal, in real time, in a pressing hand, to try the product with.
 //!
 //! ```text
-//! palpate run (driver, loop, controller) <-> pseudo terminal <-> faults (seeded) <-> emulated device <-> hand
+//! palpate run (driver, loop, controller) <-> pseudo terminal <-> faults (seeded) <-> device <-> hand
 //! ```
 //!
 //! The emulator is independent of the driver. Sessions may come and go; the device keeps its state between

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! Polhem:      host driver <-> pseudo terminal, memory <-> faults (seeded) <-> emulated firmware <-> handle
-//! device link: host driver <-> pseudo terminal, memory <-> faults (seeded) <-> core's link::Device <-> handle
-//! Falcon:      host driver <-> FTDI transfers <-> faults (seeded) <-> emulated chip, loader, firmware <-> grip
+//! device link: host driver <-> pseudo terminal, memory <-> faults (seeded) <-> link::Device <-> handle
+//! Falcon:      host driver <-> FTDI transfers <-> faults (seeded) <-> chip, loader, firmware <-> grip
 //!
 //! contract | matrix | closed loop -> rig: a real driver on one of these
 //! ```

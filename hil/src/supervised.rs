@@ -8,8 +8,8 @@
 //! The real supervisor ([`palpate_host::supervisor`]) exchanges when a command arrives and reports the
 //! result, which the loop reads in its next tick. So forces have no extra delay, and samples, errors and
 //! states are one tick late. A test of the host shows this for the real one, counted in exchanges
-//! (`a_supervisor_delays_samples_by_exactly_one_tick`). The silence limit is not modelled, because a loop on virtual
-//! time is never silent.
+//! (`a_supervisor_delays_samples_by_exactly_one_tick`). The silence limit is not modelled, because a loop on
+//! virtual time is never silent.
 
 use palpate_core::{Sample, Vec3};
 use palpate_host::device::profile::Profile;

@@ -1,10 +1,12 @@
 //! Strata inside a crate: a module imports only from its own stratum and from those below it.
 //!
-//! Modules are followed from `lib.rs` as the compiler does, `#[path]` attributes included. Two things are imports:
+//! Modules are followed from `lib.rs` as the compiler does, `#[path]` attributes included. Two things are
+//! imports:
 //!
-//! - a path that begins with `crate`, `super`, `self` or a child module: in a `use`, an expression, a type or a macro;
-//! - a `#[path]` attribute: a file that belongs to another module is an import of that module. A file outside the
-//!   crate is always reported: what two crates compile belongs in a crate of its own.
+//! - a path that begins with `crate`, `super`, `self` or a child module: in a `use`, an expression, a type or
+//!   a macro;
+//! - a `#[path]` attribute: a file that belongs to another module is an import of that module. A file outside
+//!   the crate is always reported: what two crates compile belongs in a crate of its own.
 //!
 //! Items under `#[cfg(test)]` are skipped: a test may use whatever it needs.
 
@@ -36,8 +38,8 @@ impl fmt::Display for Finding {
 /// Every import of a crate that does not go downwards, in the order of files and lines.
 ///
 /// `src` is the folder of `lib.rs`. `strata` are module paths without `crate`, such as `"method"` or
-/// `"method::kernel"`, lowest first; a module belongs to the entry that is the longest prefix of its path. `lib.rs`
-/// stands above all strata: it may import anything, and nothing may import the names it exports.
+/// `"method::kernel"`, lowest first; a module belongs to the entry that is the longest prefix of its path.
+/// `lib.rs` stands above all strata: it may import anything, and nothing may import the names it exports.
 ///
 /// # Panics
 ///

@@ -39,7 +39,8 @@ fn bundled_scenes() -> Vec<PathBuf> {
     scenes
 }
 
-/// A blob of every active node of a scene, on a grid of 20 mm: two cells along the radius, one for a large mesh.
+/// A blob of every active node of a scene on a grid of 20 mm, with two cells along the radius, or one for a
+/// large mesh.
 fn blob(path: &Path) -> BlobFile {
     let scene = Scene::load(path).expect("sound").resolve().expect("sound");
     let cells = if scene.mesh.nodes_m.len() < 1_000 { 2.0 } else { 1.0 };

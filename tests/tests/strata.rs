@@ -1,4 +1,5 @@
-//! Strata inside the crates, see [`palpate_tests::strata`]. The arrows between crates are in `architecture.rs`.
+//! Strata inside the crates, see [`palpate_tests::strata`]. The arrows between crates are in
+//! `architecture.rs`.
 
 use std::fs;
 

@@ -65,8 +65,8 @@ pub struct Pose {
 impl Pose {
     /// The arms for a grip at `position_m`, device frame.
     ///
-    /// With p = (u + c, w), theta1 solves a^2 + |p|^2 - 2 a (p . e(theta1)) = L^2. Its derivatives follow from
-    /// L dL = (p - a e) . dp + a (p x e) dtheta1, where p x e = p_u sin(theta1) - p_w cos(theta1).
+    /// With p = (u + c, w), theta1 solves a^2 + |p|^2 - 2 a (p . e(theta1)) = L^2.
+    /// Its derivatives: L dL = (p - a e) . dp + a (p x e) dtheta1, p x e = p_u sin(theta1) - p_w cos(theta1).
     pub fn at(position_m: Vec3) -> Result<Self, OutOfReach> {
         let [x, y, z] = position_m.map(f64::from);
         let (mut angles_rad, mut rad_per_m) = ([0.0; 3], [[0.0; 3]; 3]);
