@@ -127,20 +127,20 @@ fn strokes(rig: &dyn Rig, seconds: u64) -> Vec<Waypoint> {
         let turn = 2.4 * stroke as f32;
         let depth_m = 0.006 + 0.002 * (stroke % 7) as f32;
         let off_m = 0.004 * (stroke % 3) as f32;
-        let place = |away_m: f32, height_m: f32| {
+        let position = |away_m: f32, height_m: f32| {
             let model_m = [away_m * turn.cos(), away_m * turn.sin(), height_m];
             vec3::add(middle_m, vec3::scale(model_m, scale.recip()))
         };
-        let begun_us = stroke * STROKE_US;
+        let start_us = stroke * STROKE_US;
         for (after_us, position_m) in [
-            (0, place(off_m, 0.008)),
-            (300_000, place(off_m, 0.008)),
-            (900_000, place(off_m, -depth_m)),
-            (1_400_000, place(off_m + 0.003, -depth_m)),
-            (2_400_000, place(off_m + 0.003, -depth_m)),
-            (2_900_000, place(off_m, 0.008)),
+            (0, position(off_m, 0.008)),
+            (300_000, position(off_m, 0.008)),
+            (900_000, position(off_m, -depth_m)),
+            (1_400_000, position(off_m + 0.003, -depth_m)),
+            (2_400_000, position(off_m + 0.003, -depth_m)),
+            (2_900_000, position(off_m, 0.008)),
         ] {
-            path.push(Waypoint { t_us: begun_us + after_us, position_m });
+            path.push(Waypoint { t_us: start_us + after_us, position_m });
         }
     }
     path
@@ -185,20 +185,20 @@ pub fn palpate(
         bench.rig.follow(strokes(bench.rig, seconds));
         bench.rig.reset_record();
         bench.controls.arm();
-        let begun_us = bench.now_us();
+        let start_us = bench.now_us();
         let (mut rest, mut touching) = ([(f32::MAX, f32::MIN); 3], false);
-        while bench.now_us() < begun_us + seconds * 1_000_000 {
+        while bench.now_us() < start_us + seconds * 1_000_000 {
             let (device_m, reported_m) = (bench.rig.position_m(), bench.rig.reported_m());
             let (felt, t_us) = (bench.rig.force_record(), bench.now_us());
-            let places = [device_m, device_m, reported_m];
+            let positions = [device_m, device_m, reported_m];
             let mut forces_n = [vec3::ZERO; 3];
             let mut touches = false;
-            for ((shadow, place_m), force_n) in shadows.iter_mut().zip(places).zip(&mut forces_n) {
+            for ((shadow, place_m), force_n) in shadows.iter_mut().zip(positions).zip(&mut forces_n) {
                 let (at_n, at_touch) = shadow.at(t_us, &workspace, place_m);
                 (*force_n, touches) = (at_n, touches || at_touch);
             }
             let [ideal_n, capped_n, stepped_n] = forces_n;
-            let since_us = t_us - begun_us;
+            let since_us = t_us - start_us;
             // After the ramp that follows arming.
             if (touches || felt.force_n != vec3::ZERO) && since_us > 600_000 {
                 result.touching_us += TICK_US;

@@ -127,9 +127,9 @@ pub fn emulate<E: SerialDevice>(
     announce(out, &driver_end.name().unwrap_or_default())?;
     let mut link = Faulty::new(link, options.faults, options.seed);
     let mut device = E::new(&options.profile);
-    let (begun, mut stroke) = (Instant::now(), None);
-    while !stop.load(Ordering::Relaxed) && options.time.is_none_or(|time| begun.elapsed() < time) {
-        let now_us = begun.elapsed().as_micros() as u64;
+    let (start, mut stroke) = (Instant::now(), None);
+    while !stop.load(Ordering::Relaxed) && options.time.is_none_or(|time| start.elapsed() < time) {
+        let now_us = start.elapsed().as_micros() as u64;
         if stroke != Some(now_us / STROKE_US) {
             stroke = Some(now_us / STROKE_US);
             let place_m = device.handle().position_m();

@@ -108,10 +108,10 @@ impl ForceRecord {
         self.largest_force_n = vec3::norm(force_n);
     }
 
-    /// The same record with its times relative to `begun_us`.
+    /// The same record with its times relative to `start_us`.
     #[must_use]
-    pub(crate) fn on_clock(self, begun_us: u64) -> Self {
-        let on_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(begun_us));
+    pub(crate) fn on_clock(self, start_us: u64) -> Self {
+        let on_clock = |us: Option<u64>| us.map(|us| us.saturating_sub(start_us));
         let (last_command_us, off_since_us) = (on_clock(self.last_command_us), on_clock(self.off_since_us));
         Self { last_command_us, off_since_us, ..self }
     }

@@ -52,7 +52,7 @@ enum Command {
     /// A host or supervisor process of the matrix, started by this program.
     #[command(hide = true)]
     Process {
-        /// ROLE DEVICE PLACE LIMIT_MS FORCE: the limit is the supervisor's, the force has three components.
+        /// ROLE DEVICE ADDRESS LIMIT_MS FORCE: the limit is the supervisor's, the force has three components.
         #[arg(allow_hyphen_values = true)]
         arguments: Vec<String>,
     },

@@ -216,8 +216,8 @@ pub struct Size {
 #[must_use]
 pub fn matrix(kinds: &[RigKind], size: Size, progress: &(dyn Fn(usize, usize) + Sync)) -> Vec<Run> {
     let cells = |in_memory: bool| -> Vec<(RigKind, FaultKind)> {
-        let wanted = kinds.iter().filter(|kind| kind.in_memory == in_memory);
-        wanted
+        let selected = kinds.iter().filter(|kind| kind.in_memory == in_memory);
+        selected
             .flat_map(|kind| FaultKind::ALL.map(|fault| (*kind, fault)))
             .filter(|(kind, fault)| fault.applies_to(*kind))
             .collect()
@@ -234,13 +234,13 @@ pub fn matrix(kinds: &[RigKind], size: Size, progress: &(dyn Fn(usize, usize) + 
                 scope.spawn(|| {
                     let blob = session::golden_organ();
                     let organ = Organ::read(blob.bytes()).expect("the golden blob is valid");
-                    let mut mine = Vec::new();
+                    let mut own_runs = Vec::new();
                     loop {
                         let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some((kind, fault)) = work.get(index) else { return mine };
+                        let Some((kind, fault)) = work.get(index) else { return own_runs };
                         let seed = crate::fault::split_mix(size.seed, index as u64);
                         let ran = run(*kind, *fault, seed, &organ);
-                        mine.push((index, ran.expect("the rig opens before the fault")));
+                        own_runs.push((index, ran.expect("the rig opens before the fault")));
                         progress(done.fetch_add(1, Ordering::Relaxed) + 1, work.len());
                     }
                 })

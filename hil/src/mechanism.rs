@@ -55,7 +55,7 @@ pub struct Handle {
     drag: Drag,
     path: Path,
     /// Start of the path, us.
-    begun_us: u64,
+    start_us: u64,
     now_us: Option<u64>,
     record: ForceRecord,
 }
@@ -80,7 +80,7 @@ impl Handle {
     pub fn held(hand: HandConfig, drag: Drag, waypoints: Vec<Waypoint>) -> Self {
         let path = Path::new(waypoints);
         let hand = Hand::new(hand, path.at(0).unwrap_or(vec3::ZERO));
-        Self { hand, drag, path, begun_us: 0, now_us: None, record: ForceRecord::empty(0) }
+        Self { hand, drag, path, start_us: 0, now_us: None, record: ForceRecord::empty(0) }
     }
 
     /// Position of the handle, device frame, m.
@@ -102,7 +102,7 @@ impl Handle {
 
     /// Gives the hand another path; its times count from now.
     pub fn follow(&mut self, waypoints: Vec<Waypoint>) {
-        (self.path, self.begun_us) = (Path::new(waypoints), self.now_us.unwrap_or(0));
+        (self.path, self.start_us) = (Path::new(waypoints), self.now_us.unwrap_or(0));
     }
 
     /// Sets the force of the motors, N; `motors` is the command in the device's units.
@@ -137,7 +137,7 @@ impl Handle {
     }
 
     fn target_m(&self, t_us: u64) -> Vec3 {
-        self.path.at(t_us.saturating_sub(self.begun_us)).unwrap_or(vec3::ZERO)
+        self.path.at(t_us.saturating_sub(self.start_us)).unwrap_or(vec3::ZERO)
     }
 }
 

@@ -188,11 +188,11 @@ mod tests {
     use crate::transport::MemoryTransport;
 
     fn talk(device: &mut EmulatedPolhem, bytes: &[u8]) -> String {
-        let (mut there, mut here) = MemoryTransport::pair();
-        here.send(0, bytes).expect("memory");
-        device.poll(0, &mut there).expect("memory");
+        let (mut device_end, mut driver_end) = MemoryTransport::pair();
+        driver_end.send(0, bytes).expect("memory");
+        device.poll(0, &mut device_end).expect("memory");
         let mut buffer = [0; 4096];
-        let count = here.receive(0, &mut buffer).expect("memory");
+        let count = driver_end.receive(0, &mut buffer).expect("memory");
         String::from_utf8(buffer[..count].to_vec()).expect("text")
     }
 

@@ -145,11 +145,11 @@ impl<'r> Session<'r> {
 
     /// One exchange, then the device advances.
     pub fn tick(&mut self, force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        let (now_us, before_us, begun) = (self.now_us, self.rig.now_us(), Instant::now());
+        let (now_us, before_us, start) = (self.now_us, self.rig.now_us(), Instant::now());
         let exchanged = self.device().exchange(now_us, force_n);
         let waited_us = self.rig.now_us().saturating_sub(before_us);
         self.longest_wait_us = self.longest_wait_us.max(waited_us);
-        self.last_wait = begun.elapsed();
+        self.last_wait = start.elapsed();
         self.longest_wait = self.longest_wait.max(self.last_wait);
         self.pass(TICK_US);
         exchanged

@@ -90,11 +90,11 @@ mod tests {
     fn ages(owner: DeviceOwner) -> (Vec<u64>, Vec<bool>) {
         let mut rig = FalconRig::new(3);
         let workspace = rig.profile().workspace;
-        let (device, begun_us) = Session::homed(&mut rig, workspace).expect("homing succeeds").into_device();
+        let (device, start_us) = Session::homed(&mut rig, workspace).expect("homing succeeds").into_device();
         let mut device = owner.wrap(device);
         let (mut samples, mut felt) = (Vec::new(), Vec::new());
         for tick in 0..20 {
-            let now_us = begun_us + tick * TICK_US;
+            let now_us = start_us + tick * TICK_US;
             let force_n = [0.0, 0.0, 0.1 * (1 + tick % 5) as f32];
             if let Some(sample) = device.exchange(now_us, force_n).expect("a fault-free link") {
                 samples.push((now_us - sample.t_us) / TICK_US);

@@ -52,10 +52,10 @@ fn renders_a_force(kind: &str, open: impl FnOnce(&str, &Profile) -> Box<dyn Devi
     let profile = Profile::bundled(kind).expect("bundled");
     let mut device = open(&port, &profile);
     assert_eq!(device.state(), DeviceState::Homed);
-    let (begun, mut pressed, mut deepest_m, mut force_n) = (Instant::now(), false, 0.0f32, vec3::ZERO);
+    let (start, mut pressed, mut deepest_m, mut force_n) = (Instant::now(), false, 0.0f32, vec3::ZERO);
     while !pressed || deepest_m > -0.002 {
-        assert!(begun.elapsed() < TIMEOUT, "button {pressed}, deepest {deepest_m} m");
-        let now_us = begun.elapsed().as_micros() as u64;
+        assert!(start.elapsed() < TIMEOUT, "button {pressed}, deepest {deepest_m} m");
+        let now_us = start.elapsed().as_micros() as u64;
         // On a busy machine the link may fail or the watchdog may fire. Both are tolerated here.
         if let Ok(Some(sample)) = device.exchange(now_us, force_n) {
             let height_m = height_m(sample.position_m);

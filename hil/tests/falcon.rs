@@ -44,14 +44,14 @@ fn reply(bytes: &[u8]) -> Option<Reply> {
 }
 
 /// Payload received within a time, across packets.
-fn listen(ftdi: &impl Ftdi, count: usize, patience: Duration) -> Vec<u8> {
+fn listen(ftdi: &impl Ftdi, count: usize, deadline: Duration) -> Vec<u8> {
     let (mut bytes, mut buffer) = (Vec::new(), [0; 512]);
     // An idle chip sends a packet each time its timer expires, after 16 ms at most.
     for _ in 0..40 {
         if bytes.len() >= count {
             break;
         }
-        let Ok(read) = ftdi.read(&mut buffer, patience) else { break };
+        let Ok(read) = ftdi.read(&mut buffer, deadline) else { break };
         bytes.extend(buffer[..read].chunks(64).flat_map(|packet| packet[2..].to_vec()));
     }
     bytes
@@ -261,8 +261,8 @@ fn the_grip_is_homed_by_moving_out_and_in() {
     let at_m = ftdi.falcon().position_m();
     assert!(vec3::distance(at_m, [0.0, 0.0, 0.12]) < 1e-3, "{at_m:?}");
     let counts = exchange(&ftdi, ZERO, HOMING).counts.map(i32::from);
-    let wanted = Pose::at(at_m).expect("within reach").counts();
-    assert!((0..3).all(|i| (counts[i] - wanted[i]).abs() <= 1), "{counts:?} {wanted:?}");
+    let expected = Pose::at(at_m).expect("within reach").counts();
+    assert!((0..3).all(|i| (counts[i] - expected[i]).abs() <= 1), "{counts:?} {expected:?}");
 }
 
 /// On a lateral path the three axes pass their indices one after the other.
@@ -289,20 +289,20 @@ fn a_force_moves_the_grip_along_its_direction() {
     let ftdi = homed();
     let at_m = ftdi.falcon().position_m();
     let force = [[3.0, 0.0, 0.0], [0.0, -3.0, 0.0], [0.0, 0.0, 3.0], [1.5, 2.0, -2.5]];
-    for wanted_n in force {
+    for expected_n in force {
         let before_m = ftdi.falcon().position_m();
         ftdi.falcon().reset_record();
-        exchange(&ftdi, motors_for(wanted_n, before_m), HOMING);
+        exchange(&ftdi, motors_for(expected_n, before_m), HOMING);
         let felt_n = ftdi.falcon().force_record().force_n;
-        assert!(vec3::distance(felt_n, wanted_n) < 0.03, "{felt_n:?} N, expected {wanted_n:?} N");
+        assert!(vec3::distance(felt_n, expected_n) < 0.03, "{felt_n:?} N, expected {expected_n:?} N");
         for _ in 0..400 {
             let here_m = ftdi.falcon().position_m();
-            exchange(&ftdi, motors_for(wanted_n, here_m), HOMING);
+            exchange(&ftdi, motors_for(expected_n, here_m), HOMING);
         }
         // Stiffness of the arm 450 N/m, and 0.2 N of friction in either direction.
         let moved_m = vec3::sub(ftdi.falcon().position_m(), before_m);
-        let error_n = vec3::distance(vec3::scale(moved_m, 450.0), wanted_n);
-        assert!(error_n < 0.5, "{moved_m:?} m under {wanted_n:?} N");
+        let error_n = vec3::distance(vec3::scale(moved_m, 450.0), expected_n);
+        assert!(error_n < 0.5, "{moved_m:?} m under {expected_n:?} N");
         assert!(ftdi.falcon().force_record().work_j > 0.0);
         for _ in 0..400 {
             exchange(&ftdi, ZERO, HOMING);

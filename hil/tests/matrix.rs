@@ -34,7 +34,7 @@ fn no_fault_violates_a_limit() {
     for kind in rig::all().into_iter().filter(|kind| kind.in_memory) {
         let mixed = runs.iter().filter(|run| run.rig == kind.name && run.fault == FaultKind::Mixed);
         let injected: Vec<[u64; 2]> = mixed.filter_map(|run| run.injected).collect();
-        let both = injected.iter().filter(|[there, back]| *there > 0 && *back > 0).count();
+        let both = injected.iter().filter(|[to_device, to_host]| *to_device > 0 && *to_host > 0).count();
         assert!(3 * both > injected.len(), "{}: {injected:?}", kind.name);
     }
     // A latched loop could be reset, armed and pressed again.

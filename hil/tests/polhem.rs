@@ -49,9 +49,9 @@ fn serve(device: &mut EmulatedPolhem, link: &mut Faulty<PtyTransport>, driver_en
     let (before, unread) = (link.delivered(), driver_end.bytes_to_read().expect("open"));
     device.poll(now_us, link).expect("open");
     let expected = u64::from(unread) + link.delivered() - before;
-    let patience = std::time::Instant::now() + MAX_WAIT;
+    let deadline = std::time::Instant::now() + MAX_WAIT;
     while driver_end.bytes_to_read().is_ok_and(|count| u64::from(count) < expected) {
-        assert!(std::time::Instant::now() < patience, "bytes lost in the terminal");
+        assert!(std::time::Instant::now() < deadline, "bytes lost in the terminal");
         std::thread::yield_now();
     }
 }

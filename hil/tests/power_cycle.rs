@@ -17,7 +17,7 @@ fn polhem() -> Box<dyn Rig> {
 fn a_polhem_after_a_power_cycle_renders_nothing_until_it_is_opened_again() {
     let blob = session::golden_organ();
     let organ = Organ::read(blob.bytes()).expect("golden");
-    for dark_ticks in [0, 5, 300] {
+    for silent_ticks in [0, 5, 300] {
         let mut rig = polhem();
         session::with_loop(&mut *rig, &organ, Method::Energy, |bench| {
             let path = session::press(bench.rig, 0.006, 0.014);
@@ -26,24 +26,28 @@ fn a_polhem_after_a_power_cycle_renders_nothing_until_it_is_opened_again() {
             bench.run(800).expect("a fault-free link");
             assert!(bench.rig.force_record().force_n[2] > 0.3, "{:?}", bench.rig.force_record());
             assert!(bench.rig.inject(HardwareFault::PowerCycle));
-            let dark = Faults { drop: 1.0, ..Faults::NONE };
-            bench.rig.set_faults(dark, dark);
-            bench.run(dark_ticks).expect("the cable is in");
+            let silence = Faults { drop: 1.0, ..Faults::NONE };
+            bench.rig.set_faults(silence, silence);
+            bench.run(silent_ticks).expect("the cable is in");
             bench.rig.set_faults(Faults::NONE, Faults::NONE);
             // After a long silence the driver pauses before its next request.
             let records = bench.run(100).expect("the cable is in");
-            assert!(records[2..].iter().all(|record| record.sample.is_none()), "{dark_ticks}");
+            assert!(records[2..].iter().all(|record| record.sample.is_none()), "{silent_ticks}");
             bench.rig.reset_record();
             for _ in 0..5 {
                 // Neither helps, because the device has no homing to repeat.
                 bench.controls.reset();
                 bench.controls.arm();
                 for record in bench.run(50).expect("the cable is in") {
-                    assert_eq!((record.sample, record.device), (None, DeviceState::Unhomed), "{dark_ticks}");
-                    assert_ne!(record.phase, Phase::Active, "{dark_ticks}");
+                    assert_eq!(
+                        (record.sample, record.device),
+                        (None, DeviceState::Unhomed),
+                        "{silent_ticks}"
+                    );
+                    assert_ne!(record.phase, Phase::Active, "{silent_ticks}");
                 }
             }
-            assert_eq!(bench.rig.force_record().largest_force_n, 0.0, "{dark_ticks}");
+            assert_eq!(bench.rig.force_record().largest_force_n, 0.0, "{silent_ticks}");
         })
         .expect("it opens");
         let workspace = rig.profile().workspace;

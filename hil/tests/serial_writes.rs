@@ -23,9 +23,9 @@ struct WriteTimes {
 
 impl WriteTimes {
     fn of(mut write: impl FnMut() -> std::io::Result<usize>, waits: &mut Self) {
-        let begun = monotonic_ns();
+        let start = monotonic_ns();
         waits.full += u64::from(write().is_err());
-        waits.us.push((monotonic_ns() - begun) / 1_000);
+        waits.us.push((monotonic_ns() - start) / 1_000);
     }
 
     fn line(&mut self) -> String {
@@ -76,10 +76,10 @@ fn writes_beside_busy_cpus() {
         }
         let (report, _held) = enter_real_time(&RtRequest { keep_awake: false, ..RtRequest::default() });
         println!("{}", report.line());
-        let begun = monotonic_ns();
+        let start = monotonic_ns();
         let mut bytes = [0; 256];
         for tick in 0..WRITES {
-            sleep_until_ns(begun + tick * PERIOD_NS);
+            sleep_until_ns(start + tick * PERIOD_NS);
             WriteTimes::of(|| polled.write(REQUEST), &mut by_serialport);
             WriteTimes::of(|| prompt.write(REQUEST), &mut by_driver);
             // Input is read without blocking, as the drivers do.

@@ -74,11 +74,11 @@ fn the_force_of_a_lost_host_is_zeroed_in_time() {
     let lost = [FaultKind::HostKilled, FaultKind::HostPaused];
     for (device, fault) in TestedDevice::ALL.into_iter().flat_map(|device| lost.map(|fault| (device, fault)))
     {
-        let (mut times, begun) = (Vec::new(), Instant::now());
+        let (mut times, start) = (Vec::new(), Instant::now());
         for seed in 0..MAX_RUNS {
             let run = hosts::run(program(), DEFAULT_LIMIT_MS, device, fault, seed);
             times.extend(hosts::time_to_safe(&run));
-            if times.last().is_some_and(|time| *time <= TARGET) || begun.elapsed() > TIMEOUT {
+            if times.last().is_some_and(|time| *time <= TARGET) || start.elapsed() > TIMEOUT {
                 break;
             }
         }
@@ -106,8 +106,8 @@ fn a_host_that_cannot_be_brought_up_is_a_failed_run() {
 fn a_killed_host_without_a_supervisor_leaves_the_force() {
     let (testbed, host) = holding(Role::Unsupervised);
     host.signal(Signal::SIGKILL);
-    let begun = Instant::now();
-    while begun.elapsed() < MAX_TIME_TO_ZERO {
+    let start = Instant::now();
+    while start.elapsed() < MAX_TIME_TO_ZERO {
         assert_eq!(testbed.observed().force_n, FORCE_N, "the device has no watchdog");
         std::thread::sleep(Duration::from_millis(1));
     }
@@ -165,23 +165,23 @@ fn a_falcon_is_zeroed_when_its_host_hangs() {
     let config = FalconConfig { firmware_runs: true, ..FalconConfig::default() };
     let ftdi = MemoryFtdi::in_real_time(EmulatedFalcon::new(config));
     let seen = ftdi.open_again().expect("it is plugged in");
-    let (ours, theirs) = UnixDatagram::pair().expect("a socket pair");
+    let (host_end, supervisor_end) = UnixDatagram::pair().expect("a socket pair");
     let open = move || {
         let config = falcon::FalconConfig { mode: falcon::Mode::Polled, ..falcon::FalconConfig::default() };
         Falcon::start(Arc::new(ftdi), config, None).map_err(|error| error.to_string())
     };
-    let supervisor = std::thread::spawn(move || serve(&theirs, Policy::Other, open));
-    let mut device = Supervised::with_socket(ours, TEST_LIMIT_MS).expect("it opens the device");
+    let supervisor = std::thread::spawn(move || serve(&supervisor_end, Policy::Other, open));
+    let mut device = Supervised::with_socket(host_end, TEST_LIMIT_MS).expect("it opens the device");
     assert_eq!(device.state(), DeviceState::FirmwareLoaded);
     assert!(device.home(&AtomicBool::new(false)).expect("it is connected"), "the hand homes it");
     // A pause before the loop does not count as silence.
     std::thread::sleep(Duration::from_millis(100));
     assert!(!device.was_zeroed() && seen.falcon().force_record().largest_unhomed_n == 0.0);
 
-    let begun = Instant::now();
+    let start = Instant::now();
     let tick = |device: &mut Supervised| {
         std::thread::sleep(Duration::from_millis(1));
-        let now_us = begun.elapsed().as_micros() as u64;
+        let now_us = start.elapsed().as_micros() as u64;
         let sample = device.exchange(now_us, FORCE_N);
         assert!(
             !matches!(sample, Ok(Some(sample)) if sample.t_us > now_us),

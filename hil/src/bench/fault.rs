@@ -121,7 +121,7 @@ impl BenchFault {
     pub const fn wire_faults(self) -> (Faults, Faults) {
         // A request has no checksum: a flipped bit may command any force, and no driver can prevent that. USB
         // has its own checksums, so only the UART can corrupt a request.
-        const THERE: Faults = Faults {
+        const TO_DEVICE: Faults = Faults {
             drop: 0.02,
             truncate: 0.02,
             delay: 0.02,
@@ -130,7 +130,7 @@ impl BenchFault {
             reorder: 0.01,
             ..Faults::NONE
         };
-        const BACK: Faults = Faults { corrupt: 0.02, noise: 0.01, ..THERE };
+        const TO_HOST: Faults = Faults { corrupt: 0.02, noise: 0.01, ..TO_DEVICE };
         const fn both(faults: Faults) -> (Faults, Faults) {
             (faults, faults)
         }
@@ -144,7 +144,7 @@ impl BenchFault {
             Self::CorruptReply => (Faults::NONE, Faults { corrupt: 0.05, ..Faults::NONE }),
             Self::Silence | Self::DropReply => (Faults::NONE, Faults { drop: 1.0, ..Faults::NONE }),
             Self::Noise => (Faults::NONE, Faults { noise: 1.0, ..Faults::NONE }),
-            Self::RandomMix => (THERE, BACK),
+            Self::RandomMix => (TO_DEVICE, TO_HOST),
             _ => (Faults::NONE, Faults::NONE),
         }
     }
@@ -195,8 +195,8 @@ mod tests {
     #[test]
     fn requests_are_never_corrupted() {
         for fault in BenchFault::ALL {
-            let (there, _) = fault.wire_faults();
-            assert_eq!((there.corrupt, there.noise), (0.0, 0.0), "{}", fault.name());
+            let (to_device, _) = fault.wire_faults();
+            assert_eq!((to_device.corrupt, to_device.noise), (0.0, 0.0), "{}", fault.name());
         }
     }
 }

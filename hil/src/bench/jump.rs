@@ -25,9 +25,10 @@ impl Jump {
     pub(super) fn of(seed: u64, counts: [i32; 3]) -> Option<Self> {
         let axis = (split_mix(seed, 0) % 3) as usize;
         let sign = if split_mix(seed, 1).is_multiple_of(2) { 1 } else { -1 };
-        let wanted_m = 1e-3 * (MIN_JUMP_MM + split_mix(seed, 2) % (MAX_JUMP_MM - MIN_JUMP_MM)) as f64;
+        let min_displacement_m =
+            1e-3 * (MIN_JUMP_MM + split_mix(seed, 2) % (MAX_JUMP_MM - MIN_JUMP_MM)) as f64;
         let by = |counts| Self { axis, counts };
-        let is_enough = |jump: &Self| jump.grip_m(counts).is_some_and(|m| m >= wanted_m);
+        let is_enough = |jump: &Self| jump.grip_m(counts).is_some_and(|m| m >= min_displacement_m);
         let one_way = |sign: i32| (1..MAX_COUNTS).map(|n| by(sign * n)).find(is_enough);
         one_way(sign).or_else(|| one_way(-sign))
     }

@@ -287,8 +287,8 @@ impl fmt::Display for RigReply {
         let time = |us: Option<u64>| us.map_or(-1.0, |us| us as f64);
         let line = match self {
             Self::Done => Line("done", Vec::new()),
-            Self::Positions(places) => {
-                Line("positions", places.iter().flat_map(|place| of_vector(*place)).collect())
+            Self::Positions(positions) => {
+                Line("positions", positions.iter().flat_map(|position| of_vector(*position)).collect())
             }
             Self::ForceRecord(felt) => {
                 let [x, y, z] = of_vector(felt.force_n);
@@ -361,8 +361,8 @@ impl FromStr for RigReply {
         let time = |us: f64| (us >= 0.0).then_some(us as u64);
         Ok(match (word, &numbers[..]) {
             ("done", []) => Self::Done,
-            ("positions", places) if places.len() % 3 == 0 => {
-                Self::Positions(places.chunks(3).map(vector).collect())
+            ("positions", positions) if positions.len() % 3 == 0 => {
+                Self::Positions(positions.chunks(3).map(vector).collect())
             }
             (
                 "force-record",
@@ -381,7 +381,9 @@ impl FromStr for RigReply {
                 work_j: *work_j,
                 drag_j: *drag_j,
             }),
-            ("position", places) if places.len() == 6 => Self::Position(vector(places), vector(&places[3..])),
+            ("position", positions) if positions.len() == 6 => {
+                Self::Position(vector(positions), vector(&positions[3..]))
+            }
             ("counts", counts) => {
                 let counts = <&[f64; 10]>::try_from(counts).map_err(|_| UnknownCommand)?;
                 let [

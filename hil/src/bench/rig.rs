@@ -62,9 +62,9 @@ impl Rig {
     #[must_use]
     pub fn new(seed: u64) -> Self {
         let fault = BenchFault::of(seed);
-        let wrong = (fault == Some(BenchFault::WrongEcho))
+        let loader_fault = (fault == Some(BenchFault::WrongEcho))
             .then_some((LoaderFault::WrongEcho { at: WRONG_ECHO_AT }, 1));
-        let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: wrong };
+        let loader = LoaderOptions { leading_zero: seed % 2 == 1, fault: loader_fault };
         let mut falcon = EmulatedFalcon::new(FalconConfig { loader, ..FalconConfig::default() });
         falcon.freeze_without_commands(HOMING_STEP);
         falcon.unplug();
@@ -161,8 +161,8 @@ impl Rig {
 
     /// Number of faulty frames and stalls on the UART.
     fn wire_fault_count(&self) -> u64 {
-        let (there, back) = self.link.counts();
-        (there + back).total()
+        let (to_device, to_host) = self.link.counts();
+        (to_device + to_host).total()
     }
 
     /// Updates the start of the time to zero force after a transfer, which may have carried a whole reply.
@@ -183,9 +183,9 @@ impl Rig {
 
     /// Injects a due fault into a request. Returns the outcome of the transfer if the fault decides it.
     fn inject_into(&mut self, bytes: &[u8]) -> Option<Result<usize, Stall>> {
-        let left = self.countdown.as_mut()?;
-        if *left > 0 {
-            *left -= 1;
+        let remaining = self.countdown.as_mut()?;
+        if *remaining > 0 {
+            *remaining -= 1;
             return None;
         }
         self.countdown = None;
@@ -193,8 +193,8 @@ impl Rig {
         self.is_active = true;
         if fault.affects_wire() {
             // The link counts the faults on the UART.
-            let (there, back) = fault.wire_faults();
-            self.link.set_faults(there, back);
+            let (to_device, to_host) = fault.wire_faults();
+            self.link.set_faults(to_device, to_host);
             return None;
         }
         self.fault_us = Some(self.link.now_us());

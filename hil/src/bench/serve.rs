@@ -198,7 +198,7 @@ impl UsbDevice for BusDevice {
 
 /// Serves until the peer closes, the command `end`, or the time limit. Writes a log.
 pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
-    let begun = Instant::now();
+    let start = Instant::now();
     let mut bus = PolledSocket::listen(&options.usbredir)?;
     let mut control = options.control.as_deref().map(PolledSocket::listen).transpose()?;
     // Without a command socket the guest is to see the device at once.
@@ -209,7 +209,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
     let mut pending_reply: Option<(String, Instant)> = None;
     writeln!(log, "listening")?;
     let ended = loop {
-        if begun.elapsed() >= options.longest {
+        if start.elapsed() >= options.longest {
             break "the time limit is reached";
         }
         let mut busy = false;
@@ -222,7 +222,7 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                     session.connect(&mut rig);
                 }
                 let what = if session.is_connected() { "in" } else { "out" };
-                writeln!(log, "[{:9.3}] the cable is {what}", begun.elapsed().as_secs_f64())?;
+                writeln!(log, "[{:9.3}] the cable is {what}", start.elapsed().as_secs_f64())?;
             }
             match bus.read() {
                 Ok(bytes) => {
@@ -280,13 +280,13 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
                         end |= command == BenchCommand::End;
                         if matches!(command, BenchCommand::Plug { .. }) && session.is_connected() {
                             session.disconnect();
-                            writeln!(log, "[{:9.3}] the cable is out", begun.elapsed().as_secs_f64())?;
+                            writeln!(log, "[{:9.3}] the cable is out", start.elapsed().as_secs_f64())?;
                         }
                         rig.execute(command)
                     }
                     Err(error) => error.to_string(),
                 };
-                writeln!(log, "[{:9.3}] {line}: {answer}", begun.elapsed().as_secs_f64())?;
+                writeln!(log, "[{:9.3}] {line}: {answer}", start.elapsed().as_secs_f64())?;
                 control.write(format!("{answer}\n").as_bytes())?;
             }
             control.write(&[])?;
@@ -300,6 +300,6 @@ pub fn serve(options: &Options, log: &mut impl Write) -> io::Result<Traffic> {
             wait(&lines, if is_full { PAUSE } else { rig.pause(session.has_pending_in()) })?;
         }
     };
-    writeln!(log, "[{:9.3}] {ended}: {:?}", begun.elapsed().as_secs_f64(), session.traffic())?;
+    writeln!(log, "[{:9.3}] {ended}: {:?}", start.elapsed().as_secs_f64(), session.traffic())?;
     Ok(session.traffic())
 }

@@ -132,7 +132,7 @@ mod tests {
             every_us: 250,
             wait_for_driver: false,
         });
-        assert!(matches!(reply, RigReply::Positions(places) if places.len() == 4));
+        assert!(matches!(reply, RigReply::Positions(positions) if positions.len() == 4));
         assert_eq!(now_us(&device), RUN_STEP_US + 1_000, "the driver's clock began when opening ended");
     }
 

@@ -24,7 +24,7 @@ pub(super) fn says_what_it_is(kind: RigKind) -> Result<(), Violation> {
 pub(super) fn forces_arrive(kind: RigKind) -> Result<(), Violation> {
     let (mut rig, traits) = new_rig(kind);
     let mut session = Session::homed(&mut *rig, permuted(&traits))?;
-    let asked = [
+    let requested = [
         [1.5, 0.0, 0.0],
         [-1.5, 0.0, 0.0],
         [0.0, 1.5, 0.0],
@@ -33,14 +33,14 @@ pub(super) fn forces_arrive(kind: RigKind) -> Result<(), Violation> {
         [0.0, 0.0, -1.5],
         [0.7, -1.1, 2.0],
     ];
-    for asked_n in asked {
-        hold_force(&mut session, asked_n, 4)?;
-        let (felt_n, wanted_n) = (session.rig.force_record().force_n, in_device(asked_n));
+    for requested_n in requested {
+        hold_force(&mut session, requested_n, 4)?;
+        let (felt_n, expected_n) = (session.rig.force_record().force_n, in_device(requested_n));
         // The torques were computed for the sampled position, and the grip has moved since.
-        let max_n = traits.motor_step_n + 0.01 * vec3::norm(asked_n);
+        let max_n = traits.motor_step_n + 0.01 * vec3::norm(requested_n);
         ensure!(
-            vec3::distance(felt_n, wanted_n) <= max_n,
-            "{felt_n:?} N at the hand, expected {wanted_n:?} N"
+            vec3::distance(felt_n, expected_n) <= max_n,
+            "{felt_n:?} N at the hand, expected {expected_n:?} N"
         );
         hold_force(&mut session, vec3::ZERO, 30)?;
         let felt = session.rig.force_record();
@@ -48,15 +48,15 @@ pub(super) fn forces_arrive(kind: RigKind) -> Result<(), Violation> {
     }
     // A constant force moves the hand along its direction.
     for axis in 0..3 {
-        let mut asked_n = vec3::ZERO;
-        asked_n[axis] = 2.0;
+        let mut requested_n = vec3::ZERO;
+        requested_n[axis] = 2.0;
         let before_m = session.rig.position_m();
-        hold_force(&mut session, asked_n, 200)?;
+        hold_force(&mut session, requested_n, 200)?;
         let moved_m = vec3::sub(session.rig.position_m(), before_m);
-        let along_m = vec3::dot(moved_m, in_device(asked_n)) / 2.0;
+        let along_m = vec3::dot(moved_m, in_device(requested_n)) / 2.0;
         ensure!(
             along_m > 0.9 * vec3::norm(moved_m) && along_m > 1e-3,
-            "{asked_n:?} N moved it by {moved_m:?}"
+            "{requested_n:?} N moved it by {moved_m:?}"
         );
         hold_force(&mut session, vec3::ZERO, 300)?;
     }
@@ -96,7 +96,7 @@ pub(super) fn never_beyond_the_limit(kind: RigKind) -> Result<(), Violation> {
     let limit_n = rig.profile().max_force_n;
     let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     let (inf, nan, max) = (f32::INFINITY, f32::NAN, f32::MAX);
-    let asked = [
+    let requested = [
         [max, 0.0, 0.0],
         [max, max, -max],
         [1e6, -1e6, 1e6],
@@ -110,25 +110,25 @@ pub(super) fn never_beyond_the_limit(kind: RigKind) -> Result<(), Violation> {
         [nan, nan, nan],
         [1.0, nan, -inf],
     ];
-    for asked_n in asked {
+    for requested_n in requested {
         session.rig.reset_record();
-        hold_force(&mut session, asked_n, 4)?;
+        hold_force(&mut session, requested_n, 4)?;
         let felt = session.rig.force_record();
         let max_n = limit_n + traits.motor_step_n;
-        ensure!(felt.largest_force_n <= max_n, "{} N with {asked_n:?} N requested", felt.largest_force_n);
+        ensure!(felt.largest_force_n <= max_n, "{} N with {requested_n:?} N requested", felt.largest_force_n);
         ensure!(felt.force_n.iter().all(|component| component.is_finite()), "{felt:?}");
-        if !vec3::is_finite(asked_n) {
+        if !vec3::is_finite(requested_n) {
             ensure!(
                 felt.force_n == vec3::ZERO,
-                "{asked_n:?} is not finite, and {:?} N at the hand",
+                "{requested_n:?} is not finite, and {:?} N at the hand",
                 felt.force_n
             );
         } else {
             // The clamp shortens the force and keeps its direction.
-            let asked_n =
-                asked_n.map(|component| component / asked_n.iter().fold(0.0, |m: f32, c| m.max(c.abs())));
-            let along_n = vec3::dot(vec3::normalize_or_zero(in_device(asked_n)), felt.force_n);
-            ensure!(along_n > 0.99 * limit_n.min(1.0), "{:?} N with {asked_n:?} requested", felt.force_n);
+            let requested_n = requested_n
+                .map(|component| component / requested_n.iter().fold(0.0, |m: f32, c| m.max(c.abs())));
+            let along_n = vec3::dot(vec3::normalize_or_zero(in_device(requested_n)), felt.force_n);
+            ensure!(along_n > 0.99 * limit_n.min(1.0), "{:?} N with {requested_n:?} requested", felt.force_n);
         }
         hold_force(&mut session, vec3::ZERO, 60)?;
     }
@@ -151,10 +151,10 @@ pub(super) fn zero_goes_at_once(kind: RigKind) -> Result<(), Violation> {
                 session.rig.force_record().off_since_us.is_none(),
                 "{name}: no force before the zero command"
             );
-            let asked_us = session.now_us();
+            let requested_us = session.now_us();
             hold_force(&mut session, vec3::ZERO, 2)?;
             let felt = session.rig.force_record();
-            let off_us = felt.off_since_us.map(|us| us.saturating_sub(asked_us));
+            let off_us = felt.off_since_us.map(|us| us.saturating_sub(requested_us));
             ensure!(
                 felt.force_n == vec3::ZERO && off_us.is_some_and(|us| us <= 2_000),
                 "{name}, {lead} ticks after the fault: {felt:?}"
@@ -167,13 +167,13 @@ pub(super) fn zero_goes_at_once(kind: RigKind) -> Result<(), Violation> {
 }
 
 pub(super) fn zero_after_stop(kind: RigKind) -> Result<(), Violation> {
-    for way in 0..3 {
+    for case in 0..3 {
         let (mut rig, traits) = new_rig(kind);
         let mut session = Session::homed(&mut *rig, permuted(&traits))?;
         let mut second = session.device().emergency_stop();
         hold_force(&mut session, [2.0, -1.0, 1.0], 10)?;
         ensure!(vec3::norm(session.rig.force_record().force_n) > 2.0, "{:?}", session.rig.force_record());
-        let name = match way {
+        let name = match case {
             0 => {
                 session.device().stop();
                 "stop"

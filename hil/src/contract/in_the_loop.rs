@@ -61,11 +61,11 @@ pub(super) fn nothing_before_arming(kind: RigKind) -> Result<(), Violation> {
 }
 
 pub(super) fn zero_after_the_loop(kind: RigKind) -> Result<(), Violation> {
-    for way in 0..3 {
+    for case in 0..3 {
         let (mut rig, _) = new_rig(kind);
         on_golden(&mut *rig, |bench| {
             press_in(bench)?;
-            let name = match way {
+            let name = match case {
                 0 => {
                     bench.controls.disarm();
                     bench.run(2)?;
@@ -108,8 +108,8 @@ pub(super) fn lost_homing(kind: RigKind) -> Result<(), Violation> {
             let last = records.last().map(|record| (record.phase, record.device));
             ensure!(latched.is_some_and(|tick| tick <= 11), "{fault:?}: latched after {latched:?} ticks");
             if fault == HardwareFault::HomingLost {
-                let wanted = (Phase::SafeZero(Fault::NotReady), DeviceState::Unhomed);
-                ensure!(last == Some(wanted), "{fault:?}: {last:?}");
+                let expected = (Phase::SafeZero(Fault::NotReady), DeviceState::Unhomed);
+                ensure!(last == Some(expected), "{fault:?}: {last:?}");
             }
             ensure!(
                 bench.rig.force_record().force_n == vec3::ZERO,
@@ -193,9 +193,9 @@ pub(super) fn unplugged_is_gone(kind: RigKind) -> Result<(), Violation> {
             let _ = session.device().exchange(now_us, [1.0, 1.0, 1.0]);
             session.rig.unplug(cut);
             session.pass(1_000);
-            let gone = (0..5)
+            let is_disconnected = (0..5)
                 .any(|_| error_kind(session.tick([1.0, 1.0, 1.0])) == Some(DeviceErrorKind::Disconnected));
-            ensure!(gone, "{cut:?}: not reported as disconnected five exchanges after unplugging");
+            ensure!(is_disconnected, "{cut:?}: not reported as disconnected five exchanges after unplugging");
             session.rig.replug();
             let before = session.rig.force_record().commands;
             for _ in 0..50 {

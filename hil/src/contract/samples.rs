@@ -26,14 +26,14 @@ pub(super) fn positions_are_right(kind: RigKind) -> Result<(), Violation> {
     let (mut rig, traits) = new_rig(kind);
     let mut session = Session::homed(&mut *rig, permuted(&traits))?;
     session.rig.follow(sweep(&traits, 0.02));
-    let begun = session.truth().len();
+    let start = session.truth().len();
     let mut samples = Vec::new();
     for _ in 0..1_600 {
         samples.extend(session.tick(vec3::ZERO)?);
     }
     ensure!(samples.len() > 700, "{} samples in 1.6 s of a fault-free link", samples.len());
     for sample in samples.iter().skip(2) {
-        let since = session.truth().partition_point(|(t_us, _)| *t_us < sample.t_us).max(begun);
+        let since = session.truth().partition_point(|(t_us, _)| *t_us < sample.t_us).max(start);
         // The encoders were read between the request and two ticks later.
         let then = session.truth()[since..].iter().take(9);
         let off_m = then
@@ -159,11 +159,11 @@ pub(super) fn silence_is_reported(kind: RigKind) -> Result<(), Violation> {
     }
     ensure!(samples <= 1 && timeouts > 20, "{samples} samples and {timeouts} timeouts in 0.1 s of silence");
     session.rig.set_faults(Faults::NONE, Faults::NONE);
-    let mut back = 0;
+    let mut recovered = 0;
     for _ in 0..100 {
-        back += u32::from(matches!(session.tick(vec3::ZERO), Ok(Some(_))));
+        recovered += u32::from(matches!(session.tick(vec3::ZERO), Ok(Some(_))));
     }
-    ensure!(back > 30, "{back} samples in 0.1 s after the silence");
+    ensure!(recovered > 30, "{recovered} samples in 0.1 s after the silence");
     Ok(())
 }
 

@@ -29,7 +29,7 @@ pub struct Grip {
     drag: Drag,
     path: Path,
     /// Start of the hand's path, us; before it the hand holds the start of the path.
-    begun_us: Option<u64>,
+    start_us: Option<u64>,
     /// Time without a command after which the grip stands still, us.
     freeze_after_us: Option<u64>,
     commanded_us: u64,
@@ -54,7 +54,7 @@ impl Grip {
             hand: Hand::new(config, start_m),
             drag,
             path,
-            begun_us: None,
+            start_us: None,
             freeze_after_us: None,
             commanded_us: 0,
             now_us: 0,
@@ -103,12 +103,12 @@ impl Grip {
 
     /// Starts the hand's path, unless it has started.
     pub fn begin(&mut self) {
-        self.begun_us.get_or_insert(self.now_us);
+        self.start_us.get_or_insert(self.now_us);
     }
 
     /// Gives the hand another path; its times count from now.
     pub fn follow(&mut self, waypoints: Vec<Waypoint>) {
-        (self.path, self.begun_us) = (Path::new(waypoints), Some(self.now_us));
+        (self.path, self.start_us) = (Path::new(waypoints), Some(self.now_us));
     }
 
     /// Sets the motor command.
@@ -140,7 +140,7 @@ impl Grip {
             .freeze_after_us
             .is_some_and(|freeze_after_us| next_us.saturating_sub(self.commanded_us) > freeze_after_us)
         {
-            self.begun_us = self.begun_us.map(|begun_us| begun_us + STEP_US);
+            self.start_us = self.start_us.map(|start_us| start_us + STEP_US);
             self.now_us = next_us;
             return Some(self.counts());
         }
@@ -161,7 +161,7 @@ impl Grip {
     }
 
     fn target_m(&self, t_us: u64) -> Vec3 {
-        let since_us = self.begun_us.map_or(0, |begun_us| t_us.saturating_sub(begun_us));
+        let since_us = self.start_us.map_or(0, |start_us| t_us.saturating_sub(start_us));
         self.path.at(since_us).unwrap_or(MIDDLE_M)
     }
 }
@@ -250,12 +250,12 @@ mod tests {
 
     #[test]
     fn a_frozen_hand_resumes_at_its_position() {
-        let way = vec![
+        let path = vec![
             Waypoint { t_us: 0, position_m: [0.0, 0.0, 0.12] },
             Waypoint { t_us: 100_000, position_m: [0.0, 0.0, 0.13] },
         ];
         let drag = Drag { mass_kg: 0.15, damping_n_s_m: 1.0, coulomb_n: 0.0 };
-        let mut grip = Grip::new(steady(), drag, way);
+        let mut grip = Grip::new(steady(), drag, path);
         grip.freeze_without_commands(Duration::from_millis(3));
         grip.begin();
         for t_us in (0..50_000).step_by(1_000) {

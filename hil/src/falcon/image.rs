@@ -132,7 +132,7 @@ pub fn synthetic_image(entry: u32, blocks: &[(u32, &[u16])]) -> Vec<u8> {
     words.extend([0; RESERVED]);
     words.extend(halves(entry));
     for (address, data) in blocks {
-        words.push(u16::try_from(data.len()).expect("a block of at most 65,535 words"));
+        words.push(u16::try_from(data.len()).expect("a block of up to 65,535 words"));
         words.extend(halves(*address));
         words.extend(*data);
     }

@@ -119,10 +119,10 @@ mod tests {
     /// Counts on the axis as derived in docs/devices.md.
     #[test]
     fn counts_on_the_axis_match_the_documented_values() {
-        for (z, wanted) in [(0.075, -1463), (0.11, -516), (0.13, -96), (0.15, 336), (0.17, 872)] {
+        for (z, expected) in [(0.075, -1463), (0.11, -516), (0.13, -96), (0.15, 336), (0.17, 872)] {
             let counts = Pose::at([0.0, 0.0, z]).expect("within reach").counts();
             for count in counts {
-                assert!((count - wanted).abs() <= 1, "{z} m: {counts:?}, expected {wanted}");
+                assert!((count - expected).abs() <= 1, "{z} m: {counts:?}, expected {expected}");
             }
         }
         assert!((COUNTS_PER_RAD.to_radians() - 27.446).abs() < 1e-3, "counts per degree");
@@ -132,16 +132,16 @@ mod tests {
     /// the legs.
     #[test]
     fn counts_off_the_axis_match_an_independent_solution() {
-        for (at_m, wanted) in [
+        for (at_m, expected) in [
             ([0.02, -0.015, 0.12], [103.86, -651.43, -172.03]),
             ([-0.03, 0.01, 0.10], [-993.19, -3.09, -883.04]),
             ([0.0, 0.03, 0.14], [-250.32, 331.98, 535.22]),
         ] {
             let counts = Pose::at(at_m).expect("within reach").counts();
-            let down = wanted.map(|count: f64| count.floor() as i32);
+            let down = expected.map(|count: f64| count.floor() as i32);
             assert!(
                 (0..3).all(|leg| (counts[leg] - down[leg]).abs() <= 1),
-                "{counts:?}, expected {wanted:?}"
+                "{counts:?}, expected {expected:?}"
             );
         }
     }

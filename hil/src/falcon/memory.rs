@@ -223,8 +223,8 @@ impl MemoryFtdi {
     pub fn falcon(&self) -> MutexGuard<'_, EmulatedFalcon> {
         // A panic of another test leaves the device valid.
         let mut falcon = self.shared.falcon.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Time::Real(begun, from_us) = self.time {
-            falcon.advance(from_us + begun.elapsed().as_micros() as u64);
+        if let Time::Real(start, from_us) = self.time {
+            falcon.advance(from_us + start.elapsed().as_micros() as u64);
         }
         falcon
     }
@@ -418,9 +418,9 @@ mod tests {
     #[test]
     fn real_time_advances_by_itself() {
         let ftdi = MemoryFtdi::in_real_time(device());
-        let begun = Instant::now();
+        let start = Instant::now();
         assert_eq!(ftdi.read(&mut [0; 64], Duration::from_secs(10)), Ok(2));
-        assert!(begun.elapsed() >= Duration::from_millis(15));
+        assert!(start.elapsed() >= Duration::from_millis(15));
         assert!(ftdi.now_us() >= 16_000);
     }
 }

@@ -9,7 +9,7 @@ enum Draw {
     Drop,
     Truncate,
     Corrupt,
-    Place,
+    Index,
     Bit,
     Delay,
     Duplicate,
@@ -197,17 +197,17 @@ impl Channel {
 
     fn damaged(&mut self, frame: &[u8]) -> Vec<u8> {
         let mut frame = frame.to_vec();
-        let place = self.draw(Draw::Place) as usize % frame.len().max(1);
+        let index = self.draw(Draw::Index) as usize % frame.len().max(1);
         if self.hits(Draw::Corrupt, self.faults.corrupt) {
             self.counts.corrupted += 1;
             let bit = self.draw(Draw::Bit) % 8;
-            if let Some(byte) = frame.get_mut(place) {
+            if let Some(byte) = frame.get_mut(index) {
                 *byte ^= 1 << bit;
             }
         }
         if self.hits(Draw::Truncate, self.faults.truncate) {
             self.counts.truncated += 1;
-            frame.truncate(place);
+            frame.truncate(index);
         }
         frame
     }

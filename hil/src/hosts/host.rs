@@ -155,9 +155,9 @@ pub fn wait(what: &str, done: impl FnMut() -> bool) {
 /// Whether an event happens within a time.
 #[must_use]
 pub fn happens_within(time: Duration, mut done: impl FnMut() -> bool) -> bool {
-    let begun = Instant::now();
+    let start = Instant::now();
     while !done() {
-        if begun.elapsed() >= time {
+        if start.elapsed() >= time {
             return false;
         }
         std::thread::sleep(Duration::from_millis(1));

@@ -67,13 +67,13 @@ impl Device {
         Profile::bundled(name).expect("bundled")
     }
 
-    fn open(self, place: &str) -> Result<Box<dyn palpate_host::Device>, String> {
+    fn open(self, address: &str) -> Result<Box<dyn palpate_host::Device>, String> {
         match self {
-            Self::Polhem => Polhem::open(place, PolhemConfig::default())
+            Self::Polhem => Polhem::open(address, PolhemConfig::default())
                 .map(|device| Box::new(device) as _)
                 .map_err(|error| error.to_string()),
             Self::Falcon => {
-                let chip = SocketFtdi::connect(place).map_err(|error| error.to_string())?;
+                let chip = SocketFtdi::connect(address).map_err(|error| error.to_string())?;
                 let config = FalconConfig { mode: Mode::Polled, ..FalconConfig::default() };
                 Falcon::start(Arc::new(chip), config, None)
                     .map(|device| Box::new(device) as _)
@@ -82,7 +82,7 @@ impl Device {
             Self::Link => {
                 let config =
                     LinkConfig::of(&self.profile(), TIMEOUT).ok_or("the profile has no [capstan]")?;
-                let mut device = Link::open(place, BAUD, config).map_err(|error| error.to_string())?;
+                let mut device = Link::open(address, BAUD, config).map_err(|error| error.to_string())?;
                 device.home(&AtomicBool::new(false)).map_err(|error| error.to_string())?;
                 Ok(Box::new(device))
             }
@@ -117,12 +117,12 @@ pub(super) fn command(
     program: &Path,
     role: Role,
     device: Device,
-    place: &str,
+    address: &str,
     limit_ms: u32,
     force_n: Vec3,
 ) -> Command {
     let mut command = Command::new(program);
-    command.args(["process", role.name(), device.name(), place, &limit_ms.to_string()]);
+    command.args(["process", role.name(), device.name(), address, &limit_ms.to_string()]);
     command.args(force_n.map(|component| component.to_string()));
     command
 }
@@ -130,8 +130,8 @@ pub(super) fn command(
 /// Main function of a process, with the arguments after `process`. The error is one line.
 pub fn process(arguments: &[String]) -> Result<(), String> {
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let [role, device, place, limit_ms, force_n @ ..] = &words[..] else {
-        return Err("ROLE DEVICE PLACE LIMIT_MS FORCE".into());
+    let [role, device, address, limit_ms, force_n @ ..] = &words[..] else {
+        return Err("ROLE DEVICE ADDRESS LIMIT_MS FORCE".into());
     };
     let limit_ms = limit_ms.parse().map_err(|_| "LIMIT_MS must be an integer in ms")?;
     let device = Device::ALL.into_iter().find(|known| known.name() == *device).ok_or("unknown DEVICE")?;
@@ -139,13 +139,13 @@ pub fn process(arguments: &[String]) -> Result<(), String> {
     let force_n: Vec3 = numbers.try_into().map_err(|_| "FORCE must have three components")?;
     if *role == Role::Host.name() && device.is_supervised() {
         let program = std::env::current_exe().map_err(|error| error.to_string())?;
-        let supervisor = command(&program, Role::Supervisor, device, place, limit_ms, force_n);
+        let supervisor = command(&program, Role::Supervisor, device, address, limit_ms, force_n);
         host(supervisor, limit_ms, device == Device::Falcon, force_n)
     } else if [Role::Host.name(), Role::Unsupervised.name()].contains(role) {
-        render(device.open(place)?, force_n);
+        render(device.open(address)?, force_n);
         Ok(())
     } else {
-        supervise(|| device.open(place))
+        supervise(|| device.open(address))
     }
 }
 
@@ -185,11 +185,11 @@ fn render(mut device: impl palpate_host::Device, force_n: Vec3) {
     });
     let request = RtRequest { lock_memory: false, keep_awake: false, ..RtRequest::default() };
     let (_, _held) = sys::enter_real_time(&request);
-    let begun = sys::monotonic_ns();
+    let start = sys::monotonic_ns();
     let mut holds = false;
     for tick in 0_u64.. {
-        sys::sleep_until_ns(begun + tick * 1_000_000);
-        let now_us = (sys::monotonic_ns() - begun) / 1_000;
+        sys::sleep_until_ns(start + tick * 1_000_000);
+        let now_us = (sys::monotonic_ns() - start) / 1_000;
         match device.exchange(now_us, force_n) {
             Err(error) if !error.kind().is_transient() => {
                 println!("end {:?}", error.kind());

@@ -103,10 +103,10 @@ impl<E: SerialDevice> ObservedDevice for TerminalDevice<E> {
 /// A device on a pseudo terminal, and the name of the driver's end.
 fn terminal_device<E: SerialDevice>() -> (Box<dyn ObservedDevice>, String) {
     let (link, driver_end) = PtyTransport::pair().expect("a pseudo terminal");
-    let place = driver_end.name().expect("the terminal has a name");
+    let address = driver_end.name().expect("the terminal has a name");
     let profile = Profile::bundled(E::profile()).expect("an emulated device has a bundled profile");
     let device = E::new(&profile);
-    (Box::new(TerminalDevice { device, link, requests_before_reset: 0, _driver_end: driver_end }), place)
+    (Box::new(TerminalDevice { device, link, requests_before_reset: 0, _driver_end: driver_end }), address)
 }
 
 struct SocketDevice {
@@ -142,7 +142,7 @@ pub struct Testbed {
     observed_device: Arc<Mutex<(Box<dyn ObservedDevice>, Observation)>>,
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
-    place: String,
+    address: String,
 }
 
 impl Testbed {
@@ -153,20 +153,20 @@ impl Testbed {
     /// Where there are no pseudo terminals or sockets.
     #[must_use]
     pub fn new(device: Device) -> Self {
-        let (observed_device, place): (Box<dyn ObservedDevice>, String) = match device {
+        let (observed_device, address): (Box<dyn ObservedDevice>, String) = match device {
             Device::Polhem => terminal_device::<EmulatedPolhem>(),
             Device::Link => terminal_device::<EmulatedLink>(),
             Device::Falcon => {
                 static NUMBER: AtomicU64 = AtomicU64::new(0);
                 let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-                let place = format!("palpate-hil-{}-{number}", std::process::id());
-                let listener = socket::listen(&place).expect("the name is unique");
+                let address = format!("palpate-hil-{}-{number}", std::process::id());
+                let listener = socket::listen(&address).expect("the name is unique");
                 // Held outside the indices, then pushed in, which homes it.
                 let at = |t_us, z| Waypoint { t_us, position_m: [0.0, 0.0, z] };
                 let path = vec![at(0, 0.145), at(100_000, 0.12)];
                 let config = FalconConfig { path, firmware_runs: true, ..FalconConfig::default() };
                 let chip = MemoryFtdi::in_real_time(EmulatedFalcon::new(config));
-                (Box::new(SocketDevice { chip, listener }), place)
+                (Box::new(SocketDevice { chip, listener }), address)
             }
         };
         let seen = Observation {
@@ -192,7 +192,7 @@ impl Testbed {
                 std::thread::sleep(POLL_PERIOD);
             }
         };
-        Self { device, observed_device, ends, thread: Some(std::thread::spawn(serve)), place }
+        Self { device, observed_device, ends, thread: Some(std::thread::spawn(serve)), address }
     }
 
     /// The observation so far.
@@ -220,7 +220,7 @@ impl Testbed {
     /// If `program` does not start.
     #[must_use]
     pub fn host(&self, program: &Path, role: Role, limit_ms: u32, force_n: Vec3) -> Host {
-        Host::start(command(program, role, self.device, &self.place, limit_ms, force_n))
+        Host::start(command(program, role, self.device, &self.address, limit_ms, force_n))
     }
 
     /// Whether the device has the host's force on its motors within a time and still receives requests.
@@ -243,8 +243,8 @@ impl Testbed {
     /// Whether the force stays zero for this time.
     #[must_use]
     pub fn is_zero_for(&self, time: Duration) -> bool {
-        let (begun, last_force_us) = (Instant::now(), self.observed().last_force_us);
-        while begun.elapsed() < time {
+        let (start, last_force_us) = (Instant::now(), self.observed().last_force_us);
+        while start.elapsed() < time {
             std::thread::sleep(2 * POLL_PERIOD);
             let seen = self.observed();
             if seen.force_n != vec3::ZERO || seen.last_force_us != last_force_us {

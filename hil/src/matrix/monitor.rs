@@ -174,7 +174,7 @@ impl<'o> RunMonitor<'o> {
         }
     }
 
-    fn look(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
+    fn update(&mut self, bench: &Bench<'_, '_>, record: Option<&TickRecord>) {
         if let Some(record) = record {
             self.device = record.device;
             self.check_age(record, bench.last_received_us());
@@ -213,12 +213,12 @@ impl<'o> RunMonitor<'o> {
     pub(super) fn step(&mut self, bench: &mut Bench<'_, '_>) -> bool {
         self.check_force(bench);
         match bench.step() {
-            Ok(record) => self.look(bench, Some(&record)),
+            Ok(record) => self.update(bench, Some(&record)),
             Err(_) => {
                 self.run.ended = Ended::Lost;
                 let since_us = bench.now_us().saturating_sub(TICK_US + self.fault_us);
                 self.run.detected_us.get_or_insert(since_us);
-                self.look(bench, None);
+                self.update(bench, None);
                 return false;
             }
         }

@@ -127,8 +127,8 @@ pub fn csv(runs: &[Run]) -> String {
             run.resumed,
             newtons(run.error_before_n),
             newtons(run.error_after_n),
-            number(run.injected.map(|[there, _]| there)),
-            number(run.injected.map(|[_, back]| back)),
+            number(run.injected.map(|[to_device, _]| to_device)),
+            number(run.injected.map(|[_, to_host]| to_host)),
             run.steepest_n_per_s,
             quoted(run.violation().unwrap_or(""))
         );

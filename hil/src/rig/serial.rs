@@ -197,9 +197,9 @@ impl<E: SerialDevice> SerialRig<E> {
         let before = delivered(&far);
         far.advance(until_us);
         let expected = u64::from(unread) + delivered(&far) - before;
-        let patience = Instant::now() + MAX_WAIT;
+        let deadline = Instant::now() + MAX_WAIT;
         while driver_end.bytes_to_read().is_ok_and(|count| u64::from(count) < expected) {
-            assert!(Instant::now() < patience, "bytes lost in the terminal");
+            assert!(Instant::now() < deadline, "bytes lost in the terminal");
             std::thread::yield_now();
         }
     }

@@ -49,7 +49,7 @@ fn this(word: &str) -> Outcome<Command> {
 
 /// Runs each fault once.
 pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
-    let begun = Instant::now();
+    let start = Instant::now();
     let mut line = Line::open(line)?;
     let all = [FaultKind::HostKilled, FaultKind::HostPaused];
     let mut failed = 0;
@@ -69,7 +69,7 @@ pub(crate) fn killed_hosts(line: &str) -> Outcome<()> {
         }
     }
     let word = if failed == 0 { "PASS" } else { "FAIL" };
-    println!("hosts {word} runs={} failed={failed} seconds={:.1}", all.len(), begun.elapsed().as_secs_f64());
+    println!("hosts {word} runs={} failed={failed} seconds={:.1}", all.len(), start.elapsed().as_secs_f64());
     Ok(())
 }
 
@@ -84,8 +84,9 @@ fn held(line: &mut Line) -> Outcome<(Host, Pid)> {
     let mut violation = None;
     let is_felt = |report: Report| report.push_n > FELT_N;
     // A broken line ends the wait.
-    let mut look = || line.report().map(is_felt).map_err(|error| violation = Some(error)).unwrap_or(true);
-    let held = host.hold(|time| happens_within(time, &mut look));
+    let mut has_force =
+        || line.report().map(is_felt).map_err(|error| violation = Some(error)).unwrap_or(true);
+    let held = host.hold(|time| happens_within(time, &mut has_force));
     violation.map_or(Ok(()), Err)?;
     held?;
     Ok((host, supervisor))
@@ -149,5 +150,5 @@ fn stays_zero(line: &mut Line) -> Outcome<()> {
     if report.largest_n == 0.0 && report.force_n == 0.0 {
         return Ok(());
     }
-    Err(format!("{} N came back", report.largest_n))
+    Err(format!("{} N returned", report.largest_n))
 }

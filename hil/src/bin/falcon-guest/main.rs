@@ -68,9 +68,9 @@ fn main() -> ExitCode {
 
 /// Checks the error message on a machine without USB.
 fn no_usb() -> Outcome<()> {
-    let begun = Instant::now();
+    let start = Instant::now();
     match Falcon::open(FalconConfig::default(), None) {
-        Err(error @ FalconError::Usb(UsbError::NoUsb)) if begun.elapsed().as_secs() < 1 => {
+        Err(error @ FalconError::Usb(UsbError::NoUsb)) if start.elapsed().as_secs() < 1 => {
             println!("no-usb PASS \"{error}\"");
             Ok(())
         }
@@ -81,29 +81,30 @@ fn no_usb() -> Outcome<()> {
 
 /// Runs the contract checks on the driver.
 fn contract(line: &str) -> Outcome<()> {
-    let begun = Instant::now();
+    let start = Instant::now();
     let kind = remote_rig::kind(Line::open(line)?);
     let mut failed = 0;
     for check in CHECKS {
         let since = Instant::now();
         // A broken line to the bench panics in the rig.
-        let kept =
+        let result =
             catch_unwind(AssertUnwindSafe(|| check.run(kind).map_err(|violation| violation.to_string())));
-        let kept = kept.unwrap_or_else(|_| Err("panicked".into()));
-        failed += u32::from(kept.is_err());
-        let (word, why) = kept.map_or_else(|why| ("FAIL", format!(": {why}")), |()| ("PASS", String::new()));
+        let result = result.unwrap_or_else(|_| Err("panicked".into()));
+        failed += u32::from(result.is_err());
+        let (word, why) =
+            result.map_or_else(|why| ("FAIL", format!(": {why}")), |()| ("PASS", String::new()));
         println!("check {word} {:.1} s {}{why}", since.elapsed().as_secs_f64(), check.name);
     }
     let (word, all) = (if failed == 0 { "PASS" } else { "FAIL" }, CHECKS.len());
-    println!("contract {word} checks={all} failed={failed} seconds={:.1}", begun.elapsed().as_secs_f64());
+    println!("contract {word} checks={all} failed={failed} seconds={:.1}", start.elapsed().as_secs_f64());
     Ok(())
 }
 
 fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
-    let begun = Instant::now();
+    let start = Instant::now();
     let organ: Organ<'_> = Organ::read(&ORGAN.0).map_err(|error| error.to_string())?;
     let line = Line::open(line)?;
-    let mut bench = Bench::new(&organ, line, begun);
+    let mut bench = Bench::new(&organ, line, start);
     let mut runs = Vec::new();
     let mut failed = 0;
     for seed in seeds {
@@ -131,7 +132,7 @@ fn run(line: &str, seeds: RangeInclusive<u64>, exchanges: u64) -> Outcome<()> {
          slowest_zero_ms={slowest_ms:.0} seconds={:.1}",
         if failed == 0 { "PASS" } else { "FAIL" },
         runs.len() + failed,
-        begun.elapsed().as_secs_f64()
+        start.elapsed().as_secs_f64()
     );
     Ok(())
 }

@@ -112,12 +112,12 @@ impl RemoteRig {
             request(RigRequest::Advance { from_us, until_us, every_us, wait_for_driver: self.reads() });
         self.now_us = self.now_us.max(until_us);
         match reply {
-            RigReply::Positions(places) => places,
+            RigReply::Positions(positions) => positions,
             other => panic!("{other:?} to an advance"),
         }
     }
 
-    fn places(&self) -> (Vec3, Vec3) {
+    fn positions(&self) -> (Vec3, Vec3) {
         match request(RigRequest::Position) {
             RigReply::Position(actual, reported) => (actual, reported),
             other => panic!("{other:?} to a position request"),
@@ -167,8 +167,8 @@ impl Rig for RemoteRig {
     }
 
     fn advance_noting(&mut self, from_us: u64, until_us: u64, every_us: u64, truth: &mut Vec<(u64, Vec3)>) {
-        let places = self.pass(from_us, until_us, every_us);
-        truth.extend((from_us..until_us).step_by(every_us as usize).zip(places));
+        let positions = self.pass(from_us, until_us, every_us);
+        truth.extend((from_us..until_us).step_by(every_us as usize).zip(positions));
     }
 
     fn now_us(&self) -> u64 {
@@ -187,11 +187,11 @@ impl Rig for RemoteRig {
     }
 
     fn position_m(&self) -> Vec3 {
-        self.places().0
+        self.positions().0
     }
 
     fn reported_m(&self) -> Vec3 {
-        self.places().1
+        self.positions().1
     }
 
     fn follow(&mut self, path: Vec<Waypoint>) {

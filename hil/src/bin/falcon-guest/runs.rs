@@ -189,8 +189,8 @@ impl<D: Device> Session<'_, '_, D> {
         self.before_n = force_n;
         check(vec3::is_finite(force_n) && vec3::norm(force_n) <= MAX_FORCE_N, || format!("{force_n:?} N"))?;
         check(force_n == vec3::ZERO || step_n <= 2.001, || format!("a step of {step_n} N in one tick"))?;
-        let may = record.phase == Phase::Active && record.device == DeviceState::Homed;
-        check(may || force_n == vec3::ZERO, || {
+        let is_allowed = record.phase == Phase::Active && record.device == DeviceState::Homed;
+        check(is_allowed || force_n == vec3::ZERO, || {
             format!("{force_n:?} N while {:?}, {:?}", record.phase, record.device)
         })
     }
@@ -204,14 +204,14 @@ impl<D: Device> Session<'_, '_, D> {
 pub(crate) struct Bench<'o> {
     organ: &'o Organ<'o>,
     line: Line,
-    begun: Instant,
+    start: Instant,
     /// The record may hold a force from before homing was lost.
     unhomed_force_allowed: bool,
 }
 
 impl<'o> Bench<'o> {
-    pub(crate) const fn new(organ: &'o Organ<'o>, line: Line, begun: Instant) -> Self {
-        Self { organ, line, begun, unhomed_force_allowed: false }
+    pub(crate) const fn new(organ: &'o Organ<'o>, line: Line, start: Instant) -> Self {
+        Self { organ, line, start, unhomed_force_allowed: false }
     }
 
     pub(crate) fn command(&mut self, command: BenchCommand) -> Outcome<()> {
@@ -219,7 +219,7 @@ impl<'o> Bench<'o> {
     }
 
     fn log(&self, step: impl fmt::Display) {
-        println!("[{:8.3}] {step}", self.begun.elapsed().as_secs_f64());
+        println!("[{:8.3}] {step}", self.start.elapsed().as_secs_f64());
     }
 
     fn config(&self) -> FalconConfig {
@@ -345,8 +345,8 @@ impl<'o> Bench<'o> {
         let mut run = Run { fault, ready: plugged.elapsed(), ..Run::NOTHING };
         let loads = self.line.report()?.loads;
         // On a busy machine a late echo makes the driver send the firmware again. A wrong echo always does.
-        let least = if fault == Some(BenchFault::WrongEcho) { 2 } else { 1 };
-        check(loads >= least, || format!("{loads} firmware loads, expected at least {least}"))?;
+        let min_loads = if fault == Some(BenchFault::WrongEcho) { 2 } else { 1 };
+        check(loads >= min_loads, || format!("{loads} firmware loads, expected at least {min_loads}"))?;
         run.loads = loads;
         self.log(format_args!("open after {} ms, firmware sent {loads} times", run.ready.as_millis()));
 

@@ -58,22 +58,22 @@ impl<D: Device> DeviceWrapper for WaitForReply<D> {
     }
 
     fn wrapped_exchange(&mut self, now_us: u64, hand_force_n: Vec3) -> Result<Option<Sample>, DeviceError> {
-        let begun = Instant::now();
-        let mut looks = 0;
+        let start = Instant::now();
+        let mut polls = 0;
         loop {
-            looks += 1;
+            polls += 1;
             let result = self.device.exchange(now_us, hand_force_n);
             let is_homed = self.device.state() == DeviceState::Homed;
-            let patience = match (is_homed, self.counts.injected.load(Ordering::Relaxed)) {
+            let timeout = match (is_homed, self.counts.injected.load(Ordering::Relaxed)) {
                 (true, false) => LONG_TIMEOUT,
                 (true, true) => SHORT_TIMEOUT,
                 (false, _) => UNHOMED_TIMEOUT,
             };
-            let elapsed = begun.elapsed();
+            let elapsed = start.elapsed();
             let counts = &self.counts;
             counts.disconnected.store(self.device.state() == DeviceState::Disconnected, Ordering::Relaxed);
             match result {
-                Ok(None) if elapsed < patience || is_homed && looks < MIN_POLLS => {
+                Ok(None) if elapsed < timeout || is_homed && polls < MIN_POLLS => {
                     std::thread::sleep(POLL_PERIOD)
                 }
                 Ok(Some(_)) => {

@@ -91,9 +91,9 @@ impl Bench<'_> {
         }
         self.command(BenchCommand::ClearFaults)?;
 
-        if let (Some(kept), true) = (&mut session, run.end != End::Active) {
-            let state = self.state_after_latch(kept, fault)?;
-            self.stays_latched(kept, controls, state)?;
+        if let (Some(latched), true) = (&mut session, run.end != End::Active) {
+            let state = self.state_after_latch(latched, fault)?;
+            self.stays_latched(latched, controls, state)?;
             if matches!(state, DeviceAfterLatch::Doubted | DeviceAfterLatch::Silent) {
                 session = None;
                 report = self.check_zero("after closing")?;
@@ -170,7 +170,7 @@ impl Bench<'_> {
     ) -> Outcome<DeviceAfterLatch> {
         let device = session.ticks(AFTER_TICKS)?.last().map_or(DeviceState::Disconnected, |it| it.device);
         let state = DeviceAfterLatch::of(device, self.line.report()?.homed);
-        let may = match fault {
+        let is_allowed = match fault {
             BenchFault::HomingLost => state == DeviceAfterLatch::Unhomed,
             BenchFault::EncoderJump => state == DeviceAfterLatch::Doubted,
             BenchFault::PowerCycle => state == DeviceAfterLatch::Silent,
@@ -180,7 +180,7 @@ impl Bench<'_> {
             }
             _ => state == DeviceAfterLatch::Sound,
         };
-        check(may, || format!("{} led to {state:?}", fault.name())).map(|()| state)
+        check(is_allowed, || format!("{} led to {state:?}", fault.name())).map(|()| state)
     }
 
     /// Checks that a latched fault stays, and that the device gives no force before the fault is corrected.
@@ -214,10 +214,10 @@ impl Bench<'_> {
                 self.command(BenchCommand::Home)?;
                 let mut moved = Duration::ZERO;
                 while moved < HOMING {
-                    let begun = Instant::now();
+                    let start = Instant::now();
                     let device = session.tick()?.device;
                     check(device == DeviceState::Unhomed, || format!("{device:?} after an encoder jump"))?;
-                    moved += begun.elapsed().min(HOMING_STEP);
+                    moved += start.elapsed().min(HOMING_STEP);
                 }
                 self.does_not_arm(session, controls)
             }
