@@ -29,12 +29,12 @@ pub(super) fn approach(
     let mut approach = Approach { error_n: 0.0, newest_us: None, violation: None };
     let mut last = (Phase::Disarmed, 0.0);
     for _ in 0..ticks {
-        let both = organ.compare(bench);
-        approach.error_n = approach.error_n.max(both.error_n());
-        approach.violation = approach.violation.or(both.violation());
+        let forces = organ.compare(bench);
+        approach.error_n = approach.error_n.max(forces.error_n());
+        approach.violation = approach.violation.or(forces.violation());
         let record = bench.step()?;
         approach.newest_us = record.sample.map(|sample| sample.t_us).max(approach.newest_us);
-        last = (record.phase, vec3::norm(both.organ_n));
+        last = (record.phase, vec3::norm(forces.organ_n));
     }
     if last.0 != Phase::Active {
         approach.violation = approach.violation.or(Some("a latched fault before the injection"));

@@ -99,7 +99,7 @@ impl<'o> RunMonitor<'o> {
     pub(super) fn reset_and_press(&mut self, bench: &mut Bench<'_, '_>) {
         let mut last = None;
         for tick in 0..session::PRESS_AGAIN_TICKS {
-            let both = self.organ.compare(bench);
+            let forces = self.organ.compare(bench);
             match tick {
                 session::LIFTED_TICKS => bench.controls.reset(),
                 ARM_TICK => {
@@ -107,7 +107,7 @@ impl<'o> RunMonitor<'o> {
                     self.organ.arm();
                 }
                 tick if tick > ARM_TICK => {
-                    self.compare(&both, "the force is not the organ's after reset and arming")
+                    self.compare(&forces, "the force is not the organ's after reset and arming")
                 }
                 _ => {}
             }
@@ -160,16 +160,16 @@ impl<'o> RunMonitor<'o> {
 
     /// Checks that after a recovered fault the force is the organ's again.
     fn check_force(&mut self, bench: &Bench<'_, '_>) {
-        let both = self.organ.compare(bench);
+        let forces = self.organ.compare(bench);
         let is_over = self.fault_end_us.is_some_and(|us| bench.now_us() >= us + SETTLING_US);
         if is_over && self.run.ended == Ended::Recovered {
-            self.compare(&both, "the force is not the organ's after recovery");
+            self.compare(&forces, "the force is not the organ's after recovery");
         }
     }
 
-    fn compare(&mut self, both: &ForcePair, violation: &'static str) {
-        self.run.error_after_n = Some(self.run.error_after_n.unwrap_or(0.0).max(both.error_n()));
-        if both.violation().is_some() {
+    fn compare(&mut self, forces: &ForcePair, violation: &'static str) {
+        self.run.error_after_n = Some(self.run.error_after_n.unwrap_or(0.0).max(forces.error_n()));
+        if forces.violation().is_some() {
             self.set_violation(violation);
         }
     }

@@ -64,8 +64,8 @@ impl ForcePair {
 
     pub(super) fn violation(&self) -> Option<&'static str> {
         let Self { felt_n, organ_n } = *self;
-        let is_off = self.error_n() > TOLERANCE_N + TOLERANCE_SHARE * vec3::norm(organ_n);
+        let exceeds = self.error_n() > TOLERANCE_N + TOLERANCE_SHARE * vec3::norm(organ_n);
         let pulls = vec3::dot(felt_n, organ_n) < 0.0;
-        is_off.then_some(if pulls { "the organ pulls" } else { "the force is not the organ's" })
+        exceeds.then_some(if pulls { "the organ pulls" } else { "the force is not the organ's" })
     }
 }

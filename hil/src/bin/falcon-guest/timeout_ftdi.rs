@@ -35,7 +35,7 @@ impl TimeoutFtdi {
     }
 
     /// After a permanent error nothing reads any more.
-    fn noted<T>(&self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
+    fn stop_on_error<T>(&self, result: Result<T, DeviceError>) -> Result<T, DeviceError> {
         if result.as_ref().is_err_and(|error| !error.kind().is_transient()) {
             self.reader.reads.store(false, Ordering::Release);
         }
@@ -53,6 +53,6 @@ impl Ftdi for TimeoutFtdi {
     }
 
     fn read(&self, buffer: &mut [u8], timeout: Duration) -> Result<usize, DeviceError> {
-        self.noted(self.chip.read(buffer, timeout.min(self.read)))
+        self.stop_on_error(self.chip.read(buffer, timeout.min(self.read)))
     }
 }
