@@ -8,23 +8,16 @@
 //! displacements are relative to the active node at rest.
 #![deny(unsafe_code)]
 
-pub mod assembly;
-pub mod blob_writer;
-pub mod body;
-pub mod boundary;
+pub mod adaptive;
 pub mod certificate;
-pub mod configuration_space;
-pub mod element;
 pub mod error;
+pub mod fem;
+pub mod files;
 pub mod fit;
 pub mod held_out;
-pub mod kinematics;
-pub mod lanes;
-pub mod material;
 pub mod mesh;
-pub mod output;
-pub mod pressure;
-pub mod scattered;
+pub mod num;
+pub mod pack;
 pub mod scene;
-pub mod solve;
-pub mod tensor;
+pub mod space;
+pub mod spec;

@@ -18,18 +18,18 @@ use std::path::{Path, PathBuf};
 use palpate_core::LatticeError;
 use serde::{Deserialize, Serialize};
 
-use crate::body::{Body, DegenerateElement, Model, Region};
-use crate::boundary::Handle;
-use crate::configuration_space::{Lattice, Sampling, Scattered, SpaceGrid};
-use crate::element::Order;
 use crate::error::InputError;
-use crate::fit::{DisplacementBound, FormNeeds};
-use crate::material::Material;
+use crate::fem::body::{Body, DegenerateElement, Model, Region};
+use crate::fem::boundary::{Constraints, Handle};
+use crate::fem::element::Order;
+use crate::fem::material::Material;
+use crate::fem::pressure::PressurePair;
+use crate::fem::solvability::PressureFault;
+use crate::fem::solve::{SolveFailure, settle};
 use crate::mesh::{Coarsened, Kept, Refined, TetMesh};
-use crate::pressure::PressureFault;
-use crate::solve::{SolveFailure, settle};
+use crate::spec::{DisplacementBound, FormNeeds, Lattice, Sampling, Scattered, SpaceGrid};
 use file::{Place, SceneFile};
-pub use reach::{Unreachable, Workspace};
+pub use reach::Unreachable;
 
 /// The grids of the paper: number of points and cells along the radius.
 pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
@@ -91,26 +91,6 @@ pub struct MaterialRegion {
     pub bulk_modulus_pa: Option<f64>,
     /// The part's tets, ascending; `None` is the whole body.
     pub tets: Option<Vec<u32>>,
-}
-
-/// The pressure field of incompressible regions: linear and continuous, beside displacements of either order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum PressurePair {
-    /// As it is: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures oscillate) or P2/P1 (Taylor-Hood).
-    #[default]
-    Plain,
-    /// With polynomial pressure projection (Bochev and Dohrmann 2004), for equal orders.
-    Stabilised,
-}
-
-/// How prescribed displacements are imposed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-pub enum Constraints {
-    /// Taken out of the equations.
-    #[default]
-    Elimination,
-    /// By Lagrange multipliers, as in the paper.
-    Multipliers,
 }
 
 /// A node that a tool may touch.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use palpate_precompute::material::{Material, MooneyRivlin};
+use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::mesh::{MeshReport, Surface};
 use palpate_precompute::scene::{GridSpec, Scene};
 

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use palpate_precompute::body::Model;
-use palpate_precompute::boundary::{Handle, Pose};
-use palpate_precompute::material::{Material, StVenantKirchhoff};
+use palpate_precompute::fem::body::Model;
+use palpate_precompute::fem::boundary::{Handle, Pose};
+use palpate_precompute::fem::material::{Material, StVenantKirchhoff};
+use palpate_precompute::fem::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_precompute::num::branch::Excess;
 use palpate_precompute::scene::Scene;
-use palpate_precompute::solve::{Configuration, Excess, Problem, SolveFailure, Solver};
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where, soft_beam, st_venant_kirchhoff};
 
 use crate::table::{Case, Cost, row};

@@ -1,11 +1,11 @@
 //! Incompressible bodies with boundary conditions that leave the pressure undetermined.
 
-use palpate_precompute::body::{Model, Region};
-use palpate_precompute::boundary::Handle;
-use palpate_precompute::element::Order;
+use palpate_precompute::fem::body::{Model, Region};
+use palpate_precompute::fem::boundary::Handle;
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::solvability::PressureFault;
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::pressure::PressureFault;
-use palpate_precompute::solve::Solver;
 use palpate_tests::{box_mesh, mooney_rivlin, nearest_node, nodes_where};
 
 use crate::table::{Case, Cost, row};

@@ -1,8 +1,8 @@
 //! Pulls of 60 mm on the bundled organ: every law, both active nodes.
 
 use nalgebra::Vector3;
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::solve::Solver;
 use palpate_tests::every_law;
 
 use crate::table::{Case, Cost, row};

@@ -4,11 +4,11 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
-use palpate_precompute::body::Model;
-use palpate_precompute::boundary::Handle;
-use palpate_precompute::element::Order;
+use palpate_precompute::fem::body::Model;
+use palpate_precompute::fem::boundary::Handle;
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::mesh::{LengthUnit, MeshReport, Surface, read};
-use palpate_precompute::solve::Solver;
 use palpate_tests::{mooney_rivlin, nodes_where, st_venant_kirchhoff};
 
 use crate::table::{Case, row};

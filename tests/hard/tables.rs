@@ -5,12 +5,12 @@ use palpate_core::hermite::{HermiteTable, Node};
 use palpate_core::rbf::{LANES, RbfTable};
 use palpate_core::table::{LatticeTable, Space};
 use palpate_core::{Coverage, Method};
-use palpate_precompute::configuration_space::fold::Fold;
-use palpate_precompute::configuration_space::{Domain, GridIndex, SpaceGrid};
 use palpate_precompute::fit::{
-    Centre, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
+    Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
 };
-use palpate_precompute::material::THIRD_INDICES;
+use palpate_precompute::num::jet::THIRD_INDICES;
+use palpate_precompute::space::folds;
+use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).
 const TERMS: [([f64; 3], f64); 4] = [

@@ -1,14 +1,14 @@
 //! Scaled bodies: the solver must be independent of the units.
 
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::boundary::Handle;
-use palpate_precompute::element::Order;
-use palpate_precompute::material::{
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::boundary::Handle;
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::material::{
     HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
     StVenantKirchhoff,
 };
-use palpate_precompute::scene::PressurePair;
-use palpate_precompute::solve::Solver;
+use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::solve::Solver;
 use palpate_tests::{beam, every_law, nearest_node, nodes_where};
 
 use crate::meshes::scaled;

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::boundary::Handle;
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::boundary::{Constraints, Handle};
+use palpate_precompute::fem::solve::{Configuration, Problem, SolveFailure, Solver};
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::scene::{Constraints, ResolvedScene, Scene};
-use palpate_precompute::solve::{Configuration, Problem, SolveFailure, Solver};
+use palpate_precompute::scene::{ResolvedScene, Scene};
 
 use crate::table::Cost;
 

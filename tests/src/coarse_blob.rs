@@ -6,12 +6,11 @@ use std::thread::available_parallelism;
 
 use palpate_core::Method;
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
-use palpate_precompute::configuration_space::{
-    Expansion, Lattice, Sampling, SpaceGrid, Store, StoreIdentity, Workshop, with_threads,
-};
+use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::scene::ResolvedScene;
-use palpate_precompute::solve::Problem;
+use palpate_precompute::space::{Expansion, Store, StoreIdentity, Workshop, with_threads};
+use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 
 /// Solves every active node of a scene on this grid and packs it for one method, without displacements.
 ///

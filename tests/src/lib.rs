@@ -9,8 +9,8 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::material::{
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::material::{
     HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
     StVenantKirchhoff,
 };

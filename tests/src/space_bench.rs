@@ -4,12 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use palpate_precompute::configuration_space::{
-    Expansion, ExpansionError, Lattice, Progress, Sampling, SpaceGrid, Store, StoreError, StoreIdentity,
-    TagCounts, Workshop, still_to_solve, with_threads,
+use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::space::{
+    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop,
+    still_to_solve, with_threads,
 };
-use palpate_precompute::fit::{DisplacementBound, FormNeeds};
-use palpate_precompute::solve::Problem;
+use palpate_precompute::spec::{DisplacementBound, FormNeeds, Lattice, Sampling, SpaceGrid};
 
 use crate::{mooney_rivlin, soft_beam};
 

@@ -5,12 +5,12 @@ use std::sync::atomic::AtomicBool;
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::certificate::{Certificate, MethodCertificate, NOT_FELT_N, certify, clear_positions};
-use palpate_precompute::configuration_space::{Store, with_threads};
+use palpate_precompute::fem::material::{Material, MooneyRivlin};
+use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::held_out::{Draw, HeldOut};
-use palpate_precompute::material::{Material, MooneyRivlin};
-use palpate_precompute::solve::Problem;
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::space::{Store, with_threads};
 use palpate_tests::soft_beam;
 use palpate_tests::space_bench::SpaceBench;
 

@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use palpate_core::ConfigTag;
-use palpate_precompute::configuration_space::{Crew, Store, StoreError, Work, with_threads};
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::{
-    Draw, HeldOut, HeldOutError, HeldOutProgress, Kind, Summary, Truth, Walk, WalkJob, is_on_training_lattice,
+    Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
-use palpate_precompute::solve::Solver;
+use palpate_precompute::space::{Crew, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads};
 use palpate_tests::space_bench::SpaceBench;
 
 const DRAW: Draw =

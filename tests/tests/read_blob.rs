@@ -9,9 +9,9 @@ use std::process::{Command, Output};
 
 use palpate_core::{Coverage, Method, Organ, Space};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::certificate::certify;
-use palpate_precompute::fit::DisplacementBound;
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::spec::DisplacementBound;
 use palpate_tests::space_bench::SpaceBench;
 
 const PYTHON: &str = "/usr/bin/python3";

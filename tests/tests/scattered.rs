@@ -6,14 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{Coverage, Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackError, PackOptions, method_for, pack};
+use palpate_precompute::adaptive::{PASSES, Verdict};
 use palpate_precompute::certificate::{MethodCertificate, SpaceCertificate, answers, certify};
-use palpate_precompute::configuration_space::{
-    ExpansionError, Plans, Sampling, Scattered, SpacePlan, Store, with_threads,
-};
-use palpate_precompute::fit::{Form, FormNeeds};
-use palpate_precompute::held_out::{Draw, HeldOut, Kind};
-use palpate_precompute::scattered::{PASSES, Tolerance, Verdict, planned};
+use palpate_precompute::held_out::{Draw, HeldOut};
+use palpate_precompute::pack::{PackError, PackOptions, method_for, pack};
+use palpate_precompute::space::{ExpansionError, Kind, Plans, SpacePlan, Store, planned, with_threads};
+use palpate_precompute::spec::{Form, FormNeeds, Sampling, Scattered, Tolerance};
 use palpate_tests::space_bench::SpaceBench;
 
 const TOLERANCE: Tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
@@ -126,7 +124,7 @@ fn nothing_is_solved_outside_the_workspace() {
 /// Positions and the bits of force and energy, in the order of the store.
 fn bits(store: &Store) -> Vec<([i32; 3], u32, [u64; 4])> {
     let records = store.attempts(0).expect("records");
-    let of = |r: &palpate_precompute::configuration_space::Record| {
+    let of = |r: &palpate_precompute::space::Record| {
         let [x, y, z] = r.force_n.map(f64::to_bits);
         (r.index, r.round, [r.energy_j.to_bits(), x, y, z])
     };

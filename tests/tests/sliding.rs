@@ -9,9 +9,9 @@ use palpate_core::{
 };
 use palpate_host::session::TouchStatistics;
 use palpate_host::{BlobFile, TickRecord, sliding};
-use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::scene::{ActiveNode, Scene};
+use palpate_precompute::spec::SpaceGrid;
 use palpate_tests::coarse_blob::coarse_blob;
 
 /// Radius of the patch around A1, m.

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
-use palpate_precompute::configuration_space::{Domain, ExpansionError, Intermediate, Record, Store};
-use palpate_precompute::fit::DisplacementBound;
-use palpate_precompute::solve::Solver;
+use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::space::{ExpansionError, Intermediate, Record, Store};
+use palpate_precompute::spec::{DisplacementBound, Domain};
 use palpate_tests::space_bench::SpaceBench;
 
 /// All data of the records except the seconds, bit for bit.

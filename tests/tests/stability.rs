@@ -15,8 +15,8 @@ use palpate_core::{Method, Organ, Phase};
 use palpate_host::BlobFile;
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
-use palpate_precompute::configuration_space::SpaceGrid;
 use palpate_precompute::scene::Scene;
+use palpate_precompute::spec::SpaceGrid;
 use palpate_tests::coarse_blob::coarse_blob;
 
 /// The forces are exact gradients of an energy, so that energy gained or lost around a closed path is not due

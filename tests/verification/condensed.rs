@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::body::{Body, Model, Region};
-use palpate_precompute::boundary::Handle;
-use palpate_precompute::element::Order;
-use palpate_precompute::material::{Material, THIRD_INDICES};
-use palpate_precompute::scene::{Constraints, PressurePair};
-use palpate_precompute::solve::{Configuration, Problem, Solver, settle};
+use palpate_precompute::fem::body::{Body, Model, Region};
+use palpate_precompute::fem::boundary::{Constraints, Handle};
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::material::Material;
+use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::solve::{Configuration, Problem, Solver, settle};
+use palpate_precompute::num::jet::THIRD_INDICES;
 use palpate_tests::{beam, every_law, mooney_rivlin, nearest_node, nodes_where, st_venant_kirchhoff};
 
 /// A body and its name in the output.

@@ -3,11 +3,10 @@
 use std::sync::Arc;
 
 use nalgebra::{Rotation3, Vector3};
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::boundary::{Handle, Pose};
-use palpate_precompute::element::{EDGES, Order};
-use palpate_precompute::scene::Constraints;
-use palpate_precompute::solve::{Configuration, Problem, Solver, settle};
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::boundary::{Constraints, Handle, Pose};
+use palpate_precompute::fem::element::{EDGES, Order};
+use palpate_precompute::fem::solve::{Configuration, Problem, Solver, settle};
 use palpate_tests::{beam, every_law, mooney_rivlin, nearest_node, nodes_where};
 
 fn problem(model: &Model, handle: &Handle, constraints: Constraints) -> Arc<Problem> {

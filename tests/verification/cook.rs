@@ -6,11 +6,11 @@
 //! tet10 converges slowly, and P2/P1 has neither problem.
 
 use nalgebra::Vector3;
-use palpate_precompute::body::{Body, Model, Region};
-use palpate_precompute::element::Order;
-use palpate_precompute::material::{Lame, LinearElastic, Material, MooneyRivlin};
+use palpate_precompute::fem::body::{Body, Model, Region};
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::material::{Lame, LinearElastic, Material, MooneyRivlin};
+use palpate_precompute::fem::solve::settle;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::solve::settle;
 
 /// Vertical displacement of the top right corner (48, 60) with `n` x `n` cells, one cell thick, under a shear
 /// force per thickness.

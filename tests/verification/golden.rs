@@ -5,12 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use palpate_precompute::body::Body;
-use palpate_precompute::material::{
+use palpate_precompute::fem::body::Body;
+use palpate_precompute::fem::material::{
     Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin, StVenantKirchhoff,
 };
+use palpate_precompute::fem::solve::{Problem, Solver};
 use palpate_precompute::scene::Scene;
-use palpate_precompute::solve::{Problem, Solver};
 
 /// One row: displacement, force and energy.
 struct Row {

@@ -1,12 +1,11 @@
 //! Homogeneous deformations: patch test, rigid motions, closed forms of simple states, small strains.
 
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
-use palpate_precompute::assembly::{Assembled, Pattern};
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::boundary::DofMap;
-use palpate_precompute::element::Order;
-use palpate_precompute::material::Material;
-use palpate_precompute::scene::Constraints;
+use palpate_precompute::fem::assembly::{Assembled, Pattern};
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::boundary::{Constraints, DofMap};
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::material::Material;
 use palpate_tests::{box_mesh, every_law, mooney_rivlin};
 
 const C10_PA: f64 = 1300.0;
@@ -72,7 +71,7 @@ fn the_patch_test_holds_for_inner_nodes_and_faces() {
                 let force = Vector3::from(result.force_on(&[node as u32]));
                 moment += force * Vector3::from(*x).transpose();
             }
-            let k = palpate_precompute::kinematics::Kinematics::of(&(gradient - Matrix3::identity()));
+            let k = palpate_precompute::fem::kinematics::Kinematics::of(&(gradient - Matrix3::identity()));
             let rest_pa = law.rest_pressure_pa().unwrap_or(0.0);
             let q_pa = if body.has_pressure() { 5000.0 - rest_pa } else { 0.0 };
             let (_, stress) = law.stress(&k, q_pa);

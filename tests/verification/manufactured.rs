@@ -7,13 +7,13 @@
 //! L2. The meshes are irregular and not nested, so the observed orders scatter by about 0.2.
 
 use nalgebra::{Matrix3, Vector3};
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::element::{EDGES, Order, QUADRATIC};
-use palpate_precompute::kinematics::Kinematics;
-use palpate_precompute::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::element::{EDGES, Order, QUADRATIC};
+use palpate_precompute::fem::kinematics::Kinematics;
+use palpate_precompute::fem::material::{Lame, LinearElastic, Material, NeoHookean, StVenantKirchhoff};
+use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::solve::settle;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::scene::PressurePair;
-use palpate_precompute::solve::settle;
 use palpate_tests::{box_mesh, mooney_rivlin, nodes_where};
 use std::f64::consts::PI;
 

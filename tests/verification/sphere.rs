@@ -11,11 +11,11 @@
 //! radius a. It is an eighth of the sphere with symmetry conditions on its planes.
 
 use nalgebra::Vector3;
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::element::Order;
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::solve::settle;
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::scene::PressurePair;
-use palpate_precompute::solve::settle;
 use palpate_tests::mooney_rivlin;
 
 const INNER_M: f64 = 0.01;

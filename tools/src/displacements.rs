@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::assembly::volume_ratios;
-use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::body::Body;
-use palpate_precompute::element::Order;
-use palpate_precompute::output::vtu::WriteError;
-use palpate_precompute::output::{Cells, Field, Grid, Series};
-use palpate_precompute::solve::Configuration;
+use palpate_precompute::fem::assembly::volume_ratios;
+use palpate_precompute::fem::body::Body;
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::solve::Configuration;
+use palpate_precompute::files::write_atomically;
+use palpate_precompute::mesh::write::vtu::WriteError;
+use palpate_precompute::mesh::write::{Cells, Field, Grid, Series};
 
 use crate::failure::Failure;
 

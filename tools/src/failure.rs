@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use palpate_precompute::configuration_space::{ExpansionError, StoreError};
 use palpate_precompute::held_out::HeldOutError;
+use palpate_precompute::space::{ExpansionError, StoreError};
 
 /// A command's failure.
 #[derive(Debug)]
@@ -92,6 +92,6 @@ macro_rules! bad_input {
 
 bad_input!(
     palpate_precompute::error::InputError,
-    palpate_precompute::body::DegenerateElement,
-    palpate_precompute::blob_writer::PackError,
+    palpate_precompute::fem::body::DegenerateElement,
+    palpate_precompute::pack::PackError,
 );

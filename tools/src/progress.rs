@@ -4,8 +4,8 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
-use palpate_precompute::configuration_space::Progress;
 use palpate_precompute::held_out::HeldOutProgress;
+use palpate_precompute::space::Progress;
 
 /// Lines on a pipe are this far apart.
 const LINE_EVERY: Duration = Duration::from_secs(5);

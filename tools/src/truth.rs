@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
-use palpate_precompute::configuration_space::{Record, Store};
-use palpate_precompute::solve::{Problem, Solver};
+use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::space::{Record, Store};
 use serde::Serialize;
 
 use crate::failure::Failure;

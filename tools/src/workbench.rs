@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use palpate_precompute::body::Body;
-use palpate_precompute::configuration_space::{
-    Expansion, ExpansionError, Lattice, Progress, Sampling, Store, StoreIdentity, TagCounts, Workshop,
-    with_threads,
-};
+use palpate_precompute::fem::body::Body;
+use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::scene::{ActiveNode, BodyError, GridSpec, ResolvedScene, Scene};
-use palpate_precompute::solve::Problem;
+use palpate_precompute::space::{
+    Expansion, ExpansionError, Progress, Store, StoreIdentity, TagCounts, Workshop, with_threads,
+};
+use palpate_precompute::spec::{Lattice, Sampling};
 
 use crate::failure::Failure;
 

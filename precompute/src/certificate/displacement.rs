@@ -8,9 +8,8 @@ use palpate_core::{ConfigTag, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use super::is_folded;
-use crate::configuration_space::{Store, StoreError};
-use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceMotion, SurfaceRbf};
-use crate::held_out::Kind;
+use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
+use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
 /// What was measured of the displacements of one space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::scattered::Tolerance;
+use crate::spec::Tolerance;
 
 /// What a method answered at one position, beside the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::errors::NOT_FELT_N;
 use super::{Cost, MethodCertificate, TwoSolutions};
-use crate::configuration_space::Record;
-use crate::scattered::{Search, Verdict as LoopVerdict};
+use crate::adaptive::{Search, Verdict as LoopVerdict};
+use crate::space::Record;
 
 /// What to make of a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
@@ -262,7 +262,7 @@ impl Health {
 mod tests {
     use super::super::{Errors, Probe, Within};
     use super::*;
-    use crate::scattered::Tolerance;
+    use crate::spec::Tolerance;
 
     #[test]
     fn a_figure_is_judged_by_its_limits_and_no_number_is_red() {

@@ -14,10 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use super::displacement::modes_and_digits;
 use super::{Apart, Compared, Errors, SpaceCertificate, Truth, answered, probes, truths};
-use crate::configuration_space::{Store, StoreError};
-use crate::held_out::Kind;
+use crate::fem::solve::{Problem, Solver};
 use crate::scene::ResolvedScene;
-use crate::solve::{Problem, Solver};
+use crate::space::{Kind, Store, StoreError};
 
 /// All lines of a space.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

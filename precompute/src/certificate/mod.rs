@@ -25,12 +25,10 @@ use serde::{Deserialize, Serialize};
 
 use health::Findings;
 
-use crate::configuration_space::fold::folds;
-use crate::configuration_space::{GridIndex, Record, Sampling, Scattered, Store, StoreError};
-use crate::fit::samples;
-use crate::held_out::{Kind, Summary, Walk, is_on_training_lattice};
-use crate::scattered::{LinearSuits, Tolerance, Verdict as LoopVerdict, planned};
-use crate::scene::reach::is_within;
+use crate::adaptive::{LinearSuits, Verdict as LoopVerdict};
+use crate::held_out::{Summary, is_on_training_lattice};
+use crate::space::{Kind, Record, Store, StoreError, Walk, folds, planned, samples};
+use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
 
 /// Everything that was measured of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

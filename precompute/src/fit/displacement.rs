@@ -15,40 +15,12 @@ use std::collections::HashSet;
 
 use faer::{Mat, Side};
 use palpate_core::displacement::DisplacementPlanes;
-use serde::{Deserialize, Serialize};
 
+use super::fold::Fold;
 use super::modes::{Mode, PackedModes, UNITS, dot};
-use crate::configuration_space::fold::Fold;
-use crate::configuration_space::{Domain, GridIndex, SpaceGrid};
-
-/// How far the packed displacements of a configuration may be from the solver's.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct DisplacementBound {
-    /// Root mean square over the surface nodes, m.
-    pub rms_m: f64,
-    /// At any of them, m.
-    pub max_m: f64,
-}
-
-impl Default for DisplacementBound {
-    fn default() -> Self {
-        Self { rms_m: 1e-4, max_m: 1e-3 }
-    }
-}
+use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
 impl DisplacementBound {
-    /// The smallest bound there is, m: the step of an outlier's int16 is 3 um where it moves by 0.1 m.
-    pub const LEAST_M: f64 = 1e-5;
-
-    /// What is left of it for the points of a fit's table, for its modes and slopes alike: its cells are as wide as the energy allows, and what
-    /// lies between the points errs too.
-    #[must_use]
-    pub fn at_points_of_a_fit(self) -> Self {
-        const SHARE: f64 = 0.7;
-        let of = |bound_m: f64| (SHARE * bound_m).max(Self::LEAST_M);
-        Self { rms_m: of(self.rms_m), max_m: of(self.max_m) }
-    }
-
     /// Whether one surface may stand for the other.
     pub fn allows(&self, found: &Moved, truth: &Moved) -> bool {
         let pairs = found.displacement_m.iter().zip(&truth.displacement_m);

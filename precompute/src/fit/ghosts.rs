@@ -7,7 +7,7 @@
 use palpate_core::flags;
 
 use super::Sample;
-use crate::configuration_space::{GridIndex, SpaceGrid};
+use crate::spec::{GridIndex, SpaceGrid};
 
 /// Force and flags of every slot of the box.
 #[derive(Debug, Clone, PartialEq)]

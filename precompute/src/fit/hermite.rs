@@ -16,9 +16,9 @@ use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
 use palpate_core::hermite::Node;
 
+use super::fold::Fold;
 use super::{LatticeValues, Sample};
-use crate::configuration_space::fold::Fold;
-use crate::configuration_space::{Domain, GridIndex, SpaceGrid};
+use crate::spec::{Domain, GridIndex, SpaceGrid};
 
 /// W_abc as `[a][b][c]`, cell units, W in units of newtons times cells.
 type Derivatives = [[[f64; 3]; 3]; 3];
@@ -177,7 +177,7 @@ fn exact(sample: &Sample, spacing_m: f64) -> Known {
         }
     }
     let mut pure = [0.0; 3];
-    for (triple, third) in crate::material::THIRD_INDICES.iter().zip(sample.third_n_m2) {
+    for (triple, third) in crate::num::jet::THIRD_INDICES.iter().zip(sample.third_n_m2) {
         let value = third * spacing_m * spacing_m;
         let [i, j, k] = *triple;
         if i == k {
@@ -492,7 +492,7 @@ mod tests {
             energy_j: derivative(x, &[]),
             force_n: std::array::from_fn(|i| derivative(x, &[i])),
             stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| derivative(x, &[i, j]))),
-            third_n_m2: crate::material::THIRD_INDICES.map(|triple| derivative(x, &triple)),
+            third_n_m2: crate::num::jet::THIRD_INDICES.map(|triple| derivative(x, &triple)),
             terminating: false,
             inverted: false,
         }

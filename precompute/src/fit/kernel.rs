@@ -27,8 +27,7 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix3, Vector3};
 
-use crate::material::{SymmetricThird, THIRD_INDICES};
-use crate::solve::Configuration;
+use crate::num::jet::EnergyJet;
 
 /// Derivatives that a configuration gives: how often along x, y and z.
 ///
@@ -65,33 +64,6 @@ const POLYNOMIALS: usize = 7;
 /// W_abc as `[a][b][c]`, J/m^(a+b+c).
 pub type Derivatives = [[[f64; 3]; 3]; 3];
 
-/// The condensed energy and its derivatives at a solved configuration.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EnergyJet {
-    /// Displacement of the active node, m.
-    pub displacement_m: [f64; 3],
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S, N/m.
-    pub stiffness_n_m: Matrix3<f64>,
-    /// W_ijk in the order of [`THIRD_INDICES`], N/m^2.
-    pub third_n_m2: SymmetricThird,
-}
-
-impl From<&Configuration> for EnergyJet {
-    fn from(c: &Configuration) -> Self {
-        Self {
-            displacement_m: c.seed.pose.displacement_m,
-            energy_j: c.energy_j,
-            force_n: c.force_n,
-            stiffness_n_m: c.stiffness_n_m,
-            third_n_m2: c.third_n_m2,
-        }
-    }
-}
-
 impl EnergyJet {
     /// The data in the order of [`DATA`], less the quadratic energy of `base`.
     fn beside(&self, base: &Matrix3<f64>) -> [f64; 20] {
@@ -114,28 +86,6 @@ impl EnergyJet {
             stiffness_n_m: self.stiffness_n_m + times * other.stiffness_n_m,
             third_n_m2: std::array::from_fn(|i| self.third_n_m2[i] + times * other.third_n_m2[i]),
         }
-    }
-
-    /// Force at another displacement by the Taylor series of third order, N.
-    pub fn taylor_force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
-        let d = Vector3::from(displacement_m) - Vector3::from(self.displacement_m);
-        let mut force = Vector3::from(self.force_n) + self.stiffness_n_m * d;
-        for (triple, value) in THIRD_INDICES.iter().zip(self.third_n_m2) {
-            // d(W_ijk d_i d_j d_k / 6)/dd with as many orders of the triple as there are.
-            let [i, j, k] = *triple;
-            let orders = if i == k {
-                1.0
-            } else if i == j || j == k {
-                3.0
-            } else {
-                6.0
-            };
-            let share = orders * value / 6.0;
-            force[i] += share * d[j] * d[k];
-            force[j] += share * d[i] * d[k];
-            force[k] += share * d[i] * d[j];
-        }
-        force.into()
     }
 }
 

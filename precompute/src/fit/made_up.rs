@@ -2,8 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::EnergyJet;
-use crate::material::THIRD_INDICES;
+use crate::num::jet::{EnergyJet, THIRD_INDICES};
 
 /// The configuration at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p): stiffer the further it is pushed, and not the same all round.
 pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {

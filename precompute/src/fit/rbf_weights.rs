@@ -184,7 +184,7 @@ impl SurfaceRbf {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::configuration_space::SpaceGrid;
+    use crate::spec::SpaceGrid;
 
     /// A surface of one node is a force.
     #[test]

@@ -7,39 +7,7 @@
 pub mod positions;
 pub mod run;
 pub mod summary;
-pub mod walk;
 
 pub use positions::{Draw, is_on_training_lattice};
 pub use run::{HeldOut, HeldOutError, HeldOutProgress};
 pub use summary::Summary;
-pub use walk::{Truth, Walk, WalkJob, WalkOutcome};
-
-/// Which kind of held-out truth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
-pub enum Kind {
-    /// One of the 26 straight paths towards the neighbours of a lattice point.
-    Regular,
-    /// A path of small steps whose direction turns slowly.
-    Random,
-    /// A position drawn uniformly from the ball, solved from the nearest solved corner of its cell.
-    Uniform,
-}
-
-impl Kind {
-    /// All kinds.
-    pub const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
-
-    /// Name in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Regular => "regular",
-            Self::Random => "random",
-            Self::Uniform => "uniform",
-        }
-    }
-
-    /// The kind of this name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-}

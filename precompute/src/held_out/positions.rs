@@ -1,7 +1,7 @@
 //! Where the truth is solved: pure functions of a seed, the name of the active node and a number.
 
-use super::Kind;
-use crate::configuration_space::SpaceGrid;
+use crate::space::{Kind, Store, StoreError};
+use crate::spec::SpaceGrid;
 
 /// What is drawn. Numbers of walks may grow later, the rest may not: a store keeps one draw.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +32,15 @@ impl Draw {
         serde_json::json!({ "seed": seed, "step_m": step_m, "random_steps": random_steps }).to_string()
     }
 
+    /// How the truth in a store was drawn, with no numbers of walks; `None` if nothing was yet.
+    pub fn of(store: &Store) -> Result<Option<Self>, StoreError> {
+        let Some(stored) = store.draw_identity()? else { return Ok(None) };
+        let unreadable = || store.corrupt(format!("its draw of held-out truth is `{stored}`"));
+        Self::of_identity(&stored).map(Some).ok_or_else(unreadable)
+    }
+
     /// A draw of that identity, of no positions yet.
-    pub(crate) fn of_identity(identity: &str) -> Option<Self> {
+    fn of_identity(identity: &str) -> Option<Self> {
         let parts: serde_json::Value = serde_json::from_str(identity).ok()?;
         Some(Self {
             seed: parts["seed"].as_u64()?,

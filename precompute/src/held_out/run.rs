@@ -10,13 +10,12 @@ use std::sync::atomic::AtomicBool;
 
 use palpate_core::ConfigTag;
 
+use super::Draw;
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
-use super::{Draw, Kind, Walk, WalkJob};
-use crate::configuration_space::crew::Shift;
-use crate::configuration_space::{
-    Crew, CrewError, Done, GridIndex, Plans, Sampling, SpacePlan, Store, StoreError, Work,
-};
-use crate::scattered::{Search, WithinReach};
+use crate::adaptive::{Search, WithinReach};
+use crate::space::crew::Shift;
+use crate::space::{Crew, CrewError, Done, Kind, Plans, SpacePlan, Store, StoreError, Walk, WalkJob, Work};
+use crate::spec::{GridIndex, Sampling};
 
 /// The truth to solve.
 #[derive(Debug, Clone)]
@@ -111,7 +110,7 @@ impl HeldOut {
         stop: &AtomicBool,
         mut progress: impl FnMut(&HeldOutProgress),
     ) -> Result<(), HeldOutError> {
-        store.draw_held_out(&self.draw)?;
+        store.agree_on_draw(&self.draw.identity(), self.draw.regular_m)?;
         let outcome = self.all(store, crew, stop, &mut progress);
         let committed = store.commit();
         outcome?;

@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 use palpate_core::ConfigTag;
 use serde::Serialize;
 
-use super::Kind;
-use crate::configuration_space::{Store, StoreError};
+use crate::space::{Kind, Store, StoreError};
 
 /// Counts over the walks of one kind.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]

@@ -12,6 +12,7 @@ pub mod quality;
 pub mod refine;
 pub mod surface;
 pub mod tetrahedral;
+pub mod write;
 
 mod gmsh;
 mod lines;

@@ -4,10 +4,9 @@ use toml::Spanned;
 
 use super::file::GridTable;
 use super::resolve::{Lookup, positive};
-use super::{GRID_POINTS, GridSpec, Workspace};
-use crate::configuration_space::Scattered;
+use super::{GRID_POINTS, GridSpec};
 use crate::error::InputError;
-use crate::scattered::Tolerance;
+use crate::spec::{Scattered, Tolerance, Workspace};
 
 /// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;

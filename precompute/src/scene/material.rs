@@ -4,8 +4,9 @@ use toml::Spanned;
 
 use super::file::{Located, MaterialTable, Place};
 use crate::error::{InputError, nearest_word};
-use crate::material::{
-    HolzapfelGasserOgden, LAWS, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+use crate::fem::counterpart::LAWS;
+use crate::fem::material::{
+    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
     StVenantKirchhoff,
 };
 

@@ -6,11 +6,12 @@ use palpate_core::table::SPACE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{ActiveTable, FixedTable, Located, Tables};
-use super::reach::{is_hidden, is_within};
+use super::reach::is_hidden;
 use super::resolve::{Lookup, check_name, finite, positive};
-use super::{ActiveNode, Scene, Unreachable, Workspace};
+use super::{ActiveNode, Scene, Unreachable};
 use crate::error::{InputError, count};
 use crate::mesh::tetrahedral::distance;
+use crate::spec::{Workspace, is_within};
 
 /// The group of all nodes of the surface, where the mesh has none of that name.
 const SURFACE: &str = "surface";

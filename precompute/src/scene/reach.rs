@@ -10,9 +10,7 @@ use super::resolve::finite;
 use crate::error::InputError;
 use crate::mesh::tetrahedral::{cross, dot, sub};
 use crate::mesh::{Surface, TetMesh};
-
-/// A box in the model's frame: its lowest and its highest corner, m.
-pub type Workspace = [[f64; 3]; 2];
+use crate::spec::Workspace;
 
 /// Active nodes of groups that were left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -56,12 +54,6 @@ pub(super) fn workspace(place: &Place, table: &GridTable) -> Result<Option<Works
     }
     let what = format!("the workspace is empty: {low:?} is not below {high:?}");
     Err(place.error(max.span(), what, "swap the corners (metres, in the mesh's frame)"))
-}
-
-/// Whether a position lies in it.
-pub(crate) fn is_within(workspace: &Workspace, at: &[f64; 3]) -> bool {
-    let [low, high] = workspace;
-    (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]))
 }
 
 /// Directions from which a tool may come: ten degrees apart.

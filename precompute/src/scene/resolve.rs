@@ -7,14 +7,13 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, NeedsTable, Place, SolverTable, Tables};
-use super::{
-    ActiveNode, Constraints, GridSpec, MaterialRegion, PressurePair, ResolvedScene, Scene, device, material,
-    reach,
-};
+use super::{ActiveNode, GridSpec, MaterialRegion, ResolvedScene, Scene, device, material, reach};
 use crate::error::{InputError, count, nearest_word};
-use crate::fit::{DisplacementBound, Form, FormNeeds};
+use crate::fem::boundary::Constraints;
+use crate::fem::pressure::PressurePair;
 use crate::mesh::tetrahedral::{cross, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
+use crate::spec::{DisplacementBound, Form, FormNeeds};
 
 /// `kept`: mesh and fixed nodes, if they are known already.
 pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {

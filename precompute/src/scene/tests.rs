@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use super::*;
-use crate::material::{Lame, MooneyRivlin, StVenantKirchhoff};
+use crate::fem::material::{Lame, MooneyRivlin, StVenantKirchhoff};
 use crate::mesh::testing::cube;
-use crate::scattered::Tolerance;
+use crate::spec::Tolerance;
 
 mod device;
 mod grid;

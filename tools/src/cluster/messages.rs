@@ -1,6 +1,6 @@
 //! What rank 0 and the other ranks tell each other: postcard bytes, one message each.
 
-use palpate_precompute::configuration_space::{CrewError, Done, Work, solver_version};
+use palpate_precompute::space::{CrewError, Done, Work, solver_version};
 use serde::{Deserialize, Serialize};
 
 use crate::workbench::Workbench;

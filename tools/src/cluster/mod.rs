@@ -19,7 +19,7 @@ use clap::{Parser, Subcommand};
 use mpi::Threading;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator;
-use palpate_precompute::configuration_space::with_threads;
+use palpate_precompute::space::with_threads;
 
 use crate::cmd::held_out;
 use crate::cmd::precompute::{self, Team};

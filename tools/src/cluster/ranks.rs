@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
-use palpate_precompute::configuration_space::{Crew, CrewError, Done, Work};
+use palpate_precompute::space::{Crew, CrewError, Done, Work};
 
 use super::messages::{Basis, Order, Report, decode, encode};
 use crate::failure::Failure;

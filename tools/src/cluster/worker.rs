@@ -7,7 +7,7 @@ use std::time::Duration;
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
-use palpate_precompute::configuration_space::{Crew, CrewError, Threads, with_threads};
+use palpate_precompute::space::{Crew, CrewError, Threads, with_threads};
 
 use super::messages::{Basis, Order, Report, decode, encode};
 use super::ranks::PAUSE;

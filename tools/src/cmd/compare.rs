@@ -7,10 +7,10 @@ use std::sync::Arc;
 use clap::Args as ClapArgs;
 use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
 use palpate_host::viewer::frames::write_still;
-use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::material::LAWS;
+use palpate_precompute::fem::counterpart::LAWS;
+use palpate_precompute::fem::solve::{Configuration, Solver};
+use palpate_precompute::files::write_atomically;
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::solve::{Configuration, Solver};
 use serde::Serialize;
 
 use super::path::direction;

@@ -11,21 +11,20 @@ use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_precompute::blob_writer::{PackOptions, write_atomically};
-use palpate_precompute::configuration_space::{Plans, Store, TagCounts, with_threads};
+use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Draw;
+use palpate_precompute::pack::PackOptions;
+use palpate_precompute::space::{Plans, Store, TagCounts, with_threads};
 use serde_json::json;
 
 use super::inspect::certificate::in_words;
 use super::pack::certified;
-use crate::blob;
 use crate::failure::Failure;
-use crate::output;
 use crate::progress::WorkProgress;
 use crate::timing::Timing;
-use crate::touch;
 use crate::truth::{self, Checked, MethodError, Visit};
 use crate::workbench::{Workbench, stop_flag, threads};
+use crate::{blob, output, touch};
 
 /// Solve, pack, touch and check the bundled organ: the whole way in one command.
 ///

@@ -11,11 +11,10 @@ use palpate_host::sys::{self, Policy, RtRequest};
 use serde_json::json;
 
 use crate::failure::Failure;
-use crate::hardware;
-use crate::output;
 use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::workbench::stop_flag;
+use crate::{hardware, output};
 
 /// What of this PC stands in the way of 1 kHz, and how to mend it.
 ///

@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{Store, with_threads};
-use palpate_precompute::held_out::{Draw, HeldOut, HeldOutProgress, Kind, Summary};
+use palpate_precompute::held_out::{Draw, HeldOut, HeldOutProgress, Summary};
+use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
 use super::precompute::Team;

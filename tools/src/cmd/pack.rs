@@ -8,13 +8,11 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{
-    PackError, PackOptions, Packed, needed_method, pack, write_atomically,
-};
 use palpate_precompute::certificate::{Certificate, Effort, certify, clear_positions, ledger};
-use palpate_precompute::configuration_space::{Store, still_to_solve, with_threads};
-use palpate_precompute::held_out::{Draw, Kind, Summary};
-use palpate_precompute::scattered::planned;
+use palpate_precompute::files::write_atomically;
+use palpate_precompute::held_out::{Draw, Summary};
+use palpate_precompute::pack::{PackError, PackOptions, Packed, needed_method, pack};
+use palpate_precompute::space::{Kind, Store, planned, still_to_solve, with_threads};
 
 use super::inspect::certificate;
 use crate::failure::Failure;
@@ -231,7 +229,7 @@ fn solve_uniform(args: &Args, actives: &[usize], wanted: u32) -> Result<bool, Fa
     let store = bench.store(&args.space, false)?;
     let draw = Draw {
         uniform: wanted,
-        ..store.draw()?.unwrap_or(Draw { regular_m: None, random: 0, ..Draw::PAPER })
+        ..Draw::of(&store)?.unwrap_or(Draw { regular_m: None, random: 0, ..Draw::PAPER })
     };
     let held_out = bench.held_out(&actives, draw)?;
     let mut progress = WorkProgress::new("held-out truth", "positions");

@@ -4,9 +4,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
-use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::boundary::Pose;
-use palpate_precompute::solve::{Configuration, Solver};
+use palpate_precompute::fem::boundary::Pose;
+use palpate_precompute::fem::solve::{Configuration, Solver};
+use palpate_precompute::files::write_atomically;
 
 use crate::displacements::Displacements;
 use crate::failure::Failure;

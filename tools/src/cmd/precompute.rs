@@ -6,18 +6,15 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{
-    Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads,
-};
-use palpate_precompute::scattered::{Search, Verdict};
+use palpate_precompute::adaptive::{Search, Verdict};
+use palpate_precompute::space::{Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads};
 use serde_json::json;
 
 use super::inspect::scattered;
 use crate::failure::Failure;
-use crate::memory;
-use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
+use crate::{memory, output};
 
 /// Solve the configuration spaces of a scene into a .space file.
 ///

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::with_threads;
 use palpate_precompute::held_out::{Draw, Summary};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::mesh::surface::Surface;
 use palpate_precompute::scene::{ResolvedScene, Scene};
+use palpate_precompute::space::with_threads;
 use serde_json::json;
 
 use super::held_out::after;

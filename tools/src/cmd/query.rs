@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, Space};
-use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::files::write_atomically;
 
 use super::pack::method;
 use crate::blob;

@@ -23,16 +23,12 @@ use serde_json::json;
 
 use super::inspect::certificate;
 use super::pack::method;
-use crate::blob;
 use crate::failure::Failure;
 use crate::hardware::{self, Hardware, Holding};
-use crate::motors_off;
-use crate::output;
 use crate::resident::Resident;
-use crate::summary;
 use crate::timing::Timing;
-use crate::touch;
 use crate::workbench::stop_flag;
+use crate::{blob, motors_off, output, summary, touch};
 use palpate_precompute::certificate::Verdict;
 
 /// Touch the organ in a blob: the 1 kHz loop, a device and the viewer.

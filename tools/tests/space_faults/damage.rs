@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use palpate_precompute::configuration_space::{GridIndex, Intermediate, Store};
+use palpate_precompute::space::{Intermediate, Store};
+use palpate_precompute::spec::GridIndex;
 
 use super::{Draws, dump, fails, palpate, precompute, scene, succeeds};
 

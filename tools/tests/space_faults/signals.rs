@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use palpate_precompute::configuration_space::Store;
-use palpate_precompute::held_out::Kind;
+use palpate_precompute::space::{Kind, Store};
 
 use super::{Draws, LARGE, SMALL, dump, kept, palpate, precompute, scene, succeeds, undisturbed};
 

@@ -3,8 +3,8 @@
 use std::sync::atomic::Ordering;
 
 use super::*;
-use crate::configuration_space::made_up::MadeUp;
-use crate::held_out::Truth;
+use crate::space::Truth;
+use crate::space::made_up::MadeUp;
 
 const DRAW: Draw = Draw { regular_m: None, random: 0, uniform: 60, ..Draw::PAPER };
 

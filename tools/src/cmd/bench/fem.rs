@@ -6,11 +6,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::body::Body;
-use palpate_precompute::boundary::Pose;
-use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::body::Body;
+use palpate_precompute::fem::boundary::Pose;
+use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::solve::{IterationProfile, Problem, Solver};
 use palpate_precompute::scene::{ResolvedScene, Scene};
-use palpate_precompute::solve::{IterationProfile, Problem, Solver};
 use serde::{Deserialize, Serialize};
 
 use super::common::Out;

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
+use palpate_precompute::adaptive::{Alone, alone};
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::KernelFit;
-use palpate_precompute::scattered::{Alone, Wanted, alone};
-use palpate_precompute::solve::Solver;
+use palpate_precompute::spec::Wanted;
 use serde::Serialize;
 
 use super::sampling::Case;

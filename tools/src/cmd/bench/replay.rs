@@ -4,9 +4,8 @@ use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::configuration_space::{
-    Crew, CrewError, Done, Lattice, Outcome, Record, SpaceGrid, Store, Work, still_to_solve,
-};
+use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Store, Work, still_to_solve};
+use palpate_precompute::spec::{Lattice, SpaceGrid};
 use serde::Serialize;
 
 use super::simulated::Try;

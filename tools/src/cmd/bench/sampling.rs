@@ -9,11 +9,12 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
-use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, SpaceGrid};
-use palpate_precompute::fit::{Centre, EnergyJet, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
+use palpate_precompute::adaptive::{Alone, Verdict, alone, resample};
+use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::scattered::{Alone, Tolerance, Verdict, Wanted, alone, resample};
-use palpate_precompute::solve::Solver;
+use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::spec::{Domain, GridIndex, Lattice, SpaceGrid, Tolerance, Wanted};
 use serde::Serialize;
 
 use crate::cmd::plan::surrogate::{Surrogate, sample};

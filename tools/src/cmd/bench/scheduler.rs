@@ -4,11 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{
-    Crew, Domain, Expansion, Lattice, Sampling, SpaceGrid, Store, StoreIdentity,
-};
-use palpate_precompute::fit::{DisplacementBound, FormNeeds};
 use palpate_precompute::mesh::TetMesh;
+use palpate_precompute::space::{Crew, Expansion, Store, StoreIdentity};
+use palpate_precompute::spec::{DisplacementBound, Domain, FormNeeds, Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
 
 use super::common::Out;

@@ -5,12 +5,12 @@ use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::time::Duration;
 
 use palpate_core::ConfigTag;
-use palpate_precompute::boundary::Pose;
-use palpate_precompute::configuration_space::plan::Task;
-use palpate_precompute::configuration_space::{
-    Crew, CrewError, Done, GridIndex, Outcome, Record, SpaceGrid, StoredSeed, Work,
-};
-use palpate_precompute::solve::{Potential, Seed};
+use palpate_precompute::fem::boundary::Pose;
+use palpate_precompute::fem::solve::Seed;
+use palpate_precompute::num::branch::Potential;
+use palpate_precompute::space::plan::Task;
+use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Work};
+use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// What takes time beside the solves, ns.
 #[derive(Debug, Clone, Copy)]
@@ -209,7 +209,7 @@ impl Crew for Simulated<'_> {
 
 #[cfg(test)]
 mod tests {
-    use palpate_precompute::configuration_space::Job;
+    use palpate_precompute::space::Job;
 
     use super::*;
 

@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::body::{Body, Model};
-use palpate_precompute::element::Order;
-use palpate_precompute::material::{Material, MooneyRivlin, NeoHookean};
+use palpate_precompute::fem::body::{Body, Model};
+use palpate_precompute::fem::element::Order;
+use palpate_precompute::fem::material::{Material, MooneyRivlin, NeoHookean};
+use palpate_precompute::fem::solve::{IterationProfile, Problem, Solver};
 use palpate_precompute::mesh::TetMesh;
-use palpate_precompute::solve::{IterationProfile, Problem, Solver};
 
 use crate::failure::Failure;
 use crate::memory::{forget_peak, peak_mb, shown};
@@ -26,7 +26,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
     let barrier = Material::NeoHookean(NeoHookean {
-        lame: palpate_precompute::material::Lame::from_young_poisson(15480.0, 0.45),
+        lame: palpate_precompute::fem::material::Lame::from_young_poisson(15480.0, 0.45),
     });
     output::line(
         "body                 equations  entries of factor  symbolic s  assembly s  factor s  iteration s  MB (peak)",

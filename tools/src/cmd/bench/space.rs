@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::scene::GridSpec;
 use serde::Serialize;
 
@@ -148,13 +148,10 @@ fn measure(
     let counts = counts?[0];
     let peak_mb = peak_mb();
     let attempts = store.attempts(0)?;
-    let sum = |value: fn(&palpate_precompute::configuration_space::Record) -> f64| -> f64 {
-        attempts.iter().map(value).sum()
-    };
-    let folds =
-        palpate_precompute::configuration_space::fold::folds(&bench.lattice()?.grid, &store.records(0)?)
-            .len();
-    let points = palpate_precompute::configuration_space::Plans::of(&store)?.points().unwrap_or(0);
+    let sum =
+        |value: fn(&palpate_precompute::space::Record) -> f64| -> f64 { attempts.iter().map(value).sum() };
+    let folds = palpate_precompute::space::folds(&bench.lattice()?.grid, &store.records(0)?).len();
+    let points = palpate_precompute::space::Plans::of(&store)?.points().unwrap_or(0);
     drop(store);
     let solved = counts.solved().max(1) as f64;
     Ok(Row {

@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::configuration_space::{Sampling, Store};
+use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::is_on_training_lattice;
+use palpate_precompute::space::Store;
+use palpate_precompute::spec::Sampling;
 
 use crate::failure::Failure;
 

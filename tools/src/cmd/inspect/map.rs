@@ -5,8 +5,8 @@ use std::path::Path;
 
 use palpate_host::viewer::frames::write_still;
 use palpate_host::viewer::map::{ScalarField, SurfaceMap, draw};
-use palpate_precompute::configuration_space::Store;
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::space::Store;
 
 use crate::failure::Failure;
 

@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 use clap::Args as ClapArgs;
 use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
 use palpate_host::sliding::{self, SlidingReport};
-use palpate_precompute::configuration_space::{Lattice, Sampling, Scattered, Store};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
-use palpate_precompute::scattered::Tolerance;
 use palpate_precompute::scene::{GridSpec, Scene, Unreachable};
+use palpate_precompute::space::Store;
+use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use serde_json::json;
 
 use super::run;

@@ -1,6 +1,7 @@
 //! How the search of a scattered space went.
 
-use palpate_precompute::scattered::{LeftOut, LinearSuits, PASSES, ScatteredPlan, Test, Verdict};
+use palpate_precompute::adaptive::{LeftOut, LinearSuits, PASSES, Test, Verdict};
+use palpate_precompute::space::ScatteredPlan;
 use serde_json::json;
 
 /// That the linear body is enough.

@@ -3,14 +3,12 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::blob_writer::write_atomically;
-use palpate_precompute::configuration_space::fold::{Fold, folds};
-use palpate_precompute::configuration_space::{
-    GridIndex, Lattice, Plans, Record, Sampling, SpacePlan, Store,
-};
+use palpate_precompute::files::write_atomically;
+use palpate_precompute::fit::Fold;
 use palpate_precompute::held_out::Summary;
-use palpate_precompute::output::vtu::{self, Cells, Field, Grid};
-use palpate_precompute::scattered::Switched;
+use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
+use palpate_precompute::space::{Plans, Record, SpacePlan, Store, Switched, folds};
+use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
 use super::{Args, Shown, held_out, map, scattered};

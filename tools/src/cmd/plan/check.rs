@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use palpate_core::{Method, Organ};
-use palpate_precompute::configuration_space::Store;
+use palpate_precompute::space::Store;
 use serde::Serialize;
 
 use super::node::NodePlan;

@@ -19,9 +19,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
-use palpate_precompute::configuration_space::{Sampling, Store};
 use palpate_precompute::mesh::Surface;
-use palpate_precompute::scattered::Tolerance;
+use palpate_precompute::space::Store;
+use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
 
 use self::check::Predicted;
@@ -365,14 +365,13 @@ fn wanted(
     max_force_n: f64,
     tolerance: Tolerance,
     (rest_m, normal): ([f64; 3], Option<[f64; 3]>),
-) -> palpate_precompute::scattered::Wanted {
-    let scattered =
-        sampling.scattered().copied().unwrap_or(palpate_precompute::configuration_space::Scattered {
-            radius_m: sampling.radius_m(),
-            tolerance,
-            only_push: false,
-            workspace_m: None,
-        });
+) -> palpate_precompute::spec::Wanted {
+    let scattered = sampling.scattered().copied().unwrap_or(palpate_precompute::spec::Scattered {
+        radius_m: sampling.radius_m(),
+        tolerance,
+        only_push: false,
+        workspace_m: None,
+    });
     // An active node is on the surface; without a normal nothing is known of a side.
     scattered.wanted(max_force_n, rest_m, normal.unwrap_or_default())
 }

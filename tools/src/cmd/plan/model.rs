@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use palpate_precompute::scene::{PressurePair, ResolvedScene};
-use palpate_precompute::solve::Problem;
+use palpate_precompute::fem::pressure::PressurePair;
+use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::scene::ResolvedScene;
 
 use super::probe::{Probed, rest_of};
 

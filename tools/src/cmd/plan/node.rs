@@ -1,9 +1,10 @@
 //! What one active node's space will be, for every sampling that is sensible: from its probes, on their surrogate.
 
 use palpate_core::Method;
-use palpate_precompute::configuration_space::{Domain, Lattice, Sampling, SpaceGrid};
-use palpate_precompute::fit::{DisplacementBound, ScatteredMotion, fit_displacement};
-use palpate_precompute::scattered::{Resampled, Switched, resample};
+use palpate_precompute::adaptive::{Resampled, resample};
+use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
+use palpate_precompute::space::Switched;
+use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
 
 use super::probe::{Order, Probed, norm, probe};
 use super::surrogate::Surrogate;

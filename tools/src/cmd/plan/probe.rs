@@ -6,9 +6,11 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::fit::{EnergyJet, Moved};
-use palpate_precompute::scattered::{Found, Search, Step, Wanted};
-use palpate_precompute::solve::{Configuration, Problem, Seed, Solver};
+use palpate_precompute::adaptive::{Found, Search, Step};
+use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
+use palpate_precompute::fit::Moved;
+use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::spec::Wanted;
 
 use crate::failure::Failure;
 

@@ -7,10 +7,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use palpate_core::ConfigTag;
-use palpate_precompute::configuration_space::plan::Plan;
-use palpate_precompute::configuration_space::{Domain, GridIndex, Lattice, Record};
-use palpate_precompute::fit::{EnergyJet, KernelFit, Sample};
-use palpate_precompute::scattered::{Found, Search, Step, Tolerance, Verdict, Wanted};
+use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
+use palpate_precompute::fit::{KernelFit, Sample};
+use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::space::Record;
+use palpate_precompute::space::plan::Plan;
+use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
 
 use super::probe::{Probed, norm};
 use super::tables::Place;
@@ -214,14 +216,14 @@ fn doubt(error: f64, probes: usize) -> f64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use palpate_precompute::configuration_space::SpaceGrid;
+    use palpate_precompute::spec::SpaceGrid;
 
     /// A body that stiffens as it is pushed: W = 100 |p|^2 + 0.02 (exp(g.p) - 1 - g.p).
     pub(in crate::cmd::plan) fn stiffening(p: [f64; 3]) -> EnergyJet {
         let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
         let e = c * (0..3).map(|i| g[i] * p[i]).sum::<f64>().exp();
         let third =
-            palpate_precompute::material::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
+            palpate_precompute::num::jet::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
         let mut jet = EnergyJet {
             displacement_m: p,
             energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i] - c * g[i] * p[i]).sum::<f64>() + e - c,
@@ -273,7 +275,7 @@ pub(super) mod tests {
         while let Step::Solve(targets) = search.step() {
             count += targets.len();
             let solved =
-                |t: &palpate_precompute::scattered::Target| Found::Solved(stiffening(t.displacement_m()));
+                |t: &palpate_precompute::adaptive::Target| Found::Solved(stiffening(t.displacement_m()));
             search.take(&targets.iter().map(solved).collect::<Vec<_>>());
         }
         count

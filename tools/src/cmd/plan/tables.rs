@@ -8,12 +8,11 @@ use palpate_core::rbf::{LANES, RbfTable};
 use palpate_core::table::{LatticeTable, Space};
 use palpate_core::{BallLattice, Method};
 use palpate_precompute::certificate::nanoseconds;
-use palpate_precompute::configuration_space::{Domain, GridIndex, SpaceGrid};
 use palpate_precompute::fit::{
     Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
     hermite_nodes_known, lattice_values,
 };
-use palpate_precompute::scattered::Tolerance;
+use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid, Tolerance};
 
 use super::probe::norm;
 
@@ -215,7 +214,7 @@ mod tests {
     use super::super::surrogate::Surrogate;
     use super::super::surrogate::tests::probed;
     use super::*;
-    use palpate_precompute::configuration_space::Lattice;
+    use palpate_precompute::spec::Lattice;
 
     const ALL: [Method; 4] = [Method::Trilinear, Method::Hybrid, Method::RbfCubic, Method::Energy];
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
-use palpate_precompute::configuration_space::solver_version;
-use palpate_precompute::solve::{Problem, Solver};
+use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Family, Plan};

@@ -1,10 +1,10 @@
 //! Force against displacement by finite elements: laws, held sets and active nodes (the paper's Fig. 6).
 
-use palpate_precompute::configuration_space::solver_version;
+use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::positions::regular_directions;
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::scene::ActiveNode;
-use palpate_precompute::solve::Solver;
+use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Family, Plan};

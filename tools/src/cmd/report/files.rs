@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::files::write_atomically;
 use serde::Serialize;
 
 use super::Report;

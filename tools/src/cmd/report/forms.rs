@@ -1,7 +1,7 @@
 //! The forms in which the first body's fitted energy can go into a blob: what each reads, how long it takes and how wrong it is.
 
-use palpate_precompute::configuration_space::Store;
 use palpate_precompute::held_out::Draw;
+use palpate_precompute::space::Store;
 
 use super::plan::{Family, Plan};
 use super::solve::solved;

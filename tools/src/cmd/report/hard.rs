@@ -1,9 +1,9 @@
 //! Hard cases of the interpolation: tables with holes, and a body pulled so far that it has several branches.
 
 use palpate_precompute::certificate::{Answer, Errors, answers};
-use palpate_precompute::configuration_space::fold::folds;
-use palpate_precompute::configuration_space::{GridIndex, Store};
-use palpate_precompute::held_out::{Draw, Kind, Summary};
+use palpate_precompute::held_out::{Draw, Summary};
+use palpate_precompute::space::{Kind, Store, folds};
+use palpate_precompute::spec::GridIndex;
 use serde::Serialize;
 
 use super::measure::some;

@@ -2,7 +2,7 @@
 
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{Effort, Ledger, Line, ledger};
-use palpate_precompute::configuration_space::{Store, solver_version};
+use palpate_precompute::space::{Store, solver_version};
 use serde::{Deserialize, Serialize};
 
 use super::measure::Measured;

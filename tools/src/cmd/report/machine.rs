@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use palpate_precompute::configuration_space::solver_version;
+use palpate_precompute::space::solver_version;
 use serde::Serialize;
 
 /// For the page's footer.

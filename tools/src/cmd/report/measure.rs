@@ -5,8 +5,7 @@ use std::path::Path;
 
 use palpate_core::Method;
 use palpate_precompute::certificate::{Answer, Certificate, Errors, answers, nanoseconds};
-use palpate_precompute::configuration_space::Store;
-use palpate_precompute::held_out::{Kind, Walk};
+use palpate_precompute::space::{Kind, Store, Walk};
 use serde::Serialize;
 
 use super::plan::{Case, Family, Plan};

@@ -2,11 +2,11 @@
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::certificate::{Apart, Certificate, surface_by_rbf};
-use palpate_precompute::configuration_space::Store;
 use palpate_precompute::fit::Kernel;
 use palpate_precompute::held_out::Draw;
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::space::Store;
 use serde::Serialize;
 
 use super::measure::some;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate_core::Method;
-use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::scene::Scene;
 use toml::{Table, Value};

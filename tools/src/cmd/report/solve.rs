@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::configuration_space::{Store, with_threads};
-use palpate_precompute::held_out::{Draw, HeldOutError, Kind, Walk, WalkOutcome};
+use palpate_precompute::held_out::{Draw, HeldOutError};
+use palpate_precompute::space::{Kind, Store, Walk, WalkOutcome, with_threads};
 
 use super::plan::{Case, Plan};
 use super::steps::Steps;
@@ -45,7 +45,7 @@ pub(super) fn solved(
 /// Copies the paths that the other store has solved and this one has not.
 fn take_over(from: &Path, to: &Store, draw: &Draw) -> Result<(), Failure> {
     let from = Store::open(from)?;
-    to.draw_held_out(draw)?;
+    to.agree_on_draw(&draw.identity(), draw.regular_m)?;
     let done = to.walks_done(0)?;
     let mut walks: BTreeMap<Walk, WalkOutcome> = BTreeMap::new();
     from.each_truth(0, |walk, _, truth| {

@@ -4,10 +4,12 @@ use std::path::Path;
 
 use palpate_core::{Method, Organ, Space};
 use palpate_host::BlobFile;
-use palpate_precompute::blob_writer::{PackError, PackOptions, Packed, pack_with, write_atomically};
 use palpate_precompute::certificate::{Certificate, MethodCertificate, SpaceCertificate, certify};
-use palpate_precompute::configuration_space::{GridIndex, Store};
+use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Summary;
+use palpate_precompute::pack::{PackError, PackOptions, Packed, pack_with};
+use palpate_precompute::space::Store;
+use palpate_precompute::spec::GridIndex;
 
 use super::plan::Plan;
 use crate::failure::Failure;

@@ -15,9 +15,8 @@ use palpate_precompute::certificate::reference_force_n;
 use serde::Serialize;
 
 use super::common::{Out, Pinned};
-use crate::blob;
 use crate::failure::Failure;
-use crate::output;
+use crate::{blob, output};
 use tables::Tables;
 use timing::{Run, Timing};
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::flags::SMOOTH;
-use palpate_precompute::configuration_space::SpaceGrid;
+use palpate_precompute::spec::SpaceGrid;
 use serde::Serialize;
 
 use crate::failure::Failure;

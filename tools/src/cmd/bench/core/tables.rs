@@ -4,11 +4,11 @@ use palpate_core::flags;
 use palpate_core::hermite::HermiteTable;
 use palpate_core::rbf::{LANES, RbfTable};
 use palpate_core::table::{LatticeTable, Space};
-use palpate_precompute::configuration_space::{GridIndex, SpaceGrid};
 use palpate_precompute::fit::{
     Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
-use palpate_precompute::material::THIRD_INDICES;
+use palpate_precompute::num::jet::THIRD_INDICES;
+use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 use crate::failure::Failure;
 

@@ -7,12 +7,10 @@ use std::path::PathBuf;
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, Space, Vec3, vec3};
 use palpate_host::{BlobFile, Instructions, Interpolator};
-use palpate_precompute::blob_writer::{PackOptions, pack};
 use palpate_precompute::certificate::{Answer, Compared, Errors, answers, reference_force_n};
-use palpate_precompute::configuration_space::Store;
 use palpate_precompute::fit::KernelFit;
-use palpate_precompute::held_out::Kind;
-use palpate_precompute::scattered::planned;
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::space::{Kind, Store, planned};
 use serde::Serialize;
 
 use super::common::{Out, Pinned};

@@ -15,7 +15,7 @@ mod parts;
 use std::path::Path;
 
 use palpate_core::Method;
-use palpate_precompute::blob_writer::write_atomically;
+use palpate_precompute::files::write_atomically;
 
 use super::Report;
 use super::measure::{Measured, MethodRow};

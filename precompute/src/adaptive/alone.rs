@@ -1,0 +1,75 @@
+//! A search by one solver in memory: for measurements, and for a cheaper body beneath another.
+
+use std::sync::Arc;
+
+use super::{Found, Search, Step, Verdict};
+use crate::fem::solve::{Seed, SolveFailure, Solver};
+use crate::fit::KernelFit;
+use crate::num::jet::EnergyJet;
+use crate::num::vector::{difference, norm};
+use crate::spec::Wanted;
+
+/// A search to its end, with the states it went through.
+#[derive(Debug)]
+pub struct Alone {
+    /// The search.
+    pub search: Search,
+    /// How it ended.
+    pub verdict: Verdict,
+    /// Configurations solved, rest and those it did not learn from among them.
+    pub solved: usize,
+    /// Displacement, m, and state of each that is on the branch of its parent, rest first.
+    pub seeds: Vec<([f64; 3], Seed)>,
+}
+
+/// The configuration at rest, which has no force by its definition.
+pub fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
+    let rest = solver.rest()?;
+    Ok((EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) }, rest.seed))
+}
+
+/// Searches with one solver to the end, over the energy of a cheaper body if there is one.
+pub fn alone(
+    solver: &mut Solver,
+    wanted: Wanted,
+    under: Option<Arc<KernelFit>>,
+) -> Result<Alone, SolveFailure> {
+    let (rest, seed) = at_rest(solver)?;
+    let mut search = Search::over(under, wanted, &rest);
+    let (mut seeds, mut solved) = (vec![([0.0; 3], seed)], 1);
+    loop {
+        let targets = match search.step() {
+            Step::Done(verdict) => return Ok(Alone { search, verdict, solved, seeds }),
+            Step::Solve(targets) => targets,
+        };
+        let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.displacement_m).collect();
+        let mut found = Vec::new();
+        for target in &targets {
+            let at = target.displacement_m();
+            let outcome = solver.advance(nearest(&seeds, parents[target.parent]), at);
+            solved += usize::from(outcome.is_ok());
+            found.push(match outcome {
+                Ok(c) if !c.switched => {
+                    let jet = EnergyJet::from(&c);
+                    seeds.push((at, c.seed));
+                    Found::Solved(jet)
+                }
+                Ok(c) => Found::Elsewhere(EnergyJet::from(&c)),
+                Err(_) => Found::Failed,
+            });
+        }
+        search.take(&found);
+    }
+}
+
+impl Alone {
+    /// The state nearest to a displacement.
+    pub fn nearest(&self, to: [f64; 3]) -> &Seed {
+        nearest(&self.seeds, to)
+    }
+}
+
+fn nearest(seeds: &[([f64; 3], Seed)], to: [f64; 3]) -> &Seed {
+    let away = |(at, _): &&([f64; 3], Seed)| norm(difference(*at, to));
+    &seeds.iter().min_by(|a, b| away(a).total_cmp(&away(b))).expect("rest is there").1
+}

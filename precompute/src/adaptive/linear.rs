@@ -1,0 +1,199 @@
+//! Whether the linear body would do: what it says at every test of the search, at no cost.
+//!
+//! h = S0 d, with the stiffness at rest. It learns nothing, so no answer can be in it: every test judges the same model, and one that failed
+//! speaks against it for good, however small the displacements of the later ones are. Tests are the farthest positions first: where a body
+//! is least linear. Ten of them may still miss the one direction in which it is not: at last the fit, which has learned from all of them, must find
+//! the linear body within tolerance wherever the tool gets.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::resample::Resampled;
+use super::{PASSES, Search};
+use crate::fit::{KernelFit, Sample};
+use crate::num::vector::{difference, norm};
+use crate::spec::{Domain, SpaceGrid};
+
+/// The linear body against the tests so far.
+#[derive(Debug, Clone)]
+pub(super) struct Linear {
+    stiffness_n_m: Matrix3<f64>,
+    suits: LinearSuits,
+    /// A test failed, or something was not solved, or left its branch.
+    ruled_out: bool,
+    /// It passed its tests, and the fit agrees.
+    is_enough: bool,
+}
+
+/// How well the linear body predicts.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct LinearSuits {
+    /// Tests, as far as they count.
+    pub tests: usize,
+    /// The largest error of them, by the tolerance there.
+    pub worst: f64,
+    /// The largest distance from the fit, by the tolerance, over places within reach; asked once the tests are passed.
+    pub from_fit: f64,
+}
+
+impl Linear {
+    pub(super) fn new(stiffness_n_m: Matrix3<f64>) -> Self {
+        Self { stiffness_n_m, suits: LinearSuits::default(), ruled_out: false, is_enough: false }
+    }
+
+    /// h, N.
+    fn force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
+        (self.stiffness_n_m * Vector3::from(displacement_m)).into()
+    }
+
+    /// Takes a test that counts.
+    pub(super) fn score(&mut self, displacement_m: [f64; 3], truth_n: [f64; 3], tolerance_n: f64) {
+        let share = norm(difference(self.force_n(displacement_m), truth_n)) / tolerance_n;
+        let LinearSuits { tests, worst, .. } = self.suits;
+        self.suits = LinearSuits { tests: tests + 1, worst: worst.max(share), ..self.suits };
+        self.ruled_out |= share.is_nan() || share > 1.0;
+    }
+
+    /// A position that could not be solved, or only on another branch: no linear body has those.
+    pub(super) fn rule_out(&mut self) {
+        self.ruled_out = true;
+    }
+
+    /// Tests that it must still pass; none once it cannot.
+    pub(super) fn wants(&self) -> Option<usize> {
+        (!self.ruled_out).then(|| PASSES.saturating_sub(self.suits.tests))
+    }
+
+    /// Whether it is enough by the word of the fit, at these places within reach; each with the force there and what an error may be.
+    pub(super) fn is_enough(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
+        let share = |(at, force_n, tolerance_n)| norm(difference(self.force_n(at), force_n)) / tolerance_n;
+        self.suits.from_fit = fit.map(share).fold(0.0, f64::max);
+        self.is_enough = self.suits.from_fit <= 1.0;
+        self.ruled_out |= !self.is_enough;
+        self.is_enough
+    }
+
+    /// How it stands, tests and the worst of them.
+    pub(super) fn suits(&self) -> LinearSuits {
+        self.suits
+    }
+
+    /// The table that holds it in the fewest bytes, once it is enough: a quintic through the derivatives of a quadratic is that quadratic, and so is a tri-linear
+    /// force, whatever the cell. So the cells are as wide as the ball.
+    pub(super) fn table(&self, search: &Search, radius_m: f64) -> Option<Resampled> {
+        if !self.is_enough {
+            return None;
+        }
+        let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
+        let quadratic = KernelFit::new(radius_m, self.stiffness_n_m);
+        let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
+        points.sort_unstable();
+        let sample = |&index: &_| {
+            let jet = quadratic.jet(grid.displacement_m(index));
+            Sample {
+                index,
+                attempt: 0,
+                energy_j: jet.energy_j,
+                force_n: jet.force_n,
+                stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
+                third_n_m2: [0.0; 10],
+                terminating: norm(jet.force_n) > search.wanted().max_force_n,
+                inverted: false,
+            }
+        };
+        let samples = points.iter().map(sample).collect();
+        let derivatives =
+            points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
+        Some(Resampled { grid, samples, derivatives, added: 0.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Found, Step, Verdict, resample};
+    use super::*;
+    use crate::fit::made_up::jet;
+    use crate::spec::{Tolerance, Wanted};
+    use palpate_core::hermite::HermiteTable;
+    use palpate_core::lanes::Baseline;
+
+    const RADIUS_M: f64 = 0.002;
+
+    fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> Found) -> (Search, Verdict, usize) {
+        let tolerance = Tolerance::CANNOT_BE_FELT;
+        let wanted =
+            Wanted { tolerance, radius_m, max_force_n: 8.0, push: None, workspace_m: None, most: 100 };
+        let mut search = Search::new(wanted, &jet([0.0; 3]));
+        let mut solves = 1;
+        loop {
+            match search.step() {
+                Step::Done(verdict) => return (search, verdict, solves),
+                Step::Solve(targets) => {
+                    solves += targets.len();
+                    let all: Vec<Found> =
+                        targets.iter().map(|target| found(target.displacement_m())).collect();
+                    search.take(&all);
+                }
+            }
+        }
+    }
+
+    fn solved(at: [f64; 3]) -> Found {
+        Found::Solved(jet(at))
+    }
+
+    #[test]
+    fn small_displacements_are_linear_after_ten_tests_and_large_ones_never() {
+        let (search, verdict, solves) = searched(RADIUS_M, solved);
+        println!("{:?} of {:?} after {solves}", verdict, search.linear());
+        assert_eq!((verdict, solves), (Verdict::Linear, PASSES + 1));
+        assert!(search.linear().worst <= 1.0 && search.linear().tests == PASSES);
+        let (search, verdict, _) = searched(0.04, solved);
+        assert_eq!(verdict, Verdict::Passed);
+        // Its ten farthest positions miss the direction in which this body is not linear; the fit knows it.
+        assert!(search.linear().worst < 1.0 && search.linear().from_fit > 1.2, "{:?}", search.linear());
+    }
+
+    #[test]
+    fn one_bad_test_a_failure_or_another_branch_is_enough_against_it() {
+        // The eighth test is off by twice the tolerance; all others are those of a linear body.
+        let base = jet([0.0; 3]).stiffness_n_m;
+        let exact = |at: [f64; 3]| {
+            let quadratic = KernelFit::new(1.0, base);
+            quadratic.jet(at)
+        };
+        let planted = |spoil: &dyn Fn(crate::num::jet::EnergyJet) -> Found| {
+            let seen = std::cell::Cell::new(0);
+            searched(RADIUS_M, |at| {
+                seen.set(seen.get() + 1);
+                if seen.get() == 8 { spoil(exact(at)) } else { Found::Solved(exact(at)) }
+            })
+        };
+        assert_eq!(planted(&Found::Solved).1, Verdict::Linear);
+        let off = |mut jet: crate::num::jet::EnergyJet| {
+            jet.force_n[1] += 2.0 * Tolerance::CANNOT_BE_FELT.at(jet.force_n);
+            Found::Solved(jet)
+        };
+        for (search, verdict, _) in [planted(&off), planted(&Found::Elsewhere), planted(&|_| Found::Failed)] {
+            assert_ne!(verdict, Verdict::Linear, "{:?}", search.linear());
+        }
+    }
+
+    #[test]
+    fn its_table_is_one_cell_and_exact() {
+        let (search, ..) = searched(RADIUS_M, solved);
+        let on = resample(&search);
+        assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
+        let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
+        let lattice = &on.grid.lattice;
+        let table = HermiteTable::new(lattice.slots(), &nodes.row, &nodes.nodes).expect("a table");
+        for n in 0..200 {
+            let at = crate::fit::made_up::spread(n, 0.99 * on.grid.radius_m);
+            let place = lattice.locate(at.map(|x| x as f32));
+            let found = table.energy_gradient(Baseline, lattice.strides(), place.slot, place.t);
+            let exact: [f64; 3] = (jet([0.0; 3]).stiffness_n_m * Vector3::from(at)).into();
+            let apart = norm(difference(found.map(f64::from), exact));
+            assert!(apart < 1e-6 * norm(exact) + 1e-7, "{apart} N of {}", norm(exact));
+        }
+    }
+}

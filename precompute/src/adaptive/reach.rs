@@ -1,0 +1,135 @@
+//! Where the tool can be: within the radius and the workspace, with no more force than the device has, and if it only pushes, pressing.
+
+use crate::fit::KernelFit;
+use crate::num::jet::EnergyJet;
+use crate::num::vector::{difference, norm};
+use crate::spec::Wanted;
+
+/// Directions that are looked at.
+pub(super) const RAYS: u32 = 256;
+/// Halvings of a ray's length when its reach is sought: within 1 / 500 of the radius.
+const HALVINGS: u32 = 9;
+/// Predictions may be this much beyond the limit: the rim itself is to be met from both sides.
+const ALLOWANCE: f64 = 1.02;
+/// Positions on a ray, as shares of the volume within its reach.
+const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
+
+/// What is known of the force so far.
+pub(super) struct Known<'a> {
+    pub(super) wanted: &'a Wanted,
+    pub(super) fit: &'a KernelFit,
+    pub(super) jets: &'a [EnergyJet],
+}
+
+impl Known<'_> {
+    /// Positions spread over what seems to be within reach, in a fixed order.
+    ///
+    /// Along each ray as far as both the fit and the Taylor series of the nearest configuration say that the force is within the
+    /// limit: a fit alone may say anything where it has no data.
+    pub(super) fn candidates(&self, round: u32) -> Vec<[f64; 3]> {
+        let mut found = Vec::new();
+        for n in 0..RAYS {
+            let direction = direction(round * RAYS + n);
+            let reach = self.reach(direction);
+            for share in SHARES {
+                let at = direction.map(|x| x * reach * f64::cbrt(share));
+                if self.presses(at) {
+                    found.push(at);
+                }
+            }
+        }
+        found
+    }
+
+    /// How far the workspace goes in a direction, m; r_G without one.
+    fn way_out(&self, direction: [f64; 3]) -> f64 {
+        let Some([low, high]) = self.wanted.workspace_m else { return self.wanted.radius_m };
+        let ways = (0..3).map(|axis| {
+            let end = if direction[axis] < 0.0 { low[axis] } else { high[axis] };
+            if direction[axis] == 0.0 { f64::INFINITY } else { (end / direction[axis]).max(0.0) }
+        });
+        ways.fold(self.wanted.radius_m, f64::min)
+    }
+
+    /// How far the tool gets in a direction, m.
+    fn reach(&self, direction: [f64; 3]) -> f64 {
+        let way_m = self.way_out(direction);
+        let at = |t: f64| direction.map(|x| x * t * way_m);
+        let within = |t: f64| self.largest_n(at(t)) <= ALLOWANCE * self.wanted.max_force_n;
+        if within(1.0) {
+            return way_m;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if within(middle) { low = middle } else { high = middle }
+        }
+        low * way_m
+    }
+
+    /// The larger of the two predictions of |h|, N.
+    fn largest_n(&self, at: [f64; 3]) -> f64 {
+        let taylor = self.nearest(at).map_or(0.0, |jet| norm(jet.taylor_force_n(at)));
+        norm(self.fit.force_n(at)).max(taylor)
+    }
+
+    /// Whether the tool presses there, if it must.
+    fn presses(&self, at: [f64; 3]) -> bool {
+        let Some(normal) = self.wanted.push else { return true };
+        let along: f64 = self.fit.force_n(at).iter().zip(normal).map(|(h, n)| h * n).sum();
+        along <= 0.0
+    }
+
+    fn nearest(&self, at: [f64; 3]) -> Option<&EnergyJet> {
+        let distance = |jet: &EnergyJet| norm(difference(at, jet.displacement_m));
+        self.jets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+    }
+}
+
+/// Number `n` of directions that fill the sphere evenly, however many are taken (R2 sequence: Roberts 2018).
+fn direction(n: u32) -> [f64; 3] {
+    const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
+    let [z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
+    let (z, (s, c)) = (2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+    let across = (1.0 - z * z).sqrt();
+    [across * c, across * s, z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::made_up::jet;
+    use crate::spec::Tolerance;
+
+    /// A fit of a short length knows nothing beyond it and answers like the body at rest: without the Taylor series of what is known it
+    /// would send the tool far beyond the limit.
+    #[test]
+    fn a_fit_that_knows_nothing_there_does_not_lead_astray() {
+        let wanted = Wanted {
+            tolerance: Tolerance::CANNOT_BE_FELT,
+            radius_m: 0.1,
+            max_force_n: 20.0,
+            push: None,
+            workspace_m: None,
+            most: 100,
+        };
+        let jets = [[0.0; 3], [0.03, -0.02, 0.025]].map(jet);
+        let mut fit = KernelFit::new(0.004, jets[0].stiffness_n_m);
+        fit.add(&jets).expect("apart");
+        let known = Known { wanted: &wanted, fit: &fit, jets: &jets };
+        let candidates = known.candidates(0);
+        assert!(candidates.len() > 500);
+        let limit_n = 1.001 * ALLOWANCE * wanted.max_force_n;
+        for &at in &candidates {
+            let [by_fit, by_taylor] =
+                [fit.force_n(at), known.nearest(at).expect("two").taylor_force_n(at)].map(norm);
+            assert!(by_fit <= limit_n && by_taylor <= limit_n, "{at:?}: {by_fit} N, {by_taylor} N");
+        }
+        // There is something to go astray to: further out along a ray the fit alone would still be within the limit.
+        let astray = candidates.iter().filter(|at| {
+            let further = at.map(|x| 1.2 * x);
+            norm(further) <= wanted.radius_m && norm(fit.force_n(further)) <= wanted.max_force_n
+        });
+        assert!(astray.count() > 20);
+    }
+}

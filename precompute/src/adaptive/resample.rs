@@ -1,0 +1,195 @@
+//! A scattered space on a lattice, as the core's tables want it.
+
+use std::collections::{BTreeMap, HashSet};
+
+use palpate_core::hermite::HermiteTable;
+use palpate_core::lanes::Baseline;
+
+use super::Search;
+use crate::fit::{Derivatives, Sample, hermite_nodes_known};
+use crate::num::vector::{difference, norm};
+use crate::spec::{Domain, GridIndex, SpaceGrid, UNIT_M};
+
+/// Cells along the radius that are tried, the coarsest first.
+const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
+/// Share of the tolerance that the table may take.
+const SHARE: f64 = 0.1;
+/// A finer lattice is worth its bytes where it adds less than this share of the error.
+const GAIN: f64 = 0.7;
+/// Lattices in a row that were not.
+const IN_VAIN: u32 = 2;
+/// Places where the table is compared with the fit, and as many others that say which cells the tool can be in.
+const PLACES: u32 = 600;
+/// The lattice ends so much beyond the farthest configuration.
+const MARGIN: f64 = 1.05;
+
+/// What a fit says at the points of a lattice.
+#[derive(Debug, Clone)]
+pub struct Resampled {
+    /// The lattice.
+    pub grid: SpaceGrid,
+    /// Its points where the fit knows something, sorted by index; the rest point has exactly no force.
+    pub samples: Vec<Sample>,
+    /// All derivatives that the energy's table takes there.
+    pub derivatives: BTreeMap<GridIndex, Derivatives>,
+    /// What the energy's table adds to the error of the fit, 99th percentile, as a share of the tolerance.
+    pub added: f64,
+}
+
+/// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
+/// ragged, the coarsest that finer ones are no better than.
+pub fn resample(search: &Search) -> Resampled {
+    let farthest = search.jets().iter().map(|jet| norm(jet.displacement_m)).fold(0.0, f64::max);
+    let radius_m = (MARGIN * farthest).min(search.wanted().radius_m).max(UNIT_M);
+    if let Some(linear) = search.linear_table(radius_m) {
+        return linear;
+    }
+    let [asked, reached] = places(search);
+    let (mut best, mut in_vain): (Option<Resampled>, u32) = (None, 0);
+    for cells in CELLS {
+        let Ok(grid) = SpaceGrid::new(radius_m / f64::from(cells), radius_m) else { continue };
+        let mut on = on_lattice(search, grid, &reached);
+        on.added = added(search, &on, &asked);
+        let is_better = best.as_ref().is_none_or(|best| on.added < GAIN * best.added);
+        in_vain = if is_better { 0 } else { in_vain + 1 };
+        if is_better {
+            best = Some(on);
+        }
+        if in_vain == IN_VAIN || best.as_ref().is_some_and(|best| best.added <= SHARE) {
+            break;
+        }
+    }
+    best.expect("a ball of a few cells is a lattice")
+}
+
+/// Two sets of places within reach: what a table is asked, and what says which cells it must know. Apart, so that a cell which only the
+/// second set misses counts as an error.
+fn places(search: &Search) -> [Vec<[f64; 3]>; 2] {
+    let all = search.places(2 * PLACES);
+    let of = |part: usize| all.iter().copied().skip(part).step_by(2).collect();
+    [of(0), of(1)]
+}
+
+/// The corners of the cells that hold a place.
+fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
+    let reach = grid.lattice.reach();
+    let low = |at: &[f64; 3]| at.map(|x| ((x / grid.spacing_m).floor() as i32).clamp(-reach, reach - 1));
+    let cells: HashSet<GridIndex> = places.iter().map(low).collect();
+    let corner = |low: GridIndex, code: i32| -> GridIndex {
+        std::array::from_fn(|axis| low[axis] + (code >> axis & 1))
+    };
+    cells.into_iter().flat_map(|low| (0..8).map(move |code| corner(low, code))).collect()
+}
+
+/// The fit at the points where it knows something, and at every corner of a cell that the tool can be in: a corner beyond the rim has a force far
+/// above the limit, but a quintic through anything else than the fit's own derivatives there would bend the force on this side of it.
+fn on_lattice(search: &Search, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
+    let (fit, limit_n) = (search.fit(), search.wanted().max_force_n);
+    let corners = corners_round(&grid, reached);
+    let (mut samples, mut derivatives) = (Vec::new(), BTreeMap::new());
+    let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
+    points.sort_unstable();
+    for index in points {
+        let at = grid.displacement_m(index);
+        if grid.lattice.slot(index).is_none() || !(corners.contains(&index) || search.knows(at)) {
+            continue;
+        }
+        let jet = fit.jet(at);
+        let is_rest = index == [0; 3];
+        samples.push(Sample {
+            index,
+            attempt: 0,
+            energy_j: if is_rest { 0.0 } else { jet.energy_j },
+            force_n: if is_rest { [0.0; 3] } else { jet.force_n },
+            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
+            third_n_m2: jet.third_n_m2,
+            terminating: norm(jet.force_n) > limit_n,
+            inverted: false,
+        });
+        let mut all = fit.derivatives(at);
+        if is_rest {
+            (all[0][0][0], all[1][0][0], all[0][1][0], all[0][0][1]) = (0.0, 0.0, 0.0, 0.0);
+        }
+        derivatives.insert(index, all);
+    }
+    Resampled { grid, samples, derivatives, added: f64::INFINITY }
+}
+
+/// 99th percentile of the distance of table and fit, as a share of the tolerance, over these places within reach.
+fn added(search: &Search, on: &Resampled, places: &[[f64; 3]]) -> f64 {
+    let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
+    let lattice = &on.grid.lattice;
+    let Ok(table) = HermiteTable::new(lattice.slots(), &nodes.row, &nodes.nodes) else {
+        return f64::INFINITY;
+    };
+    let mut shares: Vec<f64> = places
+        .iter()
+        .map(|&at| {
+            let place = lattice.locate(at.map(|x| x as f32));
+            let found = table.energy_gradient(Baseline, lattice.strides(), place.slot, place.t);
+            let exact = search.fit().force_n(at);
+            norm(difference(found.map(f64::from), exact)) / search.wanted().tolerance.at(exact)
+        })
+        .collect();
+    shares.sort_by(f64::total_cmp);
+    shares.get(shares.len() * 99 / 100).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adaptive::{Found, Step};
+    use crate::fit::made_up::jet;
+    use crate::num::jet::EnergyJet;
+    use crate::spec::{Tolerance, Wanted};
+
+    /// A body that is e times as stiff every 9 mm on one side: a polynomial that continues it is far from it a cell further.
+    fn steep(p: [f64; 3]) -> EnergyJet {
+        const TIMES: f64 = 4.0;
+        let jet = jet(p.map(|x| TIMES * x));
+        EnergyJet {
+            displacement_m: p,
+            energy_j: jet.energy_j / (TIMES * TIMES),
+            force_n: jet.force_n.map(|h| h / TIMES),
+            third_n_m2: jet.third_n_m2.map(|w| TIMES * w),
+            ..jet
+        }
+    }
+
+    /// A search to its end in a ball that is far larger than the device's force reaches.
+    fn searched() -> Search {
+        let wanted = Wanted {
+            tolerance: Tolerance::CANNOT_BE_FELT,
+            radius_m: 0.05,
+            max_force_n: 5.0,
+            push: None,
+            workspace_m: None,
+            most: 100,
+        };
+        let mut search = Search::new(wanted, &steep([0.0; 3]));
+        while let Step::Solve(targets) = search.step() {
+            let found: Vec<Found> =
+                targets.iter().map(|target| Found::Solved(steep(target.displacement_m()))).collect();
+            search.take(&found);
+        }
+        search
+    }
+
+    #[test]
+    fn a_coarse_table_holds_to_the_rim_because_its_corners_are_the_fits_own() {
+        let search = searched();
+        let on = resample(&search);
+        let cells = (on.grid.radius_m / on.grid.spacing_m).round();
+        println!("{cells} cells add {:.4} of the tolerance", on.added);
+        assert!(cells <= 5.0 && on.added <= SHARE, "{cells} cells, {}", on.added);
+        // Without the corners that only a place within reach asks for, which lie beyond the limit.
+        let [asked, reached] = places(&search);
+        let bare = on_lattice(&search, on.grid, &[]);
+        let whole = on_lattice(&search, on.grid, &reached);
+        assert!(bare.samples.len() < whole.samples.len());
+        let (without, with) = (added(&search, &bare, &asked), added(&search, &whole, &asked));
+        println!("{without:.4} without them, {with:.4} with them");
+        assert!(without > 3.0 * with, "{without} {with}");
+        assert_eq!(with, on.added);
+    }
+}

@@ -1,0 +1,197 @@
+//! What a search does on made-up bodies.
+
+use super::*;
+use crate::fit::made_up::{jet, spread};
+use crate::spec::Tolerance;
+
+const WANTED: Wanted = Wanted {
+    tolerance: Tolerance::CANNOT_BE_FELT,
+    radius_m: 0.05,
+    max_force_n: 8.0,
+    push: None,
+    workspace_m: None,
+    most: 100,
+};
+
+/// What a made-up body takes a few dozen configurations for.
+const FINE: Wanted = Wanted { tolerance: Tolerance { relative: 1e-5, absolute_n: 1e-5 }, ..WANTED };
+
+/// Solves to the end; `solve` is what a position gives.
+fn searched(wanted: Wanted, solve: impl Fn([f64; 3]) -> Found) -> (Search, Verdict) {
+    let mut search = Search::new(wanted, &jet([0.0; 3]));
+    loop {
+        match search.step() {
+            Step::Done(verdict) => return (search, verdict),
+            Step::Solve(targets) => {
+                let found: Vec<Found> = targets.iter().map(|target| solve(target.displacement_m())).collect();
+                search.take(&found);
+            }
+        }
+    }
+}
+
+fn solved(at: [f64; 3]) -> Found {
+    Found::Solved(jet(at))
+}
+
+/// Reachable positions that no search chose, and the share of them where the error is felt.
+fn felt(search: &Search, wanted: &Wanted) -> f64 {
+    let truths: Vec<EnergyJet> = (5000..9000)
+        .map(|n| jet(spread(n, wanted.radius_m)))
+        .filter(|truth| norm(truth.force_n) <= wanted.max_force_n)
+        .collect();
+    assert!(truths.len() > 300);
+    let felt = truths.iter().filter(|truth| {
+        let error_n = norm(difference(search.fit().force_n(truth.displacement_m), truth.force_n));
+        error_n > wanted.tolerance.at(truth.force_n)
+    });
+    felt.count() as f64 / truths.len() as f64
+}
+
+#[test]
+fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
+    let (search, verdict) = searched(WANTED, solved);
+    assert_eq!(verdict, Verdict::Passed);
+    assert!(search.jets().len() < 50, "{}", search.jets().len());
+    assert!(felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
+    // A far stricter tolerance takes more.
+    let strict = Wanted { tolerance: Tolerance { relative: 1e-4, absolute_n: 1e-4 }, ..WANTED };
+    let (finer, verdict) = searched(strict, solved);
+    assert_eq!(verdict, Verdict::Passed);
+    assert!(finer.jets().len() > search.jets().len());
+    assert!(felt(&finer, &strict) <= 0.01, "{}", felt(&finer, &strict));
+}
+
+#[test]
+fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration() {
+    let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
+    let (search, verdict) = searched(Wanted { tolerance, ..WANTED }, solved);
+    let LeftOut { configurations, beyond, worst } = search.left_out();
+    assert_eq!((verdict, configurations), (Verdict::Passed, search.jets().len() - 1));
+    assert!((BATCH..PASSES).contains(&search.passes()), "{} in a row", search.passes());
+    assert!(worst > 1e-6 && beyond == 0 && configurations >= PASSES, "{worst} of {configurations}");
+    // One that the others do not say, and ten in a row are waited for.
+    let mut search = search;
+    let (chosen, passes) = (search.chosen, search.passes());
+    assert_eq!(search.short_of_passing(), 0);
+    search.fits[chosen].left_out[3] = 1.1;
+    assert_eq!(search.short_of_passing(), PASSES - passes);
+    // Unless the fit is sure of itself.
+    for (deviation, short) in [(SURE, 0), (1.01 * SURE, PASSES - passes), (f64::NAN, PASSES - passes)] {
+        search.deviation = Some(deviation);
+        assert_eq!(search.short_of_passing(), short, "{deviation}");
+    }
+    search.deviation = None;
+    search.fits[chosen].left_out.truncate(PASSES - 1);
+    assert_eq!(search.short_of_passing(), PASSES - passes);
+    search.fits[chosen].left_out[3] = 0.9;
+    assert_eq!(search.short_of_passing(), 1);
+    // Two of nine beyond, and not even ten are enough.
+    let pass = Test { index: [0; 3], error_n: 0.0, tolerance_n: 1e-3, within: true };
+    search.tests.extend([pass; PASSES]);
+    assert_eq!(search.short_of_passing(), 0);
+    search.fits[chosen].left_out[3] = 1.1;
+    assert_eq!(search.short_of_passing(), 0);
+    search.fits[chosen].left_out[4] = f64::NAN;
+    assert_eq!(search.short_of_passing(), BATCH);
+}
+
+/// Asked only between the loop and its end, and then it is the fit's own, at the worst place.
+#[test]
+fn the_deviation_is_asked_where_it_decides() {
+    let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
+    let (mut search, _) = searched(Wanted { tolerance, ..WANTED }, solved);
+    assert_eq!(search.asked_deviation(), None, "nothing is beyond, so four are enough");
+    let chosen = search.chosen;
+    search.fits[chosen].left_out[3] = 1.1;
+    let largest = search.asked_deviation().expect("one of many is beyond");
+    let places = search.places(PLACES);
+    let shares: Vec<f64> = (search.fit().deviation_n(&places).iter().zip(&places))
+        .map(|(n, &at)| n / tolerance.at(search.fit().force_n(at)))
+        .collect();
+    assert_eq!(largest, shares.iter().copied().fold(0.0, f64::max));
+    assert!(largest > 2.0 * shares.iter().sum::<f64>() / shares.len() as f64, "{largest}");
+    // Many beyond, too few in a row, and nobody asks.
+    let left_out = search.fits[chosen].left_out.clone();
+    search.fits[chosen].left_out = vec![1.1; left_out.len()];
+    assert_eq!(search.asked_deviation(), None);
+    search.fits[chosen].left_out = left_out;
+    search.tests.push(Test { index: [0; 3], error_n: 1.0, tolerance_n: 0.5, within: true });
+    assert_eq!(search.asked_deviation(), None);
+}
+
+#[test]
+fn nothing_is_learned_from_beyond_the_limit() {
+    let (search, _) = searched(WANTED, solved);
+    let largest = search.jets().iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
+    assert!(largest > 0.9 * WANTED.max_force_n && largest <= TOO_FAR * WANTED.max_force_n, "{largest} N");
+    // A test just beyond the limit counts; one that is not learned from does not.
+    let learned = search.jets()[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
+    assert!(learned > 0);
+    let counted = search.tests().iter().filter(|test| test.within).count();
+    assert_eq!(counted, search.jets().len() - 1);
+}
+
+#[test]
+fn a_tool_that_only_pushes_stays_on_its_side() {
+    let normal = [0.0, 0.6, 0.8];
+    let (search, verdict) = searched(Wanted { push: Some(normal), ..FINE }, solved);
+    assert_eq!(verdict, Verdict::Passed);
+    let (both, _) = searched(FINE, solved);
+    assert!(search.jets().len() < both.jets().len(), "{} {}", search.jets().len(), both.jets().len());
+    for jet in &search.jets()[1..] {
+        let along: f64 = (0..3).map(|i| jet.force_n[i] * normal[i]).sum();
+        assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.displacement_m);
+    }
+}
+
+#[test]
+fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
+    let workspace = [[-0.02, -1.0, -0.01], [0.03, 1.0, 0.004]];
+    let (search, verdict) = searched(Wanted { workspace_m: Some(workspace), ..FINE }, solved);
+    assert_eq!(verdict, Verdict::Passed);
+    let (all, _) = searched(FINE, solved);
+    assert!(search.jets().len() < all.jets().len());
+    let slack = workspace.map(|corner| corner.map(|x| x * (1.0 + 1e-9)));
+    let outside = |jet: &&EnergyJet| {
+        let [low, high] = slack.map(|corner| corner.map(|x| x + 1e-6 * x.signum()));
+        !is_within(&[low, high], &jet.displacement_m)
+    };
+    assert_eq!(search.jets().iter().filter(outside).count(), 0);
+    assert!(all.jets().iter().filter(outside).count() > 5, "nothing was outside anyhow");
+    // Nearly up to its sides, and what counts as reachable ends there.
+    let highest = search.jets().iter().map(|jet| jet.displacement_m[2]).fold(0.0, f64::max);
+    assert!(highest > 0.0034, "{highest}");
+    let within = search.within_reach();
+    assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
+}
+
+/// A force that jumps at a plane: no smooth fit is within tolerance there, and none is said to be.
+#[test]
+fn a_jump_does_not_pass() {
+    let jumps = |at: [f64; 3]| {
+        let mut jet = jet(at);
+        if at[0] > 0.015 {
+            jet.force_n[1] += 2.0;
+        }
+        Found::Solved(jet)
+    };
+    assert_eq!(searched(Wanted { most: 60, ..WANTED }, jumps).1, Verdict::NotReached);
+}
+
+#[test]
+fn failures_are_gone_round() {
+    let strict = Tolerance { relative: 1e-4, absolute_n: 1e-4 };
+    let wanted = Wanted { tolerance: strict, ..WANTED };
+    let (search, verdict) = searched(wanted, |at| if at[2] < -0.02 { Found::Failed } else { solved(at) });
+    assert_eq!(verdict, Verdict::Passed);
+    assert!(search.jets().iter().all(|jet| jet.displacement_m[2] >= -0.02));
+    assert!(search.jets().iter().any(|jet| jet.displacement_m[2] < -0.01), "right up to them");
+}
+
+#[test]
+fn nothing_solvable_ends() {
+    let (search, verdict) = searched(Wanted { most: 20, ..WANTED }, |_| Found::Failed);
+    assert_eq!(verdict, Verdict::NotReached);
+    assert_eq!(search.jets().len(), 1);
+}

@@ -1,0 +1,339 @@
+//! Residual and tangent stiffness of the body.
+
+mod batch;
+mod element;
+mod pattern;
+
+pub use pattern::Pattern;
+
+use nalgebra::Matrix3;
+
+use crate::fem::body::{ABSENT, Body};
+use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
+use crate::num::jet::SymmetricThird;
+use crate::num::lanes::{self, Lanes, Real};
+use batch::Batch;
+use element::ElementSystem;
+
+/// What one pass over the elements yields.
+#[derive(Debug, Clone, Default)]
+pub struct Assembled {
+    /// Internal force less the body force on every node (pressure part included), 3 per node, N: what a tool or a fixation
+    /// must apply there.
+    pub nodal_force_n: Vec<f64>,
+    /// Constraint of every pressure unknown, int N_v (1 - J) + (B q)_v, m^3.
+    pub constraint_m3: Vec<f64>,
+    /// Total potential: Lagrangian of the elements less the work of the body force, J. Not yet counted from rest.
+    pub energy_j: f64,
+    /// Smallest J over the quadrature points.
+    pub min_jacobian: f64,
+    /// Elements with J <= 0 at a quadrature point.
+    pub inverted: usize,
+    /// Deformed volume, m^3.
+    pub volume_m3: f64,
+    /// Tangent, lower triangle on the [`Pattern`]; one slot more than entries, where eliminated ones fall.
+    pub tangent: Vec<f64>,
+    /// Share of the body force that acts; 1 but while the rest state is sought.
+    pub load: f64,
+}
+
+impl Assembled {
+    /// Empty result with room for `body` and `pattern`.
+    pub fn new(body: &Body, pattern: &Pattern) -> Self {
+        Self {
+            nodal_force_n: vec![0.0; body.displacement_len()],
+            constraint_m3: vec![0.0; body.pressure_sites.len()],
+            tangent: vec![0.0; pattern.entries() + 1],
+            load: 1.0,
+            ..Self::default()
+        }
+    }
+
+    fn clear(&mut self) {
+        self.nodal_force_n.fill(0.0);
+        self.constraint_m3.fill(0.0);
+        self.energy_j = 0.0;
+        self.min_jacobian = f64::INFINITY;
+        self.inverted = 0;
+        self.volume_m3 = 0.0;
+    }
+
+    /// Forces, constraints, energy and tangent at `state`.
+    pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
+        self.tangent.fill(0.0);
+        lanes::dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
+        let tie = -body.stiffness_scale_n_m();
+        for &place in &pattern.ties {
+            self.tangent[place] = tie;
+        }
+    }
+
+    /// Forces, constraints and energy at `state`, without the tangent.
+    pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
+        lanes::dispatch(Pass::<false> { to: self, body, pattern: None, state });
+    }
+
+    #[inline(always)]
+    fn pass<R: Real, const N: usize, const TANGENT: bool>(
+        &mut self,
+        machine: R::Machine,
+        body: &Body,
+        pattern: Option<&Pattern>,
+        rule: &[Point<N>],
+        state: &[f64],
+    ) {
+        self.clear();
+        let mut system = ElementSystem::<R, N>::new(machine);
+        let mut scatter = pattern.map(Pattern::scatter);
+        for batch in Batch::all::<R>(body) {
+            system.compute::<TANGENT>(machine, body, &batch, rule, state);
+            // Lane by lane, so that every sum runs over the elements in file order however many lanes there are.
+            for lane in 0..batch.count.min(R::LANES) {
+                let element = batch.element(body, lane);
+                self.energy_j += system.energy_j.lane(lane);
+                let min_jacobian = system.min_jacobian.lane(lane);
+                // `min` would hide a NaN.
+                if min_jacobian < self.min_jacobian || min_jacobian.is_nan() {
+                    self.min_jacobian = min_jacobian;
+                }
+                self.inverted += usize::from(min_jacobian <= 0.0);
+                self.volume_m3 += system.volume_m3.lane(lane);
+                for (force, &node) in system.force.iter().zip(body.nodes_of(batch.first + lane)) {
+                    let base = 3 * node as usize;
+                    for axis in 0..3 {
+                        self.nodal_force_n[base + axis] += force.0[axis].lane(lane);
+                    }
+                }
+                if element.pressures[0] != ABSENT {
+                    for (constraint, &pressure) in system.constraint.iter().zip(&element.pressures) {
+                        self.constraint_m3[pressure as usize] += constraint.lane(lane);
+                    }
+                }
+                if let Some(places) = scatter.as_mut().and_then(Iterator::next) {
+                    self.scatter_tangent(body, &system, lane, &element.pressure_block, places);
+                }
+            }
+        }
+        if body.is_loaded() {
+            for ((force, external), u) in self.nodal_force_n.iter_mut().zip(&body.external_force_n).zip(state)
+            {
+                *force -= self.load * external;
+                self.energy_j -= self.load * external * u;
+            }
+        }
+    }
+
+    /// Adds the element's entries in the order of the pattern's local pairs.
+    #[inline(always)]
+    fn scatter_tangent<R: Real, const N: usize>(
+        &mut self,
+        body: &Body,
+        system: &ElementSystem<R, N>,
+        lane: usize,
+        pressure_block: &[[f64; 4]; 4],
+        places: &[u32],
+    ) {
+        let tangent = &mut self.tangent;
+        let mut places = places.iter();
+        // Zipping ends with the values, before it takes a place too many.
+        for (a, row) in system.stiffness.iter().enumerate() {
+            for block in &row[..a] {
+                for (value, &place) in block.iter().zip(places.by_ref()) {
+                    tangent[place as usize] += value.lane(lane);
+                }
+            }
+            let [xx, _, _, yx, yy, _, zx, zy, zz] = row[a];
+            for (value, &place) in [xx, yx, yy, zx, zy, zz].iter().zip(places.by_ref()) {
+                tangent[place as usize] += value.lane(lane);
+            }
+        }
+        if body.has_pressure() {
+            let scale = body.pressure_scale();
+            for coupling in system.coupling.iter().flatten() {
+                for (value, &place) in coupling.0.iter().zip(places.by_ref()) {
+                    tangent[place as usize] += scale * value.lane(lane);
+                }
+            }
+            if body.has_pressure_blocks {
+                for (u, row) in pressure_block.iter().enumerate() {
+                    for (value, &place) in row[..=u].iter().zip(places.by_ref()) {
+                        tangent[place as usize] += scale * scale * value;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Net force on a set of nodes, N. At the handle this is h, the force by the tool on the body.
+    pub fn force_on(&self, nodes: &[u32]) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for &node in nodes {
+            for (axis, total) in sum.iter_mut().enumerate() {
+                *total += self.nodal_force_n[3 * node as usize + axis];
+            }
+        }
+        sum
+    }
+
+    /// Residual of the state's equations; constraints scaled like forces, N. Multiplier equations are left alone.
+    pub fn residual_into(&self, body: &Body, positions: &[(usize, usize)], residual: &mut [f64]) {
+        let scale = body.pressure_scale();
+        let forces = self.nodal_force_n.len();
+        for &(dof, position) in positions {
+            residual[dof] = if position < forces {
+                self.nodal_force_n[position]
+            } else {
+                scale * self.constraint_m3[position - forces]
+            };
+        }
+    }
+}
+
+/// Rows of the tangent that elimination removed: a translation of the handle against the unknowns and against itself.
+#[derive(Debug, Clone)]
+pub struct HandleCoupling {
+    /// K_fA, one column of length `unknowns` per axis, column after column, N/m.
+    pub free: Vec<f64>,
+    /// K_AA, N/m.
+    pub own: Matrix3<f64>,
+}
+
+impl HandleCoupling {
+    /// Room for `unknowns` equations.
+    pub fn new(unknowns: usize) -> Self {
+        Self { free: vec![0.0; 3 * unknowns], own: Matrix3::zeros() }
+    }
+
+    /// Coupling of the handle at `state`, from the few elements that touch it.
+    pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
+        self.free.fill(0.0);
+        self.own = Matrix3::zeros();
+        match body.order {
+            Order::Linear => self.pass::<4>(body, pattern, &LINEAR, state),
+            Order::Quadratic => self.pass::<10>(body, pattern, &QUADRATIC, state),
+        }
+    }
+
+    fn pass<const N: usize>(&mut self, body: &Body, pattern: &Pattern, rule: &[Point<N>], state: &[f64]) {
+        let n = pattern.unknowns();
+        let scale = body.pressure_scale();
+        let mut system = ElementSystem::<f64, N>::new(());
+        for &index in &pattern.handle_elements {
+            let index = index as usize;
+            system.compute::<true>((), body, &Batch::single(index), rule, state);
+            let dofs = pattern.dofs_of(index);
+            for (c, &column) in dofs[..3 * N].iter().enumerate() {
+                let column = column as usize;
+                if !(n..n + 3).contains(&column) {
+                    continue;
+                }
+                let axis = column - n;
+                for (r, &row) in dofs[..3 * N].iter().enumerate() {
+                    let row = row as usize;
+                    let value = system.stiffness_at(r, c);
+                    if row < n {
+                        self.free[axis * n + row] += value;
+                    } else if row < n + 3 {
+                        self.own[(row - n, axis)] += value;
+                    }
+                }
+                for (v, &row) in dofs[3 * N..].iter().enumerate() {
+                    if row != ABSENT {
+                        self.free[axis * n + row as usize] += scale * system.coupling[v][c / 3].0[c % 3];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Third derivatives of the total potential along three state directions, in the order of
+/// [`crate::num::jet::THIRD_INDICES`].
+///
+/// Along the sensitivities X_i = d(u, q)/dd_i of a stationary state these are the exact third derivatives of the condensed
+/// potential W(d): by the 2n + 1 theorem the first derivatives of the state suffice, because in D3 L [X, X, X] + 3 D2 L [X, X']
+/// the second term vanishes (D2 L X lies in the handle's equations only, where X' = 0). The body force and the pressure's
+/// quadratic form have no third derivative.
+pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
+    struct Work<'a> {
+        body: &'a Body,
+        state: &'a [f64],
+        directions: &'a [Vec<f64>; 3],
+    }
+
+    impl Work<'_> {
+        #[inline(always)]
+        fn pass<R: Real, const N: usize>(self, machine: R::Machine, rule: &[Point<N>]) -> SymmetricThird {
+            let mut sum = [0.0; 10];
+            for batch in Batch::all::<R>(self.body) {
+                let third = element::third_along::<R, N>(
+                    machine,
+                    self.body,
+                    &batch,
+                    rule,
+                    self.state,
+                    self.directions,
+                );
+                for lane in 0..batch.count.min(R::LANES) {
+                    for (total, value) in sum.iter_mut().zip(&third) {
+                        *total += value.lane(lane);
+                    }
+                }
+            }
+            sum
+        }
+    }
+
+    impl pulp::WithSimd for Work<'_> {
+        type Output = SymmetricThird;
+
+        #[inline(always)]
+        fn with_simd<S: pulp::Simd>(self, simd: S) -> SymmetricThird {
+            match self.body.order {
+                Order::Linear => self.pass::<Lanes<S>, 4>(simd, &LINEAR),
+                Order::Quadratic => self.pass::<Lanes<S>, 10>(simd, &QUADRATIC),
+            }
+        }
+    }
+
+    lanes::dispatch(Work { body, state, directions })
+}
+
+/// Deformed over undeformed volume of every element, file order.
+pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
+    fn pass<const N: usize>(body: &Body, rule: &[Point<N>], state: &[f64]) -> Vec<f64> {
+        let mut system = ElementSystem::<f64, N>::new(());
+        let each = body.elements.iter().enumerate();
+        each.map(|(index, element)| {
+            system.compute::<false>((), body, &Batch::single(index), rule, state);
+            system.volume_m3 / element.tet.volume_m3
+        })
+        .collect()
+    }
+    match body.order {
+        Order::Linear => pass::<4>(body, &LINEAR, state),
+        Order::Quadratic => pass::<10>(body, &QUADRATIC, state),
+    }
+}
+
+/// A pass over the elements, compiled for the widest vectors of this machine. The bits are the same whatever their width:
+/// nothing is fused or summed in another order.
+struct Pass<'a, const TANGENT: bool> {
+    to: &'a mut Assembled,
+    body: &'a Body,
+    pattern: Option<&'a Pattern>,
+    state: &'a [f64],
+}
+
+impl<const TANGENT: bool> pulp::WithSimd for Pass<'_, TANGENT> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let Self { to, body, pattern, state } = self;
+        match body.order {
+            Order::Linear => to.pass::<Lanes<S>, 4, TANGENT>(simd, body, pattern, &LINEAR, state),
+            Order::Quadratic => to.pass::<Lanes<S>, 10, TANGENT>(simd, body, pattern, &QUADRATIC, state),
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! A body ready to be solved: elements, regions of material, fixed nodes, and the layout of its state.
+
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
+use nalgebra::Vector3;
+
+use crate::fem::element::{EDGES, LINEAR, Order, QUADRATIC, Tetrahedron};
+use crate::fem::material::Material;
+use crate::fem::ordering::nested_dissection;
+use crate::fem::pressure::{PressurePair, pressure_block};
+use crate::mesh::TetMesh;
+
+/// Marks a value that is prescribed to zero or does not exist.
+pub const ABSENT: u32 = u32::MAX;
+
+/// Material of a part of the body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Region {
+    /// The law.
+    pub material: Material,
+    /// Bulk modulus of a nearly incompressible law with a pressure, Pa; `None` is J = 1 exactly.
+    pub bulk_modulus_pa: Option<f64>,
+}
+
+impl From<Material> for Region {
+    fn from(material: Material) -> Self {
+        Self { material, bulk_modulus_pa: None }
+    }
+}
+
+/// What a mesh is made of and how it is discretised.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Order of the displacement shape functions.
+    pub order: Order,
+    /// Pressure field of the incompressible regions.
+    pub pressure_pair: PressurePair,
+    /// Materials.
+    pub regions: Vec<Region>,
+    /// Region of each tet; empty if there is but one.
+    pub region_of_tet: Vec<u16>,
+    /// Fixed mesh nodes. A mid-edge node is fixed if both ends of its edge are.
+    pub fixed: Vec<u32>,
+    /// Mesh nodes held in some components only: symmetry planes and rollers. Mid-edge nodes as above, per component.
+    pub rollers: Vec<(u32, [bool; 3])>,
+    /// Force per undeformed volume, N/m^3.
+    pub body_force_n_m3: [f64; 3],
+}
+
+impl Model {
+    /// One material, first order, no body force.
+    pub fn uniform(material: Material, fixed: &[u32]) -> Self {
+        Self {
+            order: Order::Linear,
+            pressure_pair: PressurePair::Plain,
+            regions: vec![material.into()],
+            region_of_tet: Vec::new(),
+            fixed: fixed.to_vec(),
+            rollers: Vec::new(),
+            body_force_n_m3: [0.0; 3],
+        }
+    }
+}
+
+/// One element.
+#[derive(Debug, Clone, Copy)]
+pub struct Element {
+    /// Undeformed geometry.
+    pub tet: Tetrahedron,
+    /// Index of the region.
+    pub region: u16,
+    /// Pressure unknowns of the four vertices; [`ABSENT`] if the law has no pressure.
+    pub pressures: [u32; 4],
+    /// Matrix of the pressure's quadratic form, m^3/Pa; zero for the plain pairs.
+    pub pressure_block: [[f64; 4]; 4],
+}
+
+/// Equilibrium of the free body under its body force: the origin of displacements and of the energy.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rest {
+    /// State vector; zero without body force.
+    pub state: Vec<f64>,
+    /// Total potential there, J.
+    pub energy_j: f64,
+}
+
+/// A meshed body, held at its fixed nodes.
+///
+/// State vector: displacement u from the mesh, 3 per node, node-major, in m (mesh nodes in file order, then mid-edge nodes);
+/// then the excess pressures q in Pa, one per vertex of each incompressible region.
+#[derive(Debug)]
+pub struct Body {
+    /// Order of the shape functions.
+    pub order: Order,
+    /// One element per tetrahedron, file order.
+    pub elements: Vec<Element>,
+    /// Node indices, [`Order::nodes`] an element.
+    pub connectivity: Vec<u32>,
+    /// Undeformed node positions, m.
+    pub nodes_m: Vec<[f64; 3]>,
+    /// How many of the nodes are the mesh's own; the rest are mid-edge nodes.
+    pub vertex_count: usize,
+    /// Materials.
+    pub regions: Vec<Region>,
+    /// (vertex, region) of each pressure unknown.
+    pub pressure_sites: Vec<(u32, u16)>,
+    /// Whether any element has a pressure block of its own.
+    pub has_pressure_blocks: bool,
+    /// Which components of each node are fixed.
+    pub fixed: Vec<[bool; 3]>,
+    /// Consistent nodal force of the body force, 3 per node, N.
+    pub external_force_n: Vec<f64>,
+    /// Mean edge length of the tetrahedra, m.
+    pub edge_m: f64,
+    /// Equilibrium without a tool.
+    pub rest: Rest,
+    /// Volume-weighted geometric mean of the regions' shear moduli, Pa: one scale for a body of very different parts.
+    mean_shear_pa: f64,
+    /// See [`Body::elimination_order`].
+    elimination_order: OnceLock<Vec<usize>>,
+}
+
+/// A tetrahedron without positive volume.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DegenerateElement {
+    /// Index of the tetrahedron, file order.
+    pub element: usize,
+}
+
+impl std::fmt::Display for DegenerateElement {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "tetrahedron {} has no positive volume; reorder its vertices or mend the mesh",
+            self.element
+        )
+    }
+}
+
+impl std::error::Error for DegenerateElement {}
+
+impl Body {
+    /// Body of a checked mesh. With a body force its rest state is still to be solved: [`crate::fem::solve::settle`].
+    pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
+        let vertex_count = mesh.nodes_m.len();
+        let mut nodes_m = mesh.nodes_m.clone();
+        let mut fixed = vec![[false; 3]; vertex_count];
+        for &node in &model.fixed {
+            fixed[node as usize] = [true; 3];
+        }
+        for &(node, held) in &model.rollers {
+            for (fixed, held) in fixed[node as usize].iter_mut().zip(held) {
+                *fixed |= held;
+            }
+        }
+        let connectivity = match model.order {
+            Order::Linear => mesh.tets.concat(),
+            Order::Quadratic => add_mid_edge_nodes(mesh, &mut nodes_m, &mut fixed),
+        };
+        let mut sites = PressureSites::default();
+        let mut elements = Vec::with_capacity(mesh.tets.len());
+        let (mut volume, mut log_shear) = (0.0, 0.0);
+        for (index, &vertices) in mesh.tets.iter().enumerate() {
+            let corners = vertices.map(|n| mesh.nodes_m[n as usize]);
+            let tet = Tetrahedron::new(corners).ok_or(DegenerateElement { element: index })?;
+            let region = model.region_of_tet.get(index).copied().unwrap_or(0);
+            let Region { material, bulk_modulus_pa } = model.regions[usize::from(region)];
+            let mut element = Element { tet, region, pressures: [ABSENT; 4], pressure_block: [[0.0; 4]; 4] };
+            if material.rest_pressure_pa().is_some() {
+                element.pressures = vertices.map(|vertex| sites.of(vertex, region));
+                let shear_pa = material.shear_modulus_pa();
+                if let Some(block) =
+                    pressure_block(tet.volume_m3, shear_pa, bulk_modulus_pa, model.pressure_pair)
+                {
+                    element.pressure_block = block;
+                    sites.blocks = true;
+                }
+            }
+            volume += tet.volume_m3;
+            log_shear += tet.volume_m3 * material.shear_modulus_pa().ln();
+            elements.push(element);
+        }
+        // A regular tetrahedron of edge l has the volume l^3 / (6 sqrt 2).
+        let mean_volume = volume / elements.len().max(1) as f64;
+        let mut body = Self {
+            order: model.order,
+            elements,
+            connectivity,
+            vertex_count,
+            regions: model.regions.clone(),
+            pressure_sites: sites.list,
+            has_pressure_blocks: sites.blocks,
+            fixed,
+            external_force_n: vec![0.0; 3 * nodes_m.len()],
+            edge_m: (mean_volume * 6.0 * std::f64::consts::SQRT_2).cbrt(),
+            rest: Rest { state: Vec::new(), energy_j: 0.0 },
+            mean_shear_pa: (log_shear / volume).exp(),
+            elimination_order: OnceLock::new(),
+            nodes_m,
+        };
+        body.rest.state = vec![0.0; body.state_len()];
+        if model.body_force_n_m3 != [0.0; 3] {
+            body.load(Vector3::from(model.body_force_n_m3));
+        }
+        Ok(body)
+    }
+
+    /// f_a = int N_a b dV.
+    fn load(&mut self, force_n_m3: Vector3<f64>) {
+        let shares: Vec<f64> = match self.order {
+            Order::Linear => LINEAR[0].values.to_vec(),
+            Order::Quadratic => {
+                (0..10).map(|a| QUADRATIC.iter().map(|p| p.weight * p.values[a]).sum()).collect()
+            }
+        };
+        for (element, nodes) in self.elements.iter().zip(self.connectivity.chunks(self.order.nodes())) {
+            for (&node, share) in nodes.iter().zip(&shares) {
+                for axis in 0..3 {
+                    self.external_force_n[3 * node as usize + axis] +=
+                        share * element.tet.volume_m3 * force_n_m3[axis];
+                }
+            }
+        }
+    }
+
+    /// Whether a body force acts.
+    pub fn is_loaded(&self) -> bool {
+        self.external_force_n.iter().any(|&f| f != 0.0)
+    }
+
+    /// Number of nodes, mid-edge nodes included.
+    pub fn node_count(&self) -> usize {
+        self.nodes_m.len()
+    }
+
+    /// Nodes of an element.
+    #[inline]
+    pub fn nodes_of(&self, element: usize) -> &[u32] {
+        let n = self.order.nodes();
+        &self.connectivity[n * element..n * (element + 1)]
+    }
+
+    /// Nodes of every element, in file order.
+    pub fn element_nodes(&self) -> std::slice::Chunks<'_, u32> {
+        self.connectivity.chunks(self.order.nodes())
+    }
+
+    /// Length of the displacement part of the state.
+    pub fn displacement_len(&self) -> usize {
+        3 * self.node_count()
+    }
+
+    /// Length of the state vector.
+    pub fn state_len(&self) -> usize {
+        self.displacement_len() + self.pressure_sites.len()
+    }
+
+    /// Whether any region has a pressure.
+    pub fn has_pressure(&self) -> bool {
+        !self.pressure_sites.is_empty()
+    }
+
+    /// Position of a node at rest, m.
+    pub fn rest_position_m(&self, node: u32) -> [f64; 3] {
+        let base = 3 * node as usize;
+        std::array::from_fn(|axis| self.nodes_m[node as usize][axis] + self.rest.state[base + axis])
+    }
+
+    /// Force by which the body's residual is called small: mu l^2, N.
+    pub fn force_scale_n(&self) -> f64 {
+        self.mean_shear_pa * self.edge_m * self.edge_m
+    }
+
+    /// Factor s between pressures in Pa and the scaled unknowns q / s in m: s = mu / l. It gives both halves of
+    /// the saddle-point matrix the same size, so that one residual norm speaks for both.
+    pub fn pressure_scale(&self) -> f64 {
+        self.mean_shear_pa / self.edge_m
+    }
+
+    /// Stiffness of a typical element, mu l, N/m: the scale of multiplier equations.
+    pub fn stiffness_scale_n_m(&self) -> f64 {
+        self.mean_shear_pa * self.edge_m
+    }
+
+    /// Nodes that are not wholly fixed or have a pressure, in the order of elimination: the same for every handle, so that it is
+    /// found once for all active nodes of a scene.
+    pub fn elimination_order(&self) -> &[usize] {
+        self.elimination_order.get_or_init(|| {
+            let mut has_pressure = vec![false; self.node_count()];
+            for &(vertex, _) in &self.pressure_sites {
+                has_pressure[vertex as usize] = true;
+            }
+            nested_dissection(self.node_count(), self.element_nodes(), |node| {
+                self.fixed[node] != [true; 3] || has_pressure[node]
+            })
+        })
+    }
+
+    /// Names of the laws, each once, for people.
+    pub fn law_names(&self) -> String {
+        let mut names: Vec<&str> = self.regions.iter().map(|r| r.material.name()).collect();
+        names.dedup();
+        names.join(" + ")
+    }
+}
+
+/// Numbers the pressure unknowns in order of first use.
+#[derive(Default)]
+struct PressureSites {
+    list: Vec<(u32, u16)>,
+    index: HashMap<(u32, u16), u32>,
+    blocks: bool,
+}
+
+impl PressureSites {
+    fn of(&mut self, vertex: u32, region: u16) -> u32 {
+        let list = &mut self.list;
+        *self.index.entry((vertex, region)).or_insert_with(|| {
+            list.push((vertex, region));
+            list.len() as u32 - 1
+        })
+    }
+}
+
+/// Puts a node at the middle of every edge, numbered in order of first use; returns the ten nodes of each tet.
+fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut Vec<[bool; 3]>) -> Vec<u32> {
+    let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
+    let mut connectivity = Vec::with_capacity(10 * mesh.tets.len());
+    for vertices in &mesh.tets {
+        connectivity.extend_from_slice(vertices);
+        for [a, b] in EDGES {
+            let ends = [vertices[a].min(vertices[b]), vertices[a].max(vertices[b])];
+            let node = *middles.entry(ends).or_insert_with(|| {
+                let [p, q] = ends.map(|end| mesh.nodes_m[end as usize]);
+                nodes_m.push(std::array::from_fn(|axis| 0.5 * (p[axis] + q[axis])));
+                let held = ends.map(|end| fixed[end as usize]);
+                fixed.push(std::array::from_fn(|axis| held[0][axis] && held[1][axis]));
+                nodes_m.len() as u32 - 1
+            });
+            connectivity.push(node);
+        }
+    }
+    connectivity
+}

@@ -1,0 +1,138 @@
+//! The same tissue by another law: moduli at small strain carried over, so that what differs is the law alone.
+
+use super::material::{
+    Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin, StVenantKirchhoff,
+};
+use crate::fem::body::Region;
+
+/// Poisson's ratio that stands for incompressible in a law without a pressure, as in the paper.
+pub const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
+
+/// Every law by its name in the scene file.
+pub const LAWS: [&str; 7] = [
+    "linear",
+    "st-venant-kirchhoff",
+    "modified-st-venant-kirchhoff",
+    "mooney-rivlin",
+    "mooney-rivlin-reduced",
+    "neo-hookean",
+    "holzapfel-gasser-ogden",
+];
+
+/// Why a law has no counterpart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoCounterpart {
+    /// No law of this name.
+    UnknownLaw,
+    /// One of the two laws has fibres: no isotropic law has its moduli.
+    Fibres,
+}
+
+impl std::fmt::Display for NoCounterpart {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::UnknownLaw => write!(f, "no such law; choose from {}", LAWS.join(", ")),
+            Self::Fibres => write!(f, "fibres have no counterpart in an isotropic law; leave it out"),
+        }
+    }
+}
+
+impl std::error::Error for NoCounterpart {}
+
+impl Region {
+    /// The law called `name` with this region's moduli at small strain; the region itself if that is its law.
+    ///
+    /// From an incompressible law, E = 3 mu (6 (C10 + C01) for Mooney-Rivlin) and nu = 0.49, as the paper does it; with a
+    /// bulk modulus K, nu = (3 K - 2 mu) / (6 K + 2 mu) and E = 2 mu (1 + nu). Lame's constants go over as they are, and
+    /// give C10 = C01 = mu / 4 to an incompressible law, which takes no more than mu from them.
+    pub fn counterpart(&self, name: &str) -> Result<Self, NoCounterpart> {
+        if !LAWS.contains(&name) {
+            return Err(NoCounterpart::UnknownLaw);
+        }
+        if name == self.material.name() {
+            return Ok(*self);
+        }
+        let lame = self.lame().ok_or(NoCounterpart::Fibres)?;
+        let (c10_pa, c01_pa) = match self.material {
+            Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })
+            | Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }) => (c10_pa, c01_pa),
+            _ => (0.25 * lame.mu_pa, 0.25 * lame.mu_pa),
+        };
+        let material = match name {
+            "linear" => Material::LinearElastic(LinearElastic { lame }),
+            "st-venant-kirchhoff" => Material::StVenantKirchhoff(StVenantKirchhoff { lame }),
+            "modified-st-venant-kirchhoff" => Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
+            "mooney-rivlin" => Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }),
+            "mooney-rivlin-reduced" => Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }),
+            "neo-hookean" => Material::NeoHookean(NeoHookean { lame }),
+            _ => return Err(NoCounterpart::Fibres),
+        };
+        let bulk_modulus_pa = self.bulk_modulus_pa.filter(|_| material.rest_pressure_pa().is_some());
+        Ok(Self { material, bulk_modulus_pa })
+    }
+
+    /// Lame's constants at small strain; `None` with fibres.
+    fn lame(&self) -> Option<Lame> {
+        match self.material {
+            Material::LinearElastic(LinearElastic { lame })
+            | Material::StVenantKirchhoff(StVenantKirchhoff { lame })
+            | Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame })
+            | Material::NeoHookean(NeoHookean { lame }) => Some(lame),
+            Material::MooneyRivlin(_) | Material::ReducedMooneyRivlin(_) => {
+                let mu = self.material.shear_modulus_pa();
+                Some(match self.bulk_modulus_pa {
+                    None => Lame::from_young_poisson(3.0 * mu, NEARLY_INCOMPRESSIBLE),
+                    Some(bulk) => Lame { lambda_pa: bulk - 2.0 / 3.0 * mu, mu_pa: mu },
+                })
+            }
+            Material::HolzapfelGasserOgden(_) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PAPER: MooneyRivlin = MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 };
+
+    fn region(material: Material) -> Region {
+        material.into()
+    }
+
+    #[test]
+    fn the_papers_liver_has_the_papers_young_modulus() {
+        let linear = region(Material::MooneyRivlin(PAPER)).counterpart("linear").expect("isotropic");
+        let Material::LinearElastic(law) = linear.material else { panic!("{:?}", linear.material) };
+        assert_eq!(law.lame, Lame::from_young_poisson(6.0 * 2580.0, 0.49));
+    }
+
+    #[test]
+    fn shear_moduli_agree_and_a_bulk_modulus_is_kept() {
+        let lame = Lame::from_young_poisson(9000.0, 0.4);
+        let from = region(Material::StVenantKirchhoff(StVenantKirchhoff { lame }));
+        for name in LAWS.into_iter().filter(|name| *name != "holzapfel-gasser-ogden") {
+            let found = from.counterpart(name).expect("isotropic");
+            assert_eq!(found.material.name(), name);
+            assert!((found.material.shear_modulus_pa() / lame.mu_pa - 1.0).abs() < 1e-12, "{name}");
+        }
+        let from = Region { material: Material::MooneyRivlin(PAPER), bulk_modulus_pa: Some(50_000.0) };
+        let Material::NeoHookean(law) = from.counterpart("neo-hookean").expect("isotropic").material else {
+            panic!("another law")
+        };
+        assert!((law.lame.lambda_pa + 2.0 / 3.0 * law.lame.mu_pa - 50_000.0).abs() < 1e-9);
+        assert_eq!(
+            from.counterpart("mooney-rivlin-reduced").expect("isotropic").bulk_modulus_pa,
+            Some(50_000.0)
+        );
+        assert_eq!(from.counterpart("linear").expect("isotropic").bulk_modulus_pa, None);
+    }
+
+    #[test]
+    fn what_cannot_be_carried_over_is_said() {
+        let from = region(Material::MooneyRivlin(PAPER));
+        assert_eq!(from.counterpart("hooke"), Err(NoCounterpart::UnknownLaw));
+        assert_eq!(from.counterpart("holzapfel-gasser-ogden"), Err(NoCounterpart::Fibres));
+        assert_eq!(from.counterpart("mooney-rivlin"), Ok(from));
+    }
+}

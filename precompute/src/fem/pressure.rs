@@ -1,0 +1,53 @@
+//! The incompressibility multiplier: which pair of fields, and the pressure's own quadratic form.
+//!
+//! Lagrangian of an incompressible region: int [ W(F) + (p0 + q)(1 - J) ] dV + 1/2 q^T B q. The pressure p0 + q > 0 is
+//! compression; p0 is the constant that makes the undeformed state free of stress and is part of the law, the unknown is the
+//! excess q, linear over each tetrahedron from its vertices. Vertices between two incompressible regions carry one pressure
+//! for each: where the stiffness jumps the pressure does too.
+//!
+//! The constraint int N_v (1 - J) = 0 holds weakly, per pressure unknown, not per element: single elements may exceed or
+//! even invert while it holds.
+//!
+//! B is zero for the plain pairs. It collects
+//!
+//! - a finite bulk modulus kappa: - int q^2 / (2 kappa), which makes the multiplier q = kappa (1 - J) in the mean, and
+//! - the polynomial pressure projection of Bochev and Dohrmann (2004): - int (q - mean q)^2 / (4 mu), which stabilises equal
+//!   orders by taking the part of q that the constraint does not see.
+//!
+//! With int N_u N_v = V/20 (1 + d_uv) over a tetrahedron, both are one 4 x 4 matrix an element.
+
+use serde::{Deserialize, Serialize};
+
+/// The pressure field of incompressible regions: linear and continuous, beside displacements of either order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum PressurePair {
+    /// As it is: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures oscillate) or P2/P1 (Taylor-Hood).
+    #[default]
+    Plain,
+    /// With polynomial pressure projection (Bochev and Dohrmann 2004), for equal orders.
+    Stabilised,
+}
+
+/// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; `None` if it is zero.
+#[inline]
+pub fn pressure_block(
+    volume_m3: f64,
+    shear_modulus_pa: f64,
+    bulk_modulus_pa: Option<f64>,
+    pair: PressurePair,
+) -> Option<[[f64; 4]; 4]> {
+    let stabilised = matches!(pair, PressurePair::Stabilised);
+    if bulk_modulus_pa.is_none() && !stabilised {
+        return None;
+    }
+    let bulk = bulk_modulus_pa.map_or(0.0, f64::recip);
+    let projection = if stabilised { 0.5 / shear_modulus_pa } else { 0.0 };
+    let mut block = [[0.0; 4]; 4];
+    for (u, row) in block.iter_mut().enumerate() {
+        for (v, entry) in row.iter_mut().enumerate() {
+            let mass = volume_m3 / 20.0 * if u == v { 2.0 } else { 1.0 };
+            *entry = -bulk * mass - projection * (mass - volume_m3 / 16.0);
+        }
+    }
+    Some(block)
+}

@@ -1,0 +1,307 @@
+//! Whether the pressures of a body have one solution.
+//!
+//! Where the pressure's quadratic form is zero ([`super::pressure`]) the pressures live on what the displacements leave them, and two
+//! ways of holding a body leave too little; [`Body::check_pressures`] refuses both before a solver has to find a singular matrix.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use nalgebra::Vector3;
+
+use crate::fem::body::{ABSENT, Body};
+use crate::fem::boundary::Handle;
+use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
+use crate::mesh::surface::UnionFind;
+
+/// Why the pressures of an incompressible part of the body have no one solution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PressureFault {
+    /// No free displacement changes the part's volume: any constant may be added to its pressure, and a handle that moves
+    /// on its surface asks for a volume that it cannot have.
+    Undetermined {
+        /// Index of the region.
+        region: u16,
+        /// Name of its law.
+        law: &'static str,
+        /// Lowest mesh node of the part.
+        node: u32,
+    },
+    /// More constraints on the volume than displacements to meet them: the part locks, and its pressures are arbitrary.
+    Locked {
+        /// Index of the region.
+        region: u16,
+        /// Name of its law.
+        law: &'static str,
+        /// Lowest mesh node of the part.
+        node: u32,
+        /// Pressure unknowns of the part.
+        pressures: usize,
+        /// Displacement components that are free to move in it.
+        free: usize,
+    },
+}
+
+impl fmt::Display for PressureFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Undetermined { region, law, node } => write!(
+                f,
+                "the incompressible part round node {node} (material {region}, {law}) is held on its whole surface, so that \
+                 its volume cannot change and its mean pressure is undetermined; fix fewer surface nodes, or give the \
+                 material a `bulk_pa`"
+            ),
+            Self::Locked { region, law, node, pressures, free } => write!(
+                f,
+                "the incompressible part round node {node} (material {region}, {law}) has {pressures} pressure unknowns \
+                 against {free} free displacement components and locks; fix fewer nodes, use `order = 2`, or give the \
+                 material a `bulk_pa`"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for PressureFault {}
+
+/// A slope of the volume below this share of its summands is rounding.
+const NO_SLOPE: f64 = 1e-10;
+
+/// A part of the body within which the pressures hang together.
+#[derive(Debug)]
+struct Part {
+    region: u16,
+    /// Whether the pressures have a quadratic form that tells all but their mean.
+    stabilised: bool,
+    /// Slope of the part's volume by each component of each of its nodes, and the size of the summands.
+    slopes: BTreeMap<u32, (Vector3<f64>, f64)>,
+}
+
+impl Body {
+    /// Refuses a body whose incompressible parts are held so that their pressures have no one solution, with the tool on
+    /// `handle` (`None`: while it settles under its body force).
+    ///
+    /// A part is what hangs together by pressure unknowns through elements that can move. In it the pressure acts through
+    /// B^T q with B_va = int N_v dJ/du_a. Two faults are found:
+    ///
+    /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. So it is when every node on
+    ///   the part's surface is held (interior nodes have no slope: the gradients round them cancel), and also when rollers
+    ///   keep a box in its planes.
+    /// - more pressures than free components, so that B^T has a kernel whatever the shape. Stabilised pairs have a
+    ///   form of their own for all but the mean and are let through.
+    ///
+    /// A bulk modulus makes both harmless. Fewer pressures than displacements are no proof that a pair is stable: P1/P1
+    /// passes here and still oscillates.
+    pub fn check_pressures(&self, handle: Option<&Handle>) -> Result<(), PressureFault> {
+        let parts = match self.order {
+            Order::Linear => self.incompressible_parts::<4>(handle, &LINEAR),
+            Order::Quadratic => self.incompressible_parts::<10>(handle, &QUADRATIC),
+        };
+        let held = self.held(handle);
+        for (Part { region, stabilised, slopes }, pressures) in parts {
+            let free = || {
+                slopes.iter().flat_map(|(&node, (slope, size))| {
+                    let held = held[node as usize];
+                    (0..3).filter(move |&axis| !held[axis]).map(move |axis| slope[axis].abs() / size)
+                })
+            };
+            let law = self.regions[usize::from(region)].material.name();
+            // Vertices come before mid-edge nodes, so the lowest node is the mesh's.
+            let node = slopes.keys().next().copied().unwrap_or_default();
+            if free().all(|slope| slope <= NO_SLOPE) {
+                return Err(PressureFault::Undetermined { region, law, node });
+            }
+            let free = free().count();
+            if pressures > free && !stabilised {
+                return Err(PressureFault::Locked { region, law, node, pressures, free });
+            }
+        }
+        Ok(())
+    }
+
+    /// Which components of each node are held with the tool on `handle`.
+    fn held(&self, handle: Option<&Handle>) -> Vec<[bool; 3]> {
+        let mut held = self.fixed.clone();
+        for &node in handle.iter().flat_map(|h| &h.nodes) {
+            held[node as usize] = [true; 3];
+        }
+        held
+    }
+
+    /// The parts without a bulk modulus, each with the number of its pressure unknowns.
+    fn incompressible_parts<const N: usize>(
+        &self,
+        handle: Option<&Handle>,
+        rule: &[Point<N>],
+    ) -> Vec<(Part, usize)> {
+        let held = self.held(handle);
+        let moves = |index: usize| self.nodes_of(index).iter().any(|&n| held[n as usize] != [true; 3]);
+        let moving: Vec<usize> = (0..self.elements.len())
+            .filter(|&index| {
+                let element = &self.elements[index];
+                element.pressures[0] != ABSENT
+                    && self.regions[usize::from(element.region)].bulk_modulus_pa.is_none()
+                    && moves(index)
+            })
+            .collect();
+        let mut sets = UnionFind::new(self.pressure_sites.len());
+        for &index in &moving {
+            let [first, rest @ ..] = self.elements[index].pressures;
+            for pressure in rest {
+                sets.join(first as usize, pressure as usize);
+            }
+        }
+        // Mean of dN_a/dlambda_k over the element.
+        let mean: [[f64; 4]; N] = std::array::from_fn(|a| {
+            std::array::from_fn(|k| rule.iter().map(|p| p.weight * p.slopes[a][k]).sum())
+        });
+        let mut parts: BTreeMap<usize, Part> = BTreeMap::new();
+        let mut has_pressure = vec![false; self.pressure_sites.len()];
+        for &index in &moving {
+            let element = &self.elements[index];
+            for pressure in element.pressures {
+                has_pressure[pressure as usize] = true;
+            }
+            let part = parts.entry(sets.root(element.pressures[0] as usize)).or_insert_with(|| Part {
+                region: element.region,
+                stabilised: element.pressure_block[0][0] != 0.0,
+                slopes: BTreeMap::new(),
+            });
+            let gradients = &element.tet.gradients;
+            let size = element.tet.volume_m3 * gradients.iter().map(Vector3::norm).fold(0.0, f64::max);
+            for (&node, mean) in self.nodes_of(index).iter().zip(&mean) {
+                let gradient: Vector3<f64> = gradients.iter().zip(mean).map(|(g, m)| g * *m).sum();
+                let (slope, sizes) = part.slopes.entry(node).or_insert((Vector3::zeros(), 0.0));
+                *slope += gradient * element.tet.volume_m3;
+                *sizes += size;
+            }
+        }
+        let mut pressures: BTreeMap<usize, usize> = BTreeMap::new();
+        for pressure in (0..has_pressure.len()).filter(|&p| has_pressure[p]) {
+            *pressures.entry(sets.root(pressure)).or_default() += 1;
+        }
+        // Both maps have the same keys: every moving element has pressures.
+        parts.into_values().zip(pressures.into_values()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fem::body::{Model, Region};
+    use crate::fem::material::{Lame, Material, MooneyRivlin, NeoHookean};
+    use crate::fem::pressure::{PressurePair, pressure_block};
+    use crate::mesh::testing::cube;
+    use crate::mesh::{Surface, TetMesh};
+
+    const CELLS: usize = 4;
+
+    fn incompressible() -> Material {
+        Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 })
+    }
+
+    fn block() -> (TetMesh, Vec<u32>) {
+        let mesh = cube(CELLS, 0.1);
+        let skin = Surface::of(&mesh).nodes;
+        (mesh, skin)
+    }
+
+    fn check(model: &Model, handle: Option<u32>) -> Result<(), PressureFault> {
+        let body = Body::new(&block().0, model).expect("the cube is sound");
+        body.check_pressures(handle.map(Handle::node).as_ref())
+    }
+
+    fn is_undetermined(outcome: Result<(), PressureFault>) -> bool {
+        matches!(outcome, Err(PressureFault::Undetermined { .. }))
+    }
+
+    #[test]
+    fn a_surface_held_as_a_whole_is_refused_and_one_free_node_is_enough() {
+        let (_, skin) = block();
+        for order in [Order::Linear, Order::Quadratic] {
+            let with = |fixed: &[u32]| Model { order, ..Model::uniform(incompressible(), fixed) };
+            let fault = check(&with(&skin), None).expect_err("planted fault");
+            assert_eq!(fault, PressureFault::Undetermined { region: 0, law: "mooney-rivlin", node: 0 });
+            let line = fault.to_string();
+            assert!(line.contains("node 0") && line.contains("`bulk_pa`") && !line.contains('\n'), "{line}");
+            // An interior active node is held too, and leaves the volume as it is.
+            let middle = (0..125).find(|n| !skin.contains(n));
+            assert!(is_undetermined(check(&with(&skin), middle)), "{order:?}");
+            // The tool holds the last surface node: the same body, unless mid-edge nodes beside it stay free.
+            let (last, others) = skin.split_last().expect("a cube has a surface");
+            assert_eq!(is_undetermined(check(&with(others), Some(*last))), order == Order::Linear);
+            let free = check(&with(others), None);
+            assert!(!is_undetermined(free), "{order:?}: {free:?}");
+            let face: Vec<u32> = skin.iter().copied().filter(|n| n % 5 == 0).collect();
+            assert_eq!(check(&with(&face), Some(*last)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn a_bulk_modulus_or_a_compressible_law_may_be_held_all_round() {
+        let (_, skin) = block();
+        let mut model = Model::uniform(incompressible(), &skin);
+        model.regions = vec![Region { material: incompressible(), bulk_modulus_pa: Some(1e6) }];
+        assert_eq!(check(&model, None), Ok(()));
+        let lame = Lame::from_young_poisson(15480.0, 0.49);
+        model.regions = vec![Material::NeoHookean(NeoHookean { lame }).into()];
+        assert_eq!(check(&model, None), Ok(()));
+    }
+
+    #[test]
+    fn rollers_on_every_side_keep_the_volume_as_well_as_fixing_does() {
+        let (mesh, _) = block();
+        let side = |c: f64| c == 0.0 || (c - 0.1).abs() < 1e-12;
+        let mut model = Model::uniform(incompressible(), &[]);
+        model.rollers = (0u32..).zip(&mesh.nodes_m).map(|(n, x)| (n, x.map(side))).collect();
+        assert!(is_undetermined(check(&model, None)));
+        // Without the lid it can swell.
+        for ((_, held), x) in model.rollers.iter_mut().zip(&mesh.nodes_m) {
+            held[2] = x[2] == 0.0;
+        }
+        assert_eq!(check(&model, None), Ok(()));
+    }
+
+    #[test]
+    fn an_incompressible_core_in_a_soft_shell_is_let_through_and_in_a_held_one_refused() {
+        let (mesh, skin) = block();
+        let inside = |x: [f64; 3]| x.iter().all(|c| (0.0249..0.0751).contains(c));
+        let lame = Lame::from_young_poisson(15480.0, 0.45);
+        let mut model = Model::uniform(incompressible(), &skin);
+        model.regions.push(Material::NeoHookean(NeoHookean { lame }).into());
+        let core = |tet: &[u32; 4]| tet.iter().all(|&n| inside(mesh.nodes_m[n as usize]));
+        model.region_of_tet = mesh.tets.iter().map(|tet| u16::from(!core(tet))).collect();
+        assert_eq!(check(&model, None), Ok(()));
+        // Everything but the middle: the core's own surface is fixed.
+        model.fixed = (0..125).filter(|&n| n != 62).collect();
+        assert!(check(&model, None).is_err());
+    }
+
+    #[test]
+    fn more_pressures_than_free_components_are_refused() {
+        let (mesh, _) = block();
+        // All but one surface node and its inner neighbours.
+        let far = |x: &[f64; 3]| x.iter().any(|c| *c > 0.026);
+        let mut model = Model::uniform(incompressible(), &[]);
+        model.fixed = (0u32..).zip(&mesh.nodes_m).filter(|(_, x)| far(x)).map(|(n, _)| n).collect();
+        let fault = check(&model, None).expect_err("planted fault");
+        let PressureFault::Locked { pressures, free, .. } = fault else { panic!("{fault}") };
+        assert!(pressures > free && free > 0, "{fault}");
+        assert!(fault.to_string().contains("`order = 2`"), "{fault}");
+        model.pressure_pair = PressurePair::Stabilised;
+        assert_eq!(check(&model, None), Ok(()));
+        model.pressure_pair = PressurePair::Plain;
+        model.order = Order::Quadratic;
+        assert_eq!(check(&model, None), Ok(()));
+    }
+
+    #[test]
+    fn a_constant_pressure_feels_the_bulk_modulus_and_not_the_projection() {
+        let sum = |block: [[f64; 4]; 4]| block.iter().flatten().sum::<f64>();
+        let bulk = pressure_block(2.0, 100.0, Some(50.0), PressurePair::Plain).unwrap();
+        assert!((sum(bulk) + 2.0 / 50.0).abs() < 1e-16);
+        let projected = pressure_block(2.0, 100.0, None, PressurePair::Stabilised).unwrap();
+        assert!(sum(projected).abs() < 1e-16);
+        // A linear pressure with vertex values 1, 0, 0, 0: variance over the tet is 1/10 - 1/16.
+        assert!((projected[0][0] + 0.5 / 100.0 * 2.0 * (0.1 - 1.0 / 16.0)).abs() < 1e-16);
+        assert!(pressure_block(2.0, 100.0, None, PressurePair::Plain).is_none());
+    }
+}

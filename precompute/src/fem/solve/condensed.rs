@@ -1,0 +1,187 @@
+//! What is read off a converged state: reaction, condensed tangent, sensitivities and third derivatives.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::factor::SENSITIVITY;
+use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
+use crate::fem::assembly::third_derivatives;
+use crate::fem::boundary::Pose;
+use crate::num::branch::Potential;
+
+impl Solver {
+    /// Prescribes the pose: in the state with elimination, as targets of the multipliers otherwise.
+    pub(super) fn hold(&mut self, pose: &Pose) {
+        let body = &self.problem.body;
+        let displaced = |node: u32, centre: u32| -> [f64; 3] {
+            let arm = Vector3::from(body.rest_position_m(node)) - Vector3::from(body.rest_position_m(centre));
+            let moved = pose.displacement_of(&arm);
+            std::array::from_fn(|axis| body.rest.state[3 * node as usize + axis] + moved[axis])
+        };
+        let Some(handle) = &self.problem.handle else { return };
+        let held = self.problem.dofs.multipliers();
+        if held.is_empty() {
+            for &node in &handle.nodes {
+                let base = 3 * node as usize;
+                self.state[base..base + 3].copy_from_slice(&displaced(node, handle.centre));
+            }
+            return;
+        }
+        for (m, target) in held.iter().zip(&mut self.targets_m) {
+            let moves = handle.nodes.binary_search(&m.node).is_ok();
+            *target = if moves { displaced(m.node, handle.centre)[m.axis] } else { 0.0 };
+        }
+        // Multipliers that balance the guess: the residual is then in the constraints alone.
+        self.assembled.assemble_residual(body, &self.state);
+        let scale = body.stiffness_scale_n_m();
+        for (m, value) in held.iter().zip(&mut self.multipliers) {
+            *value = self.assembled.nodal_force_n[3 * m.node as usize + m.axis] / scale;
+        }
+    }
+
+    /// Sensitivities, last correction and condensed quantities of the converged state.
+    ///
+    /// With K the tangent over the unknowns and K_fA its columns along a translation of the handle,
+    ///
+    /// X = -K^-1 K_fA (du/dd and dq/dd),   S = K_AA + K_Af X (symmetric),
+    ///
+    /// or, with multipliers, X = K^-1 (unit displacement in the constraints) and S the multipliers' part of X. The factor
+    /// that gives X gives the last Newton correction too.
+    pub(super) fn condense(
+        &mut self,
+        pose: &Pose,
+        residual_n: f64,
+        iterations: u32,
+    ) -> Result<Configuration, SolveFailure> {
+        let fail = |reason, residual_n| Err(SolveFailure { reason, iterations, residual_n });
+        self.evaluate(true);
+        let problem = self.problem.clone();
+        let body = &problem.body;
+        self.translation_columns();
+        self.factorisations += 1;
+        let solved = self.factor.factorise_and_solve(
+            &problem.symbolic,
+            &problem.pattern,
+            &self.assembled.tangent,
+            &self.right,
+            &mut self.columns,
+            SENSITIVITY,
+        );
+        if solved.is_err() {
+            return fail(FailureReason::SingularTangent, residual_n);
+        }
+        let unstable_modes = self.factor.unstable_modes(&problem.symbolic);
+        let stiffness = self.condensed_stiffness(&problem);
+        let sensitivity = self.sensitivity_of_state();
+        let third_n_m2 = third_derivatives(body, &self.state, &sensitivity);
+        let residual_n = self.polish(residual_n);
+        let assembled = &self.assembled;
+        if self.newton.reject_inverted && assembled.inverted > 0 {
+            return fail(FailureReason::Inverted, residual_n);
+        }
+        let energy_j = assembled.energy_j - body.rest.energy_j;
+        if !(energy_j.is_finite() && stiffness.iter().chain(&third_n_m2).all(|s| s.is_finite())) {
+            return fail(FailureReason::NotFinite, residual_n);
+        }
+        let (force_n, torque_n_m) = self.resultants(pose);
+        // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
+        let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
+        let potential = Potential { displacement_m: pose.displacement_m, energy_j, force_n, stiffness_n_m };
+        Ok(Configuration {
+            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, potential },
+            energy_j,
+            force_n,
+            torque_n_m,
+            stiffness_n_m,
+            third_n_m2,
+            residual_n,
+            min_jacobian: assembled.min_jacobian,
+            inverted: assembled.inverted,
+            volume_m3: assembled.volume_m3,
+            unstable_modes,
+            iterations,
+            factorisations: self.factorisations,
+            increments: 1,
+            switched: false,
+        })
+    }
+
+    /// Right-hand sides of the sensitivities, one column per axis.
+    pub(super) fn translation_columns(&mut self) {
+        let problem = &*self.problem;
+        let n = problem.unknowns();
+        let held = problem.dofs.multipliers();
+        if held.is_empty() {
+            self.coupling.assemble(&problem.body, &problem.pattern, &self.state);
+            for (right, k) in self.right.iter_mut().zip(&self.coupling.free) {
+                *right = -k;
+            }
+            return;
+        }
+        self.right.fill(0.0);
+        let tie = -problem.body.stiffness_scale_n_m();
+        for m in held.iter().filter(|m| problem.handle_nodes().binary_search(&m.node).is_ok()) {
+            self.right[m.axis * n + m.equation as usize] = tie;
+        }
+    }
+
+    /// du/dd and dp/dd of every node along each axis, from the columns solved for.
+    pub(super) fn sensitivity_of_state(&self) -> [Vec<f64>; 3] {
+        let (problem, body) = (&*self.problem, &self.problem.body);
+        let n = problem.unknowns();
+        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        let mut sensitivity = [(); 3].map(|()| vec![0.0; body.state_len()]);
+        for (axis, state_column) in sensitivity.iter_mut().enumerate() {
+            let x = &self.columns[axis * n..(axis + 1) * n];
+            for &(equation, position) in &problem.positions {
+                let unit = if position < forces { 1.0 } else { pressure_scale };
+                state_column[position] = unit * x[equation];
+            }
+            for &node in problem.handle_nodes() {
+                for (component, value) in state_column[3 * node as usize..][..3].iter_mut().enumerate() {
+                    *value = f64::from(u8::from(component == axis));
+                }
+            }
+        }
+        sensitivity
+    }
+
+    /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
+    ///
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j: the last term makes the error of S the square of that of x, so one solve
+    /// without refinement is enough. With multipliers K_AA is zero.
+    pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
+        let n = problem.unknowns();
+        let column = |axis: usize| axis * n..(axis + 1) * n;
+        let (right, x, residuals) = (&self.right, &self.columns, self.factor.residuals());
+        let own = if problem.dofs.multipliers().is_empty() { self.coupling.own } else { Matrix3::zeros() };
+        own - Matrix3::from_fn(|i, j| {
+            dot(&right[column(i)], &x[column(j)]) + dot(&x[column(i)], &residuals[column(j)])
+        })
+    }
+
+    /// Force on the handle and moment about its centre where it is now.
+    fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
+        let (problem, body) = (&*self.problem, &self.problem.body);
+        let Some(handle) = &problem.handle else { return ([0.0; 3], [0.0; 3]) };
+        let centre = Vector3::from(body.rest_position_m(handle.centre));
+        let scale = body.stiffness_scale_n_m();
+        let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+        for &node in &handle.nodes {
+            let mut here = Vector3::from(self.assembled.force_on(&[node]));
+            for (m, value) in problem.dofs.multipliers().iter().zip(&self.multipliers) {
+                if m.node == node {
+                    here[m.axis] = value * scale;
+                }
+            }
+            let arm = Vector3::from(body.rest_position_m(node)) - centre;
+            let arm_now = arm + pose.displacement_of(&arm) - Vector3::from(pose.displacement_m);
+            force += here;
+            torque += arm_now.cross(&here);
+        }
+        (force.into(), torque.into())
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}

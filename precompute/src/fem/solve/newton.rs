@@ -1,0 +1,344 @@
+//! Newton-Raphson with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
+
+use super::factor::STEP;
+use super::{Configuration, Solver};
+use crate::fem::boundary::Pose;
+
+/// Convergence control.
+#[derive(Debug, Clone, Copy)]
+pub struct NewtonOptions {
+    /// Iterations at most, those with a frozen factor counted alike.
+    pub max_iterations: u32,
+    /// A state is converged when its residual is below this share of the force scale. One more correction follows,
+    /// with the factor that the sensitivities need anyway, so the final residual is about its square.
+    pub tolerance: f64,
+    /// Halvings of a step that does not lower the residual.
+    pub max_halvings: u32,
+    /// Full steps that may be taken although no fraction of them lowers the residual. Zero but where a transition tries
+    /// to get over a fold, see [`super::LoadingOptions::snap_through`].
+    pub max_uphill: u32,
+    /// Whether steps with a frozen factor are tried where they are estimated to be cheaper.
+    pub frozen_factor: bool,
+    /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states are stable
+    /// and smooth, and a hole in the space costs far more accuracy.
+    pub reject_inverted: bool,
+}
+
+impl Default for NewtonOptions {
+    fn default() -> Self {
+        Self {
+            max_iterations: 40,
+            tolerance: 1e-8,
+            max_halvings: 5,
+            max_uphill: 0,
+            frozen_factor: true,
+            reject_inverted: false,
+        }
+    }
+}
+
+/// Why a position could not be solved. Data, not a panic: the configuration space tags it and goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FailureReason {
+    /// Residual or state became infinite or NaN.
+    NotFinite,
+    /// The residual grew beyond any hope.
+    Diverged,
+    /// No fraction of the Newton step lowers the residual.
+    LineSearch,
+    /// The iteration limit was reached.
+    MaxIterations,
+    /// The tangent could not be solved to working accuracy.
+    SingularTangent,
+    /// Solved, but with inverted elements, which were to be rejected.
+    Inverted,
+}
+
+impl FailureReason {
+    /// Name in stores and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NotFinite => "not-finite",
+            Self::Diverged => "diverged",
+            Self::LineSearch => "line-search",
+            Self::MaxIterations => "max-iterations",
+            Self::SingularTangent => "singular-tangent",
+            Self::Inverted => "inverted",
+        }
+    }
+}
+
+/// A failed solve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SolveFailure {
+    /// Why.
+    pub reason: FailureReason,
+    /// Iterations spent.
+    pub iterations: u32,
+    /// Last residual norm, N.
+    pub residual_n: f64,
+}
+
+impl std::fmt::Display for SolveFailure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "no equilibrium found ({} after {} iterations, residual {:.1e} N)",
+            self.reason.name(),
+            self.iterations,
+            self.residual_n
+        )
+    }
+}
+
+impl std::error::Error for SolveFailure {}
+
+/// A residual this many times the first one is hopeless.
+const HOPELESS: f64 = 1e8;
+/// Frozen steps start when a fresh Newton step has brought the residual below this share of the force scale ...
+const NEAR: f64 = 0.1;
+/// ... and end when a step gains less than this factor.
+const WORTH: f64 = 0.3;
+
+/// Where no step lowers a residual that is within this factor of the tolerance, it has met its rounding floor and the
+/// state is as good as it gets: forces of a part a million times stiffer leave 1e-16 of themselves in the sum.
+const STALLED: f64 = 100.0;
+
+/// What the next step is made with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Next {
+    Fresh,
+    Frozen,
+}
+
+impl Solver {
+    /// Equilibrium with the handle at `pose`, from the guess `state`.
+    pub fn solve_at(&mut self, pose: &Pose, state: &[f64]) -> Result<Configuration, SolveFailure> {
+        self.state.copy_from_slice(state);
+        self.hold(pose);
+        self.factorisations = 0;
+        let (residual_n, iterations) = self.equilibrate()?;
+        self.condense(pose, residual_n, iterations)
+    }
+
+    /// Newton's iteration from `self.state` until the residual is below the tolerance; returns it and the iterations.
+    ///
+    /// The first full step is always taken: prescribing the displacement puts the whole residual into the handle's
+    /// elements, and spreading it over the body raises the norm legitimately. From then on a step is halved until the residual
+    /// falls. Once near, steps use the factor at hand as long as that is estimated to be cheaper than a fresh one.
+    pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
+        let (mut iterations, mut uphill) = (0, 0);
+        let mut residual_n = self.evaluate(true);
+        let first = residual_n.max(self.scale_n());
+        let mut next = Next::Fresh;
+        let mut has_tangent = true;
+        loop {
+            if !residual_n.is_finite() {
+                return Err(SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n });
+            }
+            if residual_n > HOPELESS * first {
+                return Err(SolveFailure { reason: FailureReason::Diverged, iterations, residual_n });
+            }
+            if residual_n <= self.newton.tolerance * self.scale_n() {
+                return Ok((residual_n, iterations));
+            }
+            if iterations >= self.newton.max_iterations {
+                return Err(SolveFailure { reason: FailureReason::MaxIterations, iterations, residual_n });
+            }
+            iterations += 1;
+            if next == Next::Frozen {
+                if let Some(reached) = self.frozen_step(residual_n) {
+                    has_tangent = false;
+                    next = self.after_frozen(residual_n, reached);
+                    residual_n = reached;
+                    continue;
+                }
+                // Not a good step: the state is where it was, but the residual must be found again.
+                residual_n = self.evaluate(true);
+                has_tangent = true;
+            }
+            if !has_tangent {
+                self.evaluate(true);
+            }
+            let floor_n = STALLED * self.newton.tolerance * self.scale_n();
+            if !self.newton_step() {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
+                return Err(SolveFailure { reason: FailureReason::SingularTangent, iterations, residual_n });
+            }
+            let (mut reached, full) = self.line_search(residual_n, iterations > 1);
+            if reached.is_none() && residual_n > floor_n && uphill < self.newton.max_uphill {
+                uphill += 1;
+                reached = self.line_search(residual_n, false).0;
+            }
+            let Some(reached) = reached else {
+                if residual_n <= floor_n {
+                    return Ok((residual_n, iterations));
+                }
+                return Err(SolveFailure { reason: FailureReason::LineSearch, iterations, residual_n });
+            };
+            has_tangent = false;
+            next = Next::Fresh;
+            if full && self.newton.frozen_factor {
+                self.history.clear();
+                self.history.push(&self.step);
+                if reached <= NEAR * self.scale_n() {
+                    next = Next::Frozen;
+                }
+            }
+            residual_n = reached;
+        }
+    }
+
+    /// Whether to go on with the frozen factor after a step from residual `before` to `reached`.
+    fn after_frozen(&self, before: f64, reached: f64) -> Next {
+        let tolerance = self.newton.tolerance * self.scale_n();
+        let gain = reached / before;
+        if gain >= WORTH || self.history.is_full() {
+            return Next::Fresh;
+        }
+        // A fresh factor roughly squares the relative residual; a frozen step goes on gaining what it gained.
+        let frozen_steps = ((tolerance / reached).ln() / gain.ln()).ceil().max(1.0);
+        let relative = reached / self.scale_n();
+        let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
+        let fresh_cost = 0.5 * self.problem.symbolic.factor_over_solve() + 2.0;
+        if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Fresh }
+    }
+
+    /// One quasi-Newton step with the factor at hand. `None` if it does not lower the residual: the state stays.
+    fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
+        }
+        let n = self.residual.len();
+        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
+        if !self.history.accelerate(&mut self.step) {
+            return None;
+        }
+        self.move_by(1.0);
+        self.swap_trial();
+        let reached = self.evaluate(false);
+        if reached.is_nan() || reached >= residual_n {
+            self.swap_trial_back();
+            return None;
+        }
+        self.history.push(&self.step);
+        Some(reached)
+    }
+
+    /// Takes the largest step of 1, 1/2, 1/4 .. that lowers the residual (the full one in any case if not `must_fall`);
+    /// returns the residual there, and whether the step was the full one.
+    fn line_search(&mut self, residual_n: f64, must_fall: bool) -> (Option<f64>, bool) {
+        let mut omega = 1.0;
+        for halvings in 0..=self.newton.max_halvings {
+            self.move_by(omega);
+            self.swap_trial();
+            let reached = self.evaluate(false);
+            // A step into a NaN is halved too, the first one not excepted.
+            if reached < residual_n || (!must_fall && reached.is_finite()) {
+                return (Some(reached), halvings == 0);
+            }
+            self.swap_trial_back();
+            omega *= 0.5;
+        }
+        (None, false)
+    }
+
+    /// Assembles at the state and returns the residual norm, N.
+    pub(super) fn evaluate(&mut self, with_tangent: bool) -> f64 {
+        let problem = &*self.problem;
+        if with_tangent {
+            self.assembled.assemble(&problem.body, &problem.pattern, &self.state);
+        } else {
+            self.assembled.assemble_residual(&problem.body, &self.state);
+        }
+        self.assembled.residual_into(&problem.body, &problem.positions, &mut self.residual);
+        let scale = problem.body.stiffness_scale_n_m();
+        let held = problem.dofs.multipliers().iter().zip(&self.multipliers).zip(&self.targets_m);
+        for ((m, multiplier), target) in held {
+            let displacement = problem.dofs.displacement(m.node)[m.axis];
+            let u = self.state[3 * m.node as usize + m.axis];
+            self.residual[displacement as usize] -= scale * multiplier;
+            self.residual[m.equation as usize] = -scale * (u - target);
+        }
+        norm(&self.residual)
+    }
+
+    /// Force against which residuals are measured: the reaction, the body force if there is one, and a millionth of mu l^2
+    /// for a body at rest.
+    pub(super) fn scale_n(&self) -> f64 {
+        let body = &self.problem.body;
+        let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
+        reaction_n + self.assembled.load * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
+    }
+
+    /// trial = state + omega step over the unknowns (pressures rescaled to Pa); multipliers move along.
+    pub(super) fn move_by(&mut self, omega: f64) {
+        let body = &self.problem.body;
+        let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
+        self.trial.copy_from_slice(&self.state);
+        for &(equation, position) in &self.problem.positions {
+            let unit = if position < forces { 1.0 } else { pressure_scale };
+            self.trial[position] += omega * unit * self.step[equation];
+        }
+        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            *value += omega * self.step[m.equation as usize];
+        }
+        self.moved_by = omega;
+    }
+
+    /// The trial becomes the state.
+    pub(super) fn swap_trial(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+    }
+
+    /// The state before the last move becomes the state again.
+    fn swap_trial_back(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.trial);
+        for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
+            *value -= self.moved_by * self.step[m.equation as usize];
+        }
+    }
+
+    /// K step = -residual, with the tangent just assembled.
+    pub(super) fn newton_step(&mut self) -> bool {
+        let problem = &*self.problem;
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
+        }
+        self.factorisations += 1;
+        self.factor
+            .factorise_and_solve(
+                &problem.symbolic,
+                &problem.pattern,
+                &self.assembled.tangent,
+                &self.right[..self.residual.len()],
+                &mut self.step,
+                STEP,
+            )
+            .is_ok()
+    }
+
+    /// The last correction of a converged state: one step with the factor at hand, kept if it lowers the residual.
+    pub(super) fn polish(&mut self, residual_n: f64) -> f64 {
+        for (right, r) in self.right.iter_mut().zip(&self.residual) {
+            *right = -r;
+        }
+        let n = self.residual.len();
+        self.factor.correct(&self.problem.symbolic, &self.right[..n], &mut self.step);
+        self.move_by(1.0);
+        self.swap_trial();
+        let reached = self.evaluate(false);
+        if reached <= residual_n {
+            return reached;
+        }
+        // At the rounding floor already.
+        self.swap_trial_back();
+        self.evaluate(false)
+    }
+}
+
+pub(super) fn norm(v: &[f64]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}

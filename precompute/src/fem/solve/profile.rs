@@ -1,0 +1,118 @@
+//! Where the time of a Newton iteration goes: for `palpate bench fem`, never for a decision of the solver.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::factor::{SENSITIVITY, STEP};
+use super::{Seed, SolveFailure, Solver};
+use crate::fem::assembly::third_derivatives;
+
+/// Seconds of the parts of one Newton iteration.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct IterationProfile {
+    /// Residual and tangent over all elements.
+    pub assembly_s: f64,
+    /// Residual alone, as a line search or a frozen step needs it.
+    pub residual_s: f64,
+    /// Numeric factorisation.
+    pub factorisation_s: f64,
+    /// One solve with the factor, refined and checked.
+    pub solve_s: f64,
+    /// One solve with the factor, unchecked: a frozen step.
+    pub bare_solve_s: f64,
+    /// Three sensitivities, condensed tangent and third derivatives, without the factorisation.
+    pub derivatives_s: f64,
+    /// The whole iteration as the solver runs it: assembly, factorisation, solve, residual at the new state.
+    pub iteration_s: f64,
+}
+
+impl IterationProfile {
+    /// Median of every part over some profiles, at least one.
+    pub fn median(profiles: &[Self]) -> Self {
+        let of = |part: fn(&Self) -> f64| {
+            let mut values: Vec<f64> = profiles.iter().map(part).collect();
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        Self {
+            assembly_s: of(|p| p.assembly_s),
+            residual_s: of(|p| p.residual_s),
+            factorisation_s: of(|p| p.factorisation_s),
+            solve_s: of(|p| p.solve_s),
+            bare_solve_s: of(|p| p.bare_solve_s),
+            derivatives_s: of(|p| p.derivatives_s),
+            iteration_s: of(|p| p.iteration_s),
+        }
+    }
+}
+
+impl Solver {
+    /// Times the parts of a Newton iteration at a solved configuration's state.
+    pub fn profile(&mut self, seed: &Seed) -> Result<IterationProfile, SolveFailure> {
+        let here = self.solve_at(&seed.pose, &seed.state)?;
+        self.state.copy_from_slice(&here.seed.state);
+        // Warm, so that the first part measured does not pay for the caches.
+        self.evaluate(true);
+        let mut profile = IterationProfile::default();
+        let clock = |work: &mut dyn FnMut()| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64()
+        };
+        profile.assembly_s = clock(&mut || {
+            self.evaluate(true);
+        });
+        profile.residual_s = clock(&mut || {
+            self.evaluate(false);
+        });
+        self.evaluate(true);
+        // A right-hand side like a residual: the tangent times a rough step. An arbitrary vector would ask unstable pressures
+        // (P1/P1) for what no solution gives.
+        for (i, x) in self.step.iter_mut().enumerate() {
+            *x = 1e-3 * (((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5);
+        }
+        self.problem.pattern.multiply(&self.assembled.tangent, &self.step, &mut self.residual);
+        let rough = self.residual.clone();
+        profile.factorisation_s = clock(&mut || {
+            self.factorise_only();
+        });
+        profile.bare_solve_s = clock(&mut || {
+            self.right[..rough.len()].copy_from_slice(&rough);
+            self.factor.correct(&self.problem.symbolic, &rough, &mut self.step);
+        });
+        profile.solve_s = clock(&mut || {
+            let problem = &*self.problem;
+            let (symbolic, pattern) = (&problem.symbolic, &problem.pattern);
+            self.factor.solve(symbolic, pattern, &self.assembled.tangent, &rough, &mut self.step, STEP);
+        });
+        profile.iteration_s = clock(&mut || {
+            self.evaluate(true);
+            self.residual.copy_from_slice(&rough);
+            self.newton_step();
+            self.move_by(1e-9);
+            self.swap_trial();
+            self.evaluate(false);
+        });
+        self.state.copy_from_slice(&here.seed.state);
+        self.evaluate(true);
+        self.translation_columns();
+        self.factorise_only();
+        profile.derivatives_s = clock(&mut || {
+            self.translation_columns();
+            let problem = self.problem.clone();
+            let (symbolic, pattern) = (&problem.symbolic, &problem.pattern);
+            let (tangent, right) = (&self.assembled.tangent, &self.right);
+            self.factor.solve(symbolic, pattern, tangent, right, &mut self.columns, SENSITIVITY);
+            let stiffness = self.condensed_stiffness(&problem);
+            let sensitivity = self.sensitivity_of_state();
+            std::hint::black_box((stiffness, third_derivatives(&problem.body, &self.state, &sensitivity)));
+        });
+        Ok(profile)
+    }
+
+    fn factorise_only(&mut self) {
+        let problem = &*self.problem;
+        self.factor.factorise_first(&problem.symbolic, &problem.pattern, &self.assembled.tangent);
+    }
+}

@@ -1,0 +1,55 @@
+//! The rest of a body under its body force: equilibrium with the handle free.
+
+use std::sync::Arc;
+
+use super::{Problem, SolveFailure, Solver};
+use crate::fem::body::{Body, Rest};
+use crate::fem::boundary::Constraints;
+
+/// Halvings of the load step before the body is said to have no rest.
+const MAX_HALVINGS: u32 = 6;
+
+/// Solves for the rest state of a body with a body force; any other body is returned as it is.
+///
+/// The load is put on in the largest steps that converge, the whole at once first. Displacements, the energy and the reaction
+/// of every configuration then count from here.
+pub fn settle(body: Body) -> Result<Body, SolveFailure> {
+    if !body.is_loaded() {
+        return Ok(body);
+    }
+    let body = Arc::new(body);
+    let rest = {
+        let problem = Problem::with(body.clone(), None, Constraints::Elimination);
+        let mut solver = Solver::new(Arc::new(problem));
+        // Fresh factors throughout, so that the last correction is a true Newton step.
+        solver.newton.frozen_factor = false;
+        let (mut done, mut step, mut halvings, mut spent) = (0.0, 1.0f64, 0, 0);
+        let mut settled = body.rest.state.clone();
+        while done < 1.0 {
+            solver.assembled.load = (done + step).min(1.0);
+            solver.state.copy_from_slice(&settled);
+            match solver.equilibrate() {
+                Ok((residual_n, iterations)) => {
+                    // A last Newton step brings the residual to its rounding floor.
+                    solver.polish(residual_n);
+                    settled.copy_from_slice(&solver.state);
+                    spent += iterations;
+                    done += step;
+                    step = (2.0 * step).min(1.0 - done);
+                }
+                Err(failure) => {
+                    spent += failure.iterations;
+                    halvings += 1;
+                    if halvings > MAX_HALVINGS {
+                        return Err(SolveFailure { iterations: spent, ..failure });
+                    }
+                    step *= 0.5;
+                }
+            }
+        }
+        Rest { state: settled, energy_j: solver.assembled.energy_j }
+    };
+    let mut body = Arc::into_inner(body).expect("problem and solver were dropped above");
+    body.rest = rest;
+    Ok(body)
+}

@@ -1,0 +1,297 @@
+//! VTU: one state of a body as VTK's XML file of an unstructured grid.
+//!
+//! Data are inline base64 with 64-bit headers: unlike raw appended bytes that is well-formed XML, which any XML tool can
+//! read, for a third more space. A grid that does not fit together is refused and nothing is written.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::path::Path;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
+
+use super::escaped;
+use crate::files::write_atomically;
+
+/// The cells of a grid: tets of one order, or none but its points.
+#[derive(Debug, Clone, Copy)]
+pub enum Cells<'a> {
+    /// Four vertices (VTK type 10).
+    Tet4(&'a [[u32; 4]]),
+    /// Four vertices, then the middles of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
+    Tet10(&'a [[u32; 10]]),
+    /// So many points, each a cell of its own (VTK type 1).
+    Vertices(usize),
+}
+
+impl Cells<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Tet4(cells) => cells.len(),
+            Self::Tet10(cells) => cells.len(),
+            Self::Vertices(count) => *count,
+        }
+    }
+
+    fn nodes(&self) -> Cow<'_, [u32]> {
+        match self {
+            Self::Tet4(cells) => cells.as_flattened().into(),
+            Self::Tet10(cells) => cells.as_flattened().into(),
+            Self::Vertices(count) => (0..*count as u32).collect(),
+        }
+    }
+
+    /// Nodes per cell and VTK type.
+    fn shape(&self) -> (usize, u8) {
+        match self {
+            Self::Tet4(_) => (4, 10),
+            Self::Tet10(_) => (10, 24),
+            Self::Vertices(_) => (1, 1),
+        }
+    }
+}
+
+/// A named array: `components` numbers per point, cell or tuple, the components of one together.
+#[derive(Debug, Clone, Copy)]
+pub struct Field<'a> {
+    /// Shown by the viewer; with its unit, as in `displacement_m`.
+    pub name: &'a str,
+    /// Numbers per point or cell: 1 scalar, 3 vector.
+    pub components: usize,
+    /// The numbers.
+    pub values: &'a [f64],
+}
+
+/// What a file holds.
+#[derive(Debug, Clone, Copy)]
+pub struct Grid<'a> {
+    /// Rest positions.
+    pub nodes_m: &'a [[f64; 3]],
+    /// Cells.
+    pub cells: Cells<'a>,
+    /// Per node.
+    pub point_data: &'a [Field<'a>],
+    /// Per cell.
+    pub cell_data: &'a [Field<'a>],
+    /// Of the whole state: one tuple each.
+    pub field_data: &'a [Field<'a>],
+}
+
+/// Why a grid was not written.
+#[derive(Debug)]
+pub enum WriteError {
+    /// The file could not be written.
+    Io(std::io::Error),
+    /// A cell names a node that is not there.
+    NoSuchNode {
+        /// Index of the cell.
+        cell: usize,
+        /// What it names.
+        node: u32,
+    },
+    /// A field has another number of values than the grid's points, cells or one tuple ask for.
+    FieldLength {
+        /// Its name.
+        field: String,
+        /// Values it has.
+        found: usize,
+        /// Values it should have.
+        due: usize,
+    },
+}
+
+impl fmt::Display for WriteError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => write!(f, "{error}"),
+            Self::NoSuchNode { cell, node } => write!(f, "cell {cell} names node {node}, which is not there"),
+            Self::FieldLength { field, found, due } => {
+                write!(f, "field `{field}` has {found} values where {due} are due")
+            }
+        }
+    }
+}
+
+impl std::error::Error for WriteError {}
+
+impl From<std::io::Error> for WriteError {
+    fn from(error: std::io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+/// Writes a grid, replacing a file of the same name at once or not at all.
+pub fn write(path: &Path, grid: &Grid<'_>) -> Result<(), WriteError> {
+    Ok(write_atomically(path, encode(grid)?.as_bytes())?)
+}
+
+fn encode(grid: &Grid<'_>) -> Result<String, WriteError> {
+    let (points, cells) = (grid.nodes_m.len(), grid.cells.len());
+    let (per_cell, vtk_type) = grid.cells.shape();
+    if let Some(at) = grid.cells.nodes().iter().position(|&node| node as usize >= points) {
+        return Err(WriteError::NoSuchNode { cell: at / per_cell, node: grid.cells.nodes()[at] });
+    }
+    let mut out = String::from(
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\">\n<UnstructuredGrid>\n",
+    );
+    out.push_str("<FieldData>\n");
+    for field in grid.field_data {
+        push_field(&mut out, field, 1, " NumberOfTuples=\"1\"")?;
+    }
+    out.push_str(&format!(
+        "</FieldData>\n<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n<PointData>\n"
+    ));
+    for field in grid.point_data {
+        push_field(&mut out, field, points, "")?;
+    }
+    out.push_str("</PointData>\n<CellData>\n");
+    for field in grid.cell_data {
+        push_field(&mut out, field, cells, "")?;
+    }
+    out.push_str("</CellData>\n<Points>\n");
+    push_floats(&mut out, "Points", 3, "", grid.nodes_m.as_flattened());
+    out.push_str("</Points>\n<Cells>\n");
+    let node = |node: &u32| i64::from(*node).to_le_bytes();
+    push_array(&mut out, "Int64", "connectivity", "", grid.cells.nodes().iter().flat_map(node));
+    let ends = (1..=cells).flat_map(|cell| ((cell * per_cell) as i64).to_le_bytes());
+    push_array(&mut out, "Int64", "offsets", "", ends);
+    push_array(&mut out, "UInt8", "types", "", std::iter::repeat_n(vtk_type, cells));
+    out.push_str("</Cells>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>\n");
+    Ok(out)
+}
+
+fn push_field(out: &mut String, field: &Field<'_>, tuples: usize, more: &str) -> Result<(), WriteError> {
+    let (found, due) = (field.values.len(), tuples * field.components);
+    if found != due {
+        return Err(WriteError::FieldLength { field: field.name.into(), found, due });
+    }
+    push_floats(out, field.name, field.components, more, field.values);
+    Ok(())
+}
+
+fn push_floats(out: &mut String, name: &str, components: usize, more: &str, values: &[f64]) {
+    let more = format!(" NumberOfComponents=\"{components}\"{more}");
+    push_array(out, "Float64", name, &more, values.iter().flat_map(|value| value.to_le_bytes()));
+}
+
+/// Header (byte count) and data are one base64 stream, as VTK has it for uncompressed data.
+fn push_array(out: &mut String, scalar: &str, name: &str, more: &str, data: impl Iterator<Item = u8>) {
+    let mut bytes = vec![0; 8];
+    bytes.extend(data);
+    let length = (bytes.len() - 8) as u64;
+    bytes[..8].copy_from_slice(&length.to_le_bytes());
+    out.push_str(&format!(
+        "<DataArray type=\"{scalar}\" Name=\"{}\"{more} format=\"binary\">",
+        escaped(name)
+    ));
+    BASE64.encode_string(&bytes, out);
+    out.push_str("</DataArray>\n");
+}
+
+#[cfg(test)]
+mod tests {
+    use roxmltree::{Document, Node};
+
+    use super::*;
+    use crate::mesh::testing::cube;
+    use crate::mesh::{LengthUnit, TetMesh};
+
+    fn grid(mesh: &TetMesh) -> Grid<'_> {
+        Grid {
+            nodes_m: &mesh.nodes_m,
+            cells: Cells::Tet4(&mesh.tets),
+            point_data: &[],
+            cell_data: &[],
+            field_data: &[],
+        }
+    }
+
+    fn read_back(grid: &Grid<'_>) -> (TetMesh, String) {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("state.vtu");
+        write(&path, grid).expect("written");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).expect("it is there").count(),
+            1,
+            "no temporary file stays"
+        );
+        let mesh = crate::mesh::read(&path, LengthUnit::Metre).expect("our own reader reads it");
+        (mesh, std::fs::read_to_string(&path).expect("it is text"))
+    }
+
+    /// The values of a named array, decoded here and not by the reader.
+    fn floats(document: &Document<'_>, parent: &str, name: &str) -> (u32, Vec<f64>) {
+        let is = |node: &Node<'_, '_>| {
+            node.attribute("Name") == Some(name)
+                && node.parent().is_some_and(|parent_node| parent_node.has_tag_name(parent))
+        };
+        let array = document.descendants().find(is).unwrap_or_else(|| panic!("no {parent}/{name}"));
+        assert_eq!((array.attribute("type"), array.attribute("format")), (Some("Float64"), Some("binary")));
+        let bytes = BASE64.decode(array.text().expect("data")).expect("base64");
+        let (header, data) = bytes.split_at(8);
+        assert_eq!(u64::from_le_bytes(header.try_into().expect("8 bytes")), data.len() as u64);
+        let components = array.attribute("NumberOfComponents").expect("stated").parse().expect("a number");
+        (components, data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect())
+    }
+
+    #[test]
+    fn our_reader_and_an_xml_parser_find_every_bit() {
+        let mesh = cube(2, 0.1);
+        let values: Vec<f64> = (0..3 * mesh.nodes_m.len()).map(|i| 1.0 / (i as f64 - 40.5)).collect();
+        let per_cell: Vec<f64> = (0..mesh.tets.len()).map(|i| (i as f64).sqrt()).collect();
+        let name = "a <name> & \"more\"";
+        let (back, text) = read_back(&Grid {
+            point_data: &[Field { name: "displacement_m", components: 3, values: &values }],
+            cell_data: &[Field { name, components: 1, values: &per_cell }],
+            field_data: &[Field {
+                name: "reaction_n",
+                components: 3,
+                values: &[1.0, -2.5, f64::MIN_POSITIVE],
+            }],
+            ..grid(&mesh)
+        });
+        assert_eq!(back, mesh);
+        let document = Document::parse(&text).expect("well-formed XML");
+        assert_eq!(document.root_element().attribute("header_type"), Some("UInt64"));
+        assert_eq!(floats(&document, "PointData", "displacement_m"), (3, values));
+        assert_eq!(floats(&document, "CellData", name), (1, per_cell));
+        assert_eq!(floats(&document, "FieldData", "reaction_n"), (3, vec![1.0, -2.5, f64::MIN_POSITIVE]));
+    }
+
+    #[test]
+    fn ten_node_tets_go_out_in_vtks_order() {
+        let nodes = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let middle = |a: usize, b: usize| std::array::from_fn(|axis| 0.5 * (nodes[a][axis] + nodes[b][axis]));
+        let mut all: Vec<[f64; 3]> = nodes.to_vec();
+        all.extend([(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)].map(|(a, b)| middle(a, b)));
+        let tets = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]];
+        let none = TetMesh::default();
+        let grid = Grid { nodes_m: &all, cells: Cells::Tet10(&tets), ..grid(&none) };
+        // The reader checks that every mid-edge node is at the middle of its edge.
+        let (back, text) = read_back(&grid);
+        assert_eq!((back.nodes_m, back.tets), (nodes.to_vec(), vec![[0, 1, 2, 3]]));
+        let document = Document::parse(&text).expect("well-formed XML");
+        assert_eq!(floats(&document, "Points", "Points").1, all.as_flattened());
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_refused_and_leaves_no_file() {
+        let mesh = cube(1, 0.1);
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("state.vtu");
+        let refused = |grid: &Grid<'_>| {
+            let error = write(&path, grid).expect_err("planted fault").to_string();
+            assert_eq!(std::fs::read_dir(folder.path()).expect("it is there").count(), 0);
+            error
+        };
+        let short = [Field { name: "u", components: 3, values: &[0.0; 23] }];
+        assert!(refused(&Grid { point_data: &short, ..grid(&mesh) }).contains("`u` has 23 values where 24"));
+        assert!(refused(&Grid { cell_data: &short, ..grid(&mesh) }).contains("where 18 are due"));
+        assert!(refused(&Grid { field_data: &short, ..grid(&mesh) }).contains("where 3 are due"));
+        let error = refused(&Grid { nodes_m: &mesh.nodes_m[..7], ..grid(&mesh) });
+        assert!(error.contains("cell 0 names node 7"), "{error}");
+        let nowhere = folder.path().join("none/state.vtu");
+        assert!(matches!(write(&nowhere, &grid(&mesh)), Err(WriteError::Io(_))));
+    }
+}

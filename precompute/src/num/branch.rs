@@ -1,0 +1,198 @@
+//! Whether two solutions lie on one smooth branch of the condensed potential.
+//!
+//! Along the edge d from a to b, with W, h = dW/dd and S = dh/dd at both ends, the quintic through the data of W and the cubic
+//! through those of h leave
+//!
+//! rho   = |W_b - W_a - (h_a + h_b).d/2 + d.(S_b - S_a).d/12| / |d|,
+//!
+//! rho_h = |h_b - h_a - (S_a + S_b) d/2|,
+//!
+//! both of higher order in |d| on a smooth branch, and of the order of the jump across a fold, a change of branch or a wrong
+//! solution. rho is blind to a jump of h at mid-edge, where its energy cancels; rho_h sees it. No counterpart in the paper.
+//!
+//! Where the third derivatives T are at hand too, one order more on either side tells curvature from jumps on cells as large as the
+//! table's: the quintic Hermite of W and the quintic of h leave
+//!
+//! rho   = |W_b - W_a - (h_a + h_b).d/2 + d.(S_b - S_a).d/10 - (T_a + T_b)[d, d, d]/120| / |d|,
+//!
+//! rho_h = |h_b - h_a - (S_a + S_b) d/2 + (T_b - T_a)[d, d]/12|.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
+
+/// Excess over the smooth law beyond which there is a jump, N ...
+pub const LEAST_N: f64 = 0.1;
+/// ... and as a share of the larger |h| of the two. A jump smaller than the just noticeable difference of force, some 7 %,
+/// is hardly one for the hand.
+pub const SHARE: f64 = 0.1;
+
+/// The condensed potential and its derivatives at a displacement of the handle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Potential {
+    /// Displacement, m.
+    pub displacement_m: [f64; 3],
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S, N/m.
+    pub stiffness_n_m: Matrix3<f64>,
+}
+
+impl From<&EnergyJet> for Potential {
+    fn from(jet: &EnergyJet) -> Self {
+        let EnergyJet { displacement_m, energy_j, force_n, stiffness_n_m, .. } = *jet;
+        Self { displacement_m, energy_j, force_n, stiffness_n_m }
+    }
+}
+
+/// How far two solutions are from one smooth branch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Excess {
+    /// Excess of the energy over its quintic, by length, N.
+    pub rho_n: f64,
+    /// Excess of the force over its trapezium, N.
+    pub rho_h_n: f64,
+    /// Beyond this either is a jump, N.
+    limit_n: f64,
+}
+
+impl Excess {
+    /// Excess between two solutions at different displacements.
+    pub fn between(a: &Potential, b: &Potential) -> Self {
+        let d = Vector3::from(b.displacement_m) - Vector3::from(a.displacement_m);
+        let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
+        let bend = d.dot(&((b.stiffness_n_m - a.stiffness_n_m) * d));
+        Self {
+            rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + bend / 12.0).abs() / d.norm(),
+            rho_h_n: (hb - ha - (a.stiffness_n_m + b.stiffness_n_m) * d * 0.5).norm(),
+            limit_n: LEAST_N.max(SHARE * ha.norm().max(hb.norm())),
+        }
+    }
+
+    /// The same with the third derivatives of both, one order finer.
+    pub fn with_thirds(a: (&Potential, &SymmetricThird), b: (&Potential, &SymmetricThird)) -> Self {
+        let d = Vector3::from(b.0.displacement_m) - Vector3::from(a.0.displacement_m);
+        let (ha, hb) = (Vector3::from(a.0.force_n), Vector3::from(b.0.force_n));
+        let (ta, tb) = (twice_along(a.1, d), twice_along(b.1, d));
+        let (sa, sb) = (a.0.stiffness_n_m, b.0.stiffness_n_m);
+        let bend = d.dot(&((sb - sa) * d)) / 10.0 - (ta + tb).dot(&d) / 120.0;
+        Self {
+            rho_n: (b.0.energy_j - a.0.energy_j - 0.5 * (ha + hb).dot(&d) + bend).abs() / d.norm(),
+            rho_h_n: (hb - ha - (sa + sb) * d * 0.5 + (tb - ta) / 12.0).norm(),
+            ..Self::between(a.0, b.0)
+        }
+    }
+
+    /// Whether the two lie on different branches, as far as the data tell.
+    pub fn is_jump(&self) -> bool {
+        // A NaN is no smooth branch either.
+        !(self.rho_n <= self.limit_n && self.rho_h_n <= self.limit_n)
+    }
+}
+
+/// T[d, d, .]
+fn twice_along(third: &SymmetricThird, d: Vector3<f64>) -> Vector3<f64> {
+    let mut sum = Vector3::zeros();
+    for (triple, value) in THIRD_INDICES.iter().zip(third) {
+        let [i, j, k] = *triple;
+        // Every different order of the triple, once.
+        let mut orders = [[i, j, k], [i, k, j], [j, i, k], [j, k, i], [k, i, j], [k, j, i]];
+        orders.sort_unstable();
+        for (n, [p, q, r]) in orders.iter().enumerate() {
+            if n == 0 || orders[n - 1] != orders[n] {
+                sum[*p] += value * d[*q] * d[*r];
+            }
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// W = c cosh(u . x): any derivative of it.
+    fn steep(x: Vector3<f64>) -> (Potential, SymmetricThird) {
+        let (u, c) = (Vector3::new(40.0, -25.0, 30.0), 0.03);
+        let (cosh, sinh) = (u.dot(&x).cosh(), u.dot(&x).sinh());
+        let potential = Potential {
+            displacement_m: x.into(),
+            energy_j: c * cosh,
+            force_n: (u * c * sinh).into(),
+            stiffness_n_m: u * u.transpose() * (c * cosh),
+        };
+        (potential, THIRD_INDICES.map(|[i, j, k]| c * sinh * u[i] * u[j] * u[k]))
+    }
+
+    #[test]
+    fn thirds_tell_a_curved_branch_from_a_jump() {
+        let (a, b) = (steep(Vector3::new(0.02, -0.01, 0.01)), steep(Vector3::new(0.04, -0.01, 0.03)));
+        let rough = Excess::between(&a.0, &b.0);
+        let fine = Excess::with_thirds((&a.0, &a.1), (&b.0, &b.1));
+        assert!(fine.rho_h_n < 0.05 * rough.rho_h_n && fine.rho_n < 0.1 * rough.rho_n, "{rough:?} {fine:?}");
+        let mut beyond = b;
+        beyond.0.force_n[1] += 2.0;
+        let jump = Excess::with_thirds((&a.0, &a.1), (&beyond.0, &beyond.1));
+        assert!((jump.rho_h_n - 2.0).abs() < fine.rho_h_n + 1e-9, "{jump:?}");
+    }
+
+    /// Halving the edge takes the excess of the force by 2^5 and that of the energy, by length, by 2^6.
+    #[test]
+    fn thirds_take_the_order_up() {
+        let at = |d: f64| {
+            let step = Vector3::new(0.6, -0.3, 0.5) * d;
+            let middle = Vector3::new(0.01, -0.02, 0.015);
+            let (a, b) = (steep(middle - step), steep(middle + step));
+            Excess::with_thirds((&a.0, &a.1), (&b.0, &b.1))
+        };
+        let (long, short) = (at(0.01), at(0.005));
+        let orders = [long.rho_h_n / short.rho_h_n, long.rho_n / short.rho_n].map(f64::log2);
+        assert!((orders[0] - 5.0).abs() < 0.2 && (orders[1] - 6.0).abs() < 0.3, "{orders:?}");
+    }
+
+    /// W = k d^2/2 + c d^4/4 along x, and the same with a jump of the force by `jump` N beyond `at_m`.
+    fn sample(x: f64, at_m: f64, jump: f64) -> Potential {
+        let (k, c) = (300.0, 4e4);
+        let beyond = (x - at_m).max(0.0);
+        let here = if x > at_m { jump } else { 0.0 };
+        Potential {
+            displacement_m: [x, 0.0, 0.0],
+            energy_j: 0.5 * k * x * x + 0.25 * c * x.powi(4) + jump * beyond,
+            force_n: [k * x + c * x.powi(3) + here, 0.0, 0.0],
+            stiffness_n_m: Matrix3::from_diagonal(&Vector3::new(k + 3.0 * c * x * x, 0.0, 0.0)),
+        }
+    }
+
+    #[test]
+    fn a_smooth_branch_is_none_and_a_jump_anywhere_on_the_edge_is() {
+        for i in 0..=20 {
+            let at_m = 0.01 + 0.0005 * f64::from(i);
+            let smooth = Excess::between(&sample(0.01, at_m, 0.0), &sample(0.02, at_m, 0.0));
+            assert!(!smooth.is_jump() && smooth.rho_n < 1e-12, "{smooth:?}");
+            let jump = Excess::between(&sample(0.01, at_m, 1.2), &sample(0.0201, at_m, 1.2));
+            assert!(jump.is_jump(), "at {at_m}: {jump:?}");
+        }
+    }
+
+    #[test]
+    fn a_jump_at_mid_edge_is_seen_by_the_force_alone() {
+        let mid = Excess::between(&sample(0.01, 0.015, 1.2), &sample(0.02, 0.015, 1.2));
+        assert!(mid.rho_n < 1e-9 && mid.rho_h_n > 1.1, "{mid:?}");
+    }
+
+    #[test]
+    fn the_threshold_scales_with_the_force_and_nan_is_a_jump() {
+        let scaled = |factor: f64| {
+            let mut both = [sample(0.01, 0.015, 0.8), sample(0.02, 0.015, 0.8)];
+            for p in &mut both {
+                p.force_n[1] += factor;
+            }
+            Excess::between(&both[0], &both[1]).is_jump()
+        };
+        assert!(scaled(0.0) && !scaled(6.0), "0.8 N is a jump at 7 N and none at 9 N");
+        let broken = Potential { energy_j: f64::NAN, ..sample(0.02, 1.0, 0.0) };
+        assert!(Excess::between(&sample(0.01, 1.0, 0.0), &broken).is_jump());
+    }
+}

@@ -1,0 +1,211 @@
+//! The long part of packing: what is fitted to each space, before anything is laid out.
+//!
+//! No space looks at another one here: they are shared out among threads, each with a connection of its own to the store, and what comes out
+//! does not depend on how many there are.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use palpate_core::Method;
+
+use super::PackError;
+use crate::adaptive::{Resampled, Verdict, resample};
+use crate::fit::{
+    Derivatives, DisplacementFault, DisplacementFit, Fold, HermiteNodes, KernelPlanes, Moved, Sample,
+    ScatteredMotion, fit_displacement, hermite_nodes, hermite_nodes_known,
+};
+use crate::space::{Record, Store, SurfaceMotion, folds, planned, samples};
+use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid, displacement_m};
+
+/// A space that is packed.
+pub(super) struct Chosen {
+    /// Number of its active node in the store.
+    pub(super) active: usize,
+    pub(super) name: String,
+    /// Its mesh node.
+    pub(super) node: u32,
+    pub(super) records: Vec<Record>,
+}
+
+/// What is fitted to a space.
+pub(super) struct Fitted {
+    pub(super) known: Known,
+    pub(super) hermite: Option<HermiteNodes>,
+    pub(super) kernel: Option<KernelPlanes>,
+    pub(super) displacement: Option<DisplacementFit>,
+}
+
+/// What the tables of a space are made of: configurations on a lattice, solved there or said by a fit.
+pub(super) struct Known {
+    pub(super) grid: SpaceGrid,
+    pub(super) samples: Vec<Sample>,
+    pub(super) folds: Vec<Fold>,
+    /// The fit, where there is one.
+    said: Option<Said>,
+    /// What a step of the lattice is in the indices of the store.
+    step: i32,
+}
+
+impl Known {
+    /// The solved points of a lattice; its records are counted in its steps.
+    fn solved(grid: &SpaceGrid, records: &[Record], step: i32) -> Self {
+        Self { grid: *grid, samples: samples(grid, records), folds: folds(grid, records), said: None, step }
+    }
+}
+
+/// What a fit says beside the samples.
+struct Said {
+    /// All that the energy's table takes.
+    derivatives: BTreeMap<GridIndex, Derivatives>,
+    /// The length of the fit, m.
+    length_m: f64,
+    /// It is the linear body.
+    is_linear: bool,
+    /// The fit itself, if it is wanted and the core holds it.
+    kernel: Option<KernelPlanes>,
+}
+
+/// What all spaces have in common.
+pub(super) struct Fitter<'p> {
+    pub(super) sampling: Sampling,
+    /// Mesh nodes of the surface.
+    pub(super) nodes: &'p [u32],
+    pub(super) methods: &'p [Method],
+    /// The bound of the displacements, if the scene wants any.
+    pub(super) visual: Option<DisplacementBound>,
+}
+
+impl Fitter<'_> {
+    /// The fits of all spaces, in their order.
+    pub(super) fn all(
+        &self,
+        store: &Store,
+        chosen: &[Chosen],
+        threads: usize,
+    ) -> Result<Vec<Fitted>, PackError> {
+        let threads = threads.clamp(1, chosen.len().max(1));
+        if threads == 1 {
+            return chosen.iter().map(|chosen| self.one(store, chosen)).collect();
+        }
+        let next = AtomicUsize::new(0);
+        let done: Vec<Mutex<Option<Result<Fitted, PackError>>>> =
+            chosen.iter().map(|_| Mutex::new(None)).collect();
+        // What the caller has just added is seen by the others only then.
+        store.commit()?;
+        let path = store.path();
+        let work = || -> Result<(), PackError> {
+            let own = Store::open(path)?;
+            while let Some((chosen, done)) = {
+                let at = next.fetch_add(1, Ordering::Relaxed);
+                chosen.get(at).zip(done.get(at))
+            } {
+                let fitted = self.one(&own, chosen);
+                *done.lock().expect("nobody panics with it") = Some(fitted);
+            }
+            Ok(())
+        };
+        std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+            workers.into_iter().try_for_each(|worker| worker.join().expect("a fit does not panic"))
+        })?;
+        let taken = |done: Mutex<Option<_>>| done.into_inner().expect("nobody panics with it");
+        done.into_iter().map(|done| taken(done).expect("every space was worked on")).collect()
+    }
+
+    fn one(&self, store: &Store, chosen: &Chosen) -> Result<Fitted, PackError> {
+        let mut known = self.known(store, chosen)?;
+        let kernel = known.said.as_mut().and_then(|said| said.kernel.take());
+        let has_hermite = [Method::Hermite, Method::Energy].iter().any(|m| self.methods.contains(m));
+        let hermite = has_hermite.then(|| match &known.said {
+            Some(said) => hermite_nodes_known(&known.grid, &known.samples, &said.derivatives),
+            None => hermite_nodes(&known.grid, &known.samples, &known.folds),
+        });
+        let displacement =
+            self.visual.map(|bound| self.displacement(store, chosen, &known, bound)).transpose()?;
+        Ok(Fitted { known, hermite, kernel, displacement })
+    }
+
+    fn known(&self, store: &Store, chosen: &Chosen) -> Result<Known, PackError> {
+        match &self.sampling {
+            Sampling::Lattice(Lattice { grid, .. }) => Ok(Known::solved(grid, &chosen.records, 1)),
+            Sampling::Scattered(_) => {
+                let plan = planned(store, chosen.active)?.ok_or(PackError::Empty)?;
+                if let Some(lattice) = plan.switched() {
+                    let records = lattice.records(&chosen.records);
+                    return Ok(Known::solved(lattice.grid(), &records, lattice.spacing()));
+                }
+                let search = plan.search().ok_or(PackError::Empty)?;
+                let Resampled { grid, samples, derivatives, .. } = resample(search);
+                let is_linear = plan.verdict() == Some(Verdict::Linear);
+                let wanted = self.methods.contains(&Method::Kernel);
+                let kernel = wanted.then(|| {
+                    KernelPlanes::new(search.fit(), f64::from(grid.radius_m as f32), |at| search.knows(at))
+                });
+                let kernel = kernel.flatten();
+                let length_m = search.fit().length_m();
+                let said = Said { derivatives, length_m, is_linear, kernel };
+                Ok(Known { grid, samples, folds: Vec::new(), said: Some(said), step: 1 })
+            }
+        }
+    }
+
+    fn displacement(
+        &self,
+        store: &Store,
+        chosen: &Chosen,
+        known: &Known,
+        bound: DisplacementBound,
+    ) -> Result<DisplacementFit, PackError> {
+        let Known { grid, samples, folds, said, step } = known;
+        let motion = SurfaceMotion::new(store, chosen.active, self.nodes)?;
+        let solved: Vec<GridIndex> = samples.iter().map(|sample| sample.index).collect();
+        let fitted = match said {
+            Some(said) => {
+                let bound = bound.at_points_of_a_fit();
+                // Read twice, and dear to say: few enough to be kept.
+                let scattered = scattered_motion(chosen, said, &motion, bound)?;
+                let all: Vec<Moved> =
+                    solved.iter().map(|&index| scattered.at(grid.displacement_m(index))).collect();
+                fit_displacement(grid, &solved, folds, bound, |at| Ok(all[at].clone()))
+            }
+            None => fit_displacement(grid, &solved, folds, bound, |at| {
+                motion.at(samples[at].index.map(|n| n * step), samples[at].attempt)
+            }),
+        };
+        let active = || chosen.name.clone();
+        fitted.map_err(|fault| match fault {
+            DisplacementFault::Read(error) => PackError::Store(error),
+            DisplacementFault::Modes => PackError::Displacement { active: active(), beyond: None },
+            DisplacementFault::Bound { index, misfit } => {
+                PackError::Displacement { active: active(), beyond: Some((index, misfit)) }
+            }
+        })
+    }
+}
+
+/// How the surface moves between scattered configurations: in proportion, if the force does and that meets all of them.
+fn scattered_motion(
+    chosen: &Chosen,
+    said: &Said,
+    motion: &SurfaceMotion<'_>,
+    bound: DisplacementBound,
+) -> Result<ScatteredMotion, PackError> {
+    let mut configurations = Vec::new();
+    for record in chosen.records.iter().filter(|r| r.tag.is_solved() && !r.switched) {
+        let moved = motion.at(record.index, record.attempt)?;
+        configurations.push((displacement_m(record.index), moved));
+    }
+    // Rest first.
+    let size = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>();
+    configurations.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
+    let of = |some| ScatteredMotion::new(said.length_m, some).ok_or(PackError::Empty);
+    if said.is_linear && !configurations.is_empty() {
+        let linear = of(&configurations[..1])?;
+        let holds = |(p, moved): &([f64; 3], Moved)| bound.allows(&linear.at(*p), moved);
+        if configurations.iter().all(holds) {
+            return Ok(linear);
+        }
+    }
+    of(&configurations)
+}

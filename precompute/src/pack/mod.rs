@@ -1,0 +1,431 @@
+//! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
+
+mod fitted;
+mod form;
+
+pub use form::{method_for, needed_method};
+
+use bytemuck::Pod;
+use palpate_core::Method;
+use palpate_core::blob::format::{
+    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, KernelHeader, MAGIC, PREFIX_LEN,
+    PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
+    plane_area_start,
+};
+use palpate_core::profile::PC_SPACES;
+use palpate_core::rbf::LANES;
+
+use crate::fit::{
+    Centre, DisplacementFit, FitError, HermiteNodes, Kernel, KernelPlanes, Misfit, RbfFit, fit_rbf,
+    flag_folds, lattice_values,
+};
+use crate::mesh::{Surface, TetMesh};
+use crate::space::{Store, StoreError};
+use crate::spec::GridIndex;
+use fitted::{Chosen, Fitted, Fitter, Known};
+
+/// Why a space could not be packed.
+#[derive(Debug)]
+pub enum PackError {
+    /// The store could not be read.
+    Store(StoreError),
+    /// A fit failed.
+    Fit {
+        /// Name of the active node.
+        active: String,
+        /// Why.
+        error: FitError,
+    },
+    /// The displacements could not be packed.
+    Displacement {
+        /// Name of the active node.
+        active: String,
+        /// The configuration beyond the bound, and by how much; none if there are no modes.
+        beyond: Option<(GridIndex, Misfit)>,
+    },
+    /// A node has no kernel.
+    NoKernel {
+        /// Its name.
+        active: String,
+    },
+    /// No form is small enough.
+    OverLimit {
+        /// Bytes of the smallest.
+        smallest: u64,
+        /// Bytes that the scene allows.
+        most_bytes: u64,
+    },
+    /// No space holds a configuration yet.
+    Empty,
+    /// A part does not fit in the layout.
+    TooLarge(&'static str),
+}
+
+impl std::fmt::Display for PackError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Store(error) => write!(f, "{error}"),
+            Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
+            Self::Displacement { active, beyond: Some((index, misfit)) } => write!(
+                f,
+                "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
+                 {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
+                1e3 * misfit.rms_m,
+                1e3 * misfit.max_m
+            ),
+            Self::Displacement { active, beyond: None } => write!(
+                f,
+                "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
+            ),
+            Self::NoKernel { active } => write!(
+                f,
+                "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
+            ),
+            Self::OverLimit { smallest, most_bytes } => write!(
+                f,
+                "the smallest blob takes {smallest} bytes without its certificate, the scene allows {most_bytes}; raise `blob_bytes` under \
+                 [needs], or leave out what it shows with `visual = false`"
+            ),
+            Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
+            Self::TooLarge(what) => {
+                write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
+            }
+        }
+    }
+}
+
+impl std::error::Error for PackError {}
+
+impl From<StoreError> for PackError {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+/// Bulk data of a blob under construction.
+#[derive(Debug, Default)]
+struct PlaneArea {
+    bytes: Vec<u8>,
+}
+
+impl PlaneArea {
+    fn push<T: Pod>(&mut self, plane: &[T]) -> Result<PlaneRef, PackError> {
+        self.bytes.resize(self.bytes.len().next_multiple_of(ALIGNMENT), 0);
+        let too_large = |_| PackError::TooLarge("the table area");
+        let offset = u32::try_from(self.bytes.len()).map_err(too_large)?;
+        let len = u32::try_from(plane.len()).map_err(too_large)?;
+        self.bytes.extend_from_slice(bytemuck::cast_slice(plane));
+        Ok(PlaneRef { offset, len })
+    }
+
+    fn push3<T: Pod>(&mut self, planes: &[Vec<T>; 3]) -> Result<[PlaneRef; 3], PackError> {
+        Ok([self.push(&planes[0])?, self.push(&planes[1])?, self.push(&planes[2])?])
+    }
+}
+
+fn short_text<const N: usize>(text: &str, what: &'static str) -> Result<heapless::String<N>, PackError> {
+    heapless::String::try_from(text).map_err(|_| PackError::TooLarge(what))
+}
+
+/// Packed tables.
+#[derive(Debug)]
+pub struct Packed {
+    preamble: Preamble,
+    spaces: Vec<SpaceHeader>,
+    kernels: Vec<Option<KernelHeader>>,
+    planes: PlaneArea,
+    /// Active nodes that [`Method::Kernel`] was wanted for and which have none: on a lattice, or more than the core holds.
+    pub without_kernel: Vec<String>,
+    /// Active nodes without any solved configuration, which are not in it.
+    pub left_out: Vec<String>,
+}
+
+impl Packed {
+    /// The file's bytes.
+    pub fn bytes(&self) -> Result<Vec<u8>, PackError> {
+        assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
+    }
+
+    /// Adds a certificate of the tables, as JSON, in place of an earlier one. They keep their bits.
+    pub fn certify(&mut self, certificate: &str) -> Result<(), PackError> {
+        // It is the last plane.
+        if let Some(earlier) = self.preamble.certificate.take() {
+            self.planes.bytes.truncate(earlier.offset as usize);
+        }
+        self.preamble.certificate = Some(self.planes.push(certificate.as_bytes())?);
+        Ok(())
+    }
+}
+
+/// What is packed, and how.
+#[derive(Debug, Clone, Copy)]
+pub struct PackOptions<'m> {
+    /// Methods whose tables are wanted; without any there are flags alone, and nothing for the eye.
+    pub methods: &'m [Method],
+    /// Whether states between grid points are centres of the radial basis functions too, where the store has any.
+    pub intermediate: bool,
+    /// Threads for the fits.
+    pub threads: usize,
+}
+
+/// Packs every solved space of `store`.
+pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackError> {
+    pack_with(store, options, |_| true)
+}
+
+/// [`pack`] without the points that `keep` refuses, as if they had not been solved: what tables with holes are worth.
+pub fn pack_with(
+    store: &Store,
+    options: &PackOptions<'_>,
+    keep: impl Fn(GridIndex) -> bool,
+) -> Result<Packed, PackError> {
+    let identity = store.identity()?;
+    let (mut mesh, fixed) = store.body()?;
+    // The hand meets the body as it rests, sagged under its body force: the first solved rest says how.
+    let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST, 0).ok());
+    for (x, rest) in mesh.nodes_m.iter_mut().zip(first.iter().flatten()) {
+        *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
+    }
+    let surface = Surface::of(&mesh).seen(&mesh);
+    let visual = identity.visual && !options.methods.is_empty();
+    let visual = visual.then_some(identity.displacement_bound);
+    let mut chosen = Vec::new();
+    let mut left_out = Vec::new();
+    for (active, (name, node)) in store.active()?.into_iter().enumerate() {
+        let mut records = store.records(active)?;
+        records.retain(|record| record.index == REST || keep(record.index));
+        // The rest point alone is no space.
+        if records.iter().filter(|record| record.tag.is_solved()).count() > 1 {
+            chosen.push(Chosen { active, name, node, records });
+        } else {
+            left_out.push(name);
+        }
+    }
+    let fitter =
+        Fitter { sampling: identity.sampling, nodes: &surface.nodes, methods: options.methods, visual };
+    let fitted = fitter.all(store, &chosen, options.threads)?;
+    let mut packer = Packer { store, mesh, surface: &surface, options, planes: PlaneArea::default() };
+    let surface_header = packer.surface(&fixed)?;
+    let spaces = chosen.iter().zip(fitted).map(|(chosen, fitted)| packer.space(chosen, &fitted));
+    let (spaces, kernels): (Vec<SpaceHeader>, Vec<Option<KernelHeader>>) =
+        spaces.collect::<Result<Vec<_>, PackError>>()?.into_iter().unzip();
+    if spaces.len() > PC_SPACES {
+        return Err(PackError::TooLarge("the number of active nodes"));
+    }
+    if spaces.is_empty() {
+        return Err(PackError::Empty);
+    }
+    let preamble = Preamble {
+        scene: short_text(&identity.scene_name, "the scene's name")?,
+        law: short_text(&identity.law, "the law's name")?,
+        // A scene without a device has no limit; the blob holds finite numbers only.
+        max_force_n: (identity.max_force_n as f32).min(f32::MAX),
+        mesh_hash: identity.mesh_hash,
+        surface: surface_header,
+        certificate: None,
+        space_count: spaces.len() as u32,
+    };
+    let wanted = options.methods.contains(&Method::Kernel);
+    let without = chosen.iter().zip(&kernels).filter(|(_, kernel)| wanted && kernel.is_none());
+    let without_kernel = without.map(|(chosen, _)| chosen.name.clone()).collect();
+    Ok(Packed { preamble, spaces, kernels, planes: packer.planes, without_kernel, left_out })
+}
+
+/// The rest point.
+const REST: GridIndex = [0; 3];
+
+/// What every space of a blob shares while it is packed.
+struct Packer<'s> {
+    store: &'s Store,
+    mesh: TetMesh,
+    surface: &'s Surface,
+    options: &'s PackOptions<'s>,
+    planes: PlaneArea,
+}
+
+impl Packer<'_> {
+    fn surface(&mut self, fixed: &[u32]) -> Result<SurfaceHeader, PackError> {
+        let Self { surface, mesh, planes, .. } = self;
+        let position = |axis: usize| -> Vec<f32> {
+            surface.nodes.iter().map(|&n| mesh.nodes_m[n as usize][axis] as f32).collect()
+        };
+        let vertex = |node: u32| {
+            surface.nodes.binary_search(&node).expect("a triangle's nodes are surface nodes") as u32
+        };
+        let triangles: Vec<[u32; 3]> = surface.triangles.iter().map(|t| t.map(vertex)).collect();
+        let held: Vec<u8> = surface.nodes.iter().map(|n| u8::from(fixed.binary_search(n).is_ok())).collect();
+        Ok(SurfaceHeader {
+            node: planes.push(&surface.nodes)?,
+            position_m: planes.push3(&[position(0), position(1), position(2)])?,
+            triangles: planes.push(&triangles)?,
+            fixed: planes.push(&held)?,
+        })
+    }
+
+    fn space(
+        &mut self,
+        chosen: &Chosen,
+        fitted: &Fitted,
+    ) -> Result<(SpaceHeader, Option<KernelHeader>), PackError> {
+        let Chosen { active, name, node, .. } = chosen;
+        let (active, node) = (*active, *node);
+        let Fitted { known, hermite, kernel, displacement } = fitted;
+        let Known { grid, samples, folds, .. } = known;
+        let mut values = lattice_values(grid, samples);
+        flag_folds(grid, folds, &mut values);
+        let flags = self.planes.push(&values.flags)?;
+        let on_lattice = [Method::Trilinear, Method::Tricubic, Method::Hybrid];
+        let has_lattice = self.options.methods.iter().any(|m| on_lattice.contains(m));
+        let force_n = has_lattice.then(|| self.planes.push(&values.force_n)).transpose()?;
+        let centres = self.centres(active, known)?;
+        let rbf_linear = match self.fit(Method::RbfLinear, Kernel::Linear, name, &centres)? {
+            Some(fit) => {
+                let narrow = |plane: &[f64]| padded(plane).into_iter().map(|x| x as f32).collect();
+                Some(self.rbf_planes::<f32>(&fit, narrow)?)
+            }
+            None => None,
+        };
+        let rbf_cubic = match self.fit(Method::RbfCubic, Kernel::Cubic, name, &centres)? {
+            Some(fit) => Some(self.rbf_planes::<f64>(&fit, padded)?),
+            None => None,
+        };
+        let hermite = match hermite {
+            Some(HermiteNodes { row, nodes }) => {
+                Some((row, HermiteHeader { row: self.planes.push(row)?, nodes: self.planes.push(nodes)? }))
+            }
+            None => None,
+        };
+        let displacement = match displacement {
+            Some(fit) => {
+                Some(self.displacement(fit, hermite.as_ref().map(|(row, header)| (&row[..], header.row)))?)
+            }
+            None => None,
+        };
+        let hermite = hermite.map(|(_, header)| header);
+        let kernel = match kernel {
+            Some(KernelPlanes { scalars, blocks, reach }) => Some(KernelHeader {
+                scalars: self.planes.push(scalars)?,
+                blocks: self.planes.push(blocks)?,
+                reach: self.planes.push(reach)?,
+            }),
+            None => None,
+        };
+        let normal = self.surface.normal(node).expect("an active node is on the surface");
+        let header = SpaceHeader {
+            name: short_text(name, "an active node's name")?,
+            node,
+            rest_position_m: self.mesh.nodes_m[node as usize].map(|x| x as f32),
+            outward_normal: normal.map(|x| x as f32),
+            spacing_m: grid.spacing_m as f32,
+            radius_m: grid.radius_m as f32,
+            flags,
+            force_n,
+            rbf_linear,
+            rbf_cubic,
+            hermite,
+            displacement,
+        };
+        Ok((header, kernel))
+    }
+
+    /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
+    fn centres(&self, active: usize, known: &Known) -> Result<Vec<Centre>, PackError> {
+        let samples = &known.samples;
+        let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
+        if self.options.intermediate {
+            let cells = |d: [f64; 3]| d.map(|x| x / known.grid.spacing_m);
+            for (index, attempt, state) in self.store.intermediate(active)? {
+                let counts = samples.binary_search_by_key(&index, |s| s.index);
+                if counts.is_ok_and(|at| samples[at].attempt == attempt) {
+                    centres.push(Centre { position: cells(state.displacement_m), force_n: state.force_n });
+                }
+            }
+            // Two transitions may have met half-way; the one that comes first counts.
+            let mut seen = std::collections::HashSet::new();
+            centres.retain(|c| seen.insert(c.position.map(|x| (x * 1e6).round() as i64)));
+        }
+        Ok(centres)
+    }
+
+    fn fit(
+        &self,
+        method: Method,
+        kernel: Kernel,
+        name: &str,
+        centres: &[Centre],
+    ) -> Result<Option<RbfFit>, PackError> {
+        let wanted = self.options.methods.contains(&method);
+        let fitted = wanted.then(|| fit_rbf(kernel, centres, self.options.threads)).transpose();
+        fitted.map_err(|error| PackError::Fit { active: name.into(), error })
+    }
+
+    fn rbf_planes<T: Pod>(
+        &mut self,
+        fit: &RbfFit,
+        convert: impl Fn(&[f64]) -> Vec<T>,
+    ) -> Result<RbfHeader, PackError> {
+        Ok(RbfHeader {
+            centres: self.planes.push3(&fit.centres.each_ref().map(|plane| convert(plane)))?,
+            weights: self.planes.push3(&fit.weights.each_ref().map(|plane| convert(plane)))?,
+        })
+    }
+
+    /// `row` is that of the hermite table and the plane it is in.
+    fn displacement(
+        &mut self,
+        fit: &DisplacementFit,
+        row: Option<(&[u32], PlaneRef)>,
+    ) -> Result<DisplacementHeader, PackError> {
+        let planes = &mut self.planes;
+        let row = row.filter(|(rows, _)| *rows == &fit.row[..]).map(|(_, plane)| plane);
+        Ok(DisplacementHeader {
+            slopes: fit.slopes as u32,
+            row: row.map_or_else(|| planes.push(&fit.row), Ok)?,
+            modes: planes.push(&fit.modes)?,
+            scale: planes.push(&fit.scale)?,
+            coefficients: planes.push(&fit.coefficients)?,
+            outlier_row: planes.push(&fit.outlier_row)?,
+            outlier_scale: planes.push(&fit.outlier_scale)?,
+            outliers: planes.push(&fit.outliers)?,
+        })
+    }
+}
+
+/// Zeros up to the core's lane count.
+fn padded(plane: &[f64]) -> Vec<f64> {
+    let mut plane = plane.to_vec();
+    plane.resize(plane.len().next_multiple_of(LANES), 0.0);
+    plane
+}
+
+fn assemble(
+    preamble: &Preamble,
+    (spaces, kernels): (&[SpaceHeader], &[Option<KernelHeader>]),
+    planes: &PlaneArea,
+) -> Result<Vec<u8>, PackError> {
+    let encode =
+        |result: Result<Vec<u8>, postcard::Error>| result.map_err(|_| PackError::TooLarge("the header"));
+    let mut header = encode(postcard::to_stdvec(preamble))?;
+    for space in spaces {
+        header.extend(encode(postcard::to_stdvec(space))?);
+    }
+    // A blob without a kernel is what it always was, to the byte.
+    let has_kernels = kernels.iter().any(Option::is_some);
+    for kernel in kernels.iter().filter(|_| has_kernels) {
+        header.extend(encode(postcard::to_stdvec(kernel))?);
+    }
+    let version = if has_kernels { VERSION } else { VERSION_WITHOUT_KERNELS };
+    let start = plane_area_start(header.len()).ok_or(PackError::TooLarge("the header"))?;
+    let total = start + planes.bytes.len() + CHECKSUM_LEN;
+    let mut blob = Vec::with_capacity(total);
+    blob.extend_from_slice(&MAGIC);
+    blob.extend_from_slice(&version.to_le_bytes());
+    blob.extend_from_slice(&(header.len() as u32).to_le_bytes());
+    blob.extend_from_slice(&(total as u64).to_le_bytes());
+    debug_assert_eq!(blob.len(), PREFIX_LEN);
+    blob.extend_from_slice(&header);
+    blob.resize(start, 0);
+    blob.extend_from_slice(&planes.bytes);
+    blob.extend_from_slice(&CHECKSUM.checksum(&blob).to_le_bytes());
+    Ok(blob)
+}

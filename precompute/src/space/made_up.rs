@@ -1,0 +1,199 @@
+//! A crew without a solver: its body has a made-up energy, so that a whole space costs milliseconds.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use nalgebra::{Matrix3, Vector3};
+use palpate_core::ConfigTag;
+
+use super::plan::Task;
+use super::{
+    Crew, CrewError, Done, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed, TagCounts, Work,
+};
+use crate::mesh::TetMesh;
+use crate::space::{Truth, WalkJob, WalkOutcome};
+use crate::spec::{DisplacementBound, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
+
+const SPACING_M: f64 = 0.01;
+/// The fold is the plane halfway between the grid points of i = 1 and those of i = 2.
+const FOLD_M: f64 = 1.5 * SPACING_M;
+
+/// W = scale (k r^2 / 2 + c r^4 / 4), and beyond the fold a second branch of higher energy whose force is `jump_n` more along x.
+/// Active node n is 1 + n times as stiff.
+///
+/// A transition straight across the fold lands on the upper branch, an oblique one on the lower; else a child is on its parent's
+/// branch. The branch travels in the stored state, as that of a body does.
+pub(crate) struct MadeUp {
+    pub(crate) grid: SpaceGrid,
+    scale: f64,
+    jump_n: f64,
+    /// What was asked, in order.
+    pub(crate) given: Vec<Work>,
+    /// Tag of a position that a walk comes to, by the walk's number.
+    pub(crate) tag_of_walk: fn(u32) -> ConfigTag,
+    /// Whether the body has no rest.
+    pub(crate) restless: bool,
+    done: VecDeque<Done>,
+}
+
+impl MadeUp {
+    pub(crate) fn new(scale: f64, jump_n: f64) -> Self {
+        let grid = SpaceGrid::new(SPACING_M, 3.2 * SPACING_M).expect("a valid grid");
+        let tag_of_walk = |_| ConfigTag::Expandable;
+        Self { grid, scale, jump_n, given: Vec::new(), tag_of_walk, restless: false, done: VecDeque::new() }
+    }
+
+    /// What happens at `task`.
+    pub(crate) fn record(&self, active: u32, task: &Task, upper: bool) -> Record {
+        let scale = self.scale * f64::from(1 + active);
+        let (k, c) = (200.0 * scale, 4e4 * scale);
+        let d = Vector3::from(self.grid.displacement_m(task.target));
+        let squared = d.norm_squared();
+        let jump_n = if upper { self.jump_n } else { 0.0 };
+        let energy_j = 0.5 * k * squared + 0.25 * c * squared * squared + jump_n * (d.x - FOLD_M);
+        let force_n = d * (k + c * squared) + Vector3::x() * jump_n;
+        let stiffness_n_m = Matrix3::identity() * (k + c * squared) + d * d.transpose() * (2.0 * c);
+        Record {
+            tag: ConfigTag::Expandable,
+            energy_j,
+            force_n: force_n.into(),
+            stiffness_n_m,
+            third_n_m2: [0.0; 10],
+            residual_n: 0.0,
+            min_jacobian: 1.0,
+            volume_m3: 1.0,
+            ..Record::blank(task)
+        }
+    }
+
+    fn upper(&self, job: &Job) -> bool {
+        let (Some((parent, _)), Some(seed)) = (job.task.parent, &job.seed) else { return false };
+        let target: GridIndex = job.task.target;
+        let was_upper = seed.state[0] == 1;
+        match (parent[0] > 1, target[0] > 1) {
+            (false, true) => parent[1..] == target[1..],
+            (true, true) => was_upper,
+            (_, false) => false,
+        }
+    }
+
+    fn point(&self, job: &Job) -> Outcome {
+        let upper = self.upper(job);
+        let state = vec![u8::from(upper), 0, 0, 0];
+        let seed = StoredSeed { sensitivity: state.repeat(3), state, potential: [0.0; 10] };
+        let (active, intermediate) = (job.active, Vec::new());
+        if self.restless {
+            let record = Record {
+                tag: ConfigTag::Failed,
+                failure: Some("singular".into()),
+                residual_n: 1.0,
+                ..Record::blank(&job.task)
+            };
+            return Outcome { active, record, seed: None, intermediate };
+        }
+        let record = self.record(job.active, &job.task, upper);
+        Outcome { active, record, seed: Some(seed), intermediate }
+    }
+
+    fn walk(&self, job: &WalkJob) -> WalkOutcome {
+        let tag = (self.tag_of_walk)(job.walk.number);
+        let number = if tag.is_solved() { 1.0 } else { f64::NAN };
+        let truth = |&displacement_m| Truth {
+            displacement_m,
+            tag,
+            failure: (!tag.is_solved()).then(|| "line-search".into()),
+            energy_j: number,
+            force_n: [number; 3],
+            stiffness_n_m: Matrix3::from_element(number),
+            residual_n: 0.0,
+            min_jacobian: number,
+            inverted: 0,
+            unstable_modes: None,
+            switched: false,
+            iterations: 1,
+            factorisations: 1,
+            seconds: 0.0,
+            displacements: Vec::new(),
+        };
+        let ends_at_once = tag != ConfigTag::Expandable;
+        let steps = if ends_at_once { 1 } else { job.positions_m.len() };
+        WalkOutcome { walk: job.walk, truths: job.positions_m[..steps].iter().map(truth).collect() }
+    }
+
+    /// What its stores are made of.
+    pub(crate) fn identity(&self) -> StoreIdentity {
+        StoreIdentity {
+            scene_name: "made-up".into(),
+            scene: String::new(),
+            content_hash: "0".into(),
+            mesh_hash: mesh().content_hash(),
+            law: "made-up".into(),
+            max_force_n: f64::INFINITY,
+            sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
+            visual: false,
+            displacement_bound: DisplacementBound::default(),
+            form: FormNeeds::default(),
+        }
+    }
+
+    /// Its store at `path`, of so many active nodes.
+    pub(crate) fn store(&self, path: &Path, nodes: u32) -> Store {
+        Store::create_or_resume(path, &self.identity(), &mesh(), &[0], &actives(nodes)).expect("a store")
+    }
+
+    /// The expansion of the spaces of so many nodes.
+    pub(crate) fn expansion(&self, nodes: u32) -> Expansion {
+        Expansion { actives: (0..nodes as usize).collect() }
+    }
+
+    /// Runs the expansion of so many nodes to its end.
+    pub(crate) fn expand(&mut self, store: &Store, nodes: u32) -> Vec<TagCounts> {
+        let expansion = self.expansion(nodes);
+        let counts = expansion.run(store, self, &AtomicBool::new(false), |_| ()).expect("runs to its end");
+        assert!(counts.iter().all(|c| (c.failed, c.unknown) == (0, 0)), "{counts:?}");
+        counts
+    }
+
+    /// A complete space of one node.
+    pub(crate) fn expanded(mut self) -> (tempfile::TempDir, Store) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let store = self.store(&folder.path().join("a.space"), 1);
+        self.expand(&store, 1);
+        (folder, store)
+    }
+}
+
+/// A mesh that nobody looks at.
+pub(crate) fn mesh() -> TetMesh {
+    TetMesh::cuboid([1, 1, 1], 0.01)
+}
+
+/// So many active nodes.
+pub(crate) fn actives(nodes: u32) -> Vec<(String, u32)> {
+    (0..nodes).map(|n| (format!("A{n}"), n + 1)).collect()
+}
+
+impl Crew for MadeUp {
+    fn size(&self) -> usize {
+        1
+    }
+
+    fn give(&mut self, _: usize, work: Work) -> Result<(), CrewError> {
+        self.done.push_back(match &work {
+            Work::Point(job) => Done::Point(Box::new(self.point(job))),
+            Work::Walk(job) => Done::Walk(self.walk(job)),
+        });
+        self.given.push(work);
+        Ok(())
+    }
+
+    fn take(&mut self, _: Duration) -> Result<Option<(usize, Done)>, CrewError> {
+        Ok(Some((0, self.done.pop_front().ok_or(CrewError::Panicked)?)))
+    }
+
+    fn stop(&mut self) {
+        self.done.iter_mut().for_each(|done| *done = Done::Abandoned);
+    }
+}

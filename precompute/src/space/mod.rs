@@ -1,0 +1,32 @@
+//! The configuration space: positions of the active node, solved point by point (paper, 4.3 and 5.1).
+//!
+//! [`plan`] decides what to solve and from which parent; [`job`] is one solve, done by a [`worker`] of a [`crew`] of threads or
+//! processes; [`expansion`] brings them together; [`store`] keeps every try in SQLite.
+
+pub mod crew;
+pub mod expansion;
+pub mod job;
+#[cfg(test)]
+pub(crate) mod made_up;
+mod motion;
+pub mod plan;
+mod plans;
+#[cfg(test)]
+mod planted_fold;
+mod record;
+mod samples;
+pub mod store;
+pub mod walk;
+pub mod worker;
+
+pub use crew::{Crew, CrewError, Threads, with_threads};
+pub use expansion::{Expansion, ExpansionError, Progress};
+pub use job::{Done, Intermediate, Job, Outcome, Work};
+pub use motion::SurfaceMotion;
+pub use plan::{ScatteredPlan, SpacePlan, Switched, TagCounts};
+pub use plans::{Plans, planned, still_to_solve};
+pub use record::{Record, StoredSeed};
+pub use samples::{folds, samples};
+pub use store::{Salvaged, Store, StoreError, StoreIdentity, solver_version};
+pub use walk::{Kind, Truth, Walk, WalkJob, WalkOutcome};
+pub use worker::{Worker, Workshop};

@@ -1,0 +1,285 @@
+//! A search as tasks of a configuration space.
+
+use std::collections::{HashMap, VecDeque};
+
+use super::{Switched, TagCounts, Task};
+use crate::adaptive::{Found, Search, Step, Target, Verdict};
+use crate::num::jet::EnergyJet;
+use crate::space::Record;
+use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
+
+/// The point at rest.
+const REST: GridIndex = [0; 3];
+
+/// The plan of one scattered space: the counterpart of [`super::Plan`].
+#[derive(Debug)]
+pub struct ScatteredPlan {
+    wanted: Wanted,
+    /// None before the rest is known.
+    search: Option<Search>,
+    /// What the search learned from, in its order: parents are counted in it.
+    learned: Vec<GridIndex>,
+    /// The batch that is out.
+    batch: Vec<Target>,
+    found: HashMap<GridIndex, Found>,
+    ready: VecDeque<Task>,
+    counts: TagCounts,
+    round: u32,
+    verdict: Option<Verdict>,
+    /// What a lattice begins with.
+    rest: Option<Record>,
+    /// What has taken over.
+    switched: Option<Switched>,
+}
+
+impl ScatteredPlan {
+    /// Plan with nothing solved.
+    pub fn new(wanted: Wanted) -> Self {
+        Self {
+            wanted,
+            search: None,
+            learned: Vec::new(),
+            batch: Vec::new(),
+            found: HashMap::new(),
+            ready: VecDeque::from([Task { target: REST, attempt: 0, round: 0, parent: None }]),
+            counts: TagCounts::default(),
+            round: 0,
+            verdict: None,
+            rest: None,
+            switched: None,
+        }
+    }
+
+    /// The search so far; `None` before the rest is known.
+    pub fn search(&self) -> Option<&Search> {
+        self.search.as_ref()
+    }
+
+    /// How it ended, once it has.
+    pub fn verdict(&self) -> Option<Verdict> {
+        self.verdict
+    }
+
+    /// The lattice, once one has taken over.
+    pub fn switched(&self) -> Option<&Switched> {
+        self.switched.as_ref()
+    }
+
+    /// Points by tag, the rest point not counted: those of the search, and of the lattice.
+    pub fn counts(&self) -> TagCounts {
+        let mut counts = self.counts;
+        counts += self.switched.as_ref().map(Switched::counts).unwrap_or_default();
+        counts
+    }
+
+    /// Batches so far, or levels of the lattice.
+    pub fn round(&self) -> u32 {
+        self.round.max(self.switched.as_ref().map_or(0, Switched::round))
+    }
+
+    /// Whether failed points or those at folds are being solved once more.
+    pub fn is_solving_again(&self) -> bool {
+        self.switched.as_ref().is_some_and(Switched::is_solving_again)
+    }
+
+    /// Whether nothing is left to do.
+    pub fn is_done(&self) -> bool {
+        self.verdict.is_some() && self.switched.as_ref().is_none_or(Switched::is_done)
+    }
+
+    /// The next task; `None` while the batch must come back first, or when all is done.
+    pub fn next_task(&mut self) -> Option<Task> {
+        if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
+            self.begin_batch();
+        }
+        match &mut self.switched {
+            Some(lattice) => lattice.next_task(),
+            None => self.ready.pop_front(),
+        }
+    }
+
+    fn begin_batch(&mut self) {
+        let Some(search) = &mut self.search else { return };
+        match search.step() {
+            Step::Done(verdict) => {
+                self.verdict = Some(verdict);
+                if verdict == Verdict::Stalled {
+                    let rest = self.rest.as_ref();
+                    self.switched = rest.and_then(|rest| Switched::new(self.wanted, rest));
+                }
+            }
+            Step::Solve(targets) => {
+                self.round += 1;
+                let round = self.round;
+                let task = |target: &Target| {
+                    let parent = Some((self.learned[target.parent], 0));
+                    Task { target: target.index, attempt: 0, round, parent }
+                };
+                self.ready = targets.iter().map(task).collect();
+                self.batch = targets;
+            }
+        }
+    }
+
+    /// Takes the outcome of a task that was handed out.
+    pub fn decide(&mut self, record: &Record) {
+        if let Some(lattice) = &mut self.switched {
+            return lattice.decide(record);
+        }
+        let Some(search) = &mut self.search else {
+            if record.tag.is_solved() {
+                self.search = Some(Search::new(self.wanted, &jet(record)));
+                self.learned.push(REST);
+                self.rest = Some(record.clone());
+            } else {
+                self.verdict = Some(Verdict::NotReached);
+            }
+            return;
+        };
+        *self.counts.of(record.tag) += 1;
+        let found = match record.tag.is_solved() {
+            false => Found::Failed,
+            true if record.switched => Found::Elsewhere(jet(record)),
+            true => Found::Solved(jet(record)),
+        };
+        self.found.insert(record.index, found);
+        if self.batch.iter().all(|target| self.found.contains_key(&target.index)) {
+            let batch = std::mem::take(&mut self.batch);
+            let found: Vec<Found> = batch
+                .iter()
+                .map(|target| self.found.remove(&target.index).unwrap_or(Found::Failed))
+                .collect();
+            search.take(&found);
+            let at = |jet: &EnergyJet| nearest_index(jet.displacement_m);
+            self.learned = search.jets().iter().map(at).collect();
+        }
+    }
+}
+
+/// What a fit takes from a record; rest has no force by its definition.
+fn jet(record: &Record) -> EnergyJet {
+    let jet = record.jet(displacement_m(record.index));
+    if record.index == REST { EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..jet } } else { jet }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_core::ConfigTag;
+
+    use super::*;
+    use crate::fit::made_up;
+    use crate::space::folds;
+    use crate::spec::{Tolerance, UNIT_M};
+
+    const RADIUS_M: f64 = 0.03;
+
+    /// A body that jumps to another branch, with `jump_n` more force, at a plane askew to every axis.
+    fn record(task: &Task, jump_n: f64) -> Record {
+        let jet = made_up::jet(displacement_m(task.target));
+        let [x, y, z] = jet.displacement_m;
+        let beyond = x + 0.4 * y - 0.3 * z - 0.011;
+        let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
+        let normal = [1.0, 0.4, -0.3];
+        Record {
+            tag: ConfigTag::Expandable,
+            energy_j: jet.energy_j + jump_n * beyond,
+            force_n: std::array::from_fn(|i| jet.force_n[i] + jump_n * normal[i]),
+            stiffness_n_m: jet.stiffness_n_m,
+            third_n_m2: jet.third_n_m2,
+            residual_n: 0.0,
+            min_jacobian: 1.0,
+            volume_m3: 1.0,
+            ..Record::blank(task)
+        }
+    }
+
+    const ANYWHERE: Wanted = Wanted {
+        tolerance: Tolerance::CANNOT_BE_FELT,
+        radius_m: RADIUS_M,
+        max_force_n: 8.0,
+        push: None,
+        workspace_m: None,
+        most: 160,
+    };
+
+    /// Solves to the end, `width` tasks at a time; what was solved, in the order of the points.
+    fn solved(wanted: Wanted, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
+        let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
+        while !plan.is_done() {
+            let tasks: Vec<Task> = std::iter::from_fn(|| plan.next_task()).take(width).collect();
+            for task in tasks.iter().rev() {
+                let record = record(task, jump_n);
+                plan.decide(&record);
+                records.push(record);
+            }
+        }
+        records.sort_by_key(|r| (r.index, r.attempt));
+        (plan, records)
+    }
+
+    #[test]
+    fn a_lattice_takes_over_where_predictions_do_not_fall_and_it_finds_the_fold() {
+        let (smooth, few) = solved(ANYWHERE, 0.0, 1);
+        assert_eq!((smooth.verdict(), smooth.switched().is_none()), (Some(Verdict::Passed), true));
+        assert!(few.len() < 60, "{}", few.len());
+
+        let (plan, records) = solved(ANYWHERE, 2.0, 1);
+        assert_eq!(plan.verdict(), Some(Verdict::Stalled));
+        let lattice = plan.switched().expect("a lattice");
+        let jets = plan.search().expect("a search").jets().len();
+        assert!((40..160).contains(&jets), "{jets}");
+        assert_eq!(f64::from(lattice.spacing()) * UNIT_M, lattice.grid().spacing_m);
+        // All of the ball and the corners that complete its cells, and no point of the search among them but rest.
+        let own = lattice.records(&records);
+        let points: std::collections::BTreeSet<GridIndex> = own.iter().map(|r| r.index).collect();
+        assert_eq!(points.len(), 613);
+        let all: std::collections::BTreeSet<GridIndex> = records.iter().map(|r| r.index).collect();
+        assert_eq!(plan.counts().solved(), all.len() - 1);
+        // Its folds lie at the plane, and nowhere else.
+        let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
+        let folds = folds(lattice.grid(), &kept);
+        assert!(folds.len() > 50, "{}", folds.len());
+        for fold in folds {
+            let beyond = [fold.from, fold.to].map(|index| {
+                let [x, y, z] = lattice.grid().displacement_m(index);
+                x + 0.4 * y - 0.3 * z > 0.011
+            });
+            assert_ne!(beyond[0], beyond[1], "{fold:?}");
+        }
+        // Whoever solves how many at once.
+        let (_, again) = solved(ANYWHERE, 2.0, 7);
+        assert_eq!(again, records);
+    }
+
+    #[test]
+    fn the_lattice_goes_no_further_than_a_step_beyond_the_tool_s_reach() {
+        let [low, high] = [[-0.004, -0.012, -0.02], [0.02, 0.03, 0.03]];
+        let push = Some([0.0, 0.0, -1.0]);
+        let (plan, records) = solved(Wanted { workspace_m: Some([low, high]), push, ..ANYWHERE }, 2.0, 1);
+        let lattice = plan.switched().expect("a lattice");
+        let own: HashMap<GridIndex, Record> =
+            lattice.records(&records).into_iter().map(|r| (r.index, r)).collect();
+        let points = own.len();
+        assert!((60..400).contains(&points), "{points} of 613");
+        let step_m = 1.001 * lattice.grid().spacing_m;
+        let (mut inside, mut pressing) = (0, 0);
+        for (index, record) in &own {
+            let at = lattice.grid().displacement_m(*index);
+            assert!((0..3).all(|i| at[i] >= low[i] - step_m && at[i] <= high[i] + step_m), "{at:?}");
+            let is_inside = (0..3).all(|i| at[i] >= low[i] && at[i] <= high[i]);
+            inside += usize::from(is_inside);
+            if is_inside && -record.force_n[2] <= 0.0 && lattice.grid().lattice.contains(*index) {
+                // All corners of its cells are there.
+                pressing += 1;
+                let beside = |code: i32| {
+                    std::array::from_fn(|axis| index[axis] + code / 3i32.pow(axis as u32) % 3 - 1)
+                };
+                let missing = (0..27).map(beside).find(|corner: &GridIndex| {
+                    lattice.grid().lattice.contains(*corner) && !own.contains_key(corner)
+                });
+                assert_eq!(missing, None, "beside {index:?}");
+            }
+        }
+        assert!(pressing > 10 && inside > pressing, "{inside} {pressing}");
+    }
+}

@@ -1,0 +1,400 @@
+//! What to solve next, in one space: a pure function of the lattice and of what was solved, never of who was done first.
+//!
+//! **Expansion** (paper, 5.1). The rest point has level 0. An undecided point p belongs to level r if the least level of the
+//! expandable points it can be solved from is r - 1, and its parent is the best of those. This is what rounds with a barrier
+//! between them would do; but a point is handed out as soon as its level and parent are certain, so no worker waits for a
+//! round to end. Certain means: its `floor`, one more than the least level that any of its neighbours has or may still get, is
+//! reached by an expandable one, and every neighbour that could be as low is decided. Floors are shortest paths from the
+//! points that are expandable or being solved, through the undecided ones; they only rise, so an old one is merely cautious.
+//!
+//! **Retries.** When nothing is left to expand, every failed point is tried from its other solved neighbours, one after the
+//! other until one succeeds. What becomes expandable then opens a new level.
+//!
+//! **Folds.** When nothing is left to retry, points of flagged pairs ([`crate::fit::Fold`]) are solved once more from another parent,
+//! and a second time where the other end of such a pair has found a better solution. Of all solutions of a point the one of lowest
+//! energy is kept; every try is recorded.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use palpate_core::ConfigTag;
+
+use super::{TagCounts, Task};
+use crate::fit::flagged_pairs;
+use crate::num::jet::EnergyJet;
+use crate::space::Record;
+use crate::spec::{Domain, REST, SpaceGrid};
+
+/// How often a point of a flagged pair is solved again.
+const FOLD_TRIES: usize = 2;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    Expand,
+    Retry,
+    Fold,
+    Done,
+}
+
+/// State of one point.
+#[derive(Debug, Clone)]
+struct Point {
+    /// Level at which it was solved or is being solved.
+    level: u32,
+    /// Lower bound on the level of an undecided point.
+    floor: u32,
+    /// A try is out.
+    pending: bool,
+    /// In the queue of certain points.
+    queued: bool,
+    /// Parents tried, and which of their solutions, in order: one for each attempt.
+    tried: Vec<(u32, u32)>,
+    /// The first attempt that was made because of a fold.
+    first_at_fold: Option<u32>,
+    /// Parents yet to be tried in this phase, and which of their solutions, the next one last. Named when the phase begins:
+    /// a solution found meanwhile must not matter.
+    left: Vec<(u32, u32)>,
+    /// The solution that counts; the last failure if there is none.
+    kept: Option<Record>,
+}
+
+impl Point {
+    fn tag(&self) -> ConfigTag {
+        self.kept.as_ref().map_or(ConfigTag::Unknown, |record| record.tag)
+    }
+
+    /// Which attempt gave the kept solution.
+    fn solution(&self) -> u32 {
+        self.kept.as_ref().map_or(0, |record| record.attempt)
+    }
+
+    fn is_source(&self) -> bool {
+        self.pending || self.tag() == ConfigTag::Expandable
+    }
+}
+
+/// Level of what cannot be reached.
+const NEVER: u32 = u32::MAX;
+
+/// The plan of one space.
+#[derive(Debug)]
+pub struct Plan {
+    domain: Arc<Domain>,
+    grid: SpaceGrid,
+    points: Vec<Point>,
+    phase: Phase,
+    /// Points certain and not handed out.
+    ready: VecDeque<u32>,
+    pending: usize,
+    /// A point was decided that opens nothing: floors may have risen.
+    floors_stale: bool,
+    /// Highest level so far.
+    round: u32,
+    counts: TagCounts,
+}
+
+impl Plan {
+    /// Plan with nothing solved.
+    pub fn new(domain: Arc<Domain>, grid: SpaceGrid) -> Self {
+        let blank = Point {
+            level: NEVER,
+            floor: 0,
+            pending: false,
+            queued: false,
+            tried: Vec::new(),
+            first_at_fold: None,
+            left: Vec::new(),
+            kept: None,
+        };
+        let counts = TagCounts { unknown: domain.len() - 1, ..TagCounts::default() };
+        Self {
+            points: vec![blank; domain.len()],
+            domain,
+            grid,
+            phase: Phase::Expand,
+            ready: VecDeque::from([REST]),
+            pending: 0,
+            floors_stale: true,
+            round: 0,
+            counts,
+        }
+    }
+
+    /// Points by tag, the rest point not counted.
+    pub fn counts(&self) -> TagCounts {
+        self.counts
+    }
+
+    /// Highest level or round so far.
+    pub fn round(&self) -> u32 {
+        self.round
+    }
+
+    /// Whether failed points or those at folds are being solved once more.
+    pub fn is_solving_again(&self) -> bool {
+        matches!(self.phase, Phase::Retry | Phase::Fold)
+    }
+
+    /// Whether nothing is left to do.
+    pub fn is_done(&self) -> bool {
+        self.phase == Phase::Done
+    }
+
+    /// The next task that is certain; `None` while what is out must come back first, or when all is done.
+    pub fn next_task(&mut self) -> Option<Task> {
+        loop {
+            if let Some(point) = self.ready.pop_front() {
+                return Some(self.hand_out(point));
+            }
+            if self.phase == Phase::Expand && self.floors_stale {
+                self.raise_floors();
+                if !self.ready.is_empty() {
+                    continue;
+                }
+            }
+            if self.pending > 0 || self.phase == Phase::Done {
+                return None;
+            }
+            self.phase = match self.phase {
+                Phase::Expand => Phase::Retry,
+                Phase::Retry => Phase::Fold,
+                Phase::Fold | Phase::Done => Phase::Done,
+            };
+            match self.phase {
+                Phase::Retry => self.begin_retries(),
+                Phase::Fold => self.begin_folds(),
+                Phase::Expand | Phase::Done => {}
+            }
+        }
+    }
+
+    fn hand_out(&mut self, p: u32) -> Task {
+        let parent = match self.phase {
+            Phase::Expand => {
+                let level = self.points[p as usize].floor;
+                self.points[p as usize].level = level;
+                self.round = self.round.max(level);
+                self.best_parent(p)
+            }
+            _ => self.points[p as usize].left.pop(),
+        };
+        let round = if self.phase == Phase::Expand { self.points[p as usize].level } else { self.round };
+        let from = parent.map(|(w, attempt)| (self.domain.index(w), attempt));
+        let point = &mut self.points[p as usize];
+        let attempt = point.tried.len() as u32;
+        point.tried.push(parent.unwrap_or((REST, 0)));
+        if self.phase == Phase::Fold {
+            point.first_at_fold.get_or_insert(attempt);
+        }
+        point.pending = true;
+        point.queued = false;
+        self.pending += 1;
+        Task { target: self.domain.index(p), attempt, round, parent: from }
+    }
+
+    /// The best parent of the lowest level; the list is sorted best first.
+    fn best_parent(&self, p: u32) -> Option<(u32, u32)> {
+        let floor = self.points[p as usize].floor;
+        let solution = |w: u32| {
+            let parent = &self.points[w as usize];
+            let fits = parent.tag() == ConfigTag::Expandable && parent.level + 1 == floor;
+            fits.then(|| (w, parent.solution()))
+        };
+        self.domain.parents(p).iter().find_map(|&w| solution(w))
+    }
+
+    fn queue(&mut self, p: u32) {
+        if !self.points[p as usize].queued {
+            self.points[p as usize].queued = true;
+            self.ready.push_back(p);
+        }
+    }
+
+    /// Takes the outcome of a task that was handed out.
+    ///
+    /// # Panics
+    /// If no try of that point is out.
+    pub fn decide(&mut self, record: &Record) {
+        let p = self.domain.position(record.index).expect("a task's target is a point of the domain");
+        let point = &mut self.points[p as usize];
+        assert!(point.pending, "{:?} was not handed out", record.index);
+        point.pending = false;
+        self.pending -= 1;
+        let before = point.tag();
+        if super::supersedes(record, point.kept.as_ref()) {
+            point.kept = Some(record.clone());
+        }
+        let after = point.tag();
+        if p != REST {
+            *self.counts.of(before) -= 1;
+            *self.counts.of(after) += 1;
+        }
+        let in_ball = self.domain.in_ball(p);
+        let opens = in_ball && after == ConfigTag::Expandable && before != after;
+        match self.phase {
+            Phase::Expand if opens => {
+                let domain = self.domain.clone();
+                for &child in domain.children(p) {
+                    self.release_if_certain(child);
+                }
+            }
+            Phase::Expand => self.floors_stale |= in_ball,
+            Phase::Retry | Phase::Fold => {
+                if opens {
+                    self.points[p as usize].level = self.round;
+                }
+                let settled = self.phase == Phase::Fold || after.is_solved();
+                if !settled && !self.points[p as usize].left.is_empty() {
+                    self.queue(p);
+                } else if self.pending == 0 && self.ready.is_empty() {
+                    // Whatever this round opened is expanded before anything else is tried.
+                    self.phase = Phase::Expand;
+                    self.floors_stale = true;
+                }
+            }
+            Phase::Done => {}
+        }
+    }
+
+    /// Queues a point whose level and parent nothing that is still open can change.
+    fn release_if_certain(&mut self, p: u32) {
+        let point = &self.points[p as usize];
+        if point.pending || point.kept.is_some() || point.floor == 0 || point.floor == NEVER {
+            return;
+        }
+        let below = point.floor - 1;
+        let mut reached = false;
+        for &w in self.domain.parents(p) {
+            let parent = &self.points[w as usize];
+            if parent.pending {
+                if parent.level <= below {
+                    return;
+                }
+            } else if parent.kept.is_none() {
+                if parent.floor <= below {
+                    return;
+                }
+            } else if parent.tag() == ConfigTag::Expandable && parent.level == below {
+                reached = true;
+            }
+        }
+        if reached {
+            self.queue(p);
+        }
+    }
+
+    /// Floors from scratch, by levels, and every point that is certain now.
+    fn raise_floors(&mut self) {
+        self.floors_stale = false;
+        let mut buckets: Vec<Vec<u32>> = Vec::new();
+        let put = |buckets: &mut Vec<Vec<u32>>, level: u32, p: u32| {
+            let level = level as usize;
+            if buckets.len() <= level {
+                buckets.resize(level + 1, Vec::new());
+            }
+            buckets[level].push(p);
+        };
+        for p in 0..self.points.len() as u32 {
+            let point = &mut self.points[p as usize];
+            point.floor = NEVER;
+            if point.is_source() && self.domain.in_ball(p) {
+                let level = point.level;
+                put(&mut buckets, level, p);
+            }
+        }
+        let mut level = 0;
+        while level < buckets.len() {
+            for w in std::mem::take(&mut buckets[level]) {
+                // A point reached again at a higher level has passed on the lower one.
+                if !self.points[w as usize].is_source() && self.points[w as usize].floor < level as u32 {
+                    continue;
+                }
+                for &p in self.domain.children(w) {
+                    let point = &mut self.points[p as usize];
+                    let undecided = point.kept.is_none() && !point.pending;
+                    if undecided && (level as u32 + 1) < point.floor {
+                        point.floor = level as u32 + 1;
+                        if self.domain.in_ball(p) {
+                            put(&mut buckets, level as u32 + 1, p);
+                        }
+                    }
+                }
+            }
+            level += 1;
+        }
+        for p in 1..self.points.len() as u32 {
+            self.release_if_certain(p);
+        }
+    }
+
+    /// Failed points and the solved neighbours they have not been tried from, expandable ones first.
+    fn begin_retries(&mut self) {
+        let opened = self.round + 1;
+        for p in 1..self.points.len() as u32 {
+            if self.points[p as usize].tag() != ConfigTag::Failed {
+                continue;
+            }
+            let tried = &self.points[p as usize].tried;
+            let mut left = Vec::new();
+            for tag in [ConfigTag::Terminating, ConfigTag::Expandable] {
+                for &w in self.domain.parents(p).iter().rev() {
+                    let parent = &self.points[w as usize];
+                    if parent.tag() == tag && !tried.iter().any(|(from, _)| *from == w) {
+                        left.push((w, parent.solution()));
+                    }
+                }
+            }
+            if !left.is_empty() {
+                self.round = opened;
+                self.points[p as usize].left = left;
+                self.queue(p);
+            }
+        }
+    }
+
+    /// Points of flagged pairs, each with one solution of a neighbour that it has not been tried from.
+    ///
+    /// The first time that is the other end of a flagged pair, or if it came from there, any other neighbour. Once more it is tried
+    /// only where the other end has found a better solution since: a fold that stays is not worth a second look.
+    fn begin_folds(&mut self) {
+        let solved = |record: &Record| -> Option<EnergyJet> {
+            record.tag.is_solved().then(|| record.jet(self.grid.displacement_m(record.index)))
+        };
+        let at = |index| solved(self.points[self.domain.position(index)? as usize].kept.as_ref()?);
+        let kept = self.points.iter().filter_map(|p| p.kept.as_ref());
+        let points = kept.filter_map(|record| Some((record.index, solved(record)?)));
+        let mut partners: Vec<Vec<u32>> = vec![Vec::new(); self.points.len()];
+        for fold in flagged_pairs(points, at) {
+            let [a, b] = [fold.from, fold.to].map(|index| self.domain.position(index).expect("a point"));
+            partners[a as usize].push(b);
+            partners[b as usize].push(a);
+        }
+        let opened = self.round + 1;
+        for p in 1..self.points.len() as u32 {
+            let (point, partners) = (&self.points[p as usize], &partners[p as usize]);
+            let tries = point.first_at_fold.map_or(0, |first| point.tried.len() - first as usize);
+            if partners.is_empty() || tries >= FOLD_TRIES {
+                continue;
+            }
+            let first_time = tries == 0;
+            let candidate = |w: &u32| {
+                let other = &self.points[*w as usize];
+                let solution = other.solution();
+                let found_since = other.first_at_fold.is_some_and(|first| solution >= first);
+                let usable = other.tag().is_solved() && !point.tried.contains(&(*w, solution));
+                (usable && (first_time || found_since)).then_some((*w, solution))
+            };
+            let all = self.domain.parents(p);
+            let suspect = all.iter().filter(|w| partners.contains(w)).find_map(candidate);
+            let another = || all.iter().filter(|_| first_time).find_map(candidate);
+            if let Some(from) = suspect.or_else(another) {
+                self.round = opened;
+                self.points[p as usize].left = vec![from];
+                self.queue(p);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,250 @@
+//! The plan against rounds with a barrier, and against itself with outcomes in any order.
+
+use std::collections::{HashMap, HashSet};
+
+use super::super::supersedes;
+use super::*;
+use crate::spec::{GridIndex, neighbours, plus, squared};
+
+/// SplitMix64 (Steele, Lea and Flood 2014).
+fn hash(mut z: u64) -> u64 {
+    z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A world of made-up outcomes: they depend on the task alone, as those of a solver do.
+struct World {
+    seed: u64,
+    fails: f64,
+    terminates: f64,
+    /// Share of solutions on another branch: their energy breaks the pairs round them.
+    jumps: f64,
+    /// A point is on the same branch wherever it is solved from: no fold can be mended.
+    stubborn: bool,
+}
+
+impl Default for World {
+    fn default() -> Self {
+        Self { seed: 0, fails: 0.0, terminates: 0.0, jumps: 0.02, stubborn: false }
+    }
+}
+
+impl World {
+    fn draw(&self, task: &Task, what: u64) -> f64 {
+        let mut z = hash(self.seed ^ what);
+        let parent = task.parent.filter(|_| !self.stubborn).map_or([0; 3], |(index, _)| index);
+        for n in task.target.into_iter().chain(parent) {
+            z = hash(z ^ n as u64);
+        }
+        (z >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn solve(&self, task: &Task) -> Record {
+        let mut record = Record::blank(task);
+        if task.target == [0; 3] {
+            record.tag = ConfigTag::Expandable;
+            record.energy_j = 0.0;
+            return record;
+        }
+        record.tag = match self.draw(task, 1) {
+            x if x < self.fails => ConfigTag::Failed,
+            x if x < self.fails + self.terminates => ConfigTag::Terminating,
+            _ => ConfigTag::Expandable,
+        };
+        if record.tag.is_solved() {
+            record.energy_j = if self.draw(task, 2) < self.jumps { 1.0 } else { 0.0 };
+            record.force_n = [0.0; 3];
+            record.stiffness_n_m = nalgebra::Matrix3::zeros();
+        }
+        record
+    }
+}
+
+fn grid() -> SpaceGrid {
+    SpaceGrid::new(0.01, 0.045).unwrap()
+}
+
+/// Everything that was done, by (target, attempt).
+type Log = HashMap<(GridIndex, u32), Task>;
+
+/// Runs a plan with up to `hands` tasks out, whose outcomes come back in an order drawn from `order`.
+fn run(world: &World, hands: usize, order: u64) -> (Log, TagCounts) {
+    let mut plan = Plan::new(Arc::new(Domain::new(&grid(), true)), grid());
+    let (mut out, mut log, mut draw) = (Vec::new(), Log::new(), order);
+    loop {
+        while out.len() < hands {
+            let Some(task) = plan.next_task() else { break };
+            assert!(log.insert((task.target, task.attempt), task).is_none(), "{task:?} twice");
+            out.push(task);
+        }
+        if out.is_empty() {
+            assert!(plan.is_done());
+            return (log, plan.counts());
+        }
+        draw = hash(draw);
+        let task = out.swap_remove(draw as usize % out.len());
+        plan.decide(&world.solve(&task));
+    }
+}
+
+#[test]
+fn nothing_depends_on_who_is_done_first() {
+    for seed in 0..6 {
+        let world = World { seed, fails: 0.08, terminates: 0.15, ..World::default() };
+        let (expected, counts) = run(&world, 1, 0);
+        assert!(expected.len() > 300, "seed {seed}: a space to speak of");
+        for (hands, order) in [(2, 1), (7, 2), (64, 3), (1000, 4)] {
+            let (log, others) = run(&world, hands, order);
+            assert_eq!((log == expected, others), (true, counts), "seed {seed}, {hands} hands");
+        }
+    }
+}
+
+/// Rounds with a barrier, as the paper's expansion would be run, first attempts only.
+#[test]
+fn handing_out_ahead_is_the_same_as_rounds() {
+    for seed in 10..16 {
+        let world = World { seed, fails: 0.2, terminates: 0.3, ..World::default() };
+        let lattice = grid().lattice;
+        let mut tags: HashMap<GridIndex, ConfigTag> = HashMap::from([([0; 3], ConfigTag::Expandable)]);
+        let mut expected = Vec::new();
+        for round in 1.. {
+            let mut tasks = Vec::new();
+            for target in lattice.points().filter(|p| !tags.contains_key(p)) {
+                let parent = neighbours()
+                    .map(|offset| (squared(offset), plus(target, offset)))
+                    .filter(|(_, index)| tags.get(index) == Some(&ConfigTag::Expandable))
+                    .min_by_key(|&(distance, index)| (distance, squared(index), index));
+                if let Some((_, parent)) = parent {
+                    tasks.push(Task { target, attempt: 0, round, parent: Some((parent, 0)) });
+                }
+            }
+            if tasks.is_empty() {
+                break;
+            }
+            tags.extend(tasks.iter().map(|t| (t.target, world.solve(t).tag)));
+            expected.extend(tasks);
+        }
+        assert!(expected.len() > 50, "seed {seed}");
+        let (log, _) = run(&world, 5, seed);
+        for task in expected {
+            assert_eq!(log.get(&(task.target, 0)), Some(&task), "seed {seed}");
+        }
+    }
+}
+
+#[test]
+fn a_failed_point_is_tried_from_every_solved_neighbour_before_it_is_given_up() {
+    let world = World { seed: 3, fails: 0.4, terminates: 0.1, ..World::default() };
+    let domain = Domain::new(&grid(), true);
+    let (log, counts) = run(&world, 4, 9);
+    let solved =
+        |index: &GridIndex| log.values().any(|t| t.target == *index && world.solve(t).tag.is_solved());
+    let mut given_up = 0;
+    for point in 1..domain.len() as u32 {
+        let index = domain.index(point);
+        let tries: Vec<&Task> = log.values().filter(|t| t.target == index).collect();
+        if tries.is_empty() || solved(&index) {
+            continue;
+        }
+        given_up += 1;
+        for &parent in domain.parents(point) {
+            let from = domain.index(parent);
+            let tried = tries.iter().any(|t| t.parent.is_some_and(|(index, _)| index == from));
+            assert!(tried || !solved(&from), "{index:?} was never tried from {from:?}");
+        }
+    }
+    assert_eq!(counts.failed, given_up);
+    assert!(log.keys().any(|(_, attempt)| *attempt > 0), "there were retries");
+}
+
+#[test]
+fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
+    let world = World { seed: 5, fails: 0.0, terminates: 0.0, ..World::default() };
+    let (log, counts) = run(&world, 3, 1);
+    assert_eq!((counts.failed, counts.terminating, counts.unknown), (0, 0, 0));
+    let jumped: Vec<GridIndex> =
+        log.values().filter(|t| t.attempt == 0 && world.solve(t).energy_j > 0.5).map(|t| t.target).collect();
+    assert!(jumped.len() > 3, "the world has solutions of another branch");
+    let domain = Domain::new(&grid(), true);
+    for index in jumped {
+        let tries = log.values().filter(|t| t.target == index).count();
+        // A corner of the shell may have one parent only; a point whose second try brought it back is left alone.
+        let parents = domain.parents(domain.position(index).unwrap()).len();
+        let most = parents.min(1 + FOLD_TRIES);
+        assert!((most.min(2)..=most).contains(&tries), "{index:?}: {tries} tries, {parents} parents");
+    }
+    let untouched = log.keys().filter(|(_, attempt)| *attempt == 0).count();
+    assert!(log.len() < 3 * untouched, "not everything is solved again");
+}
+
+/// Solving a point of a fold that stays once more from where it was already solved from would cost as much as it tells: nothing.
+#[test]
+fn a_fold_is_looked_at_a_second_time_only_where_the_other_side_found_something() {
+    let stubborn = World { seed: 5, stubborn: true, ..World::default() };
+    let (log, _) = run(&stubborn, 3, 1);
+    let tries = |log: &Log, attempt: u32| log.keys().filter(|(_, a)| *a == attempt).count();
+    assert!(tries(&log, 1) > 100, "{} second tries", tries(&log, 1));
+    assert_eq!(tries(&log, 2), 0, "nothing was found, and yet it was looked for again");
+    // Where something is found the other side is told, once.
+    let (log, _) = run(&World { seed: 5, jumps: 0.3, ..World::default() }, 3, 1);
+    assert!(tries(&log, 2) > 0, "none of the folds was looked at a second time");
+    assert_eq!(tries(&log, 3), 0);
+}
+
+/// A retry rests on what the store says of its parent: an attempt that failed has no state, one that was superseded is on a branch
+/// that the space has left.
+#[test]
+fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
+    let (mut of_failed, mut of_superseded) = (0, 0);
+    for seed in 0..12 {
+        let world = World { seed, fails: 0.3, terminates: 0.2, jumps: 0.3, ..World::default() };
+        let mut plan = Plan::new(Arc::new(Domain::new(&grid(), true)), grid());
+        let mut kept: HashMap<GridIndex, Record> = HashMap::new();
+        let mut failed_first = HashSet::new();
+        let (mut round, mut at_its_beginning) = (0, kept.clone());
+        while let Some(task) = plan.next_task() {
+            if task.attempt > 0 && task.round != round {
+                (round, at_its_beginning) = (task.round, kept.clone());
+            }
+            if let Some((parent, solution)) = task.parent {
+                // An expansion never supersedes; what it starts from may be of the same round.
+                let known = if task.attempt == 0 { &kept } else { &at_its_beginning };
+                let counts = known.get(&parent).filter(|r| r.tag.is_solved()).expect("a solved parent");
+                assert_eq!(solution, counts.attempt, "seed {seed}: {task:?}");
+                let was_failed = kept.get(&task.target).is_some_and(|r| !r.tag.is_solved());
+                if was_failed && solution > 0 {
+                    *(if failed_first.contains(&parent) { &mut of_failed } else { &mut of_superseded }) += 1;
+                }
+            }
+            let record = world.solve(&task);
+            plan.decide(&record);
+            if task.attempt == 0 && !record.tag.is_solved() {
+                failed_first.insert(task.target);
+            }
+            if supersedes(&record, kept.get(&task.target)) {
+                kept.insert(task.target, record);
+            }
+        }
+        assert!(plan.is_done());
+    }
+    assert!(of_failed > 0 && of_superseded > 0, "{of_failed} and {of_superseded}: some cases are missing");
+}
+
+#[test]
+fn the_first_solution_is_kept_unless_a_later_one_is_clearly_lower() {
+    let task = Task { target: [1, 0, 0], attempt: 0, round: 1, parent: None };
+    let with = |tag, energy_j| {
+        let mut record = Record::blank(&task);
+        (record.tag, record.energy_j) = (tag, energy_j);
+        record
+    };
+    let first = with(ConfigTag::Expandable, 1.0);
+    assert!(!supersedes(&with(ConfigTag::Expandable, 1.0 - 1e-9), Some(&first)), "rounding is no reason");
+    assert!(supersedes(&with(ConfigTag::Terminating, 0.9), Some(&first)));
+    assert!(!supersedes(&with(ConfigTag::Failed, f64::NAN), Some(&first)));
+    assert!(supersedes(&first, Some(&with(ConfigTag::Failed, f64::NAN))));
+    assert!(!supersedes(&with(ConfigTag::Expandable, 1.1), Some(&first)));
+}

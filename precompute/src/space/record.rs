@@ -1,0 +1,194 @@
+//! One try at one point: what it gave, or why it failed.
+
+use nalgebra::Matrix3;
+use palpate_core::ConfigTag;
+use serde::{Deserialize, Serialize};
+
+use super::plan::Task;
+use crate::fem::solve::{Configuration, FailureReason, SolveFailure};
+use crate::num::branch::Potential;
+use crate::num::jet::{EnergyJet, SymmetricThird};
+use crate::spec::GridIndex;
+
+/// The outcome of one [`Task`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// The grid point.
+    pub index: GridIndex,
+    /// 0 for the point's first try, then counting.
+    pub attempt: u32,
+    /// Expandable, terminating or failed.
+    pub tag: ConfigTag,
+    /// Level of the expansion, or round of retries, that it belongs to.
+    pub round: u32,
+    /// Where the transition started: the point, and which of its solutions.
+    pub parent: Option<(GridIndex, u32)>,
+    /// Reason, if failed.
+    pub failure: Option<String>,
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S, N/m.
+    pub stiffness_n_m: Matrix3<f64>,
+    /// W_ijk in the order of [`crate::num::jet::THIRD_INDICES`], N/m^2.
+    pub third_n_m2: SymmetricThird,
+    /// Residual, N.
+    pub residual_n: f64,
+    /// Smallest J.
+    pub min_jacobian: f64,
+    /// Inverted elements.
+    pub inverted: u32,
+    /// Unstable modes, where the factorisation tells them.
+    pub unstable_modes: Option<u32>,
+    /// Whether the transition left the branch it started on.
+    pub switched: bool,
+    /// Deformed volume, m^3.
+    pub volume_m3: f64,
+    /// Newton iterations.
+    pub iterations: u32,
+    /// Factorisations among them.
+    pub factorisations: u32,
+    /// Load increments.
+    pub increments: u32,
+    /// Wall seconds of the solve.
+    pub seconds: f64,
+}
+
+impl Record {
+    /// Record of a task before anything is known of its outcome.
+    pub(crate) fn blank(task: &Task) -> Self {
+        Self {
+            index: task.target,
+            attempt: task.attempt,
+            tag: ConfigTag::Unknown,
+            round: task.round,
+            parent: task.parent,
+            failure: None,
+            energy_j: f64::NAN,
+            force_n: [f64::NAN; 3],
+            stiffness_n_m: Matrix3::from_element(f64::NAN),
+            third_n_m2: [f64::NAN; 10],
+            residual_n: f64::NAN,
+            min_jacobian: f64::NAN,
+            inverted: 0,
+            unstable_modes: None,
+            switched: false,
+            volume_m3: f64::NAN,
+            iterations: 0,
+            factorisations: 0,
+            increments: 0,
+            seconds: 0.0,
+        }
+    }
+
+    /// Record of a solved configuration; beyond `max_force_n` it is terminating. One that is not finite is none.
+    pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
+        let mut record = Self {
+            energy_j: c.energy_j,
+            force_n: c.force_n,
+            stiffness_n_m: c.stiffness_n_m,
+            third_n_m2: c.third_n_m2,
+            residual_n: c.residual_n,
+            min_jacobian: c.min_jacobian,
+            inverted: c.inverted as u32,
+            unstable_modes: c.unstable_modes,
+            switched: c.switched,
+            volume_m3: c.volume_m3,
+            iterations: c.iterations,
+            factorisations: c.factorisations,
+            increments: c.increments,
+            seconds,
+            ..Self::blank(task)
+        };
+        if !record.is_finite() {
+            let (iterations, residual_n) = (c.iterations, c.residual_n);
+            let failure = SolveFailure { reason: FailureReason::NotFinite, iterations, residual_n };
+            return Self::failed(task, &failure, seconds);
+        }
+        let reachable = task.parent.is_none() || record.force_norm_n() < max_force_n;
+        record.tag = if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating };
+        record
+    }
+
+    /// Record of a transition that failed.
+    pub(super) fn failed(task: &Task, failure: &SolveFailure, seconds: f64) -> Self {
+        Self {
+            tag: ConfigTag::Failed,
+            failure: Some(failure.reason.name().into()),
+            residual_n: failure.residual_n,
+            iterations: failure.iterations,
+            seconds,
+            ..Self::blank(task)
+        }
+    }
+
+    /// Whether every number of a solution that others rest on is one.
+    pub(super) fn is_finite(&self) -> bool {
+        let numbers = self.force_n.iter().chain(self.stiffness_n_m.iter()).chain(&self.third_n_m2);
+        numbers.chain([&self.energy_j]).all(|x| x.is_finite())
+    }
+
+    /// W, h, S and W_ijk of a solution at this displacement, m.
+    pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
+        let Self { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *self;
+        EnergyJet { displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
+    }
+
+    /// |h|, N.
+    pub fn force_norm_n(&self) -> f64 {
+        self.force_n.iter().map(|f| f * f).sum::<f64>().sqrt()
+    }
+}
+
+/// What later solves start from, as the store keeps it: little-endian f32. Because every child starts from what is stored, an
+/// interrupted run gives the same bits as an undisturbed one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StoredSeed {
+    /// State vector.
+    #[serde(with = "serde_bytes")]
+    pub(super) state: Vec<u8>,
+    /// d(state)/dd along x, then y, then z.
+    #[serde(with = "serde_bytes")]
+    pub(super) sensitivity: Vec<u8>,
+    /// W, h, S (xx yy zz xy xz yz), as f64.
+    pub(super) potential: [f64; 10],
+}
+
+impl StoredSeed {
+    /// Rounds `seed` to what is stored.
+    pub fn pack(seed: &crate::fem::solve::Seed) -> Self {
+        let bytes =
+            |values: &[f64]| values.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect::<Vec<u8>>();
+        Self {
+            state: bytes(&seed.state),
+            sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect(),
+            potential: {
+                let Potential { energy_j, force_n: [x, y, z], stiffness_n_m: s, .. } = seed.potential;
+                let [xx, yy, zz] = [0, 1, 2].map(|i| s[(i, i)]);
+                [energy_j, x, y, z, xx, yy, zz, s[(0, 1)], s[(0, 2)], s[(1, 2)]]
+            },
+        }
+    }
+
+    /// The seed at `displacement_m`; `None` if the bytes are no seed.
+    pub fn unpack(&self, displacement_m: [f64; 3]) -> Option<crate::fem::solve::Seed> {
+        let numbers = |bytes: &[u8]| -> Vec<f64> {
+            bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()
+        };
+        if self.state.is_empty() || self.sensitivity.len() != 3 * self.state.len() {
+            return None;
+        }
+        let mut columns = self.sensitivity.chunks_exact(self.state.len()).map(numbers);
+        let sensitivity = [columns.next()?, columns.next()?, columns.next()?];
+        let pose = crate::fem::boundary::Pose::translation(displacement_m);
+        let [energy_j, x, y, z, xx, yy, zz, xy, xz, yz] = self.potential;
+        let potential = Potential {
+            displacement_m,
+            energy_j,
+            force_n: [x, y, z],
+            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        };
+        Some(crate::fem::solve::Seed { pose, state: numbers(&self.state), sensitivity, potential })
+    }
+}

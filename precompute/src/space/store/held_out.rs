@@ -1,0 +1,266 @@
+//! Held-out truth in the store.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Matrix3;
+use palpate_core::ConfigTag;
+use palpate_core::blob::format::CHECKSUM;
+use rusqlite::types::Type;
+use rusqlite::{Connection, OptionalExtension, params};
+
+use super::rows::{plain, unreadable};
+use super::{Store, StoreError};
+use crate::space::walk::{Kind, Truth, Walk, WalkOutcome};
+
+const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, \
+                       sxy_n_m, sxz_n_m, syz_n_m, residual_n, min_jacobian, inverted, unstable_modes, switched, iterations, \
+                       factorisations, seconds, displacements, checksum";
+
+impl Store {
+    /// Keeps how held-out positions are drawn and how long regular paths are, or sees that it is as before: truths of two
+    /// draws do not mix.
+    pub fn agree_on_draw(&self, identity: &str, regular_m: Option<f64>) -> Result<(), StoreError> {
+        self.agree("held_out", identity)?;
+        regular_m.map_or(Ok(()), |length| {
+            self.agree("held_out_regular", &format!("regular paths of {length:?} m"))
+        })
+    }
+
+    /// How the truth in the store was drawn; `None` if nothing was yet.
+    pub fn draw_identity(&self) -> Result<Option<String>, StoreError> {
+        let sql = "SELECT value FROM meta WHERE key = 'held_out'";
+        self.wrap(self.connection.query_row(sql, [], |row| row.get(0)).optional())
+    }
+
+    fn agree(&self, key: &str, wanted: &str) -> Result<(), StoreError> {
+        let sql = "SELECT value FROM meta WHERE key = ?1";
+        let stored: Option<String> =
+            self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)).optional())?;
+        match stored {
+            None => {
+                let sql = "INSERT INTO meta VALUES (?1, ?2)";
+                self.wrap(self.connection.execute(sql, params![key, wanted])).map(drop)
+            }
+            Some(stored) if stored == wanted => Ok(()),
+            Some(stored) => Err(StoreError::Drawn { path: self.path.clone(), stored, wanted: wanted.into() }),
+        }
+    }
+
+    /// Forgets all held-out truth, so that it can be drawn anew.
+    pub fn forget_held_out(&self) -> Result<(), StoreError> {
+        self.wrap(self.connection.execute_batch(
+            "BEGIN; DELETE FROM held_out; DELETE FROM meta WHERE key LIKE 'held_out%'; COMMIT",
+        ))
+    }
+
+    /// Adds what a walk gave, all or nothing.
+    pub fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
+        self.write(|connection| {
+            connection.execute_batch("SAVEPOINT walk")?;
+            let inserted = (1..)
+                .zip(&outcome.truths)
+                .try_for_each(|(step, truth)| insert(connection, &outcome.walk, step, truth));
+            match inserted {
+                Ok(()) => connection.execute_batch("RELEASE walk"),
+                Err(error) => {
+                    let _ = connection.execute_batch("ROLLBACK TO walk; RELEASE walk");
+                    Err(error)
+                }
+            }
+        })
+    }
+
+    /// Walks of an active node that are done, each with its last tag.
+    pub fn walks_done(&self, active: usize) -> Result<BTreeMap<(Kind, u32), ConfigTag>, StoreError> {
+        let mut done = BTreeMap::new();
+        self.each_truth(active, |walk, _, truth| {
+            done.insert((walk.kind, walk.number), truth.tag);
+        })?;
+        Ok(done)
+    }
+
+    /// Calls `see` with every truth of an active node, in the order of kind, walk and step.
+    pub fn each_truth(
+        &self,
+        active: usize,
+        mut see: impl FnMut(&Walk, u32, &Truth),
+    ) -> Result<(), StoreError> {
+        let sql = format!("SELECT {COLUMNS} FROM held_out WHERE active = ?1 ORDER BY kind, number, step");
+        let mut statement = self.wrap(self.connection.prepare(&sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            let (walk, step, truth, stored) = self.wrap(read(active, row))?;
+            if stored != checksum(&walk, step, &truth) {
+                let what = format!("{} walk {}, step {step} is damaged", walk.kind.name(), walk.number);
+                return Err(self.corrupt(what));
+            }
+            see(&walk, step, &truth);
+        }
+        Ok(())
+    }
+}
+
+/// Copies what is intact of a damaged file's held-out truth, walk by walk; returns how many walks.
+///
+/// Read from both ends of every kind, so that a damaged page costs the walks on it. Without the meta table's word on how they were
+/// drawn nothing is copied.
+pub(super) fn salvage(old: &Connection, new: &Store, actives: usize) -> Result<usize, StoreError> {
+    let keys = "SELECT key, value FROM meta WHERE key LIKE 'held_out%'";
+    let drawn: rusqlite::Result<Vec<(String, String)>> = old
+        .prepare(keys)
+        .and_then(|mut statement| statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect());
+    let Some(drawn) = drawn.ok().filter(|drawn| !drawn.is_empty()) else { return Ok(0) };
+    for (key, value) in &drawn {
+        new.agree(key, value)?;
+    }
+    let mut saved = 0;
+    for active in 0..actives {
+        for kind in Kind::ALL {
+            let mut done = BTreeSet::new();
+            for order in ["number, step", "number DESC, step DESC"] {
+                let sql = format!(
+                    "SELECT {COLUMNS} FROM held_out WHERE active = {active} AND kind = '{}' ORDER BY {order}",
+                    kind.name()
+                );
+                let Ok(mut statement) = old.prepare(&sql) else { continue };
+                let Ok(mut rows) = statement.query([]) else { continue };
+                let mut walk: Option<(Walk, Vec<(u32, Truth)>)> = None;
+                loop {
+                    let row = match rows.next() {
+                        Ok(Some(row)) => read(active, row)
+                            .ok()
+                            .filter(|(walk, step, truth, stored)| *stored == checksum(walk, *step, truth)),
+                        // The end: the walk before it is whole.
+                        Ok(None) => {
+                            saved += keep(new, &mut done, walk.take())?;
+                            break;
+                        }
+                        Err(_) => None,
+                    };
+                    // Damaged: so is the walk it interrupts.
+                    let Some((here, step, truth, _)) = row else { break };
+                    if walk.as_ref().is_some_and(|(before, _)| *before != here) {
+                        saved += keep(new, &mut done, walk.take())?;
+                    }
+                    walk.get_or_insert((here, Vec::new())).1.push((step, truth));
+                }
+            }
+        }
+    }
+    Ok(saved)
+}
+
+/// Adds a whole walk that is not there yet.
+fn keep(
+    store: &Store,
+    done: &mut BTreeSet<Walk>,
+    walk: Option<(Walk, Vec<(u32, Truth)>)>,
+) -> Result<usize, StoreError> {
+    let Some((walk, mut steps)) = walk else { return Ok(0) };
+    steps.sort_unstable_by_key(|(step, _)| *step);
+    // A row may be missing altogether where a page was lost.
+    let gapless = steps.iter().zip(1..).all(|((step, _), n)| *step == n);
+    if !gapless || !done.insert(walk) {
+        return Ok(0);
+    }
+    store.add_walk(&WalkOutcome { walk, truths: steps.into_iter().map(|(_, truth)| truth).collect() })?;
+    Ok(1)
+}
+
+fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlite::Result<()> {
+    let places: Vec<String> = (1..=29).map(|n| format!("?{n}")).collect();
+    let sql = format!("INSERT INTO held_out (active, {COLUMNS}) VALUES ({})", places.join(", "));
+    let number = |x: f64| t.tag.is_solved().then_some(x);
+    let ([x, y, z], s) = (t.displacement_m, &t.stiffness_n_m);
+    connection
+        .prepare_cached(&sql)?
+        .execute(params![
+            walk.active,
+            walk.kind.name(),
+            walk.number,
+            step,
+            x,
+            y,
+            z,
+            t.tag.name(),
+            t.failure,
+            number(t.energy_j),
+            number(t.force_n[0]),
+            number(t.force_n[1]),
+            number(t.force_n[2]),
+            number(s[(0, 0)]),
+            number(s[(1, 1)]),
+            number(s[(2, 2)]),
+            number(s[(0, 1)]),
+            number(s[(0, 2)]),
+            number(s[(1, 2)]),
+            t.residual_n,
+            number(t.min_jacobian),
+            t.inverted,
+            t.unstable_modes,
+            t.switched,
+            t.iterations,
+            t.factorisations,
+            t.seconds,
+            t.displacements,
+            checksum(walk, step, t),
+        ])
+        .map(drop)
+}
+
+/// Reads a row of [`COLUMNS`], with the checksum it was written with.
+fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, Truth, u32)> {
+    let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
+    let (kind, tag): (String, String) = (row.get(0)?, row.get(6)?);
+    let kind = Kind::from_name(&kind).ok_or_else(|| unreadable(0, Type::Text))?;
+    let walk = Walk { active: active as u32, kind, number: row.get(1)? };
+    let [xx, yy, zz, xy, xz, yz] =
+        [number(12)?, number(13)?, number(14)?, number(15)?, number(16)?, number(17)?];
+    let truth = Truth {
+        displacement_m: [row.get(3)?, row.get(4)?, row.get(5)?],
+        tag: ConfigTag::from_name(&tag).ok_or_else(|| unreadable(6, Type::Text))?,
+        failure: row.get(7)?,
+        energy_j: number(8)?,
+        force_n: [number(9)?, number(10)?, number(11)?],
+        stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        residual_n: number(18)?,
+        min_jacobian: number(19)?,
+        inverted: row.get(20)?,
+        unstable_modes: row.get(21)?,
+        switched: row.get(22)?,
+        iterations: row.get(23)?,
+        factorisations: row.get(24)?,
+        seconds: row.get(25)?,
+        displacements: row.get(26)?,
+    };
+    Ok((walk, row.get(2)?, truth, row.get(27)?))
+}
+
+/// CRC-32 of a truth as it reads back.
+fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
+    let mut digest = CHECKSUM.digest();
+    let unstable = t.unstable_modes.map_or(0, |n| n + 1);
+    let switched = u32::from(t.switched);
+    for n in [walk.active, walk.number, step, t.inverted, unstable, switched, t.iterations, t.factorisations]
+    {
+        digest.update(&n.to_le_bytes());
+    }
+    for text in [walk.kind.name(), t.tag.name(), t.failure.as_deref().unwrap_or("")] {
+        digest.update(text.as_bytes());
+    }
+    let s = &t.stiffness_n_m;
+    let of_solution = [t.energy_j, t.min_jacobian].into_iter().chain(t.force_n).chain([
+        s[(0, 0)],
+        s[(1, 1)],
+        s[(2, 2)],
+        s[(0, 1)],
+        s[(0, 2)],
+        s[(1, 2)],
+    ]);
+    let always = t.displacement_m.into_iter().chain([t.residual_n, t.seconds]);
+    for x in of_solution.filter(|_| t.tag.is_solved()).chain(always) {
+        digest.update(&plain(x).to_le_bytes());
+    }
+    digest.update(&t.displacements);
+    digest.finalize()
+}

@@ -1,0 +1,591 @@
+//! The `.space` file: SQLite, self-contained; docs/formats.md, section 3, describes every table.
+//!
+//! Every try at every point is one row, committed with those of the same tenth of a second. States and sensitivities are
+//! little-endian f32: they are first guesses of later solves and pictures for the eye, while energy, force and its derivatives are
+//! f64. Every row has a checksum, because SQLite notices a damaged page, not a damaged number. One process writes, many
+//! may read meanwhile.
+
+mod error;
+mod held_out;
+mod reading;
+mod refusal;
+mod rows;
+mod salvage;
+
+pub use error::StoreError;
+pub use salvage::Salvaged;
+
+use std::cell::Cell;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use rusqlite::{Connection, OptionalExtension, params};
+
+use super::job::Outcome;
+use super::plan::supersedes;
+use super::{Record, StoredSeed};
+use crate::fem::solve::Seed;
+use crate::mesh::TetMesh;
+use crate::spec::{DisplacementBound, Form, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
+
+/// Layout of the file; a store of another layout is refused.
+const LAYOUT: &str = "3";
+
+/// Bumped whenever the solver gives other bits, or a search goes another way.
+const SOLVER_REVISION: u32 = 6;
+
+const SCHEMA: &str = include_str!("schema.sql");
+
+/// What a store was made of: a resumed run must agree on all of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoreIdentity {
+    /// Name of the scene.
+    pub scene_name: String,
+    /// The scene file's text.
+    pub scene: String,
+    /// Hash over everything in scene and mesh that changes numbers.
+    pub content_hash: String,
+    /// Hash of the mesh alone.
+    pub mesh_hash: [u8; 32],
+    /// Name of the material law.
+    pub law: String,
+    /// f_max of the scene, N.
+    pub max_force_n: f64,
+    /// Which positions are solved.
+    pub sampling: Sampling,
+    /// Whether the scene needs displacements for the eye.
+    pub visual: bool,
+    /// How far those may be from the solver's.
+    pub displacement_bound: DisplacementBound,
+    /// In which form the energy is packed.
+    pub form: FormNeeds,
+}
+
+/// Work is committed at most this long after it is done.
+///
+/// A commit costs a tenth of a millisecond (the log is not synchronised), a kill costs what was not committed.
+const COMMIT_AFTER: Duration = Duration::from_millis(100);
+/// Outcomes further apart than this are committed one by one.
+const SLOW: Duration = Duration::from_millis(50);
+
+/// An open `.space` file.
+#[derive(Debug)]
+pub struct Store {
+    connection: Connection,
+    path: PathBuf,
+    /// When the open transaction began, and when something was last added.
+    begun: Cell<Instant>,
+    added: Cell<Instant>,
+    /// Held by the one writer. Closed after the connection (fields drop in this order): closing any handle of the file would
+    /// drop the locks that SQLite has on it.
+    _lock: Option<File>,
+}
+
+impl Store {
+    /// Opens `path` for a run of `identity`, creating it if it is not there.
+    ///
+    /// A file made with another scene, mesh, solver version or instruction set is refused: continuing it would mix
+    /// numbers that do not belong together. So is a file that another process is writing.
+    pub fn create_or_resume(
+        path: &Path,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<Self, StoreError> {
+        let fresh = !path.exists();
+        let at = |error| StoreError::sqlite(path, error);
+        let connection = Connection::open(path).map_err(at)?;
+        let lock = lock(path)?;
+        configure(&connection).map_err(at)?;
+        let mut store = Self::with(connection, path, Some(lock));
+        if fresh || store.is_empty()? {
+            store.initialise(identity, mesh, fixed, active)?;
+        }
+        store.check(identity, active)?;
+        store.refresh(identity)?;
+        Ok(store)
+    }
+
+    /// Opens an existing store for reading, in a folder that may not be written too.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let store = Self::with(reading::connect(path)?, path, None);
+        if store.is_empty()? {
+            return Err(StoreError::Empty { path: path.to_path_buf() });
+        }
+        store.expect_meta("layout", LAYOUT)?;
+        Ok(store)
+    }
+
+    fn with(connection: Connection, path: &Path, lock: Option<File>) -> Self {
+        let now = Instant::now();
+        let (begun, added) = (Cell::new(now), Cell::new(now));
+        Self { connection, path: path.to_path_buf(), begun, added, _lock: lock }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn wrap<T>(&self, result: rusqlite::Result<T>) -> Result<T, StoreError> {
+        result.map_err(|error| StoreError::sqlite(&self.path, error))
+    }
+
+    pub(crate) fn corrupt(&self, what: impl Into<String>) -> StoreError {
+        StoreError::Corrupt { path: self.path.clone(), what: what.into() }
+    }
+
+    fn is_empty(&self) -> Result<bool, StoreError> {
+        let tables: i64 =
+            self.wrap(self.connection.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0)))?;
+        Ok(tables == 0)
+    }
+
+    fn initialise(
+        &mut self,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<(), StoreError> {
+        let path = self.path.clone();
+        let at = |error| StoreError::sqlite(&path, error);
+        let transaction = self.connection.transaction().map_err(at)?;
+        transaction.execute_batch(SCHEMA).map_err(at)?;
+        let scattered = match identity.sampling {
+            Sampling::Lattice(_) => String::new(),
+            Sampling::Scattered(scattered) => serde_json::json!(scattered).to_string(),
+        };
+        let meta = [
+            ("layout", LAYOUT.to_string()),
+            ("solver", solver_version()),
+            ("scene_name", identity.scene_name.clone()),
+            ("scene", identity.scene.clone()),
+            ("content_hash", identity.content_hash.clone()),
+            ("mesh_hash", hex(&identity.mesh_hash)),
+            ("law", identity.law.clone()),
+            ("max_force_n", format!("{:?}", identity.max_force_n)),
+            ("spacing_m", format!("{:?}", identity.sampling.unit_m())),
+            ("radius_m", format!("{:?}", identity.sampling.radius_m())),
+            ("visual", identity.visual.to_string()),
+            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
+            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
+            ("form", identity.form.form.name().into()),
+            ("blob_bytes", identity.form.most_bytes.unwrap_or(0).to_string()),
+            ("complete_cells", identity.sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
+            ("increments", identity.sampling.increments().map_or(String::new(), |n| n.to_string())),
+            ("scattered", scattered),
+        ];
+        for (key, value) in meta {
+            transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value]).map_err(at)?;
+        }
+        transaction
+            .execute(
+                "INSERT INTO mesh VALUES (0, ?1, ?2, ?3, ?4)",
+                params![
+                    mesh.nodes_m.iter().flatten().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>(),
+                    mesh.tets.iter().flatten().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                    fixed.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>(),
+                    serde_json::json!([mesh.node_groups, mesh.tet_groups]).to_string(),
+                ],
+            )
+            .map_err(at)?;
+        for (id, (name, node)) in active.iter().enumerate() {
+            transaction
+                .execute("INSERT INTO active VALUES (?1, ?2, ?3)", params![id as i64, name, node])
+                .map_err(at)?;
+        }
+        transaction.commit().map_err(at)
+    }
+
+    /// Takes over what may change between runs because no number depends on it.
+    fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+        let current = [
+            ("scene_name", identity.scene_name.clone()),
+            ("scene", identity.scene.clone()),
+            ("visual", identity.visual.to_string()),
+            ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
+            ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
+            ("form", identity.form.form.name().into()),
+            ("blob_bytes", identity.form.most_bytes.unwrap_or(0).to_string()),
+        ];
+        for (key, value) in current {
+            let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2";
+            self.wrap(self.connection.execute(sql, params![key, value]))?;
+        }
+        Ok(())
+    }
+
+    fn check(&self, identity: &StoreIdentity, active: &[(String, u32)]) -> Result<(), StoreError> {
+        self.expect_meta("layout", LAYOUT)?;
+        self.expect_meta("solver", &solver_version())?;
+        self.expect_content(identity)?;
+        let stored = self.active()?;
+        if stored != active {
+            return Err(StoreError::Mismatch {
+                path: self.path.clone(),
+                what: "set of active nodes",
+                stored: format!("{stored:?}"),
+                wanted: format!("{active:?}"),
+            });
+        }
+        Ok(())
+    }
+
+    fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
+        let stored = self.meta(key)?;
+        if stored == wanted {
+            return Ok(());
+        }
+        let what = if key == "layout" { "file layout" } else { "version of the solver" };
+        let short = |s: &str| s.chars().take(40).collect::<String>();
+        Err(StoreError::Mismatch {
+            path: self.path.clone(),
+            what,
+            stored: short(&stored),
+            wanted: short(wanted),
+        })
+    }
+
+    /// Value of a `meta` key.
+    pub fn meta(&self, key: &str) -> Result<String, StoreError> {
+        let found: Option<String> = self.wrap(
+            self.connection
+                .query_row("SELECT value FROM meta WHERE key = ?1", [key], |row| row.get(0))
+                .optional(),
+        )?;
+        found.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
+    }
+
+    /// A key that stores of an earlier revision do not have.
+    fn parsed_or<T: std::str::FromStr>(&self, key: &str, default: T) -> Result<T, StoreError> {
+        let sql = "SELECT count(*) FROM meta WHERE key = ?1";
+        let there: i64 = self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)))?;
+        if there == 0 { Ok(default) } else { self.parsed(key) }
+    }
+
+    fn parsed<T: std::str::FromStr>(&self, key: &str) -> Result<T, StoreError> {
+        let text = self.meta(key)?;
+        text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
+    }
+
+    /// Takes down the memory of a run that solved something, bytes; the largest of all runs is kept.
+    pub fn note_peak(&self, bytes: u64) -> Result<(), StoreError> {
+        let bytes = bytes.max(self.peak()?.unwrap_or(0)).to_string();
+        let sql = "INSERT INTO meta VALUES ('peak_bytes', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1";
+        self.wrap(self.connection.execute(sql, params![bytes])).map(|_| ())
+    }
+
+    /// Largest memory of the runs that filled it, bytes, where it was noted.
+    pub fn peak(&self) -> Result<Option<u64>, StoreError> {
+        Ok(Some(self.parsed_or("peak_bytes", 0)?).filter(|bytes| *bytes > 0))
+    }
+
+    /// What the store was made of.
+    pub fn identity(&self) -> Result<StoreIdentity, StoreError> {
+        Ok(StoreIdentity {
+            scene_name: self.meta("scene_name")?,
+            scene: self.meta("scene")?,
+            content_hash: self.meta("content_hash")?,
+            mesh_hash: unhex(&self.meta("mesh_hash")?)
+                .ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
+            law: self.meta("law")?,
+            max_force_n: self.parsed("max_force_n")?,
+            sampling: self.sampling()?,
+            visual: self.parsed("visual")?,
+            displacement_bound: DisplacementBound {
+                rms_m: self.parsed_or("displacement_rms_m", DisplacementBound::default().rms_m)?,
+                max_m: self.parsed_or("displacement_max_m", DisplacementBound::default().max_m)?,
+            },
+            form: FormNeeds {
+                form: self.parsed_or("form", Form::default())?,
+                most_bytes: Some(self.parsed_or("blob_bytes", 0)?).filter(|bytes| *bytes > 0),
+            },
+        })
+    }
+
+    /// Which positions are solved.
+    fn sampling(&self) -> Result<Sampling, StoreError> {
+        let scattered: String = self.parsed_or("scattered", String::new())?;
+        if !scattered.is_empty() {
+            let read = serde_json::from_str(&scattered).map(Sampling::Scattered);
+            return read.map_err(|_| self.corrupt(format!("its scattered positions are `{scattered}`")));
+        }
+        let grid = SpaceGrid::new(self.parsed("spacing_m")?, self.parsed("radius_m")?);
+        Ok(Sampling::Lattice(Lattice {
+            grid: grid.map_err(|error| self.corrupt(format!("its grid is refused: {error}")))?,
+            complete_cells: self.parsed("complete_cells")?,
+            increments: match self.meta("increments")?.as_str() {
+                "" => None,
+                _ => Some(self.parsed("increments")?),
+            },
+        }))
+    }
+
+    /// Active nodes (name, mesh node), in the order of their ids.
+    pub fn active(&self) -> Result<Vec<(String, u32)>, StoreError> {
+        let mut statement =
+            self.wrap(self.connection.prepare("SELECT name, node FROM active ORDER BY id"))?;
+        let rows = self.wrap(statement.query_map([], |row| Ok((row.get(0)?, row.get(1)?))))?;
+        self.wrap(rows.collect())
+    }
+
+    /// Mesh and fixed nodes of the body.
+    pub fn body(&self) -> Result<(TetMesh, Vec<u32>), StoreError> {
+        let (nodes, tets, fixed, groups): (Vec<u8>, Vec<u8>, Vec<u8>, String) = self.wrap(
+            self.connection.query_row("SELECT nodes_m, tets, fixed, groups FROM mesh", [], |row| {
+                Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?))
+            }),
+        )?;
+        let coordinates: Vec<f64> = nodes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect();
+        let corners: Vec<u32> = tets.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
+        let fixed: Vec<u32> = fixed.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect();
+        let nodes_m = coordinates.as_chunks().0.to_vec();
+        let tets = corners.as_chunks().0.to_vec();
+        let in_range = |n: &u32| (*n as usize) < nodes_m.len();
+        if !tets.iter().flatten().chain(&fixed).all(in_range) {
+            return Err(self.corrupt("its mesh names a node that is not there"));
+        }
+        let (node_groups, tet_groups) = serde_json::from_str(&groups)
+            .map_err(|error| self.corrupt(format!("the groups of its mesh cannot be read ({error})")))?;
+        let mesh = TetMesh::new(nodes_m, tets)
+            .map_err(|fault| self.corrupt(format!("its mesh is not a body ({fault:?})")))?;
+        Ok((TetMesh { node_groups, tet_groups, ..mesh }, fixed))
+    }
+
+    /// Every try at every point of one active node, sorted by grid index and attempt.
+    pub fn attempts(&self, active: usize) -> Result<Vec<Record>, StoreError> {
+        let sql = format!(
+            "SELECT {} FROM configuration WHERE active = ?1 ORDER BY i, j, k, attempt",
+            rows::COLUMNS
+        );
+        let mut statement = self.wrap(self.connection.prepare(&sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        let mut records = Vec::new();
+        while let Some(row) = self.wrap(found.next())? {
+            records.push(self.checked(active, self.wrap(rows::read(row))?)?);
+        }
+        Ok(records)
+    }
+
+    fn checked(&self, active: usize, row: rows::Row) -> Result<Record, StoreError> {
+        let intact = row.checksum == rows::checksum(active, &row.record);
+        if intact { Ok(row.record) } else { Err(self.corrupt(rows::damaged(&row.record.index))) }
+    }
+
+    /// All decided points of one active node, sorted by grid index: of every point the solution that counts, or its last
+    /// failure.
+    pub fn records(&self, active: usize) -> Result<Vec<Record>, StoreError> {
+        let mut kept: Vec<Record> = Vec::new();
+        for record in self.attempts(active)? {
+            match kept.last_mut().filter(|last| last.index == record.index) {
+                Some(last) if supersedes(&record, Some(last)) => *last = record,
+                Some(_) => {}
+                None => kept.push(record),
+            }
+        }
+        Ok(kept)
+    }
+
+    /// States between grid points, each with the point its transition went to and the number of the try, sorted by these and along the
+    /// way.
+    pub fn intermediate(
+        &self,
+        active: usize,
+    ) -> Result<Vec<(GridIndex, u32, super::Intermediate)>, StoreError> {
+        let mut states = Vec::new();
+        self.each_intermediate(active, |index, attempt, state| states.push((index, attempt, state)))?;
+        Ok(states)
+    }
+
+    fn each_intermediate(
+        &self,
+        active: usize,
+        mut see: impl FnMut(GridIndex, u32, super::Intermediate),
+    ) -> Result<(), StoreError> {
+        let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
+        let mut statement = self.wrap(self.connection.prepare(sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            let read =
+                || Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get(3)?, row.get::<_, Vec<u8>>(4)?));
+            let (index, attempt, bytes) = self.wrap(read())?;
+            let state = rows::unpack_intermediate(&bytes);
+            see(index, attempt, state.ok_or_else(|| self.corrupt("an intermediate state is damaged"))?);
+        }
+        Ok(())
+    }
+
+    /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
+    pub fn add(&self, outcome: &Outcome) -> Result<(), StoreError> {
+        self.write(|connection| rows::insert(connection, outcome))
+    }
+
+    fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {
+        let now = Instant::now();
+        if self.connection.is_autocommit() {
+            self.wrap(self.connection.execute_batch("BEGIN IMMEDIATE"))?;
+            self.begun.set(now);
+        }
+        let added = self.wrap(rows(&self.connection));
+        if added.is_err() {
+            // What was added before is worth keeping, if the disk still takes it; the error that matters is the first one.
+            let _ = self.commit();
+            return added;
+        }
+        let slow = now.duration_since(self.added.replace(now)) > SLOW;
+        if slow || now.duration_since(self.begun.get()) > COMMIT_AFTER { self.commit() } else { Ok(()) }
+    }
+
+    /// Commits what was added.
+    pub fn commit(&self) -> Result<(), StoreError> {
+        if self.connection.is_autocommit() {
+            return Ok(());
+        }
+        let committed = self.wrap(self.connection.execute_batch("COMMIT"));
+        if committed.is_err() {
+            // Nothing half-done is left behind; the error that matters is the first one.
+            let _ = self.connection.execute_batch("ROLLBACK");
+        }
+        committed
+    }
+
+    /// Reads everything of one active node that solves start from or fits use beside its records: a damaged row may not be asked
+    /// for again before the store is used.
+    pub fn check_states(&self, active: usize) -> Result<(), StoreError> {
+        let sql = format!("SELECT {}, i, j, k FROM state WHERE active = ?1", rows::STATE);
+        let mut statement = self.wrap(self.connection.prepare(&sql))?;
+        let mut found = self.wrap(statement.query([active as i64]))?;
+        while let Some(row) = self.wrap(found.next())? {
+            let (seed, checksum) = self.wrap(rows::read_seed(row))?;
+            if checksum != rows::seed_checksum(&seed) {
+                let index = self.wrap((|| Ok([row.get(4)?, row.get(5)?, row.get(6)?]))())?;
+                return Err(self.corrupt(rows::damaged(&index)));
+            }
+        }
+        let sql = "SELECT i, j, k FROM configuration AS c WHERE active = ?1 AND tag <> 'failed' AND NOT EXISTS (SELECT 1 \
+                   FROM state AS s WHERE (s.active, s.i, s.j, s.k, s.attempt) = (c.active, c.i, c.j, c.k, c.attempt))";
+        let index = |row: &rusqlite::Row<'_>| Ok([row.get(0)?, row.get(1)?, row.get(2)?]);
+        let stateless = self.connection.query_row(sql, [active as i64], index).optional();
+        if let Some(index) = self.wrap(stateless)? {
+            return Err(self.corrupt(rows::damaged(&index)));
+        }
+        self.each_intermediate(active, |_, _, _| ())
+    }
+
+    /// The state that one try at a point ended in.
+    pub fn stored_seed(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<StoredSeed, StoreError> {
+        let found = self.wrap(rows::seed(&self.connection, active, index, attempt).optional())?;
+        let (seed, checksum) =
+            found.ok_or_else(|| self.corrupt(format!("no state at grid point {index:?}")))?;
+        if checksum == rows::seed_checksum(&seed) {
+            Ok(seed)
+        } else {
+            Err(self.corrupt(rows::damaged(&index)))
+        }
+    }
+
+    /// What a solve near a record's point starts from; the displacement is the grid's.
+    pub fn seed(&self, active: usize, record: &Record, displacement_m: [f64; 3]) -> Result<Seed, StoreError> {
+        let stored = self.stored_seed(active, record.index, record.attempt)?;
+        stored
+            .unpack(displacement_m)
+            .ok_or_else(|| self.corrupt(format!("no usable state at grid point {:?}", record.index)))
+    }
+
+    /// Displacement of every node of one configuration, m (f32 as stored).
+    pub fn displacements(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<Vec<[f32; 3]>, StoreError> {
+        let seed = self.stored_seed(active, index, attempt)?;
+        self.of_nodes(&seed.state, self.nodes()?, index)
+    }
+
+    /// The same, and then its derivatives along x, y and z of the active node's displacement.
+    pub fn displacements_and_slopes(
+        &self,
+        active: usize,
+        index: GridIndex,
+        attempt: u32,
+    ) -> Result<[Vec<[f32; 3]>; 4], StoreError> {
+        let (seed, nodes) = (self.stored_seed(active, index, attempt)?, self.nodes()?);
+        let slope = |n: usize| {
+            let length = seed.state.len();
+            let column = seed.sensitivity.get(n * length..(n + 1) * length).unwrap_or_default();
+            self.of_nodes(column, nodes, index)
+        };
+        Ok([self.of_nodes(&seed.state, nodes, index)?, slope(0)?, slope(1)?, slope(2)?])
+    }
+
+    /// Nodes of the mesh.
+    fn nodes(&self) -> Result<usize, StoreError> {
+        let sql = "SELECT length(nodes_m) / 24 FROM mesh";
+        let nodes = self.wrap(self.connection.query_row(sql, [], |row| row.get::<_, i64>(0)))?;
+        Ok(nodes as usize)
+    }
+
+    /// The displacements that a column of a state begins with.
+    fn of_nodes(&self, column: &[u8], nodes: usize, index: GridIndex) -> Result<Vec<[f32; 3]>, StoreError> {
+        let values: Vec<f32> = column.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        let displacements = values.as_chunks().0.get(..nodes).map(<[[f32; 3]]>::to_vec);
+        displacements.ok_or_else(|| self.corrupt(format!("the state at grid point {index:?} is too short")))
+    }
+}
+
+/// The right to write `path`.
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let file = File::open(path).map_err(|error| StoreError::Io { path: path.to_path_buf(), error })?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse { path: path.to_path_buf() }),
+        Err(TryLockError::Error(error)) => Err(StoreError::Io { path: path.to_path_buf(), error }),
+    }
+}
+
+fn configure(connection: &Connection) -> rusqlite::Result<()> {
+    // WAL: readers on other threads while one writes. NORMAL: a power cut may lose the last commits, a kill none.
+    connection.pragma_update(None, "journal_mode", "WAL")?;
+    connection.pragma_update(None, "synchronous", "NORMAL")?;
+    connection.busy_timeout(std::time::Duration::from_secs(5))
+}
+
+/// Version of the numbers: crate version, revision of the solver, and instruction set (other instructions round differently).
+pub fn solver_version() -> String {
+    format!("{}.{SOLVER_REVISION} {}", env!("CARGO_PKG_VERSION"), instruction_set())
+}
+
+/// faer picks its kernels at run time by these features.
+fn instruction_set() -> String {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::is_x86_feature_detected!("avx512f") {
+            return "x86_64+avx512f".into();
+        }
+        if std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma") {
+            return "x86_64+avx2+fma".into();
+        }
+    }
+    std::env::consts::ARCH.into()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn unhex(text: &str) -> Option<[u8; 32]> {
+    let mut bytes = [0; 32];
+    for (byte, pair) in bytes.iter_mut().zip(text.as_bytes().as_chunks::<2>().0) {
+        *byte = u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()?;
+    }
+    (text.len() == 64).then_some(bytes)
+}

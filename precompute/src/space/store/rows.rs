@@ -1,0 +1,271 @@
+//! Rows of the tables, to and from SQLite, with their checksums.
+
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use nalgebra::Matrix3;
+use palpate_core::ConfigTag;
+use rusqlite::types::Type;
+use rusqlite::{Connection, params};
+
+use super::super::job::{Intermediate, Outcome};
+use super::super::{Record, StoredSeed};
+use crate::spec::GridIndex;
+
+/// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
+/// cluster does this for every try.
+static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
+
+/// Columns of a record, in the order of [`read`].
+pub(super) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
+                                  energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, sxy_n_m, sxz_n_m, syz_n_m, \
+                                  third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
+                                  volume_m3, \
+                                  iterations, factorisations, increments, seconds, checksum";
+
+/// A record as read, with the checksum it was written with.
+pub(super) struct Row {
+    pub(super) record: Record,
+    pub(super) checksum: u32,
+}
+
+pub(super) fn damaged(index: &GridIndex) -> String {
+    format!("the configuration at grid point {index:?} is damaged")
+}
+
+/// Reads a row of [`COLUMNS`].
+pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
+    let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
+    let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
+    let attempt: Option<u32> = row.get(9)?;
+    let tag: String = row.get(4)?;
+    let [xx, yy, zz, xy, xz, yz] =
+        [number(15)?, number(16)?, number(17)?, number(18)?, number(19)?, number(20)?];
+    let third = match row.get::<_, Option<Vec<u8>>>(21)? {
+        None => [f64::NAN; 10],
+        Some(bytes) => doubles(&bytes).try_into().map_err(|_| unreadable(21, Type::Blob))?,
+    };
+    let record = Record {
+        index: [row.get(0)?, row.get(1)?, row.get(2)?],
+        attempt: row.get(3)?,
+        tag: ConfigTag::from_name(&tag).ok_or_else(|| unreadable(4, Type::Text))?,
+        round: row.get(5)?,
+        parent: match (parent, attempt) {
+            ([Some(i), Some(j), Some(k)], Some(attempt)) => Some(([i, j, k], attempt)),
+            _ => None,
+        },
+        failure: row.get(10)?,
+        energy_j: number(11)?,
+        force_n: [number(12)?, number(13)?, number(14)?],
+        stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+        third_n_m2: third,
+        residual_n: number(22)?,
+        min_jacobian: number(23)?,
+        inverted: row.get::<_, Option<u32>>(24)?.unwrap_or(0),
+        unstable_modes: row.get(25)?,
+        switched: row.get::<_, Option<bool>>(26)?.unwrap_or(false),
+        volume_m3: number(27)?,
+        iterations: row.get(28)?,
+        factorisations: row.get(29)?,
+        increments: row.get(30)?,
+        seconds: row.get(31)?,
+    };
+    Ok(Row { record, checksum: row.get(32)? })
+}
+
+pub(super) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
+    rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind)
+}
+
+/// Writes an outcome.
+pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
+    let (active, r) = (outcome.active, &outcome.record);
+    let s = &r.stiffness_n_m;
+    let solved = r.tag.is_solved();
+    let number = |x: f64| solved.then_some(x);
+    let parent = r.parent.map(|(index, _)| index);
+    let sql = format!(
+        "INSERT INTO configuration (active, {COLUMNS}) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, \
+         ?13, ?14, ?15, ?16, ?17, ?18, ?19, ?20, ?21, ?22, ?23, ?24, ?25, ?26, ?27, ?28, ?29, ?30, ?31, ?32, ?33, ?34)"
+    );
+    connection.prepare_cached(&sql)?.execute(params![
+        active,
+        r.index[0],
+        r.index[1],
+        r.index[2],
+        r.attempt,
+        r.tag.name(),
+        r.round,
+        parent.map(|p| p[0]),
+        parent.map(|p| p[1]),
+        parent.map(|p| p[2]),
+        r.parent.map(|(_, attempt)| attempt),
+        r.failure,
+        number(r.energy_j),
+        number(r.force_n[0]),
+        number(r.force_n[1]),
+        number(r.force_n[2]),
+        number(s[(0, 0)]),
+        number(s[(1, 1)]),
+        number(s[(2, 2)]),
+        number(s[(0, 1)]),
+        number(s[(0, 2)]),
+        number(s[(1, 2)]),
+        solved.then(|| bytes(&r.third_n_m2)),
+        r.residual_n,
+        number(r.min_jacobian),
+        solved.then_some(r.inverted),
+        r.unstable_modes,
+        solved.then_some(r.switched),
+        number(r.volume_m3),
+        r.iterations,
+        r.factorisations,
+        r.increments,
+        r.seconds,
+        checksum(active as usize, r),
+    ])?;
+    if let Some(seed) = &outcome.seed {
+        let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)";
+        let [i, j, k] = r.index;
+        connection.prepare_cached(sql)?.execute(params![
+            active,
+            i,
+            j,
+            k,
+            r.attempt,
+            seed.state,
+            seed.sensitivity,
+            bytes(&seed.potential),
+            seed_checksum(seed)
+        ])?;
+    }
+    for (part, state) in outcome.intermediate.iter().enumerate() {
+        let sql = "INSERT INTO intermediate VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
+        let [i, j, k] = r.index;
+        let part = part as i64 + 1;
+        let numbers = pack_intermediate(state);
+        connection.prepare_cached(sql)?.execute(params![active, i, j, k, r.attempt, part, numbers])?;
+    }
+    Ok(())
+}
+
+/// The state a try ended in, with its checksum as written.
+pub(super) fn seed(
+    connection: &Connection,
+    active: usize,
+    index: GridIndex,
+    attempt: u32,
+) -> rusqlite::Result<(StoredSeed, u32)> {
+    let sql = format!(
+        "SELECT {STATE} FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5"
+    );
+    let key = params![active as i64, index[0], index[1], index[2], attempt];
+    connection.prepare_cached(&sql)?.query_row(key, read_seed)
+}
+
+/// Columns of a state, in the order of [`read_seed`].
+pub(super) const STATE: &str = "state, sensitivity, potential, checksum";
+
+/// Reads a row of [`STATE`].
+pub(super) fn read_seed(row: &rusqlite::Row<'_>) -> rusqlite::Result<(StoredSeed, u32)> {
+    let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
+    let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
+    Ok((StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential }, row.get(3)?))
+}
+
+/// A number as SQLite gives it back.
+pub(super) fn plain(x: f64) -> f64 {
+    if x.is_nan() { f64::NAN } else { x + 0.0 }
+}
+
+/// One state on the way of a try; `None` if it is not there or damaged.
+pub(super) fn intermediate(
+    connection: &Connection,
+    active: usize,
+    index: GridIndex,
+    attempt: u32,
+    part: u32,
+) -> Option<Intermediate> {
+    let sql = "SELECT numbers FROM intermediate WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5 \
+               AND part = ?6";
+    let key = params![active as i64, index[0], index[1], index[2], attempt, part];
+    let packed = connection
+        .prepare_cached(sql)
+        .and_then(|mut statement| statement.query_row(key, |row| row.get::<_, Vec<u8>>(0)));
+    unpack_intermediate(&packed.ok()?)
+}
+
+/// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
+pub(super) fn checksum(active: usize, r: &Record) -> u32 {
+    let mut digest = CHECKSUM.digest();
+    let solved = r.tag.is_solved();
+    let parent = r.parent.map_or([0; 4], |([i, j, k], attempt)| [i, j, k, attempt as i32 + 1]);
+    let unstable = r.unstable_modes.map_or(0, |n| n + 1);
+    let inverted = if solved { 2 * r.inverted + u32::from(r.switched) } else { 0 };
+    let whole =
+        [active as u32, r.attempt, r.round, inverted, unstable, r.iterations, r.factorisations, r.increments];
+    for n in whole.into_iter().chain(r.index.map(|n| n as u32)).chain(parent.map(|n| n as u32)) {
+        digest.update(&n.to_le_bytes());
+    }
+    digest.update(r.tag.name().as_bytes());
+    digest.update(r.failure.as_deref().unwrap_or("").as_bytes());
+    let s = &r.stiffness_n_m;
+    let of_solution = [r.energy_j, r.min_jacobian, r.volume_m3]
+        .into_iter()
+        .chain(r.force_n)
+        .chain([s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(0, 2)], s[(1, 2)]])
+        .chain(r.third_n_m2);
+    for x in of_solution.filter(|_| solved).chain([r.residual_n, r.seconds]) {
+        digest.update(&plain(x).to_le_bytes());
+    }
+    digest.finalize()
+}
+
+pub(super) fn seed_checksum(seed: &StoredSeed) -> u32 {
+    let mut digest = CHECKSUM.digest();
+    digest.update(&seed.state);
+    digest.update(&seed.sensitivity);
+    digest.update(&bytes(&seed.potential));
+    digest.finalize()
+}
+
+fn bytes(values: &[f64]) -> Vec<u8> {
+    values.iter().flat_map(|x| (x + 0.0).to_le_bytes()).collect()
+}
+
+fn doubles(bytes: &[u8]) -> Vec<f64> {
+    bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
+}
+
+fn pack_intermediate(state: &Intermediate) -> Vec<u8> {
+    let numbers: Vec<f64> = state
+        .displacement_m
+        .into_iter()
+        .chain([state.energy_j])
+        .chain(state.force_n)
+        .chain(state.stiffness_n_m)
+        .chain(state.third_n_m2)
+        .collect();
+    let mut packed = bytes(&numbers);
+    let checksum = CHECKSUM.checksum(&packed);
+    packed.extend(checksum.to_le_bytes());
+    packed
+}
+
+/// `None` if the bytes are damaged.
+pub(super) fn unpack_intermediate(packed: &[u8]) -> Option<Intermediate> {
+    let (numbers, checksum) = packed.split_last_chunk::<4>()?;
+    if CHECKSUM.checksum(numbers) != u32::from_le_bytes(*checksum) {
+        return None;
+    }
+    let numbers = doubles(numbers);
+    let (displacement_m, rest) = numbers.split_first_chunk::<3>()?;
+    let (energy_j, rest) = rest.split_first()?;
+    let (force_n, rest) = rest.split_first_chunk::<3>()?;
+    let (stiffness_n_m, rest) = rest.split_first_chunk::<6>()?;
+    Some(Intermediate {
+        displacement_m: *displacement_m,
+        energy_j: *energy_j,
+        force_n: *force_n,
+        stiffness_n_m: *stiffness_n_m,
+        third_n_m2: rest.try_into().ok()?,
+    })
+}

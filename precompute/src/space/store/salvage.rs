@@ -1,0 +1,145 @@
+//! Saves what is intact of a damaged store.
+
+use std::path::{Path, PathBuf};
+
+use rusqlite::{Connection, OpenFlags, OptionalExtension};
+
+use super::super::Plans;
+use super::super::job::Outcome;
+use super::{Store, StoreError, StoreIdentity, held_out, rows};
+use crate::mesh::TetMesh;
+use crate::spec::{Domain, GridIndex, Lattice, Sampling};
+
+/// What was saved.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Salvaged {
+    /// Tries that were copied.
+    pub saved: usize,
+    /// Rows that were there and damaged.
+    pub damaged: usize,
+    /// Walks of held-out truth that were copied.
+    pub walks: usize,
+    /// Where the damaged file is now.
+    pub moved_to: PathBuf,
+}
+
+impl Store {
+    /// Copies every intact try of the damaged file at `path` into a new one; the old one is kept beside it under another name.
+    ///
+    /// Rows are asked for one by one, so that a damaged page costs only what it held. Scene and mesh come from the caller:
+    /// the damaged file is not asked for anything but rows. Whether they belong to this scene and solver is checked before
+    /// anything is moved, where its meta table can still be read. A file that another process writes is left alone.
+    pub fn salvage(
+        path: &Path,
+        identity: &StoreIdentity,
+        mesh: &TetMesh,
+        fixed: &[u32],
+        active: &[(String, u32)],
+    ) -> Result<(Self, Salvaged), StoreError> {
+        let io = |error| StoreError::Io { path: path.to_path_buf(), error };
+        {
+            let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+            let connection = Connection::open_with_flags(path, flags);
+            let lock = super::lock(path)?;
+            if let Ok(connection) = connection {
+                let old = Self::with(connection, path, Some(lock));
+                let belongs = old.expect_meta("layout", super::LAYOUT);
+                let belongs = belongs.and_then(|()| old.expect_meta("solver", &super::solver_version()));
+                let belongs = belongs.and_then(|()| old.expect_content(identity));
+                if let Err(other @ StoreError::Mismatch { .. }) = belongs {
+                    return Err(other);
+                }
+            }
+        }
+        // What an earlier salvage left is kept too.
+        let mut names = (1_u32..).map(|n| path.with_extension(format!("damaged-{n}.space")));
+        let moved_to = names.find(|name| !name.exists()).expect("some number is free");
+        for suffix in ["", "-wal", "-shm"] {
+            let with = |p: &Path| PathBuf::from(format!("{}{suffix}", p.display()));
+            if with(path).exists() {
+                std::fs::rename(with(path), with(&moved_to)).map_err(io)?;
+            }
+        }
+        let store = Self::create_or_resume(path, identity, mesh, fixed, active)?;
+        let mut salvaged = Salvaged { saved: 0, damaged: 0, walks: 0, moved_to: moved_to.clone() };
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let Ok(old) = Connection::open_with_flags(&moved_to, flags) else { return Ok((store, salvaged)) };
+        for number in 0..active.len() {
+            match identity.sampling {
+                Sampling::Lattice(Lattice { grid, complete_cells, increments }) => {
+                    for point in Domain::new(&grid, complete_cells).points() {
+                        salvaged.copy(&old, &store, number, point, increments)?;
+                    }
+                }
+                Sampling::Scattered(_) => {
+                    // Which positions there are the search says, from one batch to the next.
+                    let mut plan = Plans::of(&store)?.plan(number);
+                    while let Some(task) = plan.next_task() {
+                        salvaged.copy(&old, &store, number, task.target, None)?;
+                        let copied = store.attempts(number)?.into_iter().find(|r| r.index == task.target);
+                        if let Some(record) = copied {
+                            plan.decide(&record);
+                        }
+                    }
+                }
+            }
+        }
+        salvaged.walks = held_out::salvage(&old, &store, active.len())?;
+        store.commit()?;
+        Ok((store, salvaged))
+    }
+}
+
+impl Salvaged {
+    /// Copies the tries at one point, the first damaged one and what came after it not: later ones may rest on it.
+    fn copy(
+        &mut self,
+        old: &Connection,
+        store: &Store,
+        active: usize,
+        index: GridIndex,
+        increments: Option<u32>,
+    ) -> Result<(), StoreError> {
+        for attempt in 0.. {
+            let sql = format!(
+                "SELECT {} FROM configuration WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5",
+                rows::COLUMNS
+            );
+            let key = rusqlite::params![active as i64, index[0], index[1], index[2], attempt];
+            let row = old.prepare_cached(&sql).and_then(|mut s| s.query_row(key, rows::read).optional());
+            let record = match row {
+                Ok(None) => return Ok(()),
+                Ok(Some(row)) if row.checksum == rows::checksum(active, &row.record) => row.record,
+                _ => {
+                    self.damaged += 1;
+                    return Ok(());
+                }
+            };
+            let seed = if record.tag.is_solved() {
+                match rows::seed(old, active, index, attempt) {
+                    Ok((seed, checksum)) if checksum == rows::seed_checksum(&seed) => Some(seed),
+                    _ => {
+                        self.damaged += 1;
+                        return Ok(());
+                    }
+                }
+            } else {
+                None
+            };
+            // A transition of n parts has n - 1 states on its way; the rest point has no transition, a failed one none that count.
+            let parts = match increments {
+                Some(parts) if seed.is_some() && record.parent.is_some() => parts - 1,
+                _ => 0,
+            };
+            let on_the_way: Option<Vec<_>> =
+                (1..=parts).map(|part| rows::intermediate(old, active, index, attempt, part)).collect();
+            let Some(intermediate) = on_the_way else {
+                self.damaged += 1;
+                return Ok(());
+            };
+            store.add(&Outcome { active: active as u32, record, seed, intermediate })?;
+            self.saved += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,199 @@
+//! One path, or one position: what a worker is asked, and what it gives back.
+
+use nalgebra::Matrix3;
+use palpate_core::ConfigTag;
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use super::StoredSeed;
+use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
+use crate::spec::GridIndex;
+
+/// Which kind of held-out truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+pub enum Kind {
+    /// One of the 26 straight paths towards the neighbours of a lattice point.
+    Regular,
+    /// A path of small steps whose direction turns slowly.
+    Random,
+    /// A position drawn uniformly from the ball, solved from the nearest solved corner of its cell.
+    Uniform,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Regular => "regular",
+            Self::Random => "random",
+            Self::Uniform => "uniform",
+        }
+    }
+
+    /// The kind of this name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// Which walk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Walk {
+    /// Active node.
+    pub active: u32,
+    /// Kind.
+    pub kind: Kind,
+    /// Number within the kind.
+    pub number: u32,
+}
+
+/// Solve along these positions, each from the one before.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct WalkJob {
+    /// Which walk.
+    pub walk: Walk,
+    /// Where it starts: a point of the space and its state; `None` for rest.
+    pub start: Option<(GridIndex, StoredSeed)>,
+    /// Displacements of the active node, m.
+    pub positions_m: Vec<[f64; 3]>,
+    /// Whether the displacements of all nodes are wanted.
+    pub keep_displacements: bool,
+}
+
+/// What a walk gave, as far as it went.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct WalkOutcome {
+    /// Which walk.
+    pub walk: Walk,
+    /// Step after step; the last one may be terminating or failed.
+    pub truths: Vec<Truth>,
+}
+
+/// One position.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Truth {
+    /// Displacement of the active node, m.
+    pub displacement_m: [f64; 3],
+    /// Expandable: |h| < f_max; terminating: at or beyond it; failed.
+    pub tag: ConfigTag,
+    /// Reason, if failed.
+    pub failure: Option<String>,
+    /// W, J.
+    pub energy_j: f64,
+    /// h, N.
+    pub force_n: [f64; 3],
+    /// S, N/m.
+    pub stiffness_n_m: Matrix3<f64>,
+    /// Residual, N.
+    pub residual_n: f64,
+    /// Smallest J.
+    pub min_jacobian: f64,
+    /// Inverted elements.
+    pub inverted: u32,
+    /// Unstable modes, where the factorisation tells them.
+    pub unstable_modes: Option<u32>,
+    /// Whether the step left the branch it started on.
+    pub switched: bool,
+    /// Newton iterations.
+    pub iterations: u32,
+    /// Factorisations among them.
+    pub factorisations: u32,
+    /// Wall seconds.
+    pub seconds: f64,
+    /// Displacements of all nodes (f32 x, y, z, little-endian), m; empty if not kept.
+    pub displacements: Vec<u8>,
+}
+
+impl Truth {
+    fn solved(at: [f64; 3], c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
+        let reachable = c.force_n.iter().map(|f| f * f).sum::<f64>().sqrt() < max_force_n;
+        Self {
+            displacement_m: at,
+            tag: if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating },
+            failure: None,
+            energy_j: c.energy_j,
+            force_n: c.force_n,
+            stiffness_n_m: c.stiffness_n_m,
+            residual_n: c.residual_n,
+            min_jacobian: c.min_jacobian,
+            inverted: c.inverted as u32,
+            unstable_modes: c.unstable_modes,
+            switched: c.switched,
+            iterations: c.iterations,
+            factorisations: c.factorisations,
+            seconds,
+            displacements: Vec::new(),
+        }
+    }
+
+    fn failed(at: [f64; 3], failure: &SolveFailure, seconds: f64) -> Self {
+        Self {
+            displacement_m: at,
+            tag: ConfigTag::Failed,
+            failure: Some(failure.reason.name().into()),
+            energy_j: f64::NAN,
+            force_n: [f64::NAN; 3],
+            stiffness_n_m: Matrix3::from_element(f64::NAN),
+            residual_n: failure.residual_n,
+            min_jacobian: f64::NAN,
+            inverted: 0,
+            unstable_modes: None,
+            switched: false,
+            iterations: failure.iterations,
+            factorisations: 0,
+            seconds,
+            displacements: Vec::new(),
+        }
+    }
+}
+
+impl WalkJob {
+    /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches `max_force_n`; `None` if `stop`
+    /// is raised meanwhile: half a walk would be taken for one that ended there.
+    pub fn solve(
+        &self,
+        solver: &mut Solver,
+        start: Option<Seed>,
+        max_force_n: f64,
+        stop: &AtomicBool,
+    ) -> Option<WalkOutcome> {
+        let mut truths = Vec::with_capacity(self.positions_m.len());
+        let mut clock = Instant::now();
+        let mut here = match start {
+            Some(seed) => Ok(seed),
+            None => solver.rest().map(|c| c.seed),
+        };
+        for &at in &self.positions_m {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            let solved = here.and_then(|seed| solver.advance(&seed, at));
+            let seconds = std::mem::replace(&mut clock, Instant::now()).elapsed().as_secs_f64();
+            let seed = match solved {
+                Ok(c) => {
+                    let mut truth = Truth::solved(at, &c, max_force_n, seconds);
+                    if self.keep_displacements {
+                        let nodes = solver.problem().body.displacement_len();
+                        let values = c.seed.state[..nodes].iter();
+                        truth.displacements = values.flat_map(|&x| (x as f32).to_le_bytes()).collect();
+                    }
+                    truths.push(truth);
+                    c.seed
+                }
+                Err(failure) => {
+                    truths.push(Truth::failed(at, &failure, seconds));
+                    break;
+                }
+            };
+            if truths.last().is_some_and(|t| t.tag == ConfigTag::Terminating) {
+                break;
+            }
+            here = Ok(seed);
+        }
+        Some(WalkOutcome { walk: self.walk, truths })
+    }
+}

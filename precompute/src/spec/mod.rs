@@ -1,0 +1,22 @@
+//! What is asked of a space: where it is sampled, how exactly, and how it is packed. No number of it depends on a body.
+
+mod bounds;
+mod domain;
+mod form;
+mod grid;
+mod sampling;
+mod tolerance;
+mod wanted;
+mod workspace;
+
+pub use bounds::DisplacementBound;
+pub(crate) use domain::REST;
+#[cfg(test)]
+pub(crate) use domain::squared;
+pub use domain::{Domain, neighbours, plus};
+pub use form::{Form, FormNeeds};
+pub use grid::{GridIndex, SpaceGrid, UNIT_M, displacement_m, nearest_index};
+pub use sampling::{Lattice, Sampling, Scattered};
+pub use tolerance::Tolerance;
+pub use wanted::Wanted;
+pub use workspace::{Workspace, is_within};

@@ -1,0 +1,10 @@
+//! The box that the tool stays in.
+
+/// A box in the model's frame: its lowest and its highest corner, m.
+pub type Workspace = [[f64; 3]; 2];
+
+/// Whether a position lies in it.
+pub fn is_within(workspace: &Workspace, at: &[f64; 3]) -> bool {
+    let [low, high] = workspace;
+    (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]))
+}
