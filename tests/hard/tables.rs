@@ -9,7 +9,6 @@ use palpate_precompute::fit::{
     Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
 };
 use palpate_precompute::num::jet::THIRD_INDICES;
-use palpate_precompute::space::folds;
 use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).

@@ -31,11 +31,12 @@ fn dependencies_point_one_way() {
     assert_eq!(ours("palpate-core", &TESTED), set(&[]));
     assert_eq!(ours("palpate-link", &LINKED), set(&[]));
     assert_eq!(ours("palpate-link", &TESTED), set(&[]));
+    assert_eq!(ours("palpate-devices", &LINKED), set(&[]));
     assert_eq!(ours("palpate-c", &LINKED), set(&["palpate-core"]));
     assert_eq!(ours("palpate-c", &TESTED), set(&[]));
-    assert_eq!(ours("palpate-precompute", &LINKED), set(&["palpate-core"]));
+    assert_eq!(ours("palpate-precompute", &LINKED), set(&["palpate-core", "palpate-devices"]));
     assert_eq!(ours("palpate-precompute", &TESTED), set(&[]));
-    assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core", "palpate-link"]));
+    assert_eq!(ours("palpate-host", &LINKED), set(&["palpate-core", "palpate-devices", "palpate-link"]));
     assert_eq!(ours("palpate-host", &TESTED), set(&[]));
     // The emulated FTDI chip implements the host's trait, and the host's hand model holds the emulated grip.
     assert_eq!(ours("palpate-hil", &LINKED), set(&["palpate-core", "palpate-host", "palpate-link"]));

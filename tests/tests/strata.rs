@@ -78,3 +78,51 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
         "{found:?}"
     );
 }
+
+/// The strata of `palpate-precompute`, lowest first.
+const PRECOMPUTE: [&str; 37] = [
+    "error",
+    "files",
+    "num",
+    "mesh",
+    "fem::element",
+    "fem::kinematics",
+    "fem::material",
+    "fem::pressure",
+    "fem::ordering",
+    "fem::body",
+    "fem::counterpart",
+    "fem::boundary",
+    "fem::solvability",
+    "fem::assembly",
+    "fem::solve",
+    "fem",
+    "spec",
+    "fit",
+    "adaptive",
+    "space::task",
+    "space::record",
+    "space::walk",
+    "space::samples",
+    "space::plan",
+    "space::job",
+    "space::store",
+    "space::motion",
+    "space::worker",
+    "space::crew",
+    "space::plans",
+    "space::salvage",
+    "space::expansion",
+    "space",
+    "scene",
+    "held_out",
+    "pack",
+    "certificate",
+];
+
+#[test]
+fn precompute_imports_downwards() {
+    let src = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../precompute/src");
+    let found: Vec<String> = findings(&src, &PRECOMPUTE).iter().map(ToString::to_string).collect();
+    assert_eq!(found, [""; 0]);
+}

@@ -10,9 +10,6 @@ use super::file::{DeviceTable, Place};
 use super::resolve::positive;
 use crate::error::{InputError, nearest_word};
 
-#[path = "../../../assets/devices/bundled.rs"]
-mod bundled;
-
 /// What matters here of a profile.
 #[derive(Debug, serde::Deserialize)]
 struct ProfileFile {
@@ -60,9 +57,9 @@ fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> 
         let text = std::fs::read_to_string(&path).map_err(|error| InputError::unreadable(&path, &error))?;
         return force_in(Place { path, text });
     }
-    let bundled = bundled::PROFILES.into_iter().find(|(known, _)| known == word);
+    let bundled = palpate_devices::PROFILES.into_iter().find(|(known, _)| known == word);
     let Some((_, text)) = bundled else {
-        let names = bundled::PROFILES.map(|(known, _)| known);
+        let names = palpate_devices::PROFILES.map(|(known, _)| known);
         let guess = nearest_word(word, names).map(|guess| format!("did you mean \"{guess}\"? "));
         let mend =
             format!("{}({}, or a file that ends in .toml)", guess.unwrap_or_default(), names.join(", "));

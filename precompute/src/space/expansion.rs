@@ -7,9 +7,11 @@ use std::sync::atomic::AtomicBool;
 
 use super::crew::{Crew, CrewError, Shift};
 use super::job::{Done, Job, Work};
-use super::plan::{TagCounts, Task};
+use super::plan::SpacePlan;
+use super::plans::Plans;
+use super::record::Record;
 use super::store::{Store, StoreError};
-use super::{Plans, Record, SpacePlan};
+use super::task::{TagCounts, Task};
 use crate::adaptive::PASSES;
 use crate::spec::GridIndex;
 

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::plan::Task;
+use super::record::{Record, StoredSeed};
+use super::task::Task;
 use super::walk::{WalkJob, WalkOutcome};
-use super::{Record, StoredSeed};
 use crate::num::jet::SymmetricThird;
 
 /// What a worker is asked for.

@@ -8,7 +8,7 @@ use std::time::Duration;
 use nalgebra::{Matrix3, Vector3};
 use palpate_core::ConfigTag;
 
-use super::plan::Task;
+use super::task::Task;
 use super::{
     Crew, CrewError, Done, Expansion, Job, Outcome, Record, Store, StoreIdentity, StoredSeed, TagCounts, Work,
 };

@@ -5,28 +5,32 @@
 
 pub mod crew;
 pub mod expansion;
-pub mod job;
+mod job;
 #[cfg(test)]
 pub(crate) mod made_up;
 mod motion;
-pub mod plan;
+mod plan;
 mod plans;
 #[cfg(test)]
 mod planted_fold;
 mod record;
+mod salvage;
 mod samples;
 pub mod store;
-pub mod walk;
-pub mod worker;
+mod task;
+mod walk;
+mod worker;
 
 pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
 pub use job::{Done, Intermediate, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
-pub use plan::{ScatteredPlan, SpacePlan, Switched, TagCounts};
+pub use plan::{ScatteredPlan, SpacePlan, Switched};
 pub use plans::{Plans, planned, still_to_solve};
 pub use record::{Record, StoredSeed};
+pub use salvage::Salvaged;
 pub use samples::{folds, samples};
-pub use store::{Salvaged, Store, StoreError, StoreIdentity, solver_version};
+pub use store::{Store, StoreError, StoreIdentity, solver_version};
+pub use task::{TagCounts, Task};
 pub use walk::{Kind, Truth, Walk, WalkJob, WalkOutcome};
 pub use worker::{Worker, Workshop};

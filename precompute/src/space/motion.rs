@@ -1,6 +1,6 @@
 //! How the surface moves, from the states in the store.
 
-use super::{Store, StoreError};
+use super::store::{Store, StoreError};
 use crate::fit::Moved;
 use crate::spec::GridIndex;
 

@@ -4,7 +4,9 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::plan::{Plan, ScatteredPlan, SpacePlan};
-use super::{Record, Store, StoreError};
+
+use super::record::Record;
+use super::store::{Store, StoreError};
 use crate::mesh::Surface;
 use crate::spec::{Domain, GridIndex, Sampling, SpaceGrid, Wanted};
 

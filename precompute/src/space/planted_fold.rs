@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 
 use super::made_up::MadeUp;
-use super::plan::Task;
+use super::task::Task;
 use super::{Record, folds};
 use crate::fem::boundary::Pose;
 use crate::fem::solve::{Configuration, Seed};

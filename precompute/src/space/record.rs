@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
 use serde::{Deserialize, Serialize};
 
-use super::plan::Task;
+use super::task::Task;
 use crate::fem::solve::{Configuration, FailureReason, SolveFailure};
 use crate::num::branch::Potential;
 use crate::num::jet::{EnergyJet, SymmetricThird};

@@ -2,7 +2,7 @@
 
 use palpate_core::ConfigTag;
 
-use super::Record;
+use super::record::Record;
 use crate::fit::{self, Fold, Sample};
 use crate::spec::SpaceGrid;
 

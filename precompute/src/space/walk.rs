@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::StoredSeed;
+use super::record::StoredSeed;
 use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
 use crate::spec::GridIndex;
 

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
 use super::job::{Done, Intermediate, Job, Outcome, Work};
+use super::record::{Record, StoredSeed};
 use super::walk::{WalkJob, WalkOutcome};
-use super::{Record, StoredSeed};
 use crate::fem::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
 use crate::spec::{GridIndex, Sampling};
 

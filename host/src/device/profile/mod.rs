@@ -7,9 +7,6 @@
 mod cap;
 mod file;
 
-#[path = "../../../../assets/devices/bundled.rs"]
-mod bundled;
-
 pub use cap::{
     CapReason, CapVerdict, DEFAULT_CAP_N_M, HARD_CAP_N_M, LATENESS_ALLOWANCE, StiffnessCap, Timing,
 };
@@ -128,14 +125,14 @@ impl Profile {
     /// A bundled profile.
     #[must_use]
     pub fn bundled(name: &str) -> Option<Self> {
-        let (name, text) = bundled::PROFILES.into_iter().find(|(known, _)| *known == name)?;
+        let (name, text) = palpate_devices::PROFILES.into_iter().find(|(known, _)| *known == name)?;
         // A test parses all of them.
         Some(file::parse(Path::new(name), text).expect("bundled profiles are valid"))
     }
 
     /// Names of the bundled profiles.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        bundled::PROFILES.into_iter().map(|(name, _)| name)
+        palpate_devices::PROFILES.into_iter().map(|(name, _)| name)
     }
 
     /// Parses a profile; `path` is the file in messages.

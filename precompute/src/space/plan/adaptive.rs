@@ -2,10 +2,11 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::{Switched, TagCounts, Task};
+use super::Switched;
 use crate::adaptive::{Found, Search, Step, Target, Verdict};
 use crate::num::jet::EnergyJet;
-use crate::space::Record;
+use crate::space::record::Record;
+use crate::space::task::{TagCounts, Task};
 use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
 
 /// The point at rest.

@@ -19,10 +19,10 @@ use std::sync::Arc;
 
 use palpate_core::ConfigTag;
 
-use super::{TagCounts, Task};
 use crate::fit::flagged_pairs;
 use crate::num::jet::EnergyJet;
-use crate::space::Record;
+use crate::space::record::Record;
+use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, REST, SpaceGrid};
 
 /// How often a point of a flagged pair is solved again.

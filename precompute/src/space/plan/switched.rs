@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use palpate_core::ConfigTag;
 
-use super::{Plan, TagCounts, Task};
-use crate::space::Record;
+use super::Plan;
+use crate::space::record::Record;
+use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, GridIndex, SpaceGrid, UNIT_M, Wanted};
 
 /// Cells along the radius. Three suffice for a smooth space; a fold asks for more, and five would be 1,014 solves.

@@ -104,7 +104,7 @@ impl Store {
 ///
 /// Read from both ends of every kind, so that a damaged page costs the walks on it. Without the meta table's word on how they were
 /// drawn nothing is copied.
-pub(super) fn salvage(old: &Connection, new: &Store, actives: usize) -> Result<usize, StoreError> {
+pub(in crate::space) fn salvage(old: &Connection, new: &Store, actives: usize) -> Result<usize, StoreError> {
     let keys = "SELECT key, value FROM meta WHERE key LIKE 'held_out%'";
     let drawn: rusqlite::Result<Vec<(String, String)>> = old
         .prepare(keys)

@@ -6,14 +6,12 @@
 //! may read meanwhile.
 
 mod error;
-mod held_out;
+pub(super) mod held_out;
 mod reading;
 mod refusal;
-mod rows;
-mod salvage;
+pub(super) mod rows;
 
 pub use error::StoreError;
-pub use salvage::Salvaged;
 
 use std::cell::Cell;
 use std::fs::{File, TryLockError};
@@ -22,15 +20,15 @@ use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, OptionalExtension, params};
 
-use super::job::Outcome;
+use super::job::{Intermediate, Outcome};
 use super::plan::supersedes;
-use super::{Record, StoredSeed};
+use super::record::{Record, StoredSeed};
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
 use crate::spec::{DisplacementBound, Form, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file; a store of another layout is refused.
-const LAYOUT: &str = "3";
+pub(super) const LAYOUT: &str = "3";
 
 /// Bumped whenever the solver gives other bits, or a search goes another way.
 const SOLVER_REVISION: u32 = 6;
@@ -118,7 +116,7 @@ impl Store {
         Ok(store)
     }
 
-    fn with(connection: Connection, path: &Path, lock: Option<File>) -> Self {
+    pub(in crate::space) fn with(connection: Connection, path: &Path, lock: Option<File>) -> Self {
         let now = Instant::now();
         let (begun, added) = (Cell::new(now), Cell::new(now));
         Self { connection, path: path.to_path_buf(), begun, added, _lock: lock }
@@ -234,7 +232,7 @@ impl Store {
         Ok(())
     }
 
-    fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
+    pub(super) fn expect_meta(&self, key: &'static str, wanted: &str) -> Result<(), StoreError> {
         let stored = self.meta(key)?;
         if stored == wanted {
             return Ok(());
@@ -391,10 +389,7 @@ impl Store {
 
     /// States between grid points, each with the point its transition went to and the number of the try, sorted by these and along the
     /// way.
-    pub fn intermediate(
-        &self,
-        active: usize,
-    ) -> Result<Vec<(GridIndex, u32, super::Intermediate)>, StoreError> {
+    pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, Intermediate)>, StoreError> {
         let mut states = Vec::new();
         self.each_intermediate(active, |index, attempt, state| states.push((index, attempt, state)))?;
         Ok(states)
@@ -403,7 +398,7 @@ impl Store {
     fn each_intermediate(
         &self,
         active: usize,
-        mut see: impl FnMut(GridIndex, u32, super::Intermediate),
+        mut see: impl FnMut(GridIndex, u32, Intermediate),
     ) -> Result<(), StoreError> {
         let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         let mut statement = self.wrap(self.connection.prepare(sql))?;
@@ -543,7 +538,7 @@ impl Store {
 }
 
 /// The right to write `path`.
-fn lock(path: &Path) -> Result<File, StoreError> {
+pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
     let file = File::open(path).map_err(|error| StoreError::Io { path: path.to_path_buf(), error })?;
     match file.try_lock() {
         Ok(()) => Ok(file),

@@ -4,7 +4,7 @@ use super::{Store, StoreError, StoreIdentity, hex};
 
 impl Store {
     /// Refuses a store of another scene or mesh, and names the first thing that differs.
-    pub(super) fn expect_content(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
+    pub(in crate::space) fn expect_content(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
         let stored = self.meta("content_hash")?;
         if stored == identity.content_hash {
             return Ok(());

@@ -7,7 +7,7 @@ use rusqlite::types::Type;
 use rusqlite::{Connection, params};
 
 use super::super::job::{Intermediate, Outcome};
-use super::super::{Record, StoredSeed};
+use super::super::record::{Record, StoredSeed};
 use crate::spec::GridIndex;
 
 /// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
@@ -15,24 +15,24 @@ use crate::spec::GridIndex;
 static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// Columns of a record, in the order of [`read`].
-pub(super) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
+pub(in crate::space) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
                                   energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, sxy_n_m, sxz_n_m, syz_n_m, \
                                   third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
                                   volume_m3, \
                                   iterations, factorisations, increments, seconds, checksum";
 
 /// A record as read, with the checksum it was written with.
-pub(super) struct Row {
-    pub(super) record: Record,
-    pub(super) checksum: u32,
+pub(in crate::space) struct Row {
+    pub(in crate::space) record: Record,
+    pub(in crate::space) checksum: u32,
 }
 
-pub(super) fn damaged(index: &GridIndex) -> String {
+pub(in crate::space) fn damaged(index: &GridIndex) -> String {
     format!("the configuration at grid point {index:?} is damaged")
 }
 
 /// Reads a row of [`COLUMNS`].
-pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
+pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
     let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
     let attempt: Option<u32> = row.get(9)?;
@@ -71,12 +71,12 @@ pub(super) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     Ok(Row { record, checksum: row.get(32)? })
 }
 
-pub(super) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
+pub(in crate::space) fn unreadable(column: usize, kind: Type) -> rusqlite::Error {
     rusqlite::Error::InvalidColumnType(column, "damaged".into(), kind)
 }
 
 /// Writes an outcome.
-pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
+pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Result<()> {
     let (active, r) = (outcome.active, &outcome.record);
     let s = &r.stiffness_n_m;
     let solved = r.tag.is_solved();
@@ -148,7 +148,7 @@ pub(super) fn insert(connection: &Connection, outcome: &Outcome) -> rusqlite::Re
 }
 
 /// The state a try ended in, with its checksum as written.
-pub(super) fn seed(
+pub(in crate::space) fn seed(
     connection: &Connection,
     active: usize,
     index: GridIndex,
@@ -162,22 +162,22 @@ pub(super) fn seed(
 }
 
 /// Columns of a state, in the order of [`read_seed`].
-pub(super) const STATE: &str = "state, sensitivity, potential, checksum";
+pub(in crate::space) const STATE: &str = "state, sensitivity, potential, checksum";
 
 /// Reads a row of [`STATE`].
-pub(super) fn read_seed(row: &rusqlite::Row<'_>) -> rusqlite::Result<(StoredSeed, u32)> {
+pub(in crate::space) fn read_seed(row: &rusqlite::Row<'_>) -> rusqlite::Result<(StoredSeed, u32)> {
     let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
     let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
     Ok((StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential }, row.get(3)?))
 }
 
 /// A number as SQLite gives it back.
-pub(super) fn plain(x: f64) -> f64 {
+pub(in crate::space) fn plain(x: f64) -> f64 {
     if x.is_nan() { f64::NAN } else { x + 0.0 }
 }
 
 /// One state on the way of a try; `None` if it is not there or damaged.
-pub(super) fn intermediate(
+pub(in crate::space) fn intermediate(
     connection: &Connection,
     active: usize,
     index: GridIndex,
@@ -194,7 +194,7 @@ pub(super) fn intermediate(
 }
 
 /// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
-pub(super) fn checksum(active: usize, r: &Record) -> u32 {
+pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
     let solved = r.tag.is_solved();
     let parent = r.parent.map_or([0; 4], |([i, j, k], attempt)| [i, j, k, attempt as i32 + 1]);
@@ -219,7 +219,7 @@ pub(super) fn checksum(active: usize, r: &Record) -> u32 {
     digest.finalize()
 }
 
-pub(super) fn seed_checksum(seed: &StoredSeed) -> u32 {
+pub(in crate::space) fn seed_checksum(seed: &StoredSeed) -> u32 {
     let mut digest = CHECKSUM.digest();
     digest.update(&seed.state);
     digest.update(&seed.sensitivity);
@@ -251,7 +251,7 @@ fn pack_intermediate(state: &Intermediate) -> Vec<u8> {
 }
 
 /// `None` if the bytes are damaged.
-pub(super) fn unpack_intermediate(packed: &[u8]) -> Option<Intermediate> {
+pub(in crate::space) fn unpack_intermediate(packed: &[u8]) -> Option<Intermediate> {
     let (numbers, checksum) = packed.split_last_chunk::<4>()?;
     if CHECKSUM.checksum(numbers) != u32::from_le_bytes(*checksum) {
         return None;

@@ -1,10 +1,10 @@
 //! The device profiles that come with Palpate, as text.
 //!
-//! Compiled by path into the host, which reads all of a profile, and into precompute, which reads the force limit: neither may depend on
-//! the other, and the core knows no TOML. One list, so that both know the same names.
+//! The host reads all of a profile, precompute reads its force limit. Neither may depend on the other, and the core
+//! knows no TOML, so the texts are a crate of their own.
 
 /// Name and text of each profile.
-pub(crate) const PROFILES: [(&str, &str); 11] = [
+pub const PROFILES: [(&str, &str); 11] = [
     ("delta.3", include_str!("delta.3.toml")),
     ("desktop", include_str!("desktop.toml")),
     ("falcon", include_str!("falcon.toml")),

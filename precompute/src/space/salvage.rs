@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OpenFlags, OptionalExtension};
 
-use super::super::Plans;
-use super::super::job::Outcome;
-use super::{Store, StoreError, StoreIdentity, held_out, rows};
+use super::job::Outcome;
+use super::plans::Plans;
+use super::store::{LAYOUT, Store, StoreError, StoreIdentity, held_out, lock, rows, solver_version};
 use crate::mesh::TetMesh;
 use crate::spec::{Domain, GridIndex, Lattice, Sampling};
 
@@ -40,11 +40,11 @@ impl Store {
         {
             let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
             let connection = Connection::open_with_flags(path, flags);
-            let lock = super::lock(path)?;
+            let lock = lock(path)?;
             if let Ok(connection) = connection {
                 let old = Self::with(connection, path, Some(lock));
-                let belongs = old.expect_meta("layout", super::LAYOUT);
-                let belongs = belongs.and_then(|()| old.expect_meta("solver", &super::solver_version()));
+                let belongs = old.expect_meta("layout", LAYOUT);
+                let belongs = belongs.and_then(|()| old.expect_meta("solver", &solver_version()));
                 let belongs = belongs.and_then(|()| old.expect_content(identity));
                 if let Err(other @ StoreError::Mismatch { .. }) = belongs {
                     return Err(other);
