@@ -25,7 +25,7 @@ pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
 pub use job::{Done, Intermediate, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
-pub use plan::{ScatteredPlan, SpacePlan, Switched};
+pub use plan::{Plan, ScatteredPlan, SpacePlan, Switched};
 pub use plans::{Plans, planned, still_to_solve};
 pub use record::{Record, StoredSeed};
 pub use salvage::Salvaged;

@@ -8,8 +8,7 @@ use palpate_core::ConfigTag;
 use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::Seed;
 use palpate_precompute::num::branch::Potential;
-use palpate_precompute::space::Task;
-use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Work};
+use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 /// What takes time beside the solves, ns.

@@ -10,8 +10,7 @@ use palpate_core::ConfigTag;
 use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
-use palpate_precompute::space::Record;
-use palpate_precompute::space::plan::Plan;
+use palpate_precompute::space::{Plan, Record};
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, Tolerance, Wanted};
 
 use super::probe::{Probed, norm};
