@@ -110,7 +110,7 @@ fn a_disabled_device_is_a_fault() {
 }
 
 /// Each fault that the device latches, and the driver's own, is reported once. There is no force until a
-/// reset, whatever is requested.
+/// reset, for any request.
 #[test]
 fn no_fault_ends_without_a_reset() {
     type Inject = fn(&mut Session<'_>);

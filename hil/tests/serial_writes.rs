@@ -1,4 +1,4 @@
-//! How long a write to a serial port blocks a real-time thread beside busy CPUs: through `serialport`, which
+//! How long a write to a serial port blocks a real-time thread on a busy machine: through `serialport`, which
 //! calls poll(2) first, and through the port of the drivers.
 
 #![cfg(target_os = "linux")]
@@ -56,7 +56,7 @@ fn answer(mut far: TTYPort, over: &AtomicBool) {
 }
 
 #[test]
-#[ignore = "a measurement of 20 s beside four busy threads; run by hand with --nocapture for the serial writes in docs/safety.md"]
+#[ignore = "a measurement of 20 s with four busy threads; run by hand with --nocapture for the serial writes in docs/safety.md"]
 fn writes_beside_busy_cpus() {
     let (far_polled, mut polled) = TTYPort::pair().expect("a pseudo terminal");
     let (far_prompt, prompt) = TTYPort::pair().expect("a pseudo terminal");

@@ -10,7 +10,7 @@ use palpate_tests::{mooney_rivlin, nearest_node, nodes_where};
 
 use crate::meshes::{box_of_five, nested_cubes};
 use crate::table::{Case, Cost, row};
-use crate::walk::{apart, body, problem, state};
+use crate::walk::{body, problem, relative_error, state};
 
 fn lame() -> Lame {
     Lame::from_young_poisson(15480.0, 0.45)
@@ -114,11 +114,11 @@ fn slivers_change_force_and_iterations_little() {
             let rest = solver.rest().expect("the box is fixed");
             let c = solver.advance(&rest.seed, [0.02, 0.0, -0.004]).expect("the box converges");
             let tried = format!("sheared 20 mm, {}, gap {gap:?}", material.name());
-            let off = regular.as_ref().map_or(0.0, |r| apart(c.force_n, r.force_n));
-            let verdict = format!("force {:.1} % from the regular box", 100.0 * off);
+            let error = regular.as_ref().map_or(0.0, |r| relative_error(c.force_n, r.force_n));
+            let verdict = format!("force {:.1} % from the regular box", 100.0 * error);
             row(Case::BadElements, &tried, Cost::of(solver.problem().unknowns(), &c), &state(&c), &verdict);
             // The effect of the diagonals of one element layer at this element size.
-            assert!(off < 0.20, "{tried}: {off}");
+            assert!(error < 0.20, "{tried}: {error}");
             let first = regular.get_or_insert_with(|| c.clone());
             assert!(c.iterations <= first.iterations + 6, "{tried}: {} iterations", c.iterations);
             assert!(c.residual_n < 1e-8, "{tried}: {:e} N", c.residual_n);

@@ -57,13 +57,13 @@ fn disturb(name: &str, problem: &Arc<Problem>, from: &Configuration, share: f64)
                 cost.iterations += c.iterations;
                 cost.factorisations += c.factorisations;
                 cost.increments += 1;
-                let off = distance_m(problem, &c, from);
-                if off < 1e-6 {
+                let error = distance_m(problem, &c, from);
+                if error < 1e-6 {
                     back += 1;
-                    worst = worst.max(off);
+                    worst = worst.max(error);
                 } else {
                     other += 1;
-                    far = far.max(off);
+                    far = far.max(error);
                 }
             }
             Err(f) => {

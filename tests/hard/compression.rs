@@ -20,14 +20,14 @@ fn press(material: Material, plate: bool, reject_inverted: bool) -> Walk {
     let body = body(&mesh, &Model::uniform(material, &foot));
     let mut solver = Solver::new(problem(&body, handle));
     solver.newton.reject_inverted = reject_inverted;
-    let walked = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube is fixed");
+    let path_result = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube is fixed");
     let under = if plate { "plate" } else { "point" };
     let kept = if reject_inverted { ", inverted refused" } else { "" };
     let tried = format!("{}, 40 mm cube under a {under}{kept}", material.name());
     let mm = |m: Option<f64>| m.map_or("never".into(), |m| format!("at {:.0} mm", 1e3 * m));
-    let verdict = format!("{}; first inverted {}", walked.verdict(), mm(walked.inverted_at_m));
-    row(Case::Compression, &tried, walked.cost, &walked.result(), &verdict);
-    walked
+    let verdict = format!("{}; first inverted {}", path_result.verdict(), mm(path_result.inverted_at_m));
+    row(Case::Compression, &tried, path_result.cost, &path_result.result(), &verdict);
+    path_result
 }
 
 fn neo_hookean() -> Material {
@@ -70,12 +70,19 @@ fn pressing_into_the_organ_ends_with_a_reason_or_flags() {
             let body = body(&scene.mesh, &scene.model());
             let mut solver = Solver::new(problem(&body, active.handle()));
             solver.newton.reject_inverted = true;
-            let walked = walk(&mut solver, inward, 2e-3, 50).expect("the organ is fixed");
+            let path_result = walk(&mut solver, inward, 2e-3, 50).expect("the organ is fixed");
             let tried = format!("{}, into {}, 100 mm, inverted refused", material.name(), active.name);
-            row(Case::Compression, &tried, walked.cost, &walked.result(), &walked.verdict());
-            assert!(walked.failure.is_some() || walked.reached_m > 0.0999, "ended without a reason");
-            assert!(walked.inverted_at_m.is_none(), "inverted states were to be refused");
-            assert!(walked.reached_m > 0.01, "the first centimetre must converge: {:?}", walked.failure);
+            row(Case::Compression, &tried, path_result.cost, &path_result.result(), &path_result.verdict());
+            assert!(
+                path_result.failure.is_some() || path_result.reached_m > 0.0999,
+                "ended without a reason"
+            );
+            assert!(path_result.inverted_at_m.is_none(), "inverted states were to be refused");
+            assert!(
+                path_result.reached_m > 0.01,
+                "the first centimetre must converge: {:?}",
+                path_result.failure
+            );
         }
     }
 }

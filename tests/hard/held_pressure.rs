@@ -74,9 +74,9 @@ fn more_pressures_than_displacements_are_refused_and_the_fix_converges() {
         (pushed, solver.problem().unknowns())
     };
     let (locked, _) = push(&model);
-    let said = locked.as_ref().map_or_else(|f| f.reason.name().into(), state);
-    row(Case::HeldPressure, "nine free nodes: solver", Cost::default(), &said, "locked");
-    assert!(locked.is_err(), "{said}");
+    let outcome = locked.as_ref().map_or_else(|f| f.reason.name().into(), state);
+    row(Case::HeldPressure, "nine free nodes: solver", Cost::default(), &outcome, "locked");
+    assert!(locked.is_err(), "{outcome}");
     model.order = Order::Quadratic;
     assert_eq!(check(&model), Ok(()));
     let (solved, equations) = push(&model);

@@ -6,7 +6,7 @@ use palpate_precompute::mesh::Surface;
 use palpate_tests::every_law;
 
 use crate::table::{Case, Cost, row};
-use crate::walk::{apart, body, norm, organ, problem, state, walk};
+use crate::walk::{body, norm, organ, problem, relative_error, state, walk};
 
 const STEP_M: f64 = 0.005;
 const STEPS: u32 = 12;
@@ -41,11 +41,11 @@ fn every_law_converges_over_a_pull_of_60_mm() {
             let rest = solver.rest().expect("the organ is fixed");
             match solver.advance(&rest.seed, end.into()) {
                 Ok(at_once) => {
-                    let off = apart(at_once.force_n, pulled.last.force_n);
+                    let error = relative_error(at_once.force_n, pulled.last.force_n);
                     let cost = Cost::of(pulled.cost.equations, &at_once);
-                    let verdict = format!("force {off:.0e} from the steps");
+                    let verdict = format!("force {error:.0e} from the steps");
                     row(Case::OrganPull, &format!("{name}, 60 mm at once"), cost, &state(&at_once), &verdict);
-                    assert!(off < 1e-6, "{name}: another branch, {off:e}");
+                    assert!(error < 1e-6, "{name}: another branch, {error:e}");
                 }
                 Err(failure) => {
                     let cost = Cost { iterations: failure.iterations, ..Cost::default() };

@@ -31,8 +31,12 @@ fn a_poor_real_mesh_converges_or_gives_its_reason() {
     let fixed: Vec<u32> =
         nodes_where(&mesh, |x| x[0] < low + 0.022).into_iter().filter(|&n| skin.contains(n)).collect();
     let farthest = |from: f64| {
-        let off = |n: &u32| (mesh.nodes_m[*n as usize][0] - from).abs();
-        skin.nodes.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).expect("a surface has nodes")
+        let distance = |n: &u32| (mesh.nodes_m[*n as usize][0] - from).abs();
+        skin.nodes
+            .iter()
+            .copied()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .expect("a surface has nodes")
     };
     let (high, mid) = (report.high_m[0], 0.5 * (low + report.high_m[0]));
     for (node, place) in [(farthest(high), "right tip"), (farthest(mid), "middle")] {
@@ -48,23 +52,23 @@ fn a_poor_real_mesh_converges_or_gives_its_reason() {
                 let handle = Handle::node(node);
                 assert_eq!(body.check_pressures(Some(&handle)), Ok(()));
                 let mut solver = Solver::new(problem(&body, handle));
-                let walked = walk(&mut solver, direction, 2e-3, 15).expect("the liver is fixed");
+                let path_result = walk(&mut solver, direction, 2e-3, 15).expect("the liver is fixed");
                 let tried = format!("{}, {order:?}, {place} {way}, 15 x 2 mm", law.name());
-                let work = walked.work_j / walked.last.energy_j - 1.0;
-                let verdict = format!("{}; work/energy - 1 = {work:.0e}", walked.verdict());
-                row(Case::RealMesh, &tried, walked.cost, &walked.result(), &verdict);
-                assert!(walked.reached_m > 0.003, "{tried}: {:?}", walked.failure);
+                let work = path_result.work_j / path_result.last.energy_j - 1.0;
+                let verdict = format!("{}; work/energy - 1 = {work:.0e}", path_result.verdict());
+                row(Case::RealMesh, &tried, path_result.cost, &path_result.result(), &verdict);
+                assert!(path_result.reached_m > 0.003, "{tried}: {:?}", path_result.failure);
                 // A snap dissipates work, and inverted elements may snap.
-                assert!(work.abs() < 1e-3 || walked.inverted_at_m.is_some(), "{tried}: {work:e}");
-                if walked.failure.is_none() {
+                assert!(work.abs() < 1e-3 || path_result.inverted_at_m.is_some(), "{tried}: {work:e}");
+                if path_result.failure.is_none() {
                     let force =
                         |n: u32| Vector3::from_column_slice(&solver.nodal_force_n()[3 * n as usize..][..3]);
                     let held: Vector3<f64> =
                         (0..body.node_count() as u32).filter(|&n| body.fixed[n as usize][0]).map(force).sum();
-                    let off = (held + Vector3::from(walked.last.force_n)).norm();
+                    let error = (held + Vector3::from(path_result.last.force_n)).norm();
                     assert!(
-                        off < 1e-7 * norm(walked.last.force_n),
-                        "{tried}: reactions {off:e} N out of balance"
+                        error < 1e-7 * norm(path_result.last.force_n),
+                        "{tried}: reactions {error:e} N out of balance"
                     );
                 }
             }

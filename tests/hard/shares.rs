@@ -62,10 +62,10 @@ fn share(law: Material) -> (usize, usize) {
                         paths.iter().position(|p| std::ptr::eq(p, path)).expect("the path is in the list");
                     let started = Instant::now();
                     let mut solver = Solver::new(problem(&bodies[path.fixed], Handle::node(path.node)));
-                    let walked = walk(&mut solver, path.direction.map(f64::from), STEP_M, STEPS)
+                    let path_result = walk(&mut solver, path.direction.map(f64::from), STEP_M, STEPS)
                         .expect("the organ is fixed");
                     let seconds = started.elapsed().as_secs_f64();
-                    walks.lock().expect("no walk panics").push((index, walked, seconds));
+                    walks.lock().expect("no walk panics").push((index, path_result, seconds));
                 }
             });
         }

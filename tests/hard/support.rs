@@ -13,7 +13,7 @@ use palpate_tests::{beam, mooney_rivlin, nearest_node, nodes_where, st_venant_ki
 
 use crate::meshes::two_pieces;
 use crate::table::{Case, Cost, row};
-use crate::walk::{apart, body, norm, problem, state};
+use crate::walk::{body, norm, problem, relative_error, state};
 
 const DOWN: [f64; 3] = [0.0, 0.002, -0.006];
 
@@ -57,10 +57,10 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
     let at = |x: [f64; 3]| nearest_node(&mesh, x);
     // Nodes on an edge of the box, which are collinear.
     let line = [at([0.0, 0.0, 0.0]), at([0.04, 0.0, 0.0])];
-    let (in_line, beside) = (at([0.08, 0.0, 0.0]), at([0.06, 0.02, 0.04]));
-    let said = scene_error(&mesh, &line, in_line);
-    row(Case::Support, "2 fixed nodes, tool in their line: scene", Cost::default(), &said, "refused");
-    assert!(said.contains("line") && said.contains("fix at least three nodes"), "{said}");
+    let (in_line, off_line) = (at([0.08, 0.0, 0.0]), at([0.06, 0.02, 0.04]));
+    let message = scene_error(&mesh, &line, in_line);
+    row(Case::Support, "2 fixed nodes, tool in their line: scene", Cost::default(), &message, "refused");
+    assert!(message.contains("line") && message.contains("fix at least three nodes"), "{message}");
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
         let name = material.name();
         let outcome = solve(&mesh, material, &line, in_line);
@@ -72,10 +72,10 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
             Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.force_n), "{:e} N", c.residual_n),
         }
         // Off the line the tool itself prevents the rotation: three points fix a body.
-        let outcome = solve(&mesh, material, &line, beside);
+        let outcome = solve(&mesh, material, &line, off_line);
         report(&format!("2 fixed nodes, tool off their line: solver, {name}"), &outcome);
         // An unconstrained body follows the tool without a force, or is refused. It must not give a force.
-        let none = solve(&mesh, material, &[], beside);
+        let none = solve(&mesh, material, &[], off_line);
         report(&format!("nothing fixed: solver, {name}"), &none);
         let resists = none.map_or(0.0, |c| norm(c.force_n));
         assert!(resists < 1e-9, "{name}: {resists:e} N without a support");
@@ -88,10 +88,10 @@ fn a_loose_piece_is_refused_and_a_fixed_one_has_no_effect() {
     let mesh = two_pieces(&one, [0.2, 0.0, 0.0]);
     let wall = nodes_where(&one, |x| x[0] == 0.0);
     let active = nearest_node(&one, [0.06, 0.02, 0.04]);
-    let said = scene_error(&mesh, &wall, active);
-    row(Case::Support, "two pieces, one loose: scene", Cost::default(), &said, "refused");
-    assert!(said.contains("separate pieces") && said.contains("no fixed node"), "{said}");
-    assert!(Path::new(said.split(':').next().unwrap_or_default()).ends_with("a.toml"), "{said}");
+    let message = scene_error(&mesh, &wall, active);
+    row(Case::Support, "two pieces, one loose: scene", Cost::default(), &message, "refused");
+    assert!(message.contains("separate pieces") && message.contains("no fixed node"), "{message}");
+    assert!(Path::new(message.split(':').next().unwrap_or_default()).ends_with("a.toml"), "{message}");
     let n = one.nodes_m.len() as u32;
     let both: Vec<u32> = wall.iter().flat_map(|&node| [node, node + n]).collect();
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
@@ -103,10 +103,10 @@ fn a_loose_piece_is_refused_and_a_fixed_one_has_no_effect() {
         let (held, alone) = (held.expect("fixed"), solve(&one, material, &wall, active).expect("fixed"));
         // The matrix of the loose piece is singular with a zero right-hand side: a failure, or the force of
         // the other piece.
-        let off = loose.map_or(0.0, |c| apart(c.force_n, alone.force_n));
-        assert!(off < 1e-9, "{name}: a floating piece changes the force by {off:e}");
-        let off = apart(held.force_n, alone.force_n);
-        assert!(off < 1e-9, "{name}: the other piece changes the force by {off:e}");
+        let error = loose.map_or(0.0, |c| relative_error(c.force_n, alone.force_n));
+        assert!(error < 1e-9, "{name}: a floating piece changes the force by {error:e}");
+        let error = relative_error(held.force_n, alone.force_n);
+        assert!(error < 1e-9, "{name}: the other piece changes the force by {error:e}");
         let moved: [f64; 3] =
             std::array::from_fn(|i| held.seed.state[3 * n as usize..6 * n as usize][i..].iter().sum());
         assert!(norm(moved) < 1e-12, "{name}: the other piece moves, {moved:?}");

@@ -62,10 +62,10 @@ struct Tables {
 }
 
 impl Tables {
-    fn of(grid: SpaceGrid, samples: &[Sample], folds: &[Fold]) -> Self {
+    fn of(grid: SpaceGrid, samples: &[Sample], jumps: &[Fold]) -> Self {
         let mut values = lattice_values(&grid, samples);
-        flag_folds(&grid, folds, &mut values);
-        let table = hermite_nodes(&grid, samples, folds);
+        flag_folds(&grid, jumps, &mut values);
+        let table = hermite_nodes(&grid, samples, jumps);
         let centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
         let mut cubic = fit_rbf(Kernel::Cubic, &centres, 2).ok();
         for plane in cubic.iter_mut().flat_map(|fit| fit.centres.iter_mut().chain(&mut fit.weights)) {
@@ -260,13 +260,13 @@ fn relative_errors_are_independent_of_the_force_scale() {
         for factor in [1e-9, 50.0] {
             let there = relative(factor, method);
             // The energy is at the rounding of f32 here.
-            let apart = (there - middle).abs();
-            assert!(apart < 0.05 * middle + 2e-6, "{method:?}: {there} at {factor}, {middle} at 1");
+            let difference = (there - middle).abs();
+            assert!(difference < 0.05 * middle + 2e-6, "{method:?}: {there} at {factor}, {middle} at 1");
         }
     }
 }
 
-/// Forces grow a thousandfold per cell, from 1e-9 N beside rest to 1e3 N at the rim. No interpolant is
+/// Forces grow a thousandfold per cell, from 1e-9 N next to rest to 1e3 N at the rim. No interpolant is
 /// accurate between the points, but each method must reproduce every solved force to its own accuracy, for
 /// any neighbours, without overflow.
 #[test]
@@ -276,8 +276,8 @@ fn solved_forces_over_twelve_decades_are_reproduced() {
     let grid = grid();
     let samples: Vec<Sample> = points(&grid).iter().map(|&p| sample_of(&STEEP, &grid, p)).collect();
     let sizes = || samples.iter().map(|s| norm(s.force_n)).filter(|h| *h > 0.0);
-    let (least, most) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
-    assert!(least < 1e-9 && most > 1e3, "{least} to {most} N");
+    let (smallest, largest_force) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
+    assert!(smallest < 1e-9 && largest_force > 1e3, "{smallest} to {largest_force} N");
     let tables = Tables::of(grid, &samples, &[]);
     let space = tables.space();
     for method in METHODS {
@@ -287,7 +287,7 @@ fn solved_forces_over_twelve_decades_are_reproduced() {
             let found = space.force(method, at).expect("packed").force_n;
             let error = norm(std::array::from_fn(|i| f64::from(found[i]) - sample.force_n[i]));
             // Radial basis functions are one sum over the whole table.
-            let scale = if method == Method::RbfCubic { most } else { norm(sample.force_n) };
+            let scale = if method == Method::RbfCubic { largest_force } else { norm(sample.force_n) };
             assert!(error <= 1e-3 * scale, "{method:?} at {:?}: error {error} of {scale} N", sample.index);
         }
         for n in 0..2000 {
@@ -344,9 +344,9 @@ fn cubic_radial_sums_need_f64() {
             let found = space.force(Method::RbfCubic, at).expect("packed").force_n;
             let (mut wide, mut narrow) = ([0.0f64; 3], [0.0f32; 3]);
             for (c, _) in fit.centres[0].iter().enumerate() {
-                let apart: [f64; 3] = std::array::from_fn(|i| cells[i] - fit.centres[i][c]);
-                let r = norm(apart);
-                let narrow_r = apart.map(|x| (x as f32).powi(2)).iter().sum::<f32>().sqrt();
+                let offset_m: [f64; 3] = std::array::from_fn(|i| cells[i] - fit.centres[i][c]);
+                let r = norm(offset_m);
+                let narrow_r = offset_m.map(|x| (x as f32).powi(2)).iter().sum::<f32>().sqrt();
                 for i in 0..3 {
                     wide[i] += fit.weights[i][c] * r.powi(3);
                     narrow[i] += fit.weights[i][c] as f32 * narrow_r.powi(3);
@@ -367,7 +367,7 @@ fn cubic_radial_sums_need_f64() {
         );
         // The remaining error is the rounding of the result and of the displacement to f32.
         assert!(kept < 2e-5, "{kept} N");
-        assert!(max > 20.0 * kept, "f32 would suffice: {max} N beside {kept} N");
+        assert!(max > 20.0 * kept, "f32 would suffice: {max} N against {kept} N");
         assert!(fit.misfit_n < 1e-7, "{} N", fit.misfit_n);
     }
 }
@@ -398,17 +398,17 @@ fn a_branch_jump_affects_only_its_cells() {
     let neighbours = |a: GridIndex, b: GridIndex| a < b && (0..3).all(|i| (a[i] - b[i]).abs() <= 1);
     let crosses =
         |a: GridIndex, b: GridIndex| beyond(grid.displacement_m(a)[0]) != beyond(grid.displacement_m(b)[0]);
-    let mut folds = Vec::new();
+    let mut jumps = Vec::new();
     for &from in &all {
-        folds.extend(all.iter().filter(|&&to| neighbours(from, to) && crosses(from, to)).map(|&to| Fold {
+        jumps.extend(all.iter().filter(|&&to| neighbours(from, to) && crosses(from, to)).map(|&to| Fold {
             from,
             to,
             rho_n: 1.0,
             rho_h_n: 1.0,
         }));
     }
-    let worst = |folds: &[Fold], near: bool| -> f64 {
-        let tables = Tables::of(grid, &samples, folds);
+    let worst = |jumps: &[Fold], near: bool| -> f64 {
+        let tables = Tables::of(grid, &samples, jumps);
         let space = tables.space();
         let mut worst = 0.0f64;
         for n in 0..4000 {
@@ -423,7 +423,7 @@ fn a_branch_jump_affects_only_its_cells() {
         assert!(worst_seam(&space, Method::Energy) < 2e-4);
         worst
     };
-    let (far, near) = (worst(&folds, false), worst(&folds, true));
+    let (far, near) = (worst(&jumps, false), worst(&jumps, true));
     println!(
         "energy at a branch jump of {:.2} N: error at most {:.4} N away from it, {near:.3} N at it",
         norm(jump),

@@ -63,7 +63,7 @@ pub(crate) fn norm(v: [f64; 3]) -> f64 {
 }
 
 /// |a - b| / |b|.
-pub(crate) fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn relative_error(a: [f64; 3], b: [f64; 3]) -> f64 {
     (Vector3::from(a) - Vector3::from(b)).norm() / norm(b)
 }
 

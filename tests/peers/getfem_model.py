@@ -73,7 +73,7 @@ LAWS = {
         0.0,
     ),
     "st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, False, 0.0),
-    # lambda is kept beside the constraint.
+    # lambda is kept in addition to the constraint.
     "modified-st-venant-kirchhoff": (ST_VENANT_STRESS, ST_VENANT_ENERGY, True, 0.0),
     # W = C10 (I1 - 3) + C01 (I2 - 3), unreduced invariants: stress at rest 2 C10 + 4 C01, which p takes up.
     "mooney-rivlin": (

@@ -8,7 +8,7 @@
 //! - a `#[path]` attribute: a file that belongs to another module is an import of that module. A file outside
 //!   the crate is always reported: what two crates compile belongs in a crate of its own.
 //!
-//! Items under `#[cfg(test)]` are skipped: a test may use whatever it needs.
+//! Items under `#[cfg(test)]` are skipped: a test may use any module.
 
 use std::fmt;
 use std::fs;
@@ -135,8 +135,8 @@ impl Walk<'_> {
     fn file_of(&mut self, module: &ItemMod, child: &[String]) -> PathBuf {
         let name = module.ident.to_string();
         let Some(path) = module.attrs.iter().find_map(path_attribute) else {
-            let beside = self.folder.join(format!("{name}.rs"));
-            return if beside.exists() { beside } else { self.folder.join(name).join("mod.rs") };
+            let file = self.folder.join(format!("{name}.rs"));
+            return if file.exists() { file } else { self.folder.join(name).join("mod.rs") };
         };
         let file = self.file.with_file_name(path);
         let file = file.canonicalize().unwrap_or_else(|error| panic!("{}: {error}", file.display()));

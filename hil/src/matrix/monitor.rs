@@ -129,7 +129,7 @@ impl<'o> RunMonitor<'o> {
         self.run.observed_violation.get_or_insert(what);
     }
 
-    /// Checks that the loop knows the age of its samples and latches stale ones.
+    /// Checks that the loop has the right age of its samples and latches stale ones.
     fn check_age(&mut self, record: &TickRecord, last_received_us: Option<u64>) {
         if let Some(sample) = &record.sample {
             let age_us = |taken_us: u64| record.t_us.saturating_sub(taken_us);
