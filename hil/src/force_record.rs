@@ -60,7 +60,7 @@ impl ForceRecord {
         let off = motors == [0; 3];
         let changed_n = vec3::distance(force_n, self.force_n);
         if let Some(before_us) = self.last_command_us.filter(|_| !off) {
-            // A force that expired must rise again from zero at the slew limit, for any age of the last command.
+            // An expired force must rise again from zero at the slew limit, for any age of the last command.
             let expired = self.off_since_us.is_some_and(|off_us| off_us > before_us);
             let since_us = if expired { TICK_US } else { at_us.saturating_sub(before_us) };
             let seconds = 1e-6 * (since_us + JITTER_US) as f32;
