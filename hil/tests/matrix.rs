@@ -1,4 +1,4 @@
-//! A small fault matrix; `palpate-hil matrix` prints the table of docs/fault-matrix.md.
+//! A small fault matrix; `palpate-hil matrix` prints the table of docs/measurements.md.
 
 use palpate_core::Organ;
 use palpate_hil::matrix::{self, Ended, FaultKind, Run, Size, Table, matrix};
@@ -68,9 +68,9 @@ fn a_seed_repeats_its_runs() {
 }
 
 /// One bit of each request is flipped for up to 10 ms. Few seeds hit a significant bit, so many are tried.
-/// The hazard is in docs/fault-matrix.md.
+/// The hazard is in docs/measurements.md.
 #[test]
-#[ignore = "500 runs on each rig in memory, a minute; run by hand for the worst corrupted request in docs/fault-matrix.md"]
+#[ignore = "500 runs on each rig in memory, a minute; run by hand for the worst corrupted request in docs/measurements.md"]
 fn the_worst_of_many_corrupted_requests() {
     let blob = session::golden_organ();
     let organ = Organ::read(blob.bytes()).expect("golden");

@@ -48,7 +48,7 @@ fn assert_zero_and_alive_for(testbed: &Testbed, time: Duration) {
     wait("a further request to the device", || testbed.observed().requests > before);
 }
 
-/// A few runs of each device and signal, as in the table of docs/fault-matrix.md.
+/// A few runs of each device and signal, as in the table of docs/measurements.md.
 #[test]
 fn killed_and_stopped_hosts_are_zeroed_until_reset() {
     let runs = hosts::runs(program(), TEST_LIMIT_MS, 18, 3);

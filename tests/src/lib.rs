@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod coarse_blob;
+pub mod documents;
 pub mod space_bench;
 pub mod strata;
 

@@ -10,6 +10,8 @@ mod blob;
 mod cluster;
 mod cmd;
 mod displacements;
+#[cfg(test)]
+mod documents;
 mod failure;
 mod hardware;
 mod memory;

@@ -74,9 +74,9 @@ mod tests {
     /// The help and the manual name the same keys.
     #[test]
     fn the_manual_has_the_same_keys() {
-        let manual = include_str!("../../../docs/viewer.md");
+        let manual = include_str!("../../../docs/guide.md");
         let section =
-            manual.split("## Keys").nth(1).and_then(|rest| rest.split("\n## ").next()).expect("keys");
+            manual.split("### Keys").nth(1).and_then(|rest| rest.split("\n## ").next()).expect("keys");
         let separate = |text: &str| -> Vec<String> {
             text.replace(" or ", ", ").split(", ").map(|key| key.trim().to_owned()).collect()
         };

@@ -30,7 +30,7 @@ use ranks::Ranks;
 
 /// `palpate precompute` and `palpate held-out` on many machines: `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
 ///
-/// Rank 0 plans, reads and writes; the others solve. One rank alone does it all. docs/cluster.md has the rest.
+/// Rank 0 plans, reads and writes; the others solve. One rank alone does it all. docs/guide.md, section 10, shows how to start it.
 #[derive(Debug, Parser)]
 #[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {

@@ -145,7 +145,7 @@ fn print(
     if !checks.is_empty() {
         let (bad, better, unknown) = (count(Verdict::Bad), count(Verdict::Better), count(Verdict::Unknown));
         output::line(format!(
-            "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/real-time.md",
+            "\n{} checks: {} ok, {better} could be better, {bad} bad, {unknown} unknown. More: docs/guide.md, section 11",
             checks.len(),
             count(Verdict::Good)
         ))?;

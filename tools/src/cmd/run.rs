@@ -57,7 +57,7 @@ pub(crate) struct Args {
     /// link:PORT have their own
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
-    /// Interpolation method; if not given the first that the blob holds of energy, hermite, tricubic, rbf-cubic, rbf-linear,
+    /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite, tricubic, rbf-cubic, rbf-linear,
     /// hybrid, trilinear
     #[arg(long, value_parser = method)]
     method: Option<Method>,
