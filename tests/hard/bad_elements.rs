@@ -53,7 +53,7 @@ fn confined(mesh: &TetMesh, material: Material, order: Order) -> (Configuration,
         _ => mu_pa * (STRETCH - 1.0 / STRETCH) + lambda_pa * STRETCH.ln() / STRETCH,
     };
     let exact = stress * (high[0] - low[0]) * (high[1] - low[1]);
-    let error = (c.force_n[2] / exact - 1.0).abs();
+    let error = (c.jet().force_n[2] / exact - 1.0).abs();
     (c, solver.problem().unknowns(), error)
 }
 
@@ -114,7 +114,7 @@ fn slivers_change_force_and_iterations_little() {
             let rest = solver.rest().expect("the box is fixed");
             let c = solver.advance(&rest.seed, [0.02, 0.0, -0.004]).expect("the box converges");
             let tried = format!("sheared 20 mm, {}, gap {gap:?}", material.name());
-            let error = regular.as_ref().map_or(0.0, |r| relative_error(c.force_n, r.force_n));
+            let error = regular.as_ref().map_or(0.0, |r| relative_error(c.jet().force_n, r.jet().force_n));
             let verdict = format!("force {:.1} % from the regular box", 100.0 * error);
             row(Case::BadElements, &tried, Cost::of(solver.problem().unknowns(), &c), &state(&c), &verdict);
             // The effect of the diagonals of one element layer at this element size.

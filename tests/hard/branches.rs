@@ -131,11 +131,11 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
             ends.push(c);
         }
     }
-    ends.sort_by(|a, b| a.energy_j.total_cmp(&b.energy_j));
+    ends.sort_by(|a, b| a.jet().energy_j.total_cmp(&b.jet().energy_j));
     for end in &ends {
         let apart = 1e3 * distance_m(&problem, end, &straight);
         let tried = format!("column, an equilibrium of 20 starts perturbed by 0.3 edge: {apart:.2} mm away");
-        let verdict = format!("{:.6} mJ", 1e3 * end.energy_j);
+        let verdict = format!("{:.6} mJ", 1e3 * end.jet().energy_j);
         row(Case::Branches, &tried, Cost::of(problem.unknowns(), end), &state(end), &verdict);
     }
     // The equilibrium of least energy is stable, and loading finds it.
@@ -160,7 +160,7 @@ fn a_branch_jump_is_flagged_at_its_step() {
     let (mut flagged, mut cost, mut smooth) = (Vec::new(), Cost::default(), 0.0f64);
     for step in 1..=50 {
         let next = solver.advance(&here.seed, [-1e-3 * f64::from(step), 0.0, 0.0]).expect("finishes");
-        let excess = Excess::between(&here.seed.potential, &next.seed.potential);
+        let excess = Excess::between(here.jet(), next.jet());
         if next.switched {
             flagged.push(step);
             assert!(excess.rho_n.max(excess.rho_h_n) > 0.3, "{excess:?}");

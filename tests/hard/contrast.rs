@@ -64,7 +64,7 @@ fn a_stiff_half_acts_like_a_fixed_one() {
             "the limit",
         );
         let (c, equations) = pull(soft, Some(stiff), false);
-        let error = relative_error(c.force_n, wall.force_n);
+        let error = relative_error(c.jet().force_n, wall.jet().force_n);
         let verdict = format!("force {error:.0e} from the fixed half");
         row(
             Case::Contrast,
@@ -78,12 +78,15 @@ fn a_stiff_half_acts_like_a_fixed_one() {
         assert!(error < 100.0 / CONTRAST, "{name}: {error:e}");
         assert!(error > 1e-3 / CONTRAST, "{name}: the stiff half is not in the model");
         let (uniform, _) = pull(soft, None, false);
-        assert!(relative_error(uniform.force_n, wall.force_n) > 0.05, "{name}: the case is not sensitive");
+        assert!(
+            relative_error(uniform.jet().force_n, wall.jet().force_n) > 0.05,
+            "{name}: the case is not sensitive"
+        );
         // The reverse case: the active node is on a block that is almost rigid.
         let mut block = solver(stiff, Some(soft), false);
         let path_result = walk(&mut block, [0.002, 0.003, -0.012], 1e-3, 12).expect("the beam is fixed");
         let tried = format!("{name}, right half 1e6 stiffer, 12 x 1 mm");
-        let work = path_result.work_j / path_result.last.energy_j - 1.0;
+        let work = path_result.work_j / path_result.last.jet().energy_j - 1.0;
         let verdict = format!("{}; work/energy - 1 = {work:.0e}", path_result.verdict());
         row(Case::Contrast, &tried, path_result.cost, &path_result.result(), &verdict);
         assert!(path_result.failure.is_some() || path_result.reached_m > 0.0119);
@@ -93,7 +96,7 @@ fn a_stiff_half_acts_like_a_fixed_one() {
             path_result.failure
         );
         // The block rotates as a rigid body. The soft half deforms and determines the force.
-        let ratio = norm(path_result.last.force_n) / norm(uniform.force_n);
+        let ratio = norm(path_result.last.jet().force_n) / norm(uniform.jet().force_n);
         assert!(ratio < 10.0, "{name}: {ratio} times the force of the soft beam");
         assert!(work.abs() < 1e-2, "{name}: {work:e}");
     }

@@ -38,11 +38,11 @@ fn bend(
     let bent = solver.advance(&rest.seed, [0.0, 0.0, -DOWN_M]).expect("the bending converges");
     assert_eq!((bent.inverted, bent.unstable_modes), (0, Some(0)), "{tried}");
     let against = limit.map_or("the limit".into(), |f| {
-        format!("force {:+.1} %", 100.0 * (norm(bent.force_n) / norm(f) - 1.0))
+        format!("force {:+.1} %", 100.0 * (norm(bent.jet().force_n) / norm(f) - 1.0))
     });
     let cost = Cost::of(solver.problem().unknowns(), &bent);
     row(Case::NearlyIncompressible, tried, cost, &state(&bent), &against);
-    bent.force_n
+    bent.jet().force_n
 }
 
 #[test]

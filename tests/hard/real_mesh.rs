@@ -54,7 +54,7 @@ fn a_poor_real_mesh_converges_or_gives_its_reason() {
                 let mut solver = Solver::new(problem(&body, handle));
                 let path_result = walk(&mut solver, direction, 2e-3, 15).expect("the liver is fixed");
                 let tried = format!("{}, {order:?}, {place} {way}, 15 x 2 mm", law.name());
-                let work = path_result.work_j / path_result.last.energy_j - 1.0;
+                let work = path_result.work_j / path_result.last.jet().energy_j - 1.0;
                 let verdict = format!("{}; work/energy - 1 = {work:.0e}", path_result.verdict());
                 row(Case::RealMesh, &tried, path_result.cost, &path_result.result(), &verdict);
                 assert!(path_result.reached_m > 0.003, "{tried}: {:?}", path_result.failure);
@@ -65,9 +65,9 @@ fn a_poor_real_mesh_converges_or_gives_its_reason() {
                         |n: u32| Vector3::from_column_slice(&solver.nodal_force_n()[3 * n as usize..][..3]);
                     let held: Vector3<f64> =
                         (0..body.node_count() as u32).filter(|&n| body.fixed[n as usize][0]).map(force).sum();
-                    let error = (held + Vector3::from(path_result.last.force_n)).norm();
+                    let error = (held + Vector3::from(path_result.last.jet().force_n)).norm();
                     assert!(
-                        error < 1e-7 * norm(path_result.last.force_n),
+                        error < 1e-7 * norm(path_result.last.jet().force_n),
                         "{tried}: reactions {error:e} N out of balance"
                     );
                 }

@@ -84,7 +84,7 @@ fn share(law: Material) -> (usize, usize) {
             law.name(),
             1e3 * w.reached_m,
             w.failure.map_or("whole", |f| f.reason.name()),
-            norm(w.last.force_n),
+            norm(w.last.jet().force_n),
             w.last.min_jacobian,
             w.last.inverted,
             mm(w.inverted_at_m),

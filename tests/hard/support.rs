@@ -69,7 +69,7 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
         // converge.
         match outcome {
             Err(failure) => assert!(failure.residual_n.is_finite(), "{failure}"),
-            Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.force_n), "{:e} N", c.residual_n),
+            Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.jet().force_n), "{:e} N", c.residual_n),
         }
         // Off the line the tool itself prevents the rotation: three points fix a body.
         let outcome = solve(&mesh, material, &line, off_line);
@@ -77,7 +77,7 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
         // An unconstrained body follows the tool without a force, or is refused. It must not give a force.
         let none = solve(&mesh, material, &[], off_line);
         report(&format!("nothing fixed: solver, {name}"), &none);
-        let resists = none.map_or(0.0, |c| norm(c.force_n));
+        let resists = none.map_or(0.0, |c| norm(c.jet().force_n));
         assert!(resists < 1e-9, "{name}: {resists:e} N without a support");
     }
 }
@@ -103,9 +103,9 @@ fn a_loose_piece_is_refused_and_a_fixed_one_has_no_effect() {
         let (held, alone) = (held.expect("fixed"), solve(&one, material, &wall, active).expect("fixed"));
         // The matrix of the loose piece is singular with a zero right-hand side: a failure, or the force of
         // the other piece.
-        let error = loose.map_or(0.0, |c| relative_error(c.force_n, alone.force_n));
+        let error = loose.map_or(0.0, |c| relative_error(c.jet().force_n, alone.jet().force_n));
         assert!(error < 1e-9, "{name}: a floating piece changes the force by {error:e}");
-        let error = relative_error(held.force_n, alone.force_n);
+        let error = relative_error(held.jet().force_n, alone.jet().force_n);
         assert!(error < 1e-9, "{name}: the other piece changes the force by {error:e}");
         let moved: [f64; 3] =
             std::array::from_fn(|i| held.seed.state[3 * n as usize..6 * n as usize][i..].iter().sum());

@@ -1,6 +1,7 @@
 //! Tables that are hard to interpolate: missing points, a single point, forces over twelve decades, branch
 //! jumps. The interpolant must be continuous and bounded, and the loss of accuracy is measured.
 
+use nalgebra::Matrix3;
 use palpate_core::hermite::{HermiteTable, Node};
 use palpate_core::rbf::{LANES, RbfTable};
 use palpate_core::table::{LatticeTable, Space};
@@ -8,7 +9,7 @@ use palpate_core::{Coverage, Method};
 use palpate_precompute::fit::{
     Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
 };
-use palpate_precompute::num::jet::THIRD_INDICES;
+use palpate_precompute::num::jet::{EnergyJet, THIRD_INDICES};
 use palpate_precompute::spec::{Domain, GridIndex, SpaceGrid};
 
 /// A stiffening potential with coupling and a saddle, and with known derivatives: a sum of c cosh(u . x).
@@ -43,10 +44,13 @@ fn sample_of(terms: &[([f64; 3], f64)], grid: &SpaceGrid, index: GridIndex) -> S
     Sample {
         index,
         attempt: 0,
-        energy_j: of(&[]),
-        force_n: std::array::from_fn(|i| of(&[i])),
-        stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| of(&[i, j]))),
-        third_n_m2: THIRD_INDICES.map(|triple| of(&triple)),
+        jet: EnergyJet {
+            control_m: x,
+            energy_j: of(&[]),
+            force_n: std::array::from_fn(|i| of(&[i])),
+            stiffness_n_m: Matrix3::from_fn(|i, j| of(&[i, j])),
+            third_n_m2: THIRD_INDICES.map(|triple| of(&triple)),
+        },
         terminating: false,
         inverted: false,
     }
@@ -251,7 +255,7 @@ fn relative_errors_are_independent_of_the_force_scale() {
     let relative = |factor: f64, method: Method| -> f64 {
         let samples: Vec<Sample> = points(&grid).iter().map(|&p| sample(&grid, p, factor)).collect();
         let tables = Tables::of(grid, &samples, &[]);
-        let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+        let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
         let (_, max, _) = errors(&tables.space(), method, |x| exact(x).map(|h| factor * h));
         max / largest
     };
@@ -275,7 +279,7 @@ fn solved_forces_over_twelve_decades_are_reproduced() {
         [([700.0, 0.0, 0.0], 2e-15), ([0.0, 700.0, 0.0], 2e-15), ([0.0, 0.0, 700.0], 2e-15)];
     let grid = grid();
     let samples: Vec<Sample> = points(&grid).iter().map(|&p| sample_of(&STEEP, &grid, p)).collect();
-    let sizes = || samples.iter().map(|s| norm(s.force_n)).filter(|h| *h > 0.0);
+    let sizes = || samples.iter().map(|s| norm(s.jet.force_n)).filter(|h| *h > 0.0);
     let (smallest, largest_force) = (sizes().fold(f64::INFINITY, f64::min), sizes().fold(0.0, f64::max));
     assert!(smallest < 1e-9 && largest_force > 1e3, "{smallest} to {largest_force} N");
     let tables = Tables::of(grid, &samples, &[]);
@@ -285,9 +289,9 @@ fn solved_forces_over_twelve_decades_are_reproduced() {
         for sample in samples.iter().filter(|s| norm(s.index.map(f64::from)) < 4.99) {
             let at = grid.displacement_m(sample.index).map(|x| x as f32);
             let found = space.force(method, at).expect("packed").force_n;
-            let error = norm(std::array::from_fn(|i| f64::from(found[i]) - sample.force_n[i]));
+            let error = norm(std::array::from_fn(|i| f64::from(found[i]) - sample.jet.force_n[i]));
             // Radial basis functions are one sum over the whole table.
-            let scale = if method == Method::RbfCubic { largest_force } else { norm(sample.force_n) };
+            let scale = if method == Method::RbfCubic { largest_force } else { norm(sample.jet.force_n) };
             assert!(error <= 1e-3 * scale, "{method:?} at {:?}: error {error} of {scale} N", sample.index);
         }
         for n in 0..2000 {
@@ -307,12 +311,12 @@ fn a_tangent_error_of_one_percent_raises_the_error_a_hundredfold() {
     let methods = [Method::Hermite, Method::Energy];
     let exact = methods.map(|method| mean(&samples, method));
     for (n, sample) in samples.iter_mut().enumerate() {
-        let size = sample.stiffness_n_m.iter().flatten().fold(0.0, |m: f64, s| m.max(s.abs()));
+        let size = sample.jet.stiffness_n_m.iter().fold(0.0, |m: f64, s| m.max(s.abs()));
         for i in 0..3 {
             for j in i..3 {
                 let noise = 0.01 * size * (2.0 * draw((9 * n + 3 * i + j) as u64) - 1.0);
-                sample.stiffness_n_m[i][j] += noise;
-                sample.stiffness_n_m[j][i] = sample.stiffness_n_m[i][j];
+                sample.jet.stiffness_n_m[(i, j)] += noise;
+                sample.jet.stiffness_n_m[(j, i)] = sample.jet.stiffness_n_m[(i, j)];
             }
         }
     }
@@ -388,8 +392,8 @@ fn a_branch_jump_affects_only_its_cells() {
             let x = grid.displacement_m(p);
             let mut s = sample(&grid, p, 1.0);
             if beyond(x[0]) {
-                s.force_n = of(x);
-                s.energy_j += (x[0] - 0.025) * jump[0] + x[1] * jump[1] + x[2] * jump[2];
+                s.jet.force_n = of(x);
+                s.jet.energy_j += (x[0] - 0.025) * jump[0] + x[1] * jump[1] + x[2] * jump[2];
             }
             s
         })

@@ -68,9 +68,10 @@ fn forces_scale_with_size_and_stiffness_over_twelve_decades() {
         for (size, stiffness) in [(1e-6, 1.0), (1e6, 1.0), (1.0, 1e-6), (1.0, 1e6), (1e-6, 1e6), (1e6, 1e-6)]
         {
             let (there, _) = solve(size, stiffness);
-            let force = there.force_n.map(|f| f / (size * size * stiffness));
-            let energy = there.energy_j / (size * size * size * stiffness);
-            let error = relative_error(force, here.force_n).max((energy / here.energy_j - 1.0).abs());
+            let force = there.jet().force_n.map(|f| f / (size * size * stiffness));
+            let energy = there.jet().energy_j / (size * size * size * stiffness);
+            let error =
+                relative_error(force, here.jet().force_n).max((energy / here.jet().energy_j - 1.0).abs());
             assert!(
                 error < 1e-9,
                 "{} {order:?}, size {size:e}, stiffness {stiffness:e}: {error:e}",

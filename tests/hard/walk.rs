@@ -53,7 +53,7 @@ impl Walk {
 /// Force, distortion and stability of a configuration as a table cell.
 pub(crate) fn state(c: &Configuration) -> String {
     let modes = c.unstable_modes.map_or("?".into(), |n| n.to_string());
-    let force = norm(c.force_n);
+    let force = norm(c.jet().force_n);
     format!("{force:.4} N, min J {:.3}, {} inverted, {modes} unstable", c.min_jacobian, c.inverted)
 }
 
@@ -126,8 +126,8 @@ impl Walk {
         self.split_steps += u32::from(next.increments > 1);
         self.switches += u32::from(next.switched);
         let step_m = at_m - self.reached_m;
-        let force = |c: &Configuration| Vector3::from(c.force_n).dot(along);
-        let slope = |c: &Configuration| along.dot(&(c.stiffness_n_m * along));
+        let force = |c: &Configuration| Vector3::from(c.jet().force_n).dot(along);
+        let slope = |c: &Configuration| along.dot(&(c.jet().stiffness_n_m * along));
         self.work_j += 0.5 * step_m * (force(&self.last) + force(&next))
             + step_m * step_m / 12.0 * (slope(&self.last) - slope(&next));
         if next.inverted > 0 {

@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::fem::solve::Solver;
+use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::pack::{PackOptions, pack};
-use palpate_precompute::space::{ExpansionError, Intermediate, Record, Store};
+use palpate_precompute::space::{ExpansionError, Record, Store};
 use palpate_precompute::spec::{DisplacementBound, Domain};
 use palpate_tests::space_bench::SpaceBench;
 
@@ -151,8 +152,8 @@ fn every_method_reproduces_the_solved_forces() {
     for method in Method::OF_LATTICE {
         let found = space.force(method, d.map(|x| x as f32)).expect("every method was packed");
         let squared: f64 =
-            truth.force_n.iter().zip(found.force_n).map(|(a, b)| (a - f64::from(b)).powi(2)).sum();
-        let size: f64 = truth.force_n.iter().map(|f| f * f).sum();
+            truth.jet().force_n.iter().zip(found.force_n).map(|(a, b)| (a - f64::from(b)).powi(2)).sum();
+        let size: f64 = truth.jet().force_n.iter().map(|f| f * f).sum();
         // Cells of 5 mm on a stiffening body; the kernel r has a kink at each of its 33 centres.
         let bound = if method == Method::RbfLinear { 0.10 } else { 0.05 };
         let relative = (squared / size).sqrt();
@@ -259,12 +260,12 @@ fn intermediate_states_are_kept_on_request() {
     let mut solver = Solver::new(bench.problem.clone());
     let rest = solver.rest().expect("the beam is fixed");
     for (_, _, state) in states.iter().step_by(9) {
-        let cells = state.displacement_m.map(|x| 3.0 * x / bench.grid.spacing_m);
+        let cells = state.control_m.map(|x| 3.0 * x / bench.grid.spacing_m);
         assert!(cells.iter().all(|x| (x - x.round()).abs() < 1e-9), "{cells:?}");
-        let fresh = solver.advance(&rest.seed, state.displacement_m).expect("converges");
-        let error = (0..3).map(|i| (fresh.force_n[i] - state.force_n[i]).abs()).fold(0.0, f64::max);
-        assert!(error < 1e-9, "{error} N at {:?}", state.displacement_m);
-        assert!((fresh.energy_j - state.energy_j).abs() < 1e-10);
+        let fresh = solver.advance(&rest.seed, state.control_m).expect("converges");
+        let error = (0..3).map(|i| (fresh.jet().force_n[i] - state.force_n[i]).abs()).fold(0.0, f64::max);
+        assert!(error < 1e-9, "{error} N at {:?}", state.control_m);
+        assert!((fresh.jet().energy_j - state.energy_j).abs() < 1e-10);
     }
     // Radial basis functions interpolate them if they are centres, and otherwise have an error there.
     let worst = |intermediate: bool| -> f64 {
@@ -272,8 +273,8 @@ fn intermediate_states_are_kept_on_request() {
         let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
         let file = BlobFile::of(&bytes);
         let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
-        let error = |state: &Intermediate| {
-            let at = state.displacement_m.map(|x| x as f32);
+        let error = |state: &EnergyJet| {
+            let at = state.control_m.map(|x| x as f32);
             let found = organ.spaces[0].force(Method::RbfCubic, at).expect("packed").force_n;
             (0..3).map(|i| (f64::from(found[i]) - state.force_n[i]).abs()).fold(0.0, f64::max)
         };

@@ -95,21 +95,21 @@ fn derivatives_of_the_condensed_potential_agree_with_differences() {
                 let [a, b, c, d] = around.each_ref().map(value);
                 (a - 8.0 * b + 8.0 * c - d) / (12.0 * step)
             };
-            let size = Vector3::from(here.force_n).norm();
-            worst[0] = worst[0].max((slope(&|c| c.energy_j) - here.force_n[axis]).abs() / size);
-            let size = here.stiffness_n_m.norm();
+            let size = Vector3::from(here.jet().force_n).norm();
+            worst[0] = worst[0].max((slope(&|c| c.jet().energy_j) - here.jet().force_n[axis]).abs() / size);
+            let size = here.jet().stiffness_n_m.norm();
             for row in 0..3 {
-                let error = slope(&|c| c.force_n[row]) - here.stiffness_n_m[(row, axis)];
+                let error = slope(&|c| c.jet().force_n[row]) - here.jet().stiffness_n_m[(row, axis)];
                 worst[1] = worst[1].max(error.abs() / size);
             }
-            let size = here.third_n_m2.iter().fold(0.0f64, |m, t| m.max(t.abs()));
-            for (third, [i, j, k]) in here.third_n_m2.iter().zip(THIRD_INDICES) {
+            let size = here.jet().third_n_m2.iter().fold(0.0f64, |m, t| m.max(t.abs()));
+            for (third, [i, j, k]) in here.jet().third_n_m2.iter().zip(THIRD_INDICES) {
                 // W_ijk from dS_ij/dd_k and its permutations.
                 for (row, column, by) in [(i, j, k), (j, k, i), (i, k, j)] {
                     if by == axis {
-                        let error = slope(&|c| c.stiffness_n_m[(row, column)]) - third;
+                        let error = slope(&|c| c.jet().stiffness_n_m[(row, column)]) - third;
                         // The third derivative of the linear law is zero.
-                        worst[2] = worst[2].max(error.abs() / size.max(here.stiffness_n_m.norm()));
+                        worst[2] = worst[2].max(error.abs() / size.max(here.jet().stiffness_n_m.norm()));
                     }
                 }
             }
@@ -132,8 +132,8 @@ fn energy_is_the_work_along_a_path() {
     for case in cases() {
         let mut solver = solver(&case);
         let mut here = solver.rest().expect("the beam is fixed");
-        let reaction = Vector3::from(here.force_n).norm();
-        assert!(here.energy_j.abs() < 1e-15 && reaction < 1e-9, "{}: rest has no force", case.name);
+        let reaction = Vector3::from(here.jet().force_n).norm();
+        assert!(here.jet().energy_j.abs() < 1e-15 && reaction < 1e-9, "{}: rest has no force", case.name);
         // Gauss-Legendre quadrature with five points on the straight path: the error is of tenth order in the
         // step.
         let end = [0.006, 0.004, -0.009];
@@ -151,10 +151,10 @@ fn energy_is_the_work_along_a_path() {
             for (t, w) in nodes.into_iter().zip(weights) {
                 let t = (f64::from(piece) + t) / f64::from(pieces);
                 here = solver.advance(&here.seed, end.map(|x| t * x)).expect("the beam converges");
-                work += w / f64::from(pieces) * Vector3::from(here.force_n).dot(&Vector3::from(end));
+                work += w / f64::from(pieces) * Vector3::from(here.jet().force_n).dot(&Vector3::from(end));
             }
         }
-        let energy = solver.advance(&here.seed, end).expect("the beam converges").energy_j;
+        let energy = solver.advance(&here.seed, end).expect("the beam converges").jet().energy_j;
         let error = (work / energy - 1.0).abs();
         println!("{:34} energy against work along a path: {error:.1e}", case.name);
         assert!(error < 1e-7, "{}: work {work} J, energy {energy} J", case.name);
@@ -173,8 +173,8 @@ fn the_same_solve_gives_the_same_bits() {
     let mut used = solver(&case);
     let _ = reach(&mut used, [-0.002, 0.0, 0.004]);
     let second = reach(&mut used, d);
-    assert_eq!(first.force_n.map(f64::to_bits), second.force_n.map(f64::to_bits));
-    assert_eq!(first.energy_j.to_bits(), second.energy_j.to_bits());
+    assert_eq!(first.jet().force_n.map(f64::to_bits), second.jet().force_n.map(f64::to_bits));
+    assert_eq!(first.jet().energy_j.to_bits(), second.jet().energy_j.to_bits());
     assert!(first.seed.state.iter().zip(&second.seed.state).all(|(a, b)| a.to_bits() == b.to_bits()));
 }
 

@@ -54,11 +54,11 @@ fn multipliers_and_elimination_agree() {
             });
             let relative = |x: Vector3<f64>, y: Vector3<f64>| (x - y).norm() / x.norm().max(1e-9);
             let apart = [
-                relative(a.force_n.into(), b.force_n.into()),
-                (a.energy_j / b.energy_j - 1.0).abs(),
-                (a.stiffness_n_m - b.stiffness_n_m).norm() / a.stiffness_n_m.norm(),
+                relative(a.jet().force_n.into(), b.jet().force_n.into()),
+                (a.jet().energy_j / b.jet().energy_j - 1.0).abs(),
+                (a.jet().stiffness_n_m - b.jet().stiffness_n_m).norm() / a.jet().stiffness_n_m.norm(),
                 (Vector3::from(a.torque_n_m) - Vector3::from(b.torque_n_m)).norm()
-                    / (0.02 * a.force_n[2].abs()),
+                    / (0.02 * a.jet().force_n[2].abs()),
                 a.seed
                     .state
                     .iter()
@@ -87,7 +87,8 @@ fn reaction_is_minus_the_sum_of_the_fixed_reactions() {
             let c = reach(&mut solver, &Pose::translation([0.005, 0.006, -0.01]));
             for axis in 0..3 {
                 let held: f64 = fixed().iter().map(|&n| solver.nodal_force_n()[3 * n as usize + axis]).sum();
-                worst = worst.max((held + c.force_n[axis]).abs() / Vector3::from(c.force_n).norm());
+                worst =
+                    worst.max((held + c.jet().force_n[axis]).abs() / Vector3::from(c.jet().force_n).norm());
             }
         }
     }
@@ -122,7 +123,7 @@ fn moment_of_a_patch(name: &str, model: &Model) {
             let total = Rotation3::from_scaled_axis(turn)
                 * Rotation3::from_scaled_axis(Vector3::from(pose.rotation_rad));
             let there = Pose { rotation_rad: total.scaled_axis().into(), ..pose };
-            solver.advance_to(&here.seed, &there).expect("the beam converges").energy_j
+            solver.advance_to(&here.seed, &there).expect("the beam converges").jet().energy_j
         };
         let slope = (8.0 * (energy(&mut solver, step) - energy(&mut solver, -step))
             - (energy(&mut solver, 2.0 * step) - energy(&mut solver, -2.0 * step)))

@@ -70,13 +70,13 @@ impl Displacements {
                     point_data: &[Field { name: "displacement_m", components: 3, values: u }],
                     cell_data: &[Field { name: "volume_ratio", components: 1, values: &ratios }],
                     field_data: &[
-                        Field { name: "reaction_force_n", components: 3, values: &c.force_n },
+                        Field { name: "reaction_force_n", components: 3, values: &c.jet().force_n },
                         Field {
                             name: "active_displacement_m",
                             components: 3,
                             values: &c.seed.pose.displacement_m,
                         },
-                        Field { name: "energy_j", components: 1, values: &[c.energy_j] },
+                        Field { name: "energy_j", components: 1, values: &[c.jet().energy_j] },
                     ],
                 };
                 series.add(length_mm, &grid).map_err(|error| match error {

@@ -90,7 +90,7 @@ pub(crate) fn check(
                         let seed = reader.seed(visit.active, from, grid.displacement_m(from.index))?;
                         let target = visit.displacement_m.map(f64::from);
                         if let Ok(c) = solvers[visit.active].advance(&seed, target) {
-                            results.push((at, c.force_n));
+                            results.push((at, c.jet().force_n));
                         }
                     }
                     Ok(results)

@@ -25,7 +25,7 @@ pub struct Alone {
 /// The configuration at rest, which has no force by its definition.
 pub fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
     let rest = solver.rest()?;
-    Ok((EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) }, rest.seed))
+    Ok((rest.jet().as_rest(), rest.seed))
 }
 
 /// Searches with one solver to the end, over the energy of a cheaper body if there is one.
@@ -42,7 +42,7 @@ pub fn alone(
             Step::Done(verdict) => return Ok(Alone { search, verdict, solved, seeds }),
             Step::Solve(targets) => targets,
         };
-        let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.displacement_m).collect();
+        let parents: Vec<[f64; 3]> = search.jets().iter().map(|jet| jet.control_m).collect();
         let mut found = Vec::new();
         for target in &targets {
             let at = target.displacement_m();
@@ -50,11 +50,11 @@ pub fn alone(
             solved += usize::from(outcome.is_ok());
             found.push(match outcome {
                 Ok(c) if !c.switched => {
-                    let jet = EnergyJet::from(&c);
+                    let jet = *c.jet();
                     seeds.push((at, c.seed));
                     Found::Solved(jet)
                 }
-                Ok(c) => Found::Elsewhere(EnergyJet::from(&c)),
+                Ok(c) => Found::Elsewhere(*c.jet()),
                 Err(_) => Found::Failed,
             });
         }

@@ -90,16 +90,8 @@ impl Linear {
         points.sort_unstable();
         let sample = |&index: &_| {
             let jet = quadratic.jet(grid.displacement_m(index));
-            Sample {
-                index,
-                attempt: 0,
-                energy_j: jet.energy_j,
-                force_n: jet.force_n,
-                stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
-                third_n_m2: [0.0; 10],
-                terminating: norm(jet.force_n) > search.wanted().max_force_n,
-                inverted: false,
-            }
+            let terminating = norm(jet.force_n) > search.wanted().max_force_n;
+            Sample { index, attempt: 0, jet, terminating, inverted: false }
         };
         let samples = points.iter().map(sample).collect();
         let derivatives =

@@ -81,7 +81,7 @@ impl Known<'_> {
     }
 
     fn nearest(&self, at: [f64; 3]) -> Option<&EnergyJet> {
-        let distance = |jet: &EnergyJet| norm(difference(at, jet.displacement_m));
+        let distance = |jet: &EnergyJet| norm(difference(at, jet.control_m));
         self.jets.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 }

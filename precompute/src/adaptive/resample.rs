@@ -39,7 +39,7 @@ pub struct Resampled {
 /// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
 /// ragged, the coarsest that finer ones are no better than.
 pub fn resample(search: &Search) -> Resampled {
-    let farthest = search.jets().iter().map(|jet| norm(jet.displacement_m)).fold(0.0, f64::max);
+    let farthest = search.jets().iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
     let radius_m = (MARGIN * farthest).min(search.wanted().radius_m).max(UNIT_M);
     if let Some(linear) = search.linear_table(radius_m) {
         return linear;
@@ -99,10 +99,7 @@ fn on_lattice(search: &Search, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampl
         samples.push(Sample {
             index,
             attempt: 0,
-            energy_j: if is_rest { 0.0 } else { jet.energy_j },
-            force_n: if is_rest { [0.0; 3] } else { jet.force_n },
-            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
-            third_n_m2: jet.third_n_m2,
+            jet: if is_rest { jet.as_rest() } else { jet },
             terminating: norm(jet.force_n) > limit_n,
             inverted: false,
         });
@@ -148,7 +145,7 @@ mod tests {
         const TIMES: f64 = 4.0;
         let jet = jet(p.map(|x| TIMES * x));
         EnergyJet {
-            displacement_m: p,
+            control_m: p,
             energy_j: jet.energy_j / (TIMES * TIMES),
             force_n: jet.force_n.map(|h| h / TIMES),
             third_n_m2: jet.third_n_m2.map(|w| TIMES * w),

@@ -219,7 +219,7 @@ impl Search {
 
     /// Whether the fit has something to say there: within its length of a configuration, and not far beyond the limit.
     pub fn knows(&self, at: [f64; 3]) -> bool {
-        let near = |jet: &EnergyJet| norm(difference(at, jet.displacement_m)) <= self.fit().length_m();
+        let near = |jet: &EnergyJet| norm(difference(at, jet.control_m)) <= self.fit().length_m();
         self.jets.iter().any(near) && norm(self.fit().force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
     }
 
@@ -348,7 +348,7 @@ impl Search {
         self.round += 1;
         let distance =
             |a: [f64; 3], b: [f64; 3]| (self.metric * Vector3::from(difference(a, b))).norm_squared();
-        let taken = self.jets.iter().map(|jet| jet.displacement_m).chain(self.others.iter().copied());
+        let taken = self.jets.iter().map(|jet| jet.control_m).chain(self.others.iter().copied());
         let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(Target::displacement_m)).collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
@@ -361,7 +361,7 @@ impl Search {
             for (gap, &other) in gaps.iter_mut().zip(&candidates) {
                 *gap = gap.min((self.metric * Vector3::from(difference(at, other))).norm_squared());
             }
-            let near = |jet: &EnergyJet| norm(difference(at, jet.displacement_m));
+            let near = |jet: &EnergyJet| norm(difference(at, jet.control_m));
             let parent =
                 (0..self.jets.len()).min_by(|&a, &b| near(&self.jets[a]).total_cmp(&near(&self.jets[b])));
             self.aim(at, parent.unwrap_or(0));
@@ -372,7 +372,7 @@ impl Search {
     fn aim(&mut self, at: [f64; 3], parent: usize) {
         let index = nearest_index(at);
         let at = displacement_m(index);
-        let known = self.jets.iter().map(|jet| jet.displacement_m).chain(self.others.iter().copied());
+        let known = self.jets.iter().map(|jet| jet.control_m).chain(self.others.iter().copied());
         if known.chain(self.out.iter().map(Target::displacement_m)).all(|other| other != at) {
             self.out.push(Target { index, parent, predicted_n: self.fit().force_n(at) });
         }
@@ -429,7 +429,7 @@ impl Search {
         let error_n = norm(difference(target.predicted_n, jet.force_n));
         self.tests.push(Test { index: target.index, error_n, tolerance_n, within });
         if within {
-            self.linear.score(jet.displacement_m, jet.force_n, tolerance_n);
+            self.linear.score(jet.control_m, jet.force_n, tolerance_n);
         }
     }
 
@@ -439,7 +439,7 @@ impl Search {
         let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
         let share = ((limit - low) / (came_out_n - low)).clamp(0.2, 0.8);
         let at = std::array::from_fn(|i| {
-            parent.displacement_m[i] + share * (target.displacement_m()[i] - parent.displacement_m[i])
+            parent.control_m[i] + share * (target.displacement_m()[i] - parent.control_m[i])
         });
         self.pulled_back.push((at, target.parent));
     }

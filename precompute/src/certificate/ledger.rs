@@ -171,7 +171,7 @@ fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Eff
             let Some(truth) = positions.get(place) else { break };
             let begun = Instant::now();
             if let Ok(at) = solver.advance(&rest.seed, truth.displacement_m.map(f64::from)) {
-                found.push((place, At { force_n: at.force_n, seconds: begun.elapsed().as_secs_f64() }));
+                found.push((place, At { force_n: at.jet().force_n, seconds: begun.elapsed().as_secs_f64() }));
             }
         }
         found

@@ -1,6 +1,6 @@
 //! Fold flags: neighbours that do not lie on one smooth branch, by the measure of [`crate::num::branch`].
 
-use crate::num::branch::{Excess, Potential};
+use crate::num::branch::Excess;
 use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, neighbours, plus};
 
@@ -28,7 +28,7 @@ pub fn flagged_pairs(
         for offset in neighbours().filter(|offset| *offset > [0; 3]) {
             let to = plus(from, offset);
             let Some(b) = at(to) else { continue };
-            let excess = Excess::between(&Potential::from(&a), &Potential::from(&b));
+            let excess = Excess::between(&a, &b);
             if excess.is_jump() {
                 let Excess { rho_n, rho_h_n, .. } = excess;
                 folds.push(Fold { from, to, rho_n, rho_h_n });
@@ -46,8 +46,7 @@ pub fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
     let mut folds = flagged_pairs(solved.iter().copied(), at);
     folds.retain(|fold| {
         let (Some(a), Some(b)) = (at(fold.from), at(fold.to)) else { return true };
-        let ends = [a, b].map(|jet| Potential::from(&jet));
-        Excess::with_thirds((&ends[0], &a.third_n_m2), (&ends[1], &b.third_n_m2)).is_jump()
+        Excess::with_thirds(&a, &b).is_jump()
     });
     folds
 }

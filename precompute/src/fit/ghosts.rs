@@ -24,7 +24,7 @@ const GHOST_FORCE_LIMIT: f64 = 2.0;
 /// Table of `samples` (one per solved grid point, the rest point among them).
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     let slots = grid.lattice.slots();
-    let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+    let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     let mut values = LatticeValues { force_n: vec![[0.0; 3]; slots], flags: vec![0; slots] };
     let mut store = |slot: usize, force: [f64; 3], bits: u8| {
         values.force_n[slot] = force.map(|component| component as f32);
@@ -41,7 +41,7 @@ pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
             bits |= flags::INVERTED;
         }
         solved[slot] = true;
-        store(slot, sample.force_n, bits);
+        store(slot, sample.jet.force_n, bits);
     }
     for slot in (0..slots).filter(|&slot| !solved[slot]) {
         store(slot, ghost(grid, samples, grid.lattice.ijk(slot), GHOST_FORCE_LIMIT * largest), 0);
@@ -57,8 +57,8 @@ fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> 
     for sample in samples.iter().filter(|s| squared_distance(s.index, index) == nearest) {
         let step: [f64; 3] = std::array::from_fn(|i| f64::from(index[i] - sample.index[i]) * grid.spacing_m);
         for (i, total) in sum.iter_mut().enumerate() {
-            let change: f64 = sample.stiffness_n_m[i].iter().zip(step).map(|(s, d)| s * d).sum();
-            *total += sample.force_n[i] + change;
+            let change: f64 = (0..3).map(|j| sample.jet.stiffness_n_m[(i, j)] * step[j]).sum();
+            *total += sample.jet.force_n[i] + change;
         }
         count += 1.0;
     }
@@ -77,7 +77,10 @@ fn norm(v: [f64; 3]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
+    use crate::num::jet::EnergyJet;
 
     /// A linear field: continuation from any point is exact, so every ghost must be too.
     fn linear(index: GridIndex, spacing: f64) -> Sample {
@@ -86,10 +89,13 @@ mod tests {
         Sample {
             index,
             attempt: 0,
-            energy_j: 0.0,
-            third_n_m2: [0.0; 10],
-            force_n: std::array::from_fn(|i| s[i].iter().zip(d).map(|(s, d)| s * d).sum()),
-            stiffness_n_m: s,
+            jet: EnergyJet {
+                control_m: d,
+                energy_j: 0.0,
+                force_n: std::array::from_fn(|i| s[i].iter().zip(d).map(|(s, d)| s * d).sum()),
+                stiffness_n_m: Matrix3::from_fn(|i, j| s[i][j]),
+                third_n_m2: [0.0; 10],
+            },
             terminating: false,
             inverted: false,
         }
@@ -110,7 +116,7 @@ mod tests {
         for hole in holes.into_iter().chain([[4, 0, 0], [-3, 2, 0]]) {
             let slot = grid.lattice.slot(hole).unwrap();
             assert_eq!(values.flags[slot] & flags::SOLVED, 0);
-            let want = linear(hole, grid.spacing_m).force_n;
+            let want = linear(hole, grid.spacing_m).jet.force_n;
             for (found, want) in values.force_n[slot].into_iter().zip(want) {
                 assert!((f64::from(found) - want).abs() < 1e-5, "{hole:?}");
             }
@@ -118,7 +124,7 @@ mod tests {
         // A corner of the box is far from any data: held to the limit, direction kept.
         let slot = grid.lattice.slot([4, 4, 4]).unwrap();
         let force: f64 = norm(values.force_n[slot].map(f64::from));
-        let largest = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+        let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
         assert!(force <= GHOST_FORCE_LIMIT * largest * (1.0 + 1e-6));
     }
 }

@@ -99,7 +99,7 @@ fn nodes_with(
     }
     let mut table = HermiteNodes { row: vec![0; slots], nodes: Vec::new() };
     let at_folds: HashSet<GridIndex> = folds.iter().flat_map(folded_cells).flat_map(corners).collect();
-    let largest_n = samples.iter().map(|s| norm(s.force_n)).fold(0.0, f64::max);
+    let largest_n = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
     for index in Domain::new(grid, true).points() {
         let Some(slot) = grid.lattice.slot(index) else { continue };
         let node = match field.solved[slot] {
@@ -169,15 +169,15 @@ struct Known {
 
 fn exact(sample: &Sample, spacing_m: f64) -> Known {
     let mut w = Derivatives::default();
-    w[0][0][0] = sample.energy_j / spacing_m;
-    for (i, h) in sample.force_n.iter().enumerate() {
+    w[0][0][0] = sample.jet.energy_j / spacing_m;
+    for (i, h) in sample.jet.force_n.iter().enumerate() {
         *part(&mut w, &[i]) = *h;
         for j in i..3 {
-            *part(&mut w, &[i, j]) = sample.stiffness_n_m[i][j] * spacing_m;
+            *part(&mut w, &[i, j]) = sample.jet.stiffness_n_m[(i, j)] * spacing_m;
         }
     }
     let mut pure = [0.0; 3];
-    for (triple, third) in crate::num::jet::THIRD_INDICES.iter().zip(sample.third_n_m2) {
+    for (triple, third) in crate::num::jet::THIRD_INDICES.iter().zip(sample.jet.third_n_m2) {
         let value = third * spacing_m * spacing_m;
         let [i, j, k] = *triple;
         if i == k {
@@ -458,10 +458,12 @@ fn packed(w: &Derivatives) -> Node {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
     use palpate_core::hermite::HermiteTable;
     use palpate_core::lanes::Baseline;
 
     use super::*;
+    use crate::num::jet::EnergyJet;
 
     /// W = sum of c_n (u_n . x)^5 / 5!, x in m: a quintic with every derivative known.
     const TERMS: [([f64; 3], f64); 4] =
@@ -489,10 +491,13 @@ mod tests {
         Sample {
             index,
             attempt: 0,
-            energy_j: derivative(x, &[]),
-            force_n: std::array::from_fn(|i| derivative(x, &[i])),
-            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| derivative(x, &[i, j]))),
-            third_n_m2: crate::num::jet::THIRD_INDICES.map(|triple| derivative(x, &triple)),
+            jet: EnergyJet {
+                control_m: x,
+                energy_j: derivative(x, &[]),
+                force_n: std::array::from_fn(|i| derivative(x, &[i])),
+                stiffness_n_m: Matrix3::from_fn(|i, j| derivative(x, &[i, j])),
+                third_n_m2: crate::num::jet::THIRD_INDICES.map(|triple| derivative(x, &triple)),
+            },
             terminating: false,
             inverted: false,
         }
@@ -556,7 +561,7 @@ mod tests {
             let of = |&p: &GridIndex| {
                 let mut s = sample(&grid, p);
                 if beyond(p) {
-                    s.third_n_m2 = s.third_n_m2.map(|w| w + jump);
+                    s.jet.third_n_m2 = s.jet.third_n_m2.map(|w| w + jump);
                 }
                 s
             };
@@ -595,7 +600,7 @@ mod tests {
             let of = |p: GridIndex| {
                 let mut s = sample(&grid, p);
                 if p == [1, 0, 0] {
-                    s.stiffness_n_m = s.stiffness_n_m.map(|row| row.map(|k| factor * k));
+                    s.jet.stiffness_n_m *= factor;
                 }
                 s
             };

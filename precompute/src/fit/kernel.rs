@@ -67,20 +67,20 @@ pub type Derivatives = [[[f64; 3]; 3]; 3];
 impl EnergyJet {
     /// The data in the order of [`DATA`], less the quadratic energy of `base`.
     fn beside(&self, base: &Matrix3<f64>) -> [f64; 20] {
-        let p = Vector3::from(self.displacement_m);
-        let (h, s) = (Vector3::from(self.force_n) - base * p, self.stiffness_n_m - base);
-        let mut values = [0.0; 20];
-        values[0] = self.energy_j - 0.5 * p.dot(&(base * p));
-        values[1..4].copy_from_slice(h.as_slice());
-        values[4..10].copy_from_slice(&[s[(0, 0)], s[(0, 1)], s[(0, 2)], s[(1, 1)], s[(1, 2)], s[(2, 2)]]);
-        values[10..].copy_from_slice(&self.third_n_m2);
-        values
+        let p = Vector3::from(self.control_m);
+        let beside = Self {
+            energy_j: self.energy_j - 0.5 * p.dot(&(base * p)),
+            force_n: (Vector3::from(self.force_n) - base * p).into(),
+            stiffness_n_m: self.stiffness_n_m - base,
+            ..*self
+        };
+        beside.numbers()
     }
 
     /// The sum with so many times another energy.
     fn with(&self, other: &Self, times: f64) -> Self {
         Self {
-            displacement_m: self.displacement_m,
+            control_m: self.control_m,
             energy_j: self.energy_j + times * other.energy_j,
             force_n: std::array::from_fn(|i| self.force_n[i] + times * other.force_n[i]),
             stiffness_n_m: self.stiffness_n_m + times * other.stiffness_n_m,
@@ -196,8 +196,7 @@ impl KernelFit {
     pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
         assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit cannot grow");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
-        let added: Vec<[f64; 3]> =
-            jets.iter().map(|jet| jet.displacement_m.map(|x| x / self.length_m)).collect();
+        let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / self.length_m)).collect();
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
         // Columns of the new rows, against the old data and among themselves.
         let mut across = Mat::<f64>::zeros(old, more);
@@ -229,7 +228,7 @@ impl KernelFit {
         let mut right = Mat::<f64>::zeros(more, 1);
         for (m, jet) in jets.iter().enumerate() {
             let values = match &self.under {
-                Some(under) => jet.with(&under.jet(jet.displacement_m), -1.0).beside(&self.base),
+                Some(under) => jet.with(&under.jet(jet.control_m), -1.0).beside(&self.base),
                 None => jet.beside(&self.base),
             };
             for ((a, orders), value) in DATA.iter().enumerate().zip(values) {
@@ -315,14 +314,13 @@ impl KernelFit {
         for (sum, orders) in sum.iter_mut().zip(DATA) {
             *sum *= self.length_m.powi(-(orders.iter().sum::<usize>() as i32));
         }
-        let (p, [w, hx, hy, hz, xx, xy, xz, yy, yz, zz, third @ ..]) = (Vector3::from(displacement_m), sum);
-        let slope = self.base * p;
+        let p = Vector3::from(displacement_m);
+        let (slope, beside) = (self.base * p, EnergyJet::from_numbers(displacement_m, &sum));
         let own = EnergyJet {
-            displacement_m,
-            energy_j: w + 0.5 * p.dot(&slope),
-            force_n: (Vector3::new(hx, hy, hz) + slope).into(),
-            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) + self.base,
-            third_n_m2: third,
+            energy_j: beside.energy_j + 0.5 * p.dot(&slope),
+            force_n: (Vector3::from(beside.force_n) + slope).into(),
+            stiffness_n_m: beside.stiffness_n_m + self.base,
+            ..beside
         };
         self.under.as_ref().map_or(own, |under| own.with(&under.jet(displacement_m), 1.0))
     }
@@ -512,7 +510,7 @@ mod tests {
         assert!(both < 0.3 * own, "{both} {own}");
         // What was given is met, and every answer is of one function.
         let given = jet(spread(3, 0.05));
-        assert!(apart(over.force_n(given.displacement_m), given.force_n) < 1e-4);
+        assert!(apart(over.force_n(given.control_m), given.force_n) < 1e-4);
         let at = [0.012, -0.008, 0.019];
         let (jet, all) = (over.as_it_is().jet(at), over.derivatives(at));
         assert!(apart(jet.force_n, over.force_n(at)) < 1e-9);

@@ -11,7 +11,7 @@ pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
     let e = c * along.exp();
     let third = std::array::from_fn(|n| THIRD_INDICES[n].iter().map(|&i| g[i]).product::<f64>() * e);
     EnergyJet {
-        displacement_m: p,
+        control_m: p,
         energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i]).sum::<f64>() + e - c - c * along,
         force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
         stiffness_n_m: Matrix3::from_fn(|i, j| e * g[i] * g[j] + if i == j { d[i] } else { 0.0 }),

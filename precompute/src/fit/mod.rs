@@ -24,7 +24,7 @@ pub(crate) use modes::PackedModes;
 pub use motion::ScatteredMotion;
 pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 
-use crate::num::jet::SymmetricThird;
+use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
 /// A solved grid point as the fits need it.
@@ -34,14 +34,8 @@ pub struct Sample {
     pub index: GridIndex,
     /// Which try at the point gave the solution.
     pub attempt: u32,
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S = dh/dd, rows, N/m.
-    pub stiffness_n_m: [[f64; 3]; 3],
-    /// W_ijk in the order of [`crate::num::jet::THIRD_INDICES`], N/m^2.
-    pub third_n_m2: SymmetricThird,
+    /// W, h, S and W_ijk there.
+    pub jet: EnergyJet,
     /// |h| is beyond the scene's force limit.
     pub terminating: bool,
     /// At least one element is inverted.

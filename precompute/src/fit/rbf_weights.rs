@@ -90,7 +90,7 @@ pub struct Centre {
 
 impl From<&Sample> for Centre {
     fn from(sample: &Sample) -> Self {
-        Self { position: sample.index.map(f64::from), force_n: sample.force_n }
+        Self { position: sample.index.map(f64::from), force_n: sample.jet.force_n }
     }
 }
 

@@ -17,7 +17,7 @@
 //!
 //! rho_h = |h_b - h_a - (S_a + S_b) d/2 + (T_b - T_a)[d, d]/12|.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
@@ -26,26 +26,6 @@ pub const LEAST_N: f64 = 0.1;
 /// ... and as a share of the larger |h| of the two. A jump smaller than the just noticeable difference of force, some 7 %,
 /// is hardly one for the hand.
 pub const SHARE: f64 = 0.1;
-
-/// The condensed potential and its derivatives at a displacement of the handle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Potential {
-    /// Displacement, m.
-    pub displacement_m: [f64; 3],
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S, N/m.
-    pub stiffness_n_m: Matrix3<f64>,
-}
-
-impl From<&EnergyJet> for Potential {
-    fn from(jet: &EnergyJet) -> Self {
-        let EnergyJet { displacement_m, energy_j, force_n, stiffness_n_m, .. } = *jet;
-        Self { displacement_m, energy_j, force_n, stiffness_n_m }
-    }
-}
 
 /// How far two solutions are from one smooth branch.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,8 +40,8 @@ pub struct Excess {
 
 impl Excess {
     /// Excess between two solutions at different displacements.
-    pub fn between(a: &Potential, b: &Potential) -> Self {
-        let d = Vector3::from(b.displacement_m) - Vector3::from(a.displacement_m);
+    pub fn between(a: &EnergyJet, b: &EnergyJet) -> Self {
+        let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
         let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
         let bend = d.dot(&((b.stiffness_n_m - a.stiffness_n_m) * d));
         Self {
@@ -72,16 +52,16 @@ impl Excess {
     }
 
     /// The same with the third derivatives of both, one order finer.
-    pub fn with_thirds(a: (&Potential, &SymmetricThird), b: (&Potential, &SymmetricThird)) -> Self {
-        let d = Vector3::from(b.0.displacement_m) - Vector3::from(a.0.displacement_m);
-        let (ha, hb) = (Vector3::from(a.0.force_n), Vector3::from(b.0.force_n));
-        let (ta, tb) = (twice_along(a.1, d), twice_along(b.1, d));
-        let (sa, sb) = (a.0.stiffness_n_m, b.0.stiffness_n_m);
+    pub fn with_thirds(a: &EnergyJet, b: &EnergyJet) -> Self {
+        let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
+        let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
+        let (ta, tb) = (twice_along(&a.third_n_m2, d), twice_along(&b.third_n_m2, d));
+        let (sa, sb) = (a.stiffness_n_m, b.stiffness_n_m);
         let bend = d.dot(&((sb - sa) * d)) / 10.0 - (ta + tb).dot(&d) / 120.0;
         Self {
-            rho_n: (b.0.energy_j - a.0.energy_j - 0.5 * (ha + hb).dot(&d) + bend).abs() / d.norm(),
+            rho_n: (b.energy_j - a.energy_j - 0.5 * (ha + hb).dot(&d) + bend).abs() / d.norm(),
             rho_h_n: (hb - ha - (sa + sb) * d * 0.5 + (tb - ta) / 12.0).norm(),
-            ..Self::between(a.0, b.0)
+            ..Self::between(a, b)
         }
     }
 
@@ -111,30 +91,32 @@ fn twice_along(third: &SymmetricThird, d: Vector3<f64>) -> Vector3<f64> {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
 
     /// W = c cosh(u . x): any derivative of it.
-    fn steep(x: Vector3<f64>) -> (Potential, SymmetricThird) {
+    fn steep(x: Vector3<f64>) -> EnergyJet {
         let (u, c) = (Vector3::new(40.0, -25.0, 30.0), 0.03);
         let (cosh, sinh) = (u.dot(&x).cosh(), u.dot(&x).sinh());
-        let potential = Potential {
-            displacement_m: x.into(),
+        EnergyJet {
+            control_m: x.into(),
             energy_j: c * cosh,
             force_n: (u * c * sinh).into(),
             stiffness_n_m: u * u.transpose() * (c * cosh),
-        };
-        (potential, THIRD_INDICES.map(|[i, j, k]| c * sinh * u[i] * u[j] * u[k]))
+            third_n_m2: THIRD_INDICES.map(|[i, j, k]| c * sinh * u[i] * u[j] * u[k]),
+        }
     }
 
     #[test]
     fn thirds_tell_a_curved_branch_from_a_jump() {
         let (a, b) = (steep(Vector3::new(0.02, -0.01, 0.01)), steep(Vector3::new(0.04, -0.01, 0.03)));
-        let rough = Excess::between(&a.0, &b.0);
-        let fine = Excess::with_thirds((&a.0, &a.1), (&b.0, &b.1));
+        let rough = Excess::between(&a, &b);
+        let fine = Excess::with_thirds(&a, &b);
         assert!(fine.rho_h_n < 0.05 * rough.rho_h_n && fine.rho_n < 0.1 * rough.rho_n, "{rough:?} {fine:?}");
         let mut beyond = b;
-        beyond.0.force_n[1] += 2.0;
-        let jump = Excess::with_thirds((&a.0, &a.1), (&beyond.0, &beyond.1));
+        beyond.force_n[1] += 2.0;
+        let jump = Excess::with_thirds(&a, &beyond);
         assert!((jump.rho_h_n - 2.0).abs() < fine.rho_h_n + 1e-9, "{jump:?}");
     }
 
@@ -145,7 +127,7 @@ mod tests {
             let step = Vector3::new(0.6, -0.3, 0.5) * d;
             let middle = Vector3::new(0.01, -0.02, 0.015);
             let (a, b) = (steep(middle - step), steep(middle + step));
-            Excess::with_thirds((&a.0, &a.1), (&b.0, &b.1))
+            Excess::with_thirds(&a, &b)
         };
         let (long, short) = (at(0.01), at(0.005));
         let orders = [long.rho_h_n / short.rho_h_n, long.rho_n / short.rho_n].map(f64::log2);
@@ -153,15 +135,16 @@ mod tests {
     }
 
     /// W = k d^2/2 + c d^4/4 along x, and the same with a jump of the force by `jump` N beyond `at_m`.
-    fn sample(x: f64, at_m: f64, jump: f64) -> Potential {
+    fn sample(x: f64, at_m: f64, jump: f64) -> EnergyJet {
         let (k, c) = (300.0, 4e4);
         let beyond = (x - at_m).max(0.0);
         let here = if x > at_m { jump } else { 0.0 };
-        Potential {
-            displacement_m: [x, 0.0, 0.0],
+        EnergyJet {
+            control_m: [x, 0.0, 0.0],
             energy_j: 0.5 * k * x * x + 0.25 * c * x.powi(4) + jump * beyond,
             force_n: [k * x + c * x.powi(3) + here, 0.0, 0.0],
             stiffness_n_m: Matrix3::from_diagonal(&Vector3::new(k + 3.0 * c * x * x, 0.0, 0.0)),
+            third_n_m2: [0.0; 10],
         }
     }
 
@@ -192,7 +175,7 @@ mod tests {
             Excess::between(&both[0], &both[1]).is_jump()
         };
         assert!(scaled(0.0) && !scaled(6.0), "0.8 N is a jump at 7 N and none at 9 N");
-        let broken = Potential { energy_j: f64::NAN, ..sample(0.02, 1.0, 0.0) };
+        let broken = EnergyJet { energy_j: f64::NAN, ..sample(0.02, 1.0, 0.0) };
         assert!(Excess::between(&sample(0.01, 1.0, 0.0), &broken).is_jump());
     }
 }

@@ -1,6 +1,10 @@
 //! The condensed energy at a point, with its derivatives: what the solver hands to every fit.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Index pairs (i <= j) of the components of a symmetric second-order tensor, in the order of every file and table.
+pub const SECOND_INDICES: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 
 /// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
 pub type SymmetricThird = [f64; 10];
@@ -20,10 +24,12 @@ pub const THIRD_INDICES: [[usize; 3]; 10] = [
 ];
 
 /// The condensed energy and its derivatives at a solved configuration.
-#[derive(Debug, Clone, Copy, PartialEq)]
+///
+/// The control is what the tool prescribes: the displacement of the active node from rest.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EnergyJet {
-    /// Displacement of the active node, m.
-    pub displacement_m: [f64; 3],
+    /// Control d, m.
+    pub control_m: [f64; 3],
     /// W, J.
     pub energy_j: f64,
     /// h, N.
@@ -35,9 +41,42 @@ pub struct EnergyJet {
 }
 
 impl EnergyJet {
-    /// Force at another displacement by the Taylor series of third order, N.
-    pub fn taylor_force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
-        let d = Vector3::from(displacement_m) - Vector3::from(self.displacement_m);
+    /// W, h, S (order of [`SECOND_INDICES`]) and W_ijk (order of [`THIRD_INDICES`]): the order of files and of fits.
+    pub fn numbers(&self) -> [f64; 20] {
+        let mut numbers = [0.0; 20];
+        numbers[0] = self.energy_j;
+        numbers[1..4].copy_from_slice(&self.force_n);
+        numbers[4..10].copy_from_slice(&SECOND_INDICES.map(|[i, j]| self.stiffness_n_m[(i, j)]));
+        numbers[10..].copy_from_slice(&self.third_n_m2);
+        numbers
+    }
+
+    /// The jet at `control_m` with these [`Self::numbers`].
+    pub fn from_numbers(control_m: [f64; 3], numbers: &[f64; 20]) -> Self {
+        let [energy_j, hx, hy, hz, xx, xy, xz, yy, yz, zz, third @ ..] = *numbers;
+        Self {
+            control_m,
+            energy_j,
+            force_n: [hx, hy, hz],
+            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
+            third_n_m2: third,
+        }
+    }
+
+    /// The same without energy and force: rest has neither by its definition, and what the solver leaves there is rounding.
+    #[must_use]
+    pub fn as_rest(self) -> Self {
+        Self { energy_j: 0.0, force_n: [0.0; 3], ..self }
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.numbers().iter().all(|x| x.is_finite())
+    }
+
+    /// Force at another control by the Taylor series of third order, N.
+    pub fn taylor_force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
+        let d = Vector3::from(control_m) - Vector3::from(self.control_m);
         let mut force = Vector3::from(self.force_n) + self.stiffness_n_m * d;
         for (triple, value) in THIRD_INDICES.iter().zip(self.third_n_m2) {
             // d(W_ijk d_i d_j d_k / 6)/dd with as many orders of the triple as there are.

@@ -337,7 +337,7 @@ impl Packer<'_> {
             for (index, attempt, state) in self.store.intermediate(active)? {
                 let counts = samples.binary_search_by_key(&index, |s| s.index);
                 if counts.is_ok_and(|at| samples[at].attempt == attempt) {
-                    centres.push(Centre { position: cells(state.displacement_m), force_n: state.force_n });
+                    centres.push(Centre { position: cells(state.control_m), force_n: state.force_n });
                 }
             }
             // Two transitions may have met half-way; the one that comes first counts.

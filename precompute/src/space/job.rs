@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::record::{Record, StoredSeed};
 use super::task::Task;
 use super::walk::{WalkJob, WalkOutcome};
-use crate::num::jet::SymmetricThird;
+use crate::num::jet::EnergyJet;
 
 /// What a worker is asked for.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -38,21 +38,6 @@ pub struct Job {
     pub seed: Option<StoredSeed>,
 }
 
-/// A configuration between two grid points, a scattered centre for radial basis functions.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Intermediate {
-    /// Displacement of the active node, m.
-    pub displacement_m: [f64; 3],
-    /// W, J.
-    pub energy_j: f64,
-    /// h, N.
-    pub force_n: [f64; 3],
-    /// S: xx, yy, zz, xy, xz, yz, N/m.
-    pub stiffness_n_m: [f64; 6],
-    /// W_ijk, N/m^2.
-    pub third_n_m2: SymmetricThird,
-}
-
 /// What a worker found.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
@@ -62,6 +47,6 @@ pub struct Outcome {
     pub record: Record,
     /// State for the children; `None` if failed.
     pub seed: Option<StoredSeed>,
-    /// States on the way, where the scene asks for them.
-    pub intermediate: Vec<Intermediate>,
+    /// Configurations on the way, where the scene asks for them: scattered centres for radial basis functions.
+    pub intermediate: Vec<EnergyJet>,
 }

@@ -82,7 +82,7 @@ impl MadeUp {
     fn point(&self, job: &Job) -> Outcome {
         let upper = self.upper(job);
         let state = vec![u8::from(upper), 0, 0, 0];
-        let seed = StoredSeed { sensitivity: state.repeat(3), state, potential: [0.0; 10] };
+        let seed = StoredSeed { sensitivity: state.repeat(3), state, numbers: [0.0; 20] };
         let (active, intermediate) = (job.active, Vec::new());
         if self.restless {
             let record = Record {

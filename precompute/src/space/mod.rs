@@ -23,7 +23,7 @@ mod worker;
 
 pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
-pub use job::{Done, Intermediate, Job, Outcome, Work};
+pub use job::{Done, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
 pub use plan::{Plan, ScatteredPlan, SpacePlan, Switched};
 pub use plans::{Plans, planned, still_to_solve};

@@ -9,7 +9,7 @@ use super::{Record, folds};
 use crate::fem::boundary::Pose;
 use crate::fem::solve::{Configuration, Seed};
 use crate::fit::Fold;
-use crate::num::branch::Potential;
+use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
 fn first_tries(attempts: &[Record]) -> Vec<Record> {
@@ -110,13 +110,15 @@ fn a_configuration_that_is_not_finite_is_a_failure() {
             pose: Pose::translation(displacement_m),
             state: vec![0.0],
             sensitivity: [const { Vec::new() }; 3],
-            potential: Potential { displacement_m, energy_j: 1.0, force_n, stiffness_n_m },
+            jet: EnergyJet {
+                control_m: displacement_m,
+                energy_j: 1.0,
+                force_n,
+                stiffness_n_m,
+                third_n_m2: [0.0; 10],
+            },
         },
-        energy_j: 1.0,
-        force_n,
         torque_n_m: [0.0; 3],
-        stiffness_n_m,
-        third_n_m2: [0.0; 10],
         residual_n: 1e-9,
         min_jacobian: 1.0,
         inverted: 0,
@@ -129,10 +131,10 @@ fn a_configuration_that_is_not_finite_is_a_failure() {
     };
     assert_eq!(Record::solved(&task, &sound, 10.0, 0.0).tag, ConfigTag::Expandable);
     let breakers: [fn(&mut Configuration); 4] = [
-        |c| c.energy_j = f64::NAN,
-        |c| c.force_n[1] = f64::INFINITY,
-        |c| c.stiffness_n_m[(2, 1)] = f64::NAN,
-        |c| c.third_n_m2[9] = f64::NEG_INFINITY,
+        |c| c.seed.jet.energy_j = f64::NAN,
+        |c| c.seed.jet.force_n[1] = f64::INFINITY,
+        |c| c.seed.jet.stiffness_n_m[(2, 1)] = f64::NAN,
+        |c| c.seed.jet.third_n_m2[9] = f64::NEG_INFINITY,
     ];
     for breaker in breakers {
         let mut broken = sound.clone();

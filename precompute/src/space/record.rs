@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::task::Task;
 use crate::fem::solve::{Configuration, FailureReason, SolveFailure};
-use crate::num::branch::Potential;
 use crate::num::jet::{EnergyJet, SymmetricThird};
 use crate::spec::GridIndex;
 
@@ -85,10 +84,10 @@ impl Record {
     /// Record of a solved configuration; beyond `max_force_n` it is terminating. One that is not finite is none.
     pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
         let mut record = Self {
-            energy_j: c.energy_j,
-            force_n: c.force_n,
-            stiffness_n_m: c.stiffness_n_m,
-            third_n_m2: c.third_n_m2,
+            energy_j: c.jet().energy_j,
+            force_n: c.jet().force_n,
+            stiffness_n_m: c.jet().stiffness_n_m,
+            third_n_m2: c.jet().third_n_m2,
             residual_n: c.residual_n,
             min_jacobian: c.min_jacobian,
             inverted: c.inverted as u32,
@@ -132,7 +131,7 @@ impl Record {
     /// W, h, S and W_ijk of a solution at this displacement, m.
     pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let Self { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *self;
-        EnergyJet { displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
+        EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
     }
 
     /// |h|, N.
@@ -141,7 +140,7 @@ impl Record {
     }
 }
 
-/// What later solves start from, as the store keeps it: little-endian f32. Because every child starts from what is stored, an
+/// What later solves start from, as the store keeps it: little-endian f32, and the condensed energy. Because every child starts from what is stored, an
 /// interrupted run gives the same bits as an undisturbed one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredSeed {
@@ -151,8 +150,8 @@ pub struct StoredSeed {
     /// d(state)/dd along x, then y, then z.
     #[serde(with = "serde_bytes")]
     pub(super) sensitivity: Vec<u8>,
-    /// W, h, S (xx yy zz xy xz yz), as f64.
-    pub(super) potential: [f64; 10],
+    /// W, h, S and W_ijk, [`EnergyJet::numbers`]: the store keeps them with the record.
+    pub(super) numbers: [f64; 20],
 }
 
 impl StoredSeed {
@@ -163,11 +162,7 @@ impl StoredSeed {
         Self {
             state: bytes(&seed.state),
             sensitivity: seed.sensitivity.iter().flat_map(|c| bytes(c)).collect(),
-            potential: {
-                let Potential { energy_j, force_n: [x, y, z], stiffness_n_m: s, .. } = seed.potential;
-                let [xx, yy, zz] = [0, 1, 2].map(|i| s[(i, i)]);
-                [energy_j, x, y, z, xx, yy, zz, s[(0, 1)], s[(0, 2)], s[(1, 2)]]
-            },
+            numbers: seed.jet.numbers(),
         }
     }
 
@@ -182,13 +177,7 @@ impl StoredSeed {
         let mut columns = self.sensitivity.chunks_exact(self.state.len()).map(numbers);
         let sensitivity = [columns.next()?, columns.next()?, columns.next()?];
         let pose = crate::fem::boundary::Pose::translation(displacement_m);
-        let [energy_j, x, y, z, xx, yy, zz, xy, xz, yz] = self.potential;
-        let potential = Potential {
-            displacement_m,
-            energy_j,
-            force_n: [x, y, z],
-            stiffness_n_m: Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz),
-        };
-        Some(crate::fem::solve::Seed { pose, state: numbers(&self.state), sensitivity, potential })
+        let jet = EnergyJet::from_numbers(displacement_m, &self.numbers);
+        Some(crate::fem::solve::Seed { pose, state: numbers(&self.state), sensitivity, jet })
     }
 }

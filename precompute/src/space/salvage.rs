@@ -101,12 +101,7 @@ impl Salvaged {
         increments: Option<u32>,
     ) -> Result<(), StoreError> {
         for attempt in 0.. {
-            let sql = format!(
-                "SELECT {} FROM configuration WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5",
-                rows::COLUMNS
-            );
-            let key = rusqlite::params![active as i64, index[0], index[1], index[2], attempt];
-            let row = old.prepare_cached(&sql).and_then(|mut s| s.query_row(key, rows::read).optional());
+            let row = rows::record(old, active, index, attempt).optional();
             let record = match row {
                 Ok(None) => return Ok(()),
                 Ok(Some(row)) if row.checksum == rows::checksum(active, &row.record) => row.record,
@@ -116,13 +111,12 @@ impl Salvaged {
                 }
             };
             let seed = if record.tag.is_solved() {
-                match rows::seed(old, active, index, attempt) {
-                    Ok((seed, checksum)) if checksum == rows::seed_checksum(&seed) => Some(seed),
-                    _ => {
-                        self.damaged += 1;
-                        return Ok(());
-                    }
-                }
+                let state = rows::state(old, active, index, attempt).ok();
+                let Some(seed) = state.and_then(|state| state.seed(&record)) else {
+                    self.damaged += 1;
+                    return Ok(());
+                };
+                Some(seed)
             } else {
                 None
             };

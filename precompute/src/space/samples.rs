@@ -14,11 +14,10 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
         .map(|r| Sample {
             index: r.index,
             attempt: r.attempt,
-            // Rest has no force by its definition; what the solver left of a body force's residual is rounding.
-            energy_j: if r.index == [0; 3] { 0.0 } else { r.energy_j },
-            force_n: if r.index == [0; 3] { [0.0; 3] } else { r.force_n },
-            third_n_m2: r.third_n_m2,
-            stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| r.stiffness_n_m[(i, j)])),
+            jet: {
+                let jet = r.jet(grid.displacement_m(r.index));
+                if r.index == [0; 3] { jet.as_rest() } else { jet }
+            },
             terminating: r.tag == ConfigTag::Terminating,
             inverted: r.inverted > 0,
         })

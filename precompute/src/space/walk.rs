@@ -110,14 +110,14 @@ pub struct Truth {
 
 impl Truth {
     fn solved(at: [f64; 3], c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
-        let reachable = c.force_n.iter().map(|f| f * f).sum::<f64>().sqrt() < max_force_n;
+        let reachable = c.jet().force_n.iter().map(|f| f * f).sum::<f64>().sqrt() < max_force_n;
         Self {
             displacement_m: at,
             tag: if reachable { ConfigTag::Expandable } else { ConfigTag::Terminating },
             failure: None,
-            energy_j: c.energy_j,
-            force_n: c.force_n,
-            stiffness_n_m: c.stiffness_n_m,
+            energy_j: c.jet().energy_j,
+            force_n: c.jet().force_n,
+            stiffness_n_m: c.jet().stiffness_n_m,
             residual_n: c.residual_n,
             min_jacobian: c.min_jacobian,
             inverted: c.inverted as u32,

@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Instant;
 
-use super::job::{Done, Intermediate, Job, Outcome, Work};
+use super::job::{Done, Job, Outcome, Work};
 use super::record::{Record, StoredSeed};
 use super::walk::{WalkJob, WalkOutcome};
 use crate::fem::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailure, Solver};
+use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, Sampling};
 
 /// Everything a worker must know beside the job.
@@ -160,7 +161,7 @@ fn transition(
     mut seed: Seed,
     to: [f64; 3],
     increments: Option<u32>,
-    on_the_way: &mut Vec<Intermediate>,
+    on_the_way: &mut Vec<EnergyJet>,
 ) -> Result<Configuration, SolveFailure> {
     let (from, parts) = (seed.pose.displacement_m, increments.unwrap_or(1).max(1));
     let (mut iterations, mut factorisations, mut steps, mut switched) = (0, 0, 0, false);
@@ -180,14 +181,7 @@ fn transition(
             c.switched = switched;
             return Ok(c);
         }
-        let s = &c.stiffness_n_m;
-        on_the_way.push(Intermediate {
-            displacement_m: target,
-            energy_j: c.energy_j,
-            force_n: c.force_n,
-            stiffness_n_m: [s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(0, 2)], s[(1, 2)]],
-            third_n_m2: c.third_n_m2,
-        });
+        on_the_way.push(*c.jet());
         seed = c.seed;
     }
     unreachable!("the last part returns")

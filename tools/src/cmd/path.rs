@@ -143,10 +143,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn push_row(table: &mut String, step: u32, c: &Configuration, details: bool) {
-    let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.pose.displacement_m, c.force_n);
+    let ([dx, dy, dz], [fx, fy, fz]) = (c.seed.pose.displacement_m, c.jet().force_n);
     table.push_str(&format!(
         "{step},{dx:?},{dy:?},{dz:?},{fx:?},{fy:?},{fz:?},{:?},{},{:?},{:?},{},{:?},ok",
-        c.energy_j, c.iterations, c.residual_n, c.min_jacobian, c.inverted, c.volume_m3
+        c.jet().energy_j,
+        c.iterations,
+        c.residual_n,
+        c.min_jacobian,
+        c.inverted,
+        c.volume_m3
     ));
     if details {
         let [x, y, z] = c.torque_n_m;

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use palpate_precompute::space::{Intermediate, Store};
+use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::space::Store;
 use palpate_precompute::spec::GridIndex;
 
 use super::{Draws, dump, fails, palpate, precompute, scene, succeeds};
@@ -10,7 +11,7 @@ use super::{Draws, dump, fails, palpate, precompute, scene, succeeds};
 const PAGE: usize = 4096;
 const WITH_PARTS: &str = "radius_m = 0.01\nspacing_m = 0.005\ncomplete_cells = false\nincrements = 3";
 
-fn intermediate(space: &Path) -> Vec<(GridIndex, u32, Intermediate)> {
+fn intermediate(space: &Path) -> Vec<(GridIndex, u32, EnergyJet)> {
     Store::open(space).and_then(|store| store.intermediate(0)).expect("intact")
 }
 

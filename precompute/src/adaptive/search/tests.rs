@@ -42,7 +42,7 @@ fn felt(search: &Search, wanted: &Wanted) -> f64 {
         .collect();
     assert!(truths.len() > 300);
     let felt = truths.iter().filter(|truth| {
-        let error_n = norm(difference(search.fit().force_n(truth.displacement_m), truth.force_n));
+        let error_n = norm(difference(search.fit().force_n(truth.control_m), truth.force_n));
         error_n > wanted.tolerance.at(truth.force_n)
     });
     felt.count() as f64 / truths.len() as f64
@@ -141,7 +141,7 @@ fn a_tool_that_only_pushes_stays_on_its_side() {
     assert!(search.jets().len() < both.jets().len(), "{} {}", search.jets().len(), both.jets().len());
     for jet in &search.jets()[1..] {
         let along: f64 = (0..3).map(|i| jet.force_n[i] * normal[i]).sum();
-        assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.displacement_m);
+        assert!(along < 0.2 * norm(jet.force_n), "pulls with {along} N at {:?}", jet.control_m);
     }
 }
 
@@ -155,12 +155,12 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     let slack = workspace.map(|corner| corner.map(|x| x * (1.0 + 1e-9)));
     let outside = |jet: &&EnergyJet| {
         let [low, high] = slack.map(|corner| corner.map(|x| x + 1e-6 * x.signum()));
-        !is_within(&[low, high], &jet.displacement_m)
+        !is_within(&[low, high], &jet.control_m)
     };
     assert_eq!(search.jets().iter().filter(outside).count(), 0);
     assert!(all.jets().iter().filter(outside).count() > 5, "nothing was outside anyhow");
     // Nearly up to its sides, and what counts as reachable ends there.
-    let highest = search.jets().iter().map(|jet| jet.displacement_m[2]).fold(0.0, f64::max);
+    let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
     let within = search.within_reach();
     assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
@@ -185,8 +185,8 @@ fn failures_are_gone_round() {
     let wanted = Wanted { tolerance: strict, ..WANTED };
     let (search, verdict) = searched(wanted, |at| if at[2] < -0.02 { Found::Failed } else { solved(at) });
     assert_eq!(verdict, Verdict::Passed);
-    assert!(search.jets().iter().all(|jet| jet.displacement_m[2] >= -0.02));
-    assert!(search.jets().iter().any(|jet| jet.displacement_m[2] < -0.01), "right up to them");
+    assert!(search.jets().iter().all(|jet| jet.control_m[2] >= -0.02));
+    assert!(search.jets().iter().any(|jet| jet.control_m[2] < -0.01), "right up to them");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::factor::SENSITIVITY;
 use super::{Configuration, FailureReason, Problem, Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 use crate::fem::boundary::Pose;
-use crate::num::branch::Potential;
+use crate::num::jet::EnergyJet;
 
 impl Solver {
     /// Prescribes the pose: in the state with elimination, as targets of the multipliers otherwise.
@@ -85,14 +85,10 @@ impl Solver {
         let (force_n, torque_n_m) = self.resultants(pose);
         // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
-        let potential = Potential { displacement_m: pose.displacement_m, energy_j, force_n, stiffness_n_m };
+        let jet = EnergyJet { control_m: pose.displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 };
         Ok(Configuration {
-            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, potential },
-            energy_j,
-            force_n,
+            seed: Seed { pose: *pose, state: self.state.clone(), sensitivity, jet },
             torque_n_m,
-            stiffness_n_m,
-            third_n_m2,
             residual_n,
             min_jacobian: assembled.min_jacobian,
             inverted: assembled.inverted,

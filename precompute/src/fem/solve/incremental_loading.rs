@@ -198,7 +198,7 @@ impl Solver {
 fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
     let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
     let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
-    moved && !turned && Excess::between(&seed.potential, &found.seed.potential).is_jump()
+    moved && !turned && Excess::between(&seed.jet, found.jet()).is_jump()
 }
 
 /// What a transition has cost so far.

@@ -13,8 +13,6 @@ mod settle;
 
 use std::sync::Arc;
 
-use nalgebra::Matrix3;
-
 pub use incremental_loading::{Effort, LoadingOptions};
 pub use newton::{FailureReason, NewtonOptions, SolveFailure};
 pub use profile::IterationProfile;
@@ -24,8 +22,7 @@ use crate::fem::assembly::{Assembled, HandleCoupling, Pattern};
 use crate::fem::body::Body;
 use crate::fem::boundary::{Constraints, DofMap, Handle, Pose};
 use crate::fem::element::Order;
-use crate::num::branch::Potential;
-use crate::num::jet::{EnergyJet, SymmetricThird};
+use crate::num::jet::EnergyJet;
 use factor::{Factor, RIGHT_SIDES, SymbolicFactor};
 use quasi_newton::StepHistory;
 
@@ -126,25 +123,17 @@ pub struct Seed {
     pub state: Vec<f64>,
     /// d(state)/dd along a translation of the handle, one state vector per axis: the tangent predictor.
     pub sensitivity: [Vec<f64>; 3],
-    /// The condensed potential there: what the next solution must join smoothly.
-    pub potential: Potential,
+    /// The condensed energy there: what the next solution must join smoothly.
+    pub jet: EnergyJet,
 }
 
 /// One solved configuration: the paper's C = (p, u, h), with its energy and the derivatives of it.
 #[derive(Debug, Clone)]
 pub struct Configuration {
-    /// Pose, state and sensitivity: what the next solve starts from.
+    /// Pose, state, sensitivity and condensed energy: what the next solve starts from.
     pub seed: Seed,
-    /// Stationary potential W, J; zero at rest.
-    pub energy_j: f64,
-    /// Reaction h = dW/dd: the force by the tool on the body, summed over the handle, N.
-    pub force_n: [f64; 3],
     /// Moment by the tool on the body about the handle's centre where it is now, N m; zero for a single node.
     pub torque_n_m: [f64; 3],
-    /// Condensed tangent S = dh/dd, symmetric, N/m.
-    pub stiffness_n_m: Matrix3<f64>,
-    /// Third derivatives W_ijk = dS/dd in the order of [`crate::num::jet::THIRD_INDICES`], N/m^2.
-    pub third_n_m2: SymmetricThird,
     /// Norm of the residual over all equations (constraints scaled like forces), N.
     pub residual_n: f64,
     /// Smallest J over the quadrature points.
@@ -237,14 +226,9 @@ impl Solver {
     }
 }
 
-impl From<&Configuration> for EnergyJet {
-    fn from(c: &Configuration) -> Self {
-        Self {
-            displacement_m: c.seed.pose.displacement_m,
-            energy_j: c.energy_j,
-            force_n: c.force_n,
-            stiffness_n_m: c.stiffness_n_m,
-            third_n_m2: c.third_n_m2,
-        }
+impl Configuration {
+    /// W (stationary potential, zero at rest), h (force by the tool on the body, summed over the handle), S and W_ijk.
+    pub fn jet(&self) -> &EnergyJet {
+        &self.seed.jet
     }
 }

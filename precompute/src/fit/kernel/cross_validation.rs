@@ -135,7 +135,7 @@ mod tests {
                 let others: Vec<EnergyJet> =
                     (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
                 fit.add(&others).expect("apart");
-                let at = jets[left].displacement_m;
+                let at = jets[left].control_m;
                 let (truth, said) = (jets[left].force_n, fit.force_n(at));
                 let expected: [f64; 3] = std::array::from_fn(|i| truth[i] - said[i]);
                 let size = apart(expected, [0.0; 3]);
@@ -161,7 +161,7 @@ mod tests {
         let jets = jets(20);
         let mut fit = KernelFit::new(0.03, jets[0].stiffness_n_m);
         fit.add(&jets[..8]).expect("apart");
-        let [far, near] = [[0.5; 3], jets[5].displacement_m];
+        let [far, near] = [[0.5; 3], jets[5].control_m];
         let [by_far, by_near] = [far, near].map(|at| fit.variances(&[at])[0] * 0.03 * 0.03);
         assert!((by_far - 3.0).abs() < 1e-9 && (0.0..1e-6).contains(&by_near), "{by_far} {by_near}");
         let places: Vec<[f64; 3]> = (1000..1100).map(|n| spread(n, 0.045)).collect();

@@ -151,7 +151,7 @@ impl ScatteredPlan {
                 .map(|target| self.found.remove(&target.index).unwrap_or(Found::Failed))
                 .collect();
             search.take(&found);
-            let at = |jet: &EnergyJet| nearest_index(jet.displacement_m);
+            let at = |jet: &EnergyJet| nearest_index(jet.control_m);
             self.learned = search.jets().iter().map(at).collect();
         }
     }
@@ -160,7 +160,7 @@ impl ScatteredPlan {
 /// What a fit takes from a record; rest has no force by its definition.
 fn jet(record: &Record) -> EnergyJet {
     let jet = record.jet(displacement_m(record.index));
-    if record.index == REST { EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..jet } } else { jet }
+    if record.index == REST { jet.as_rest() } else { jet }
 }
 
 #[cfg(test)]
@@ -177,7 +177,7 @@ mod tests {
     /// A body that jumps to another branch, with `jump_n` more force, at a plane askew to every axis.
     fn record(task: &Task, jump_n: f64) -> Record {
         let jet = made_up::jet(displacement_m(task.target));
-        let [x, y, z] = jet.displacement_m;
+        let [x, y, z] = jet.control_m;
         let beyond = x + 0.4 * y - 0.3 * z - 0.011;
         let jump_n = if beyond > 0.0 { jump_n } else { 0.0 };
         let normal = [1.0, 0.4, -0.3];

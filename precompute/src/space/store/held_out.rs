@@ -12,8 +12,8 @@ use super::rows::{plain, unreadable};
 use super::{Store, StoreError};
 use crate::space::walk::{Kind, Truth, Walk, WalkOutcome};
 
-const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, \
-                       sxy_n_m, sxz_n_m, syz_n_m, residual_n, min_jacobian, inverted, unstable_modes, switched, iterations, \
+const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, \
+                       syy_n_m, syz_n_m, szz_n_m, residual_n, min_jacobian, inverted, unstable_modes, switched, iterations, \
                        factorisations, seconds, displacements, checksum";
 
 impl Store {
@@ -189,11 +189,11 @@ fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlit
             number(t.force_n[1]),
             number(t.force_n[2]),
             number(s[(0, 0)]),
-            number(s[(1, 1)]),
-            number(s[(2, 2)]),
             number(s[(0, 1)]),
             number(s[(0, 2)]),
+            number(s[(1, 1)]),
             number(s[(1, 2)]),
+            number(s[(2, 2)]),
             t.residual_n,
             number(t.min_jacobian),
             t.inverted,
@@ -214,7 +214,7 @@ fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, 
     let (kind, tag): (String, String) = (row.get(0)?, row.get(6)?);
     let kind = Kind::from_name(&kind).ok_or_else(|| unreadable(0, Type::Text))?;
     let walk = Walk { active: active as u32, kind, number: row.get(1)? };
-    let [xx, yy, zz, xy, xz, yz] =
+    let [xx, xy, xz, yy, yz, zz] =
         [number(12)?, number(13)?, number(14)?, number(15)?, number(16)?, number(17)?];
     let truth = Truth {
         displacement_m: [row.get(3)?, row.get(4)?, row.get(5)?],
@@ -251,11 +251,11 @@ fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
     let s = &t.stiffness_n_m;
     let of_solution = [t.energy_j, t.min_jacobian].into_iter().chain(t.force_n).chain([
         s[(0, 0)],
-        s[(1, 1)],
-        s[(2, 2)],
         s[(0, 1)],
         s[(0, 2)],
+        s[(1, 1)],
         s[(1, 2)],
+        s[(2, 2)],
     ]);
     let always = t.displacement_m.into_iter().chain([t.residual_n, t.seconds]);
     for x in of_solution.filter(|_| t.tag.is_solved()).chain(always) {

@@ -20,15 +20,16 @@ use std::time::{Duration, Instant};
 
 use rusqlite::{Connection, OptionalExtension, params};
 
-use super::job::{Intermediate, Outcome};
+use super::job::Outcome;
 use super::plan::supersedes;
 use super::record::{Record, StoredSeed};
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
+use crate::num::jet::EnergyJet;
 use crate::spec::{DisplacementBound, Form, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file; a store of another layout is refused.
-pub(super) const LAYOUT: &str = "3";
+pub(super) const LAYOUT: &str = "4";
 
 /// Bumped whenever the solver gives other bits, or a search goes another way.
 const SOLVER_REVISION: u32 = 6;
@@ -389,7 +390,7 @@ impl Store {
 
     /// States between grid points, each with the point its transition went to and the number of the try, sorted by these and along the
     /// way.
-    pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, Intermediate)>, StoreError> {
+    pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, EnergyJet)>, StoreError> {
         let mut states = Vec::new();
         self.each_intermediate(active, |index, attempt, state| states.push((index, attempt, state)))?;
         Ok(states)
@@ -398,7 +399,7 @@ impl Store {
     fn each_intermediate(
         &self,
         active: usize,
-        mut see: impl FnMut(GridIndex, u32, Intermediate),
+        mut see: impl FnMut(GridIndex, u32, EnergyJet),
     ) -> Result<(), StoreError> {
         let sql = "SELECT i, j, k, attempt, numbers FROM intermediate WHERE active = ?1 ORDER BY i, j, k, attempt, part";
         let mut statement = self.wrap(self.connection.prepare(sql))?;
@@ -454,9 +455,8 @@ impl Store {
         let mut statement = self.wrap(self.connection.prepare(&sql))?;
         let mut found = self.wrap(statement.query([active as i64]))?;
         while let Some(row) = self.wrap(found.next())? {
-            let (seed, checksum) = self.wrap(rows::read_seed(row))?;
-            if checksum != rows::seed_checksum(&seed) {
-                let index = self.wrap((|| Ok([row.get(4)?, row.get(5)?, row.get(6)?]))())?;
+            if !self.wrap(rows::read_state(row))?.is_intact() {
+                let index = self.wrap((|| Ok([row.get(3)?, row.get(4)?, row.get(5)?]))())?;
                 return Err(self.corrupt(rows::damaged(&index)));
             }
         }
@@ -477,14 +477,11 @@ impl Store {
         index: GridIndex,
         attempt: u32,
     ) -> Result<StoredSeed, StoreError> {
-        let found = self.wrap(rows::seed(&self.connection, active, index, attempt).optional())?;
-        let (seed, checksum) =
-            found.ok_or_else(|| self.corrupt(format!("no state at grid point {index:?}")))?;
-        if checksum == rows::seed_checksum(&seed) {
-            Ok(seed)
-        } else {
-            Err(self.corrupt(rows::damaged(&index)))
-        }
+        let found = self.wrap(rows::state(&self.connection, active, index, attempt).optional())?;
+        let state = found.ok_or_else(|| self.corrupt(format!("no state at grid point {index:?}")))?;
+        let record = self.wrap(rows::record(&self.connection, active, index, attempt))?;
+        let record = self.checked(active, record)?;
+        state.seed(&record).ok_or_else(|| self.corrupt(rows::damaged(&index)))
     }
 
     /// What a solve near a record's point starts from; the displacement is the grid's.

@@ -6,8 +6,9 @@ use palpate_core::ConfigTag;
 use rusqlite::types::Type;
 use rusqlite::{Connection, params};
 
-use super::super::job::{Intermediate, Outcome};
+use super::super::job::Outcome;
 use super::super::record::{Record, StoredSeed};
+use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
 /// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
@@ -16,7 +17,7 @@ static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HD
 
 /// Columns of a record, in the order of [`read`].
 pub(in crate::space) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \
-                                  energy_j, fx_n, fy_n, fz_n, sxx_n_m, syy_n_m, szz_n_m, sxy_n_m, sxz_n_m, syz_n_m, \
+                                  energy_j, fx_n, fy_n, fz_n, sxx_n_m, sxy_n_m, sxz_n_m, syy_n_m, syz_n_m, szz_n_m, \
                                   third_n_m2, residual_n, min_jacobian, inverted, unstable_modes, switched, \
                                   volume_m3, \
                                   iterations, factorisations, increments, seconds, checksum";
@@ -37,7 +38,7 @@ pub(in crate::space) fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Row> {
     let parent: [Option<i32>; 3] = [row.get(6)?, row.get(7)?, row.get(8)?];
     let attempt: Option<u32> = row.get(9)?;
     let tag: String = row.get(4)?;
-    let [xx, yy, zz, xy, xz, yz] =
+    let [xx, xy, xz, yy, yz, zz] =
         [number(15)?, number(16)?, number(17)?, number(18)?, number(19)?, number(20)?];
     let third = match row.get::<_, Option<Vec<u8>>>(21)? {
         None => [f64::NAN; 10],
@@ -104,11 +105,11 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
         number(r.force_n[1]),
         number(r.force_n[2]),
         number(s[(0, 0)]),
-        number(s[(1, 1)]),
-        number(s[(2, 2)]),
         number(s[(0, 1)]),
         number(s[(0, 2)]),
+        number(s[(1, 1)]),
         number(s[(1, 2)]),
+        number(s[(2, 2)]),
         solved.then(|| bytes(&r.third_n_m2)),
         r.residual_n,
         number(r.min_jacobian),
@@ -123,7 +124,7 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
         checksum(active as usize, r),
     ])?;
     if let Some(seed) = &outcome.seed {
-        let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)";
+        let sql = "INSERT INTO state VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
         let [i, j, k] = r.index;
         connection.prepare_cached(sql)?.execute(params![
             active,
@@ -133,8 +134,7 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
             r.attempt,
             seed.state,
             seed.sensitivity,
-            bytes(&seed.potential),
-            seed_checksum(seed)
+            seed_checksum(&seed.state, &seed.sensitivity)
         ])?;
     }
     for (part, state) in outcome.intermediate.iter().enumerate() {
@@ -147,28 +147,58 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
     Ok(())
 }
 
-/// The state a try ended in, with its checksum as written.
-pub(in crate::space) fn seed(
+/// The record of a try.
+pub(in crate::space) fn record(
     connection: &Connection,
     active: usize,
     index: GridIndex,
     attempt: u32,
-) -> rusqlite::Result<(StoredSeed, u32)> {
-    let sql = format!(
-        "SELECT {STATE} FROM state WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5"
-    );
+) -> rusqlite::Result<Row> {
+    let sql = format!("SELECT {COLUMNS} FROM configuration WHERE {TRY}");
     let key = params![active as i64, index[0], index[1], index[2], attempt];
-    connection.prepare_cached(&sql)?.query_row(key, read_seed)
+    connection.prepare_cached(&sql)?.query_row(key, read)
 }
 
-/// Columns of a state, in the order of [`read_seed`].
-pub(in crate::space) const STATE: &str = "state, sensitivity, potential, checksum";
+/// The state a try ended in.
+pub(in crate::space) fn state(
+    connection: &Connection,
+    active: usize,
+    index: GridIndex,
+    attempt: u32,
+) -> rusqlite::Result<State> {
+    let sql = format!("SELECT {STATE} FROM state WHERE {TRY}");
+    let key = params![active as i64, index[0], index[1], index[2], attempt];
+    connection.prepare_cached(&sql)?.query_row(key, read_state)
+}
+
+/// Selects one try.
+const TRY: &str = "active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5";
+
+/// A state as read, with the checksum it was written with.
+pub(in crate::space) struct State {
+    state: Vec<u8>,
+    sensitivity: Vec<u8>,
+    checksum: u32,
+}
+
+impl State {
+    pub(in crate::space) fn is_intact(&self) -> bool {
+        self.checksum == seed_checksum(&self.state, &self.sensitivity)
+    }
+
+    /// What solves start from: the state, and the condensed energy of its record. `None` if the state is damaged.
+    pub(in crate::space) fn seed(self, record: &Record) -> Option<StoredSeed> {
+        let numbers = record.jet([0.0; 3]).numbers();
+        self.is_intact().then(|| StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
+    }
+}
+
+/// Columns of a state, in the order of [`read_state`].
+pub(in crate::space) const STATE: &str = "state, sensitivity, checksum";
 
 /// Reads a row of [`STATE`].
-pub(in crate::space) fn read_seed(row: &rusqlite::Row<'_>) -> rusqlite::Result<(StoredSeed, u32)> {
-    let potential = doubles(&row.get::<_, Vec<u8>>(2)?);
-    let potential = potential.try_into().map_err(|_| unreadable(2, Type::Blob))?;
-    Ok((StoredSeed { state: row.get(0)?, sensitivity: row.get(1)?, potential }, row.get(3)?))
+pub(in crate::space) fn read_state(row: &rusqlite::Row<'_>) -> rusqlite::Result<State> {
+    Ok(State { state: row.get(0)?, sensitivity: row.get(1)?, checksum: row.get(2)? })
 }
 
 /// A number as SQLite gives it back.
@@ -183,7 +213,7 @@ pub(in crate::space) fn intermediate(
     index: GridIndex,
     attempt: u32,
     part: u32,
-) -> Option<Intermediate> {
+) -> Option<EnergyJet> {
     let sql = "SELECT numbers FROM intermediate WHERE active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5 \
                AND part = ?6";
     let key = params![active as i64, index[0], index[1], index[2], attempt, part];
@@ -211,7 +241,7 @@ pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
     let of_solution = [r.energy_j, r.min_jacobian, r.volume_m3]
         .into_iter()
         .chain(r.force_n)
-        .chain([s[(0, 0)], s[(1, 1)], s[(2, 2)], s[(0, 1)], s[(0, 2)], s[(1, 2)]])
+        .chain([s[(0, 0)], s[(0, 1)], s[(0, 2)], s[(1, 1)], s[(1, 2)], s[(2, 2)]])
         .chain(r.third_n_m2);
     for x in of_solution.filter(|_| solved).chain([r.residual_n, r.seconds]) {
         digest.update(&plain(x).to_le_bytes());
@@ -219,11 +249,10 @@ pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
     digest.finalize()
 }
 
-pub(in crate::space) fn seed_checksum(seed: &StoredSeed) -> u32 {
+fn seed_checksum(state: &[u8], sensitivity: &[u8]) -> u32 {
     let mut digest = CHECKSUM.digest();
-    digest.update(&seed.state);
-    digest.update(&seed.sensitivity);
-    digest.update(&bytes(&seed.potential));
+    digest.update(state);
+    digest.update(sensitivity);
     digest.finalize()
 }
 
@@ -235,15 +264,8 @@ fn doubles(bytes: &[u8]) -> Vec<f64> {
     bytes.as_chunks().0.iter().map(|b| f64::from_le_bytes(*b)).collect()
 }
 
-fn pack_intermediate(state: &Intermediate) -> Vec<u8> {
-    let numbers: Vec<f64> = state
-        .displacement_m
-        .into_iter()
-        .chain([state.energy_j])
-        .chain(state.force_n)
-        .chain(state.stiffness_n_m)
-        .chain(state.third_n_m2)
-        .collect();
+fn pack_intermediate(jet: &EnergyJet) -> Vec<u8> {
+    let numbers: Vec<f64> = jet.control_m.into_iter().chain(jet.numbers()).collect();
     let mut packed = bytes(&numbers);
     let checksum = CHECKSUM.checksum(&packed);
     packed.extend(checksum.to_le_bytes());
@@ -251,21 +273,12 @@ fn pack_intermediate(state: &Intermediate) -> Vec<u8> {
 }
 
 /// `None` if the bytes are damaged.
-pub(in crate::space) fn unpack_intermediate(packed: &[u8]) -> Option<Intermediate> {
+pub(in crate::space) fn unpack_intermediate(packed: &[u8]) -> Option<EnergyJet> {
     let (numbers, checksum) = packed.split_last_chunk::<4>()?;
     if CHECKSUM.checksum(numbers) != u32::from_le_bytes(*checksum) {
         return None;
     }
     let numbers = doubles(numbers);
-    let (displacement_m, rest) = numbers.split_first_chunk::<3>()?;
-    let (energy_j, rest) = rest.split_first()?;
-    let (force_n, rest) = rest.split_first_chunk::<3>()?;
-    let (stiffness_n_m, rest) = rest.split_first_chunk::<6>()?;
-    Some(Intermediate {
-        displacement_m: *displacement_m,
-        energy_j: *energy_j,
-        force_n: *force_n,
-        stiffness_n_m: *stiffness_n_m,
-        third_n_m2: rest.try_into().ok()?,
-    })
+    let (control_m, numbers) = numbers.split_first_chunk::<3>()?;
+    Some(EnergyJet::from_numbers(*control_m, numbers.try_into().ok()?))
 }

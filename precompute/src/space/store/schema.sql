@@ -17,7 +17,7 @@ CREATE TABLE configuration (
   parent_attempt INTEGER,
   failure TEXT,                                                 -- reason, if failed
   energy_j REAL, fx_n REAL, fy_n REAL, fz_n REAL,
-  sxx_n_m REAL, syy_n_m REAL, szz_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syz_n_m REAL,
+  sxx_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syy_n_m REAL, syz_n_m REAL, szz_n_m REAL,
   third_n_m2 BLOB,                                              -- f64 x 10: 000 001 002 011 012 022 111 112 122 222
   residual_n REAL, min_jacobian REAL, inverted INTEGER, unstable_modes INTEGER, switched INTEGER, volume_m3 REAL,
   iterations INTEGER NOT NULL, factorisations INTEGER NOT NULL, increments INTEGER NOT NULL, seconds REAL NOT NULL,
@@ -28,14 +28,13 @@ CREATE TABLE state (
   active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
   state BLOB NOT NULL,                                          -- f32: displacements, then pressures
   sensitivity BLOB NOT NULL,                                    -- f32: d(state)/dd along x, then y, then z
-  potential BLOB NOT NULL,                                      -- f64: W, h, S (xx yy zz xy xz yz) there
-  checksum INTEGER NOT NULL,                                    -- CRC-32 of the three
+  checksum INTEGER NOT NULL,                                    -- CRC-32 of the two
   PRIMARY KEY (active, i, j, k, attempt)
 );
 CREATE TABLE intermediate (
   active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
   part INTEGER NOT NULL,                                        -- 1 .. increments - 1 of the transition to i, j, k
-  numbers BLOB NOT NULL,                                        -- f64 x 23: d, W, h, S (xx yy zz xy xz yz), W_ijk; CRC-32
+  numbers BLOB NOT NULL,                                        -- f64 x 23: d, W, h, S (xx xy xz yy yz zz), W_ijk; CRC-32
   PRIMARY KEY (active, i, j, k, attempt, part)
 ) WITHOUT ROWID;
 CREATE TABLE held_out (
@@ -46,7 +45,7 @@ CREATE TABLE held_out (
   tag TEXT NOT NULL,                                            -- expandable | terminating | failed
   failure TEXT,                                                 -- reason, if failed
   energy_j REAL, fx_n REAL, fy_n REAL, fz_n REAL,
-  sxx_n_m REAL, syy_n_m REAL, szz_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syz_n_m REAL,
+  sxx_n_m REAL, sxy_n_m REAL, sxz_n_m REAL, syy_n_m REAL, syz_n_m REAL, szz_n_m REAL,
   residual_n REAL, min_jacobian REAL, inverted INTEGER NOT NULL, unstable_modes INTEGER, switched INTEGER NOT NULL,
   iterations INTEGER NOT NULL, factorisations INTEGER NOT NULL, seconds REAL NOT NULL,
   displacements BLOB NOT NULL,                                  -- f32 x, y, z per node; empty if not kept

@@ -191,8 +191,8 @@ impl Case<'_> {
                 continue;
             }
             let Ok(c) = solver.advance(reference.nearest(at), at) else { continue };
-            if !c.switched && is_reached(wanted, c.force_n) {
-                places.push(Place { at, exact: c.force_n });
+            if !c.switched && is_reached(wanted, c.jet().force_n) {
+                places.push(Place { at, exact: c.jet().force_n });
             }
             if places.len() == count {
                 break;
@@ -307,7 +307,7 @@ impl Baselines<'_> {
         let jet = self.reference.jet(grid.displacement_m(index));
         let mut sample = sample(index, &jet, norm(jet.force_n) > self.wanted.max_force_n);
         if index == [0; 3] {
-            sample.force_n = [0.0; 3];
+            sample.jet.force_n = [0.0; 3];
         }
         sample
     }
@@ -383,7 +383,7 @@ fn solve_all((case, searched): (&Case<'_>, &Alone), places: &[[f64; 3]]) -> Opti
             jets.push(searched.search.jets()[0]);
             continue;
         }
-        jets.push(EnergyJet::from(&solver.advance(searched.nearest(at), at).ok()?));
+        jets.push(*solver.advance(searched.nearest(at), at).ok()?.jet());
     }
     Some(jets)
 }

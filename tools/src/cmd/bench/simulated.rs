@@ -7,7 +7,7 @@ use std::time::Duration;
 use palpate_core::ConfigTag;
 use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::Seed;
-use palpate_precompute::num::branch::Potential;
+use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, StoredSeed, Task, Work};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
@@ -77,17 +77,11 @@ pub(super) fn nanoseconds(seconds: f64) -> u64 {
 
 /// The least that the store takes as a state.
 pub(super) fn blank_seed() -> StoredSeed {
-    let potential = Potential {
-        displacement_m: [0.0; 3],
-        energy_j: 0.0,
-        force_n: [0.0; 3],
-        stiffness_n_m: Default::default(),
-    };
     StoredSeed::pack(&Seed {
         pose: Pose::translation([0.0; 3]),
         state: vec![0.0],
         sensitivity: [vec![0.0], vec![0.0], vec![0.0]],
-        potential,
+        jet: EnergyJet::from_numbers([0.0; 3], &[0.0; 20]),
     })
 }
 

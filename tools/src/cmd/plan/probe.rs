@@ -51,7 +51,7 @@ pub(super) struct Probed {
 impl Probed {
     /// Displacements of the probes, shortest and longest, m.
     pub(super) fn reach_m(&self) -> [f64; 2] {
-        let size = |jet: &EnergyJet| jet.displacement_m.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let size = |jet: &EnergyJet| jet.control_m.iter().map(|x| x * x).sum::<f64>().sqrt();
         let probes = || self.jets[1..].iter().map(size);
         [probes().fold(f64::INFINITY, f64::min).min(self.wanted.radius_m), probes().fold(0.0, f64::max)]
     }
@@ -100,7 +100,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         size: [problem.unknowns(), matrix, factor],
     };
     // Rest has no force by its definition.
-    let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..EnergyJet::from(&rest) };
+    let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..*rest.jet() };
     probed.keep(jet, &rest, &rest, &order.surface);
     let mut search = Search::new(order.wanted, &jet);
     let mut seeds = vec![rest.seed.clone()];
@@ -119,7 +119,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             probed.far_s.push(seconds);
             found.push(match reached {
                 Ok(c) if !c.switched => {
-                    let jet = EnergyJet::from(&c);
+                    let jet = *c.jet();
                     probed.keep(jet, &c, &rest, &order.surface);
                     probed.beyond += usize::from(norm(jet.force_n) > order.wanted.max_force_n);
                     let is_from_rest = target.parent == 0;
@@ -131,7 +131,7 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
                 }
                 Ok(c) => {
                     probed.lost += 1;
-                    Found::Elsewhere(EnergyJet::from(&c))
+                    Found::Elsewhere(*c.jet())
                 }
                 Err(_) => {
                     probed.lost += 1;
@@ -141,8 +141,8 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         }
         search.take(&found);
         // The search leaves out what is far beyond the limit: parents are counted in what it kept.
-        let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.displacement_m == at);
-        seeds.extend(learned.into_iter().filter(|(jet, _)| kept(jet.displacement_m)).map(|(_, seed)| seed));
+        let kept = |at: [f64; 3]| search.jets().iter().any(|jet| jet.control_m == at);
+        seeds.extend(learned.into_iter().filter(|(jet, _)| kept(jet.control_m)).map(|(_, seed)| seed));
     }
     // A step of a lattice from rest, and one from as far as the probes got.
     for seed in [seeds.first(), seeds.get(1)].into_iter().flatten() {
@@ -161,15 +161,15 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         probed.near_s.push(probed.rest_s);
     }
     // The farthest first: that is where a space folds.
-    solved.sort_by(|a, b| norm(b.at.displacement_m).total_cmp(&norm(a.at.displacement_m)));
+    solved.sort_by(|a, b| norm(b.at.control_m).total_cmp(&norm(a.at.control_m)));
     for (n, probe) in solved.iter().enumerate() {
         if begun.elapsed() > order.patience {
             break;
         }
         let from = if probe.is_from_rest { nearest(&solved, n) } else { seeds.first() };
-        let found = from.map(|seed| solver.advance(seed, probe.at.displacement_m));
+        let found = from.map(|seed| solver.advance(seed, probe.at.control_m));
         if let Some(Ok(other)) = found {
-            let apart: [f64; 3] = std::array::from_fn(|i| other.force_n[i] - probe.at.force_n[i]);
+            let apart: [f64; 3] = std::array::from_fn(|i| other.jet().force_n[i] - probe.at.force_n[i]);
             probed.again += 1;
             probed.forked += usize::from(norm(apart) > order.wanted.tolerance.at(probe.at.force_n));
         }
@@ -187,7 +187,7 @@ struct Solved {
 /// State of the probe nearest to number `n`.
 fn nearest(solved: &[Solved], n: usize) -> Option<&Seed> {
     let away = |other: &Solved| -> f64 {
-        let [a, b] = [other, &solved[n]].map(|probe| probe.at.displacement_m);
+        let [a, b] = [other, &solved[n]].map(|probe| probe.at.control_m);
         norm(std::array::from_fn(|i| a[i] - b[i]))
     };
     let others = solved.iter().enumerate().filter(|(other, _)| *other != n);
@@ -204,7 +204,7 @@ impl Probed {
         };
         let displacement_m = of(&at.seed.state, Some(&rest.seed.state));
         let slopes = at.seed.sensitivity.each_ref().map(|column| of(column, None));
-        self.moved.push((jet.displacement_m, Moved { displacement_m, slopes }));
+        self.moved.push((jet.control_m, Moved { displacement_m, slopes }));
     }
 }
 
@@ -213,7 +213,7 @@ pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, f64, [usize; 3])> 
     let mut solver = Solver::new(problem.clone());
     let (rest, seconds) = timed(|| solver.rest());
     let (matrix, factor) = problem.entries();
-    Some((seconds, rest.ok()?.stiffness_n_m.trace(), [problem.unknowns(), matrix, factor]))
+    Some((seconds, rest.ok()?.jet().stiffness_n_m.trace(), [problem.unknowns(), matrix, factor]))
 }
 
 fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {

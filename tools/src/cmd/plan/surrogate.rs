@@ -140,7 +140,7 @@ impl Surrogate {
 
     /// The lattice that takes over where the blind loop gives up: only where the tool gets to.
     pub(super) fn lattice_that_takes_over(&self, lattice: &Lattice) -> Expanded {
-        self.expanded(lattice, |jet| self.wanted.lattice_goes_on_from(jet.displacement_m, jet.force_n))
+        self.expanded(lattice, |jet| self.wanted.lattice_goes_on_from(jet.control_m, jet.force_n))
     }
 
     fn expanded(&self, lattice: &Lattice, goes_on: impl Fn(&EnergyJet) -> bool) -> Expanded {
@@ -184,16 +184,7 @@ impl Surrogate {
 
 /// A configuration as the packer takes it.
 pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sample {
-    Sample {
-        index,
-        attempt: 0,
-        energy_j: jet.energy_j,
-        force_n: jet.force_n,
-        stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| jet.stiffness_n_m[(i, j)])),
-        third_n_m2: jet.third_n_m2,
-        terminating,
-        inverted: false,
-    }
+    Sample { index, attempt: 0, jet: *jet, terminating, inverted: false }
 }
 
 /// Mean square of the errors that the fit would make at every probe without it, by what a hand feels: how rough a body is does not depend on the
@@ -224,7 +215,7 @@ pub(super) mod tests {
         let third =
             palpate_precompute::num::jet::THIRD_INDICES.map(|t| t.iter().map(|&i| g[i]).product::<f64>() * e);
         let mut jet = EnergyJet {
-            displacement_m: p,
+            control_m: p,
             energy_j: (0..3).map(|i| 0.5 * d[i] * p[i] * p[i] - c * g[i] * p[i]).sum::<f64>() + e - c,
             force_n: std::array::from_fn(|i| d[i] * p[i] + (e - c) * g[i]),
             stiffness_n_m: Default::default(),

@@ -207,7 +207,7 @@ fn on_threads(
                 let start = Instant::now();
                 // A direction ends where the body cannot be solved any further.
                 let Ok(c) = solver.advance(&seed, target) else { break };
-                found.push((direction * SHARES.len() + n, (c.force_n, start.elapsed().as_secs_f64())));
+                found.push((direction * SHARES.len() + n, (c.jet().force_n, start.elapsed().as_secs_f64())));
                 seed = c.seed;
             }
         }

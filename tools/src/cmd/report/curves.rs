@@ -85,7 +85,7 @@ fn curve(
             steps.go_on()?;
             let distance_m = radius_m * f64::from(step) / f64::from(STEPS);
             let Ok(c) = solver.advance(&seed, direction.map(|x| x * distance_m)) else { break };
-            points.push([distance_m, norm(c.force_n)]);
+            points.push([distance_m, norm(c.jet().force_n)]);
             seed = c.seed;
         }
         Ok(points)

@@ -7,7 +7,7 @@ use palpate_core::table::{LatticeTable, Space};
 use palpate_precompute::fit::{
     Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
-use palpate_precompute::num::jet::THIRD_INDICES;
+use palpate_precompute::num::jet::{EnergyJet, SECOND_INDICES, THIRD_INDICES};
 use palpate_precompute::spec::{GridIndex, SpaceGrid};
 
 use crate::failure::Failure;
@@ -113,16 +113,15 @@ fn derivative(d: [f64; 3], axes: &[usize]) -> f64 {
 
 fn sample(grid: &SpaceGrid, index: GridIndex) -> Sample {
     let d = grid.displacement_m(index);
-    Sample {
-        index,
-        attempt: 0,
-        energy_j: derivative(d, &[]),
-        force_n: std::array::from_fn(|i| derivative(d, &[i])),
-        stiffness_n_m: std::array::from_fn(|i| std::array::from_fn(|j| derivative(d, &[i, j]))),
-        third_n_m2: THIRD_INDICES.map(|triple| derivative(d, &triple)),
-        terminating: false,
-        inverted: false,
+    let axes = [&[][..], &[0], &[1], &[2]].into_iter();
+    let axes = axes.chain(SECOND_INDICES.iter().map(|pair| &pair[..]));
+    let axes = axes.chain(THIRD_INDICES.iter().map(|triple| &triple[..]));
+    let mut numbers = [0.0; 20];
+    for (number, axes) in numbers.iter_mut().zip(axes) {
+        *number = derivative(d, axes);
     }
+    let jet = EnergyJet::from_numbers(d, &numbers);
+    Sample { index, attempt: 0, jet, terminating: false, inverted: false }
 }
 
 /// Centres as they are, weights of no meaning.
@@ -130,7 +129,7 @@ fn unfitted(samples: &[Sample]) -> RbfFit {
     let plane = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).collect::<Vec<f64>>();
     RbfFit {
         centres: [0, 1, 2].map(|axis| plane(&|sample| f64::from(sample.index[axis]))),
-        weights: [0, 1, 2].map(|axis| plane(&|sample| 1e-3 * sample.force_n[axis])),
+        weights: [0, 1, 2].map(|axis| plane(&|sample| 1e-3 * sample.jet.force_n[axis])),
         misfit_n: f64::NAN,
     }
 }
