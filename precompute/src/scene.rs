@@ -177,6 +177,21 @@ impl Scene {
         self.place.relative(self.file.mesh.get_ref().file.get_ref())
     }
 
+    /// Every file that the scene is read from: the scene file, the mesh (two files of TetGen), the node sets
+    /// of `[fixed]` and the device profile.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mesh = self.mesh_path();
+        let is_pair =
+            mesh.extension().is_some_and(|e| e.eq_ignore_ascii_case("node") || e.eq_ignore_ascii_case("ele"));
+        let meshes =
+            if is_pair { ["node", "ele"].map(|e| mesh.with_extension(e)).to_vec() } else { vec![mesh] };
+        let sets = self.file.fixed.get_ref().file.as_ref().map(|file| self.place.relative(file.get_ref()));
+        let device = self.file.device.as_ref();
+        let profile =
+            device.and_then(|table| device::profile_file(&self.place, table.get_ref().profile.as_ref()?));
+        [self.place.path.clone()].into_iter().chain(meshes).chain(sets).chain(profile).collect()
+    }
+
     /// Loads the mesh and looks everything up.
     pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
         resolve::resolve(self, None)

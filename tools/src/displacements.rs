@@ -1,16 +1,24 @@
 //! The displacements of a path's steps on disk: a CSV table, or a PVD series for ParaView.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use palpate_precompute::fem::assembly::volume_ratios;
 use palpate_precompute::fem::body::Body;
 use palpate_precompute::fem::element::Order;
 use palpate_precompute::fem::solve::Configuration;
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::mesh::write::vtu::WriteError;
 use palpate_precompute::mesh::write::{Cells, Field, Grid, Series};
 
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output};
+
+/// The option that names the file.
+const OPTION: &str = "--displacements";
+
+/// Whether a file of this name in the folder of a series is one of its steps.
+fn is_step(name: &str) -> bool {
+    name.starts_with("step_") && name.ends_with(".vtu")
+}
 
 /// Where the displacements go, by the extension of the file's name.
 #[derive(Debug)]
@@ -18,20 +26,29 @@ pub(crate) enum Displacements {
     /// Nowhere.
     Unwanted,
     /// A row per node and step, written at the end.
-    Csv { path: PathBuf, table: String },
+    Csv { file: Output, table: String },
     /// A VTU file per step, rest included, listed in a PVD file that is whole after each step.
-    Pvd { path: PathBuf, series: Option<Series> },
+    Pvd { file: Output, series: Option<Series> },
 }
 
 impl Displacements {
-    /// Looks at the name only: nothing is written before there is something to write.
-    pub(crate) fn new(path: Option<&Path>) -> Result<Self, Failure> {
-        let Some(path) = path.map(Path::to_path_buf) else { return Ok(Self::Unwanted) };
+    /// Nothing is written before there is something to write.
+    pub(crate) fn new(path: Option<&Path>, files: &mut Files) -> Result<Self, Failure> {
+        let Some(path) = path else { return Ok(Self::Unwanted) };
         match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
-            Some("csv") => Ok(Self::Csv { path, table: String::from("step,node,ux_m,uy_m,uz_m\n") }),
-            Some("pvd") => Ok(Self::Pvd { path, series: None }),
+            Some("csv") => {
+                let table = String::from("step,node,ux_m,uy_m,uz_m\n");
+                Ok(Self::Csv { file: files.write(OPTION, path, FileKind::Table)?, table })
+            }
+            Some("pvd") => {
+                let file = files.write(OPTION, path, FileKind::Pvd)?;
+                files.folder(OPTION, &path.with_extension(""), |name| {
+                    is_step(name).then_some(FileKind::Vtu)
+                })?;
+                Ok(Self::Pvd { file, series: None })
+            }
             _ => Err(Failure::input(format!(
-                "--displacements {}: the name says neither CSV nor ParaView; end it with .csv or .pvd",
+                "{OPTION} {}: the name says neither CSV nor ParaView; end it with .csv or .pvd",
                 path.display()
             ))),
         }
@@ -55,9 +72,9 @@ impl Displacements {
                 }
             }
             Self::Csv { .. } => {}
-            Self::Pvd { path, series } => {
+            Self::Pvd { file, series } => {
                 if series.is_none() {
-                    *series = Some(Series::create(path).map_err(|error| Failure::file(path, &error))?);
+                    *series = Some(Series::create(file.path()).map_err(|error| file.failure(&error))?);
                 }
                 let series = series.as_mut().expect("just made");
                 let ratios = volume_ratios(body, &c.seed.state);
@@ -80,8 +97,8 @@ impl Displacements {
                     ],
                 };
                 series.add(length_mm, &grid).map_err(|error| match error {
-                    WriteError::Io(error) => Failure::file(path, &error),
-                    other => Failure::work(format!("{}: {other}", path.display())),
+                    WriteError::Io(error) => file.failure(&error),
+                    other => Failure::work(format!("{}: {other}", file.path().display())),
                 })?;
             }
         }
@@ -91,9 +108,7 @@ impl Displacements {
     /// Writes what is still to be written.
     pub(crate) fn finish(self) -> Result<(), Failure> {
         match self {
-            Self::Csv { path, table } => {
-                write_atomically(&path, table.as_bytes()).map_err(|error| Failure::file(&path, &error))
-            }
+            Self::Csv { file, table } => file.put(table.as_bytes()),
             Self::Unwanted | Self::Pvd { .. } => Ok(()),
         }
     }

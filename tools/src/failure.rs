@@ -1,5 +1,6 @@
 //! How a command ends badly: one line and an exit code.
 
+use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -26,8 +27,14 @@ impl Failure {
         Self::Work(anyhow::anyhow!("{message}"))
     }
 
-    /// A file that cannot be read or written.
+    /// A file that cannot be read or written: bad input, but failed work if the disk is full.
     pub(crate) fn file(path: &Path, error: &std::io::Error) -> Self {
+        if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
+            let path = path.display();
+            return Self::work(format!(
+                "{path}: no space left on the disk ({error}); make room and run the same command again"
+            ));
+        }
         Self::input(format!("{}: {error}; check the name, the folder and its permissions", path.display()))
     }
 

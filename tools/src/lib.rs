@@ -13,6 +13,7 @@ mod displacements;
 #[cfg(test)]
 mod documents;
 mod failure;
+mod files;
 mod hardware;
 mod memory;
 mod motors_off;

@@ -2,12 +2,12 @@
 //! quietly.
 
 use std::io::{ErrorKind, Write};
-use std::path::Path;
 
 use palpate_host::rt::LatencyReport;
 use serde::Serialize;
 
 use crate::failure::Failure;
+use crate::files::Output;
 
 /// Prints `text` and a line break.
 pub(crate) fn line(text: impl std::fmt::Display) -> Result<(), Failure> {
@@ -29,6 +29,6 @@ pub(crate) fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, Failure> {
 }
 
 /// The histograms of a run: `quantity,ns,count,share`, one row for each bin that is not empty.
-pub(crate) fn histograms(path: &Path, latency: &LatencyReport) -> Result<(), Failure> {
-    std::fs::write(path, csv(&latency.histograms.rows())?).map_err(|error| Failure::file(path, &error))
+pub(crate) fn histograms(file: &Output, latency: &LatencyReport) -> Result<(), Failure> {
+    file.put(&csv(&latency.histograms.rows())?)
 }

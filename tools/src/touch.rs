@@ -19,6 +19,7 @@ use palpate_host::viewer::{RendererConfig, ViewerError};
 use palpate_host::{Device, DeviceInfo, Recorder, SessionError, SessionOptions, SessionSummary, run_session};
 
 use crate::failure::Failure;
+use crate::files::Output;
 use crate::timing::Timing;
 
 /// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
@@ -56,7 +57,7 @@ pub(crate) struct Show<'p> {
     /// Standstill of the loop after which the watchdog zeroes the device, ms.
     pub watchdog_ms: u32,
     /// A film instead of PNG frames.
-    pub gif: Option<&'p Path>,
+    pub gif: Option<&'p Output>,
     /// The window moves the tool of this mouse device.
     pub mouse: Option<&'p MouseHandle>,
 }
@@ -69,13 +70,19 @@ impl Show<'_> {
         }
         if let Some(file) = self.gif {
             let rate_hz = self.rate_hz.unwrap_or(FILM_RATE_HZ);
-            return View::Gif { file: file.to_path_buf(), rate_hz, picture: FILM_PICTURE };
+            return View::Gif { file: file.path().to_path_buf(), rate_hz, picture: FILM_PICTURE };
         }
         View::Frames {
             directory: self.pictures.to_path_buf(),
             rate_hz: self.rate_hz.unwrap_or(HEADLESS_RATE_HZ),
             picture: RendererConfig::still(),
         }
+    }
+
+    /// A picture that could not be written while the session ran.
+    pub(crate) fn picture_failure(&self, error: &std::io::Error) -> Failure {
+        let place = self.gif.map_or(self.pictures, Output::path);
+        Failure::work(Failure::file(place, error).line())
     }
 
     /// A window, or PNG frames if asked for.
@@ -96,7 +103,7 @@ impl Show<'_> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Record<'p> {
     /// The .mcap file, which must not be there yet.
-    pub path: &'p Path,
+    pub file: &'p Output,
     /// BLAKE3 of each blob.
     pub blob_blake3: &'p [String],
 }
@@ -113,16 +120,8 @@ impl Record<'_> {
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let start_unix_ns = since_1970.as_nanos() as u64;
         let header = Header::new(organ, blob, config, options.haptic, device, start_unix_ns);
-        // A recording of a hand cannot be made again: never over another one.
-        let file = File::create_new(self.path).map_err(|error| match error.kind() {
-            std::io::ErrorKind::AlreadyExists => Failure::input(format!(
-                "{}: is there already, and a recording is never written over another; choose another name",
-                self.path.display()
-            )),
-            _ => Failure::file(self.path, &error),
-        })?;
-        Recorder::start(BufWriter::new(file), &header)
-            .map_err(|error| Failure::work(format!("{}: {error}", self.path.display())))
+        Recorder::start(BufWriter::new(self.file.create_new()?), &header)
+            .map_err(|error| Failure::work(format!("{}: {error}", self.file.path().display())))
     }
 }
 
@@ -187,9 +186,10 @@ pub(crate) fn run<D: Device>(
         });
         let end = ended.as_ref().ok().map(End::of_session);
         let recording = recorder.map(|recorder| recorder.finish(end));
-        if let (true, false, Some(record)) = (ended.is_err(), moved, show.record) {
+        if ended.is_err() && !moved {
             // Made by this very call, and without a tick.
-            std::fs::remove_file(record.path).map_err(|error| Failure::file(record.path, &error))?;
+            show.record.iter().try_for_each(|record| record.file.remove())?;
+            show.gif.iter().try_for_each(|gif| gif.remove())?;
         }
         match ended {
             Err(SessionError::Viewer(ViewerError::NoDisplay(_))) if show.mouse.is_some() && !moved => {
@@ -203,6 +203,9 @@ pub(crate) fn run<D: Device>(
             }
             Err(error @ (SessionError::Model(_) | SessionError::Seconds(_) | SessionError::Priority(_))) => {
                 return Err(Failure::input(error));
+            }
+            Err(SessionError::Viewer(ViewerError::Frame(error))) => {
+                return Err(show.picture_failure(&error));
             }
             Err(error) => return Err(Failure::work(error)),
             Ok(summary) => return Ok(Touched { summary, recording }),
@@ -244,12 +247,13 @@ mod tests {
         for fault in [Fault::Panic, Fault::NoFolder] {
             let folder = tempfile::tempdir().expect("a folder");
             let (path, pictures) = (folder.path().join("session.mcap"), folder.path().join("frames"));
+            let record = Output::in_scratch(&folder, "session.mcap");
             let show = Show {
                 seconds: Some(20.0),
                 headless: true,
                 rate_hz: Some(50.0),
                 pictures: &pictures,
-                record: Some(Record { path: &path, blob_blake3: &blob_blake3 }),
+                record: Some(Record { file: &record, blob_blake3: &blob_blake3 }),
                 friction: None,
                 change_every: None,
                 profile: None,
@@ -287,6 +291,7 @@ mod tests {
     /// A film has a rate of its own as long as nobody asks for another.
     #[test]
     fn a_film_takes_the_rate_it_is_given() {
+        let film = Output::in_scratch(&tempfile::tempdir().expect("a folder"), "film.gif");
         let show = Show {
             seconds: None,
             headless: true,
@@ -298,7 +303,7 @@ mod tests {
             profile: None,
             timing: Timing::default(),
             watchdog_ms: 20,
-            gif: Some(Path::new("film.gif")),
+            gif: Some(&film),
             mouse: None,
         };
         let rate_hz = |show: Show<'_>| match show.view() {

@@ -15,6 +15,7 @@ use palpate_precompute::space::{
 use palpate_precompute::spec::{Lattice, Sampling};
 
 use crate::failure::Failure;
+use crate::files::Output;
 
 /// A scene ready to be solved.
 #[derive(Debug)]
@@ -121,7 +122,8 @@ impl Workbench {
     }
 
     /// Opens or creates the scene's store; with `salvage`, from what is intact of a damaged one.
-    pub(crate) fn store(&self, path: &Path, salvage: bool) -> Result<Store, Failure> {
+    pub(crate) fn store(&self, file: &Output, salvage: bool) -> Result<Store, Failure> {
+        let path = file.path();
         let identity = StoreIdentity {
             scene_name: self.scene.name.clone(),
             scene: self.scene.text.clone(),
@@ -206,13 +208,24 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     let stop = STOP.get_or_init(Arc::default).clone();
     let raised = stop.clone();
     let mut first: Option<Instant> = None;
-    ctrlc::set_handler(move || {
+    on_signal(move || {
         raised.store(true, Ordering::SeqCst);
         if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
             eprintln!("palpate: ended at once");
             std::process::exit(130);
         }
-    })
-    .map_err(|error| Failure::work(format!("cannot catch Ctrl-C: {error}")))?;
+    })?;
     Ok(stop)
+}
+
+/// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps nothing.
+pub(crate) fn end_when_interrupted() -> Result<(), Failure> {
+    on_signal(|| {
+        eprintln!("palpate: interrupted; nothing is kept");
+        std::process::exit(1);
+    })
+}
+
+fn on_signal(handle: impl FnMut() + Send + 'static) -> Result<(), Failure> {
+    ctrlc::set_handler(handle).map_err(|error| Failure::work(format!("cannot catch Ctrl-C: {error}")))
 }

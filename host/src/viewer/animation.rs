@@ -6,7 +6,6 @@ use super::quantise::{COLOURS, Palette};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
-use std::path::Path;
 
 /// Palette index for an unchanged pixel.
 const UNCHANGED: u8 = COLOURS as u8;
@@ -35,9 +34,9 @@ struct Film {
 }
 
 impl GifWriter {
-    /// Creates the file, replacing an existing one.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: Some(BufWriter::new(File::create(path)?)), film: None, written: 0 })
+    /// Starts a film in an empty file.
+    pub fn new(file: File) -> Self {
+        Self { file: Some(BufWriter::new(file)), film: None, written: 0 }
     }
 
     /// Number of frames.
@@ -160,6 +159,7 @@ fn into_io(error: gif::EncodingError) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     /// A red square that moves over a slate background.
     fn picture(at: usize) -> Image {
@@ -194,7 +194,7 @@ mod tests {
     fn a_film_keeps_the_pictures_and_their_times() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("film.gif");
-        let mut writer = GifWriter::create(&path).expect("writable");
+        let mut writer = GifWriter::new(File::create(&path).expect("writable"));
         let times_us = [5_000_000, 5_083_000, 5_166_000, 5_166_000 + 400_000];
         let drawn = [3, 9, 9, 30].map(picture);
         for (image, t_us) in drawn.iter().zip(times_us) {
@@ -218,7 +218,7 @@ mod tests {
     fn a_dropped_film_is_complete_and_another_size_is_refused() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("film.gif");
-        let mut writer = GifWriter::create(&path).expect("writable");
+        let mut writer = GifWriter::new(File::create(&path).expect("writable"));
         writer.write(&picture(1), 0).expect("writable");
         writer.write(&picture(5), 100_000).expect("writable");
         assert!(writer.write(&Image::new(61, 40), 200_000).is_err());

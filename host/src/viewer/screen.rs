@@ -7,7 +7,9 @@ use crate::rt::{Controls, TickRecord};
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
 use palpate_core::{Config, Organ};
-use std::path::PathBuf;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Longest pause between two drains of the queue.
@@ -30,7 +32,7 @@ pub enum View {
     },
     /// An animated GIF.
     Gif {
-        /// The file; an existing one is replaced.
+        /// The file. It must not exist, unless it is a device.
         file: PathBuf,
         /// Frames per second; fewer if drawing takes longer.
         rate_hz: f32,
@@ -46,6 +48,16 @@ pub enum View {
         /// The mouse device whose tool the window moves.
         mouse: Option<MouseHandle>,
     },
+}
+
+/// Creates the file of a film. A device is opened as it is.
+fn film_file(path: &Path) -> io::Result<File> {
+    match File::create_new(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !path.metadata()?.is_file() => {
+            File::create(path)
+        }
+        made => made,
+    }
 }
 
 /// The viewer of a session.
@@ -84,9 +96,11 @@ impl Screen {
             View::Frames { directory, rate_hz, picture } => {
                 (Output::Frames(FrameWriter::new(directory)?), interval(*rate_hz), renderer(picture))
             }
-            View::Gif { file, rate_hz, picture } => {
-                (Output::Gif(Box::new(GifWriter::create(file)?)), interval(*rate_hz), renderer(picture))
-            }
+            View::Gif { file, rate_hz, picture } => (
+                Output::Gif(Box::new(GifWriter::new(film_file(file)?))),
+                interval(*rate_hz),
+                renderer(picture),
+            ),
             View::Window { screenshots, picture, mouse } => {
                 let title = format!("palpate \u{2013} {}", organ.scene);
                 let controller = WindowController::open(&title, screenshots, *picture, mouse.clone())?;

@@ -8,12 +8,15 @@ use crate::device::mouse::MouseHandle;
 use crate::rt::TickRecord;
 use core::time::Duration;
 use palpate_core::Organ;
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Time between two frames of a film.
 const FILM_INTERVAL: Duration = Duration::from_millis(80);
+/// Largest number of films in a directory.
+const MAX_FILMS: u64 = 1000;
 /// Colour of the recording mark.
 const FILM_COLOUR: u32 = 0xff_4a3d;
 
@@ -119,13 +122,21 @@ impl WindowController {
             return self.finish();
         }
         std::fs::create_dir_all(&self.directory)?;
-        // An existing file is never replaced.
-        let path = (self.films..).map(|number| self.directory.join(format!("film_{number:03}.gif")));
-        let free = path.take(1000).find(|path| !path.exists());
-        let path = free.ok_or_else(|| io::Error::from(io::ErrorKind::AlreadyExists))?;
-        self.film = Some(Film { writer: GifWriter::create(&path)?, due: Instant::now() });
+        let file = self.new_film()?;
+        self.film = Some(Film { writer: GifWriter::new(file), due: Instant::now() });
         self.films += 1;
         Ok(())
+    }
+
+    /// Creates the file of the next film under the first free number.
+    fn new_film(&self) -> io::Result<File> {
+        for number in self.films..MAX_FILMS {
+            match File::create_new(self.directory.join(format!("film_{number:03}.gif"))) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                made => return made,
+            }
+        }
+        Err(io::ErrorKind::AlreadyExists.into())
     }
 
     fn add_to_film(&mut self, renderer: &Renderer, record: &TickRecord) -> Result<(), ViewerError> {

@@ -2,7 +2,7 @@
 //!
 //! Only the force limit is read of a profile; the host reads, and checks, the rest of it.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use toml::Spanned;
 
@@ -49,11 +49,15 @@ pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) 
     }
 }
 
+/// The file of a profile that is not a bundled one.
+pub(super) fn profile_file(place: &Place, name: &Spanned<String>) -> Option<PathBuf> {
+    name.get_ref().ends_with(".toml").then(|| place.relative(name.get_ref()))
+}
+
 /// The force limit of a bundled profile, or of a file beside the scene.
 fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> {
     let word = name.get_ref();
-    if word.ends_with(".toml") {
-        let path = place.relative(word);
+    if let Some(path) = profile_file(place, name) {
         let text = std::fs::read_to_string(&path).map_err(|error| InputError::unreadable(&path, &error))?;
         return force_in(Place { path, text });
     }

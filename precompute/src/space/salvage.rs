@@ -26,9 +26,9 @@ pub struct Salvaged {
 impl Store {
     /// Copies every intact try of the damaged file at `path` into a new one; the old one is kept beside it under another name.
     ///
-    /// Rows are asked for one by one, so that a damaged page costs only what it held. Scene and mesh come from the caller:
-    /// the damaged file is not asked for anything but rows. Whether they belong to this scene and solver is checked before
-    /// anything is moved, where its meta table can still be read. A file that another process writes is left alone.
+    /// Rows are read one by one, so a damaged page costs only its own rows. Scene and mesh come from the
+    /// caller. Before the file is moved, its meta table is checked against them, if it can still be read. A
+    /// file that another process writes, and one that is not a space, are left as they are.
     pub fn salvage(
         path: &Path,
         identity: &StoreIdentity,
@@ -37,6 +37,7 @@ impl Store {
         active: &[(String, u32)],
     ) -> Result<(Self, Salvaged), StoreError> {
         let io = |error| StoreError::Io { path: path.to_path_buf(), error };
+        Self::expect_saveable(path)?;
         {
             let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
             let connection = Connection::open_with_flags(path, flags);

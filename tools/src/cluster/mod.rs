@@ -24,6 +24,7 @@ use palpate_precompute::space::with_threads;
 use crate::cmd::held_out;
 use crate::cmd::precompute::{self, Team};
 use crate::failure::Failure;
+use crate::files::Output;
 use crate::workbench::{Workbench, stop_flag};
 use messages::Basis;
 use ranks::Ranks;
@@ -49,6 +50,13 @@ impl Command {
         match self {
             Self::Precompute(args) => &args.scene,
             Self::HeldOut(args) => &args.scene,
+        }
+    }
+
+    fn space(&self) -> Result<Output, Failure> {
+        match self {
+            Self::Precompute(args) => args.space(),
+            Self::HeldOut(args) => args.space(),
         }
     }
 
@@ -100,16 +108,17 @@ pub fn palpate_mpi() -> ExitCode {
 /// Rank 0 without others: solves on its own threads.
 fn alone(command: &Command) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, command.threads().filter(|&n| n > 0).unwrap_or(1));
+    let space = command.space()?;
     let bench = Arc::new(Workbench::load(command.scene())?);
     let (workshop, team) = (bench.workshop()?, Team::threads(threads));
     match command {
         Command::Precompute(args) => {
-            precompute::run_with(args, &bench, &stop, &team, |expansion, store, stop, progress| {
+            precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {
                 Ok(with_threads(&workshop, threads, |crew| expansion.run(store, crew, stop, progress))?)
             })
         }
         Command::HeldOut(args) => {
-            held_out::run_with(args, &bench, &stop, &team, |held_out, store, stop, progress| {
+            held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(with_threads(&workshop, threads, |crew| held_out.run(store, crew, stop, progress))?)
             })
         }
@@ -120,17 +129,18 @@ fn alone(command: &Command) -> Result<(), Failure> {
 fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let mut ranks = Ranks::new(world);
     let stop = stop_flag()?;
+    let space = command.space()?;
     let bench = Workbench::load(command.scene())?;
     ranks.muster(&Basis::of(&bench), &stop)?;
     let team = Team::ranks(ranks.workers(), world.size() as usize - 1);
     match command {
         Command::Precompute(args) => {
-            precompute::run_with(args, &bench, &stop, &team, |expansion, store, stop, progress| {
+            precompute::run_with(args, (&bench, &space), &stop, &team, |expansion, store, stop, progress| {
                 Ok(expansion.run(store, &mut ranks, stop, progress)?)
             })
         }
         Command::HeldOut(args) => {
-            held_out::run_with(args, &bench, &stop, &team, |held_out, store, stop, progress| {
+            held_out::run_with(args, (&bench, &space), &stop, &team, |held_out, store, stop, progress| {
                 Ok(held_out.run(store, &mut ranks, stop, progress)?)
             })
         }

@@ -1,22 +1,22 @@
 //! `palpate compare`: one pull of one body by several laws, in one picture.
 
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args as ClapArgs;
 use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
-use palpate_host::viewer::frames::write_still;
+use palpate_host::viewer::frames::still;
 use palpate_precompute::fem::counterpart::LAWS;
 use palpate_precompute::fem::solve::{Configuration, Solver};
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::mesh::Surface;
 use serde::Serialize;
 
 use super::path::direction;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::output;
-use crate::workbench::Workbench;
+use crate::workbench::{Workbench, stop_flag};
 
 /// Pull one body by several laws and draw the deformed shapes over one another.
 ///
@@ -26,10 +26,11 @@ use crate::workbench::Workbench;
 /// the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene has it); from Lame's constants,
 /// C10 = C01 = mu / 4.
 ///
-/// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its own colour
-/// with its outline, and its mesh where it leaves the solid; the grey outline is the shape at rest. The camera looks
-/// from the side at the pull. A law that fails on the way is shown, and tabled, at its last converged step, and the exit
-/// code is 1.
+/// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its
+/// own colour with its outline, and its mesh where it leaves the solid; the grey outline is the shape at
+/// rest. The camera looks from the side at the pull. A law that fails on the way is shown, and tabled, at its
+/// last converged step, and the exit code is 1. Ctrl-C keeps the rows of the laws so far, the last one at its
+/// last converged step; no picture is drawn.
 ///
 /// Example: palpate compare liver.toml --active A1 --direction=0,0,1 --length-mm 40 --out laws.png
 #[derive(Debug, ClapArgs)]
@@ -60,6 +61,8 @@ pub(crate) struct Args {
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 fn size(text: &str) -> Result<(usize, usize), String> {
@@ -103,6 +106,11 @@ struct Outcome {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (direction, (width, height)) = check(args)?;
+    let mut files = Files::new(args.replace);
+    files.read_scene(&args.scene)?;
+    let png = files.write("--out", &args.out, FileKind::Png)?;
+    let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
+    let stop = stop_flag()?;
     let bench = Workbench::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
     let benches =
@@ -110,21 +118,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let pull = Pull { node: active.node, direction, length_m: 1e-3 * args.length_mm };
     let mut outcomes = Vec::new();
     for (law, bench) in &benches {
-        outcomes.push(pull.solve(law, bench)?);
+        outcomes.push(pull.solve(law, bench, &stop)?);
+        if stop.load(Ordering::Relaxed) {
+            write_rows(&outcomes, csv.as_ref(), args.json)?;
+            return Err(Failure::work("interrupted; the rows so far are kept, no picture is drawn"));
+        }
     }
     let image = draw(&picture(&bench, &pull, &outcomes), width, height);
-    write_still(&image, &args.out).map_err(|error| Failure::file(&args.out, &error))?;
-    if let Some(path) = &args.csv {
-        write_atomically(path, table(&outcomes).as_bytes()).map_err(|error| Failure::file(path, &error))?;
-    }
-    let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
-    if args.json {
-        output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?)?;
-    } else {
-        output::line(text(&rows))?;
-    }
-    let failed: Vec<&str> =
-        rows.iter().filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
+    png.put(&still(&image).map_err(|error| png.failure(&error))?)?;
+    write_rows(&outcomes, csv.as_ref(), args.json)?;
+    let rows = outcomes.iter().map(|o| &o.row);
+    let failed: Vec<&str> = rows.filter(|row| row.status != "ok").map(|row| row.law.as_str()).collect();
     if failed.is_empty() {
         return Ok(());
     }
@@ -133,6 +137,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         failed.join(", "),
         args.length_mm
     )))
+}
+
+/// The figures, to the table that was asked for and to standard output.
+fn write_rows(outcomes: &[Outcome], csv: Option<&Output>, as_json: bool) -> Result<(), Failure> {
+    if let Some(file) = csv {
+        file.put(table(outcomes).as_bytes())?;
+    }
+    let rows: Vec<&Row> = outcomes.iter().map(|o| &o.row).collect();
+    if as_json {
+        return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
+    }
+    output::line(text(&rows))
 }
 
 /// Everything that can be wrong before the solving; the direction and the size of the picture.
@@ -165,25 +181,7 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
             args.out.display()
         )));
     }
-    if args.csv.as_ref() == Some(&args.out) {
-        return Err(Failure::input("--csv and --out name the same file; give the table a name of its own"));
-    }
-    writable(&args.out)?;
-    args.csv.as_deref().map_or(Ok(()), writable)?;
     Ok((direction, size))
-}
-
-/// Whether a file can be put there, without touching one that is there already.
-fn writable(path: &Path) -> Result<(), Failure> {
-    if path.is_dir() {
-        return Err(Failure::input(format!("{}: is a folder; give the name of a file", path.display())));
-    }
-    let mut name = path.as_os_str().to_owned();
-    name.push(".part");
-    let probe = PathBuf::from(name);
-    File::create(&probe)
-        .and_then(|_| std::fs::remove_file(&probe))
-        .map_err(|error| Failure::file(path, &error))
 }
 
 /// The same scene with every region's material by another law.
@@ -209,8 +207,8 @@ struct Pull {
 }
 
 impl Pull {
-    /// Moves the active node as far as it goes.
-    fn solve(&self, law: &str, bench: &Workbench) -> Result<Outcome, Failure> {
+    /// Moves the active node as far as it goes, or until `stop`.
+    fn solve(&self, law: &str, bench: &Workbench, stop: &AtomicBool) -> Result<Outcome, Failure> {
         let nodes = &bench.scene.active;
         let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
         let mut solver = Solver::new(bench.problem(active));
@@ -221,6 +219,10 @@ impl Pull {
         let mut here = rest.clone();
         let (mut iterations, mut status) = (0, "ok");
         for step in 1..=steps {
+            if stop.load(Ordering::Relaxed) {
+                status = "interrupted";
+                break;
+            }
             let length_m = self.length_m * f64::from(step) / f64::from(steps);
             match solver.advance(&here.seed, self.direction.map(|x| x * length_m)) {
                 Ok(next) => {
@@ -379,7 +381,7 @@ fn text(rows: &[&Row]) -> String {
             row.min_jacobian,
             row.inverted,
             row.newton_iterations,
-            if row.status == "ok" { "" } else { "  failed" }
+            if row.status == "ok" { String::new() } else { format!("  {}", row.status) }
         ));
     }
     lines.join("\n")

@@ -11,7 +11,6 @@ use palpate_host::SessionSummary;
 use palpate_host::device::script::StrokeConfig;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::PackOptions;
 use palpate_precompute::space::{Plans, Store, TagCounts, with_threads};
@@ -20,6 +19,7 @@ use serde_json::json;
 use super::inspect::certificate::in_words;
 use super::pack::certified;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::progress::WorkProgress;
 use crate::timing::Timing;
 use crate::truth::{self, Checked, MethodError, Visit};
@@ -52,6 +52,8 @@ pub(crate) struct Args {
     /// Print the figures as JSON (they are always in summary.json)
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 const SCENE: &str = include_str!("../../../assets/liver-small.toml");
@@ -75,20 +77,44 @@ impl Solved {
     }
 }
 
+/// What the demo writes beside its numbered pictures.
+struct Outputs {
+    scene: Output,
+    mesh: Output,
+    space: Output,
+    blob: Output,
+    forces: Output,
+    summary: Output,
+}
+
+impl Outputs {
+    fn of(args: &Args) -> Result<Self, Failure> {
+        let mut files = Files::new(args.replace);
+        let folder = files.folder("--out", &args.out, |_| None)?;
+        let mut at = |name: &str, kind| files.write("--out", &folder.path().join(name), kind);
+        Ok(Self {
+            scene: at("liver-small.toml", FileKind::Toml)?,
+            mesh: at("liver-small.msh", FileKind::Mesh)?,
+            space: at("liver-small.space", FileKind::Space)?,
+            blob: at("liver-small.blob", FileKind::Blob)?,
+            forces: at("forces.csv", FileKind::Table)?,
+            summary: at("summary.json", FileKind::Json)?,
+        })
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.seconds > 0.0 && args.seconds.is_finite()) {
         return Err(Failure::input("--seconds must be a positive number"));
     }
     let stop = stop_flag()?;
-    let at = |name: &str| args.out.join(name);
-    std::fs::create_dir_all(&args.out).map_err(|error| Failure::file(&args.out, &error))?;
-    for (name, text) in [("liver-small.toml", SCENE), ("liver-small.msh", MESH)] {
-        write_atomically(&at(name), text.as_bytes()).map_err(|error| Failure::file(&at(name), &error))?;
-    }
+    let outputs = Outputs::of(args)?;
+    outputs.mesh.put(MESH.as_bytes())?;
+    outputs.scene.put(SCENE.as_bytes())?;
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
 
-    let bench = Arc::new(Workbench::load(&at("liver-small.toml"))?);
+    let bench = Arc::new(Workbench::load(outputs.scene.path())?);
     say(format!(
         "organ        {}: {} nodes, {} tetrahedra, {}, {} fixed nodes",
         bench.scene.name,
@@ -98,16 +124,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         bench.scene.fixed.len()
     ))?;
     if args.fresh {
-        for name in ["liver-small.space", "liver-small.space-wal", "liver-small.space-shm"] {
-            match std::fs::remove_file(at(name)) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(Failure::file(&at(name), &error));
-                }
-                _ => {}
-            }
-        }
+        outputs.space.remove_database()?;
     }
-    let store = bench.store(&at("liver-small.space"), false)?;
+    let store = bench.store(&outputs.space, false)?;
     let solved = solve(&bench, &store, &stop)?;
     for (name, counts) in solved.names.iter().zip(&solved.counts) {
         say(format!(
@@ -140,8 +159,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::work(format!("nothing could be solved around {}", packed.left_out.join(", "))));
     }
     let bytes = packed.bytes()?;
-    let blob_path = at("liver-small.blob");
-    write_atomically(&blob_path, &bytes).map_err(|error| Failure::file(&blob_path, &error))?;
+    outputs.blob.put(&bytes)?;
     say(format!(
         "packed       {:.2} MB, all methods, certified at {HELD_OUT} fresh positions a node, in {:.1} s\n\n{}",
         bytes.len() as f64 * 1e-6,
@@ -149,10 +167,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         in_words(&certificate)
     ))?;
 
-    let file = blob::load(&blob_path)?;
-    let organ = blob::organ(&blob_path, &file)?;
-    let frames = at("frames");
-    clear_frames(&frames)?;
+    let file = blob::load(outputs.blob.path())?;
+    let organ = blob::organ(outputs.blob.path(), &file)?;
+    let frames = args.out.join("frames");
     let (summary, visits) = palpate(args, &organ, &frames, &stop)?;
     say(format!("\nmethod       {}\n{summary}", args.method.name()))?;
     if stop.load(Ordering::Relaxed) {
@@ -175,15 +192,18 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         start.elapsed().as_secs_f64(),
         error_table(&errors, args.method)
     ))?;
-    write_forces(&at("forces.csv"), &bench, &organ, &checked)?;
+    write_forces(&outputs.forces, &bench, &organ, &checked)?;
     let figures = figures(args, &solved, bytes.len(), &summary, &errors, checked.len());
     let text = serde_json::to_string_pretty(&figures).map_err(Failure::work)?;
-    let json_path = at("summary.json");
-    write_atomically(&json_path, text.as_bytes()).map_err(|error| Failure::file(&json_path, &error))?;
+    outputs.summary.put(text.as_bytes())?;
     if args.json {
         output::line(text)?;
     } else {
-        output::line(format!("\npictures     {}\nfigures      {}", frames.display(), json_path.display()))?;
+        output::line(format!(
+            "\npictures     {}\nfigures      {}",
+            frames.display(),
+            outputs.summary.path().display()
+        ))?;
     }
     Ok(())
 }
@@ -275,15 +295,6 @@ fn spread(visits: &[Visit], count: usize) -> Vec<Visit> {
     (0..count).map(|i| visits[(2 * i + 1) * visits.len() / (2 * count)]).collect()
 }
 
-/// Frames of an earlier run would mix with the new ones.
-fn clear_frames(folder: &Path) -> Result<(), Failure> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
-    for entry in entries.flatten().filter(|e| e.path().extension().is_some_and(|x| x == "png")) {
-        std::fs::remove_file(entry.path()).map_err(|error| Failure::file(&entry.path(), &error))?;
-    }
-    Ok(())
-}
-
 fn error_table(errors: &[MethodError], used: Method) -> String {
     let mut table =
         String::from("  method        mean mN   max mN  mean % (Eq. 14)     max %   own data all round\n");
@@ -302,7 +313,7 @@ fn error_table(errors: &[MethodError], used: Method) -> String {
 }
 
 fn write_forces(
-    path: &Path,
+    file: &Output,
     bench: &Workbench,
     organ: &Organ<'_>,
     checked: &[Checked],
@@ -329,7 +340,7 @@ fn write_forces(
         }
         table.push('\n');
     }
-    write_atomically(path, table.as_bytes()).map_err(|error| Failure::file(path, &error))
+    file.put(table.as_bytes())
 }
 
 fn figures(

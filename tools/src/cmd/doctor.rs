@@ -11,6 +11,7 @@ use palpate_host::sys::{self, Policy, RtRequest};
 use serde_json::json;
 
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::workbench::stop_flag;
@@ -36,6 +37,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     timing: Timing,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Runs the command.
@@ -44,6 +47,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(0.0..=1e6).contains(&seconds) {
         return Err(Failure::input(format!("{seconds} is no time to measure for, in seconds")));
     }
+    let mut files = Files::new(args.replace);
+    let histograms = args.histograms.as_ref().map(|path| files.write("--histograms", path, FileKind::Table));
+    let histograms = histograms.transpose()?;
     let probe = Probe::system();
     let cpu = loop_cpu(&probe, args.timing.cpu);
     let request = args.timing.request();
@@ -70,8 +76,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     } else {
         print(&checks, cpu, measured.as_ref(), &surroundings)?;
     }
-    if let (Some(path), Some(measured)) = (&args.histograms, &measured) {
-        output::histograms(path, &measured.latency)?;
+    if let (Some(file), Some(measured)) = (&histograms, &measured) {
+        output::histograms(file, &measured.latency)?;
     }
     match measured {
         Some(measured) if measured.verdict() == Verdict::Bad => Err(Failure::work(format!(

@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::precompute::Team;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -62,11 +63,21 @@ pub(crate) struct Args {
     json: bool,
 }
 
+impl Args {
+    /// The file to write, which is no file of the scene.
+    pub(crate) fn space(&self) -> Result<Output, Failure> {
+        let mut files = Files::new(Replace::default());
+        files.read_scene(&self.scene)?;
+        files.write("--out", &self.out, FileKind::Space)
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let space = args.space()?;
     let bench = Arc::new(Workbench::load(&args.scene)?);
-    run_with(args, &bench, &stop, &Team::threads(threads), |held_out, store, stop, progress| {
+    run_with(args, (&bench, &space), &stop, &Team::threads(threads), |held_out, store, stop, progress| {
         Ok(with_threads(&bench.workshop()?, threads, |crew| held_out.run(store, crew, stop, progress))?)
     })
 }
@@ -74,7 +85,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Runs the command with `team`, which `work` brings to the truth.
 pub(crate) fn run_with(
     args: &Args,
-    bench: &Workbench,
+    (bench, space): (&Workbench, &Output),
     stop: &AtomicBool,
     team: &Team,
     work: impl FnOnce(&HeldOut, &Store, &AtomicBool, &mut dyn FnMut(&HeldOutProgress)) -> Result<(), Failure>,
@@ -90,7 +101,7 @@ pub(crate) fn run_with(
             args.out.display()
         )));
     }
-    let store = bench.store(&args.out, false)?;
+    let store = bench.store(space, false)?;
     if args.again {
         store.forget_held_out()?;
     }

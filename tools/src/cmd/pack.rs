@@ -9,13 +9,13 @@ use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::certificate::{Certificate, Effort, certify, clear_positions, ledger};
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::{Draw, Summary};
 use palpate_precompute::pack::{PackError, PackOptions, Packed, needed_method, pack};
 use palpate_precompute::space::{Kind, Store, planned, still_to_solve, with_threads};
 
 use super::inspect::certificate;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -62,6 +62,8 @@ pub(crate) struct Args {
     /// Print the certificate as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Parses a method's name.
@@ -74,6 +76,9 @@ pub(crate) fn method(text: &str) -> Result<Method, String> {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let mut files = Files::new(args.replace);
+    let space = files.update_space(&args.space);
+    let blob = files.write("--out", &args.out, FileKind::Blob)?;
     let store = Store::open(&args.space)?;
     let finished = check_finished(&store, args)?;
     let threads = threads(args.threads);
@@ -88,7 +93,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     } else {
         let nodes = store.active()?.len();
         drop(store);
-        solve_truth(args, nodes)?;
+        solve_truth(args, &space, nodes)?;
         let store = Store::open(&args.space)?;
         let (mut packed, mut made) = certified(&store, &options)?;
         measure_ledger(&store, (&mut packed, &mut made), args.ledger.unwrap_or(0), options.threads)?;
@@ -99,7 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     }
     packed.expect_kernels()?;
     let bytes = packed.bytes()?;
-    write_atomically(&args.out, &bytes).map_err(|error| Failure::file(&args.out, &error))?;
+    blob.put(&bytes)?;
     if args.json {
         return output::line(serde_json::to_string_pretty(&made).map_err(Failure::work)?);
     }
@@ -183,16 +188,16 @@ const GOES: u32 = 4;
 
 /// Solves uniform positions until as many as asked are away from folds, or nothing speaks for there being more. Only nodes that fold are
 /// asked for more; of many that are certified together none is: the others make up for it, and to look for folds is to fit every space once more.
-fn solve_truth(args: &Args, nodes: usize) -> Result<(), Failure> {
+fn solve_truth(args: &Args, space: &Output, nodes: usize) -> Result<(), Failure> {
     let asked = args.uniform.unwrap_or_else(|| enough(nodes));
     let mut lacking: Vec<usize> = (0..nodes).collect();
     let mut wanted = asked;
     let goes = if nodes > FEW && args.uniform.is_none() { 1 } else { GOES };
     for go in 1..=goes {
-        if !solve_uniform(args, &lacking, wanted)? || go == goes {
+        if !solve_uniform(args, space, &lacking, wanted)? || go == goes {
             return Ok(());
         }
-        let store = Store::open(&args.space)?;
+        let store = Store::open(space.path())?;
         let flags_only = PackOptions { methods: &[], intermediate: false, threads: threads(args.threads) };
         let file = BlobFile::of(&pack(&store, &flags_only)?.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
@@ -206,8 +211,8 @@ fn solve_truth(args: &Args, nodes: usize) -> Result<(), Failure> {
 }
 
 /// Solves what is missing of so many uniform positions of these active nodes; returns whether all of them are there.
-fn solve_uniform(args: &Args, actives: &[usize], wanted: u32) -> Result<bool, Failure> {
-    let store = Store::open(&args.space)?;
+fn solve_uniform(args: &Args, space: &Output, actives: &[usize], wanted: u32) -> Result<bool, Failure> {
+    let store = Store::open(space.path())?;
     let missing = |store: &Store| -> Result<Vec<usize>, Failure> {
         let mut missing = Vec::new();
         for &active in actives {
@@ -226,7 +231,7 @@ fn solve_uniform(args: &Args, actives: &[usize], wanted: u32) -> Result<bool, Fa
     let bench = Arc::new(Workbench::of_store(&store)?);
     drop(store);
     let (stop, threads, start) = (stop_flag()?, threads(args.threads), Instant::now());
-    let store = bench.store(&args.space, false)?;
+    let store = bench.store(space, false)?;
     let draw = Draw {
         uniform: wanted,
         ..Draw::of(&store)?.unwrap_or(Draw { regular_m: None, random: 0, ..Draw::PAPER })

@@ -1,22 +1,23 @@
 //! `palpate path`: the reaction along a straight loading path, solved step by step.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::boundary::Pose;
-use palpate_precompute::fem::solve::{Configuration, Solver};
-use palpate_precompute::files::write_atomically;
+use palpate_precompute::fem::solve::{Configuration, SolveFailure, Solver};
 
 use crate::displacements::Displacements;
 use crate::failure::Failure;
-use crate::workbench::Workbench;
+use crate::files::{FileKind, Files, Output, Replace};
+use crate::output;
+use crate::workbench::{Workbench, stop_flag};
 
 /// Solve the reaction force along a straight loading path.
 ///
 /// The active node is moved from rest along DIRECTION in equal steps; each step starts from the last one with the
 /// tangent predictor. Every converged step is a row of the CSV file. A path that fails keeps its rows, adds a last
-/// one with status `failed` and exits with code 1.
+/// one with status `failed` and exits with code 1; so does one that is interrupted, without that row.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -49,6 +50,8 @@ pub(crate) struct Args {
     /// written step by step, so an interrupted run leaves a series of the steps so far.
     #[arg(long, value_name = "FILE")]
     displacements: Option<PathBuf>,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Three finite numbers with commas.
@@ -82,7 +85,11 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.step_mm > 0.0 && args.step_mm.is_finite()) {
         return Err(Failure::input("--step-mm must be a positive number"));
     }
-    let mut displacements = Displacements::new(args.displacements.as_deref())?;
+    let mut files = Files::new(args.replace);
+    files.read_scene(&args.scene)?;
+    let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
+    let mut displacements = Displacements::new(args.displacements.as_deref(), &mut files)?;
+    let stop = stop_flag()?;
     let bench = Workbench::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
     if args.turn.is_some() && active.patch.is_empty() {
@@ -99,9 +106,17 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         Failure::input(format!("{}: the body cannot be solved at rest: {failure}", args.scene.display()))
     })?;
     let mut table = format!("{HEADER}{}\n", if args.details { DETAILS } else { "" });
-    displacements.add(0, 0.0, &bench.body, &here)?;
-    let mut failed = None;
+    let mut ended = displacements.add(0, 0.0, &bench.body, &here);
     for step in 1..=args.steps {
+        if ended.is_ok() && stop.load(Ordering::Relaxed) {
+            ended = Err(Failure::work(format!(
+                "interrupted before step {step} of {}; the rows so far are kept",
+                args.steps
+            )));
+        }
+        if ended.is_err() {
+            break;
+        }
         let length_mm = f64::from(step) * args.step_mm;
         let target = args.direction.map(|x| x * (length_mm * 1e-3));
         let share = f64::from(step) / f64::from(args.steps);
@@ -116,30 +131,27 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                          equilibrium): W, h and S do not join those of the step before"
                     );
                 }
-                displacements.add(step, length_mm, &bench.body, &configuration)?;
+                ended = displacements.add(step, length_mm, &bench.body, &configuration);
                 here = configuration;
             }
             Err(failure) => {
-                let [x, y, z] = target;
-                let (iterations, residual) = (failure.iterations, failure.residual_n);
-                let details =
-                    if args.details { format!(",{},,,,,", failure.reason.name()) } else { String::new() };
-                table.push_str(&format!(
-                    "{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed{details}\n"
-                ));
-                failed = Some((step, failure));
-                break;
+                push_failure(&mut table, step, target, &failure, args.details);
+                ended = Err(Failure::work(format!(
+                    "step {step} of {}: {failure}; the rows so far are kept",
+                    args.steps
+                )));
             }
         }
     }
-    write_table(args.csv.as_deref(), &table)?;
-    displacements.finish()?;
-    match failed {
-        None => Ok(()),
-        Some((step, failure)) => {
-            Err(Failure::work(format!("step {step} of {}: {failure}; the rows so far are kept", args.steps)))
-        }
-    }
+    // The rows are written whatever ended the path; what ended it is reported first.
+    ended.and(write_table(csv.as_ref(), &table)).and(displacements.finish())
+}
+
+/// The row of a step that did not converge.
+fn push_failure(table: &mut String, step: u32, target_m: [f64; 3], failure: &SolveFailure, details: bool) {
+    let ([x, y, z], iterations, residual) = (target_m, failure.iterations, failure.residual_n);
+    let details = if details { format!(",{},,,,,", failure.reason.name()) } else { String::new() };
+    table.push_str(&format!("{step},{x:?},{y:?},{z:?},,,,,{iterations},{residual:?},,,,failed{details}\n"));
 }
 
 fn push_row(table: &mut String, step: u32, c: &Configuration, details: bool) {
@@ -162,11 +174,9 @@ fn push_row(table: &mut String, step: u32, c: &Configuration, details: bool) {
 }
 
 /// Writes to a file, or to standard output.
-fn write_table(path: Option<&Path>, table: &str) -> Result<(), Failure> {
-    match path {
-        Some(path) => write_atomically(path, table.as_bytes()).map_err(|error| Failure::file(path, &error)),
-        None => std::io::stdout()
-            .write_all(table.as_bytes())
-            .map_err(|error| Failure::file(Path::new("standard output"), &error)),
+fn write_table(file: Option<&Output>, table: &str) -> Result<(), Failure> {
+    match file {
+        Some(file) => file.put(table.as_bytes()),
+        None => output::line(table.trim_end()),
     }
 }

@@ -12,6 +12,7 @@ use serde_json::json;
 
 use super::inspect::scattered;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
 use crate::{memory, output};
@@ -78,11 +79,21 @@ fn counted(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
+impl Args {
+    /// The file to write, which is no file of the scene.
+    pub(crate) fn space(&self) -> Result<Output, Failure> {
+        let mut files = Files::new(Replace::default());
+        files.read_scene(&self.scene)?;
+        files.write("--out", &self.out, FileKind::Space)
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let space = args.space()?;
     let bench = Arc::new(Workbench::load(&args.scene)?);
-    run_with(args, &bench, &stop, &Team::threads(threads), |expansion, store, stop, progress| {
+    run_with(args, (&bench, &space), &stop, &Team::threads(threads), |expansion, store, stop, progress| {
         Ok(with_threads(&bench.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
     })
 }
@@ -90,7 +101,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Runs the command with `team`, which `work` brings to the expansion.
 pub(crate) fn run_with(
     args: &Args,
-    bench: &Workbench,
+    (bench, space): (&Workbench, &Output),
     stop: &AtomicBool,
     team: &Team,
     work: impl FnOnce(
@@ -104,7 +115,7 @@ pub(crate) fn run_with(
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
-    let store = bench.store(&args.out, args.salvage)?;
+    let store = bench.store(space, args.salvage)?;
     let start = Instant::now();
     let points = Plans::of(&store)?.points();
     let counted = if points.is_some() { "points" } else { "predictions within tolerance" };

@@ -14,6 +14,7 @@ use serde_json::json;
 
 use super::held_out::after;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 use crate::output;
 use crate::progress::WorkProgress;
 use crate::workbench::{Workbench, stop_flag, threads};
@@ -66,9 +67,19 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let Some((_, name)) = twice {
         return Err(Failure::input(format!("--fixed names {name} twice; its paths would count twice")));
     }
+    let mut files = Files::new(Replace::default());
+    files.read_scene(&args.scene)?;
     let scene = Scene::load(&args.scene)?.resolve()?;
     let actives = spread(&scene, &args.fixed, args.active_nodes)?;
-    std::fs::create_dir_all(&args.out).map_err(|error| Failure::file(&args.out, &error))?;
+    let folder = files.folder("--out", &args.out, |_| None)?;
+    let spaces = args
+        .fixed
+        .iter()
+        .map(|fixed| {
+            let path = folder.path().join(format!("{}-{fixed}.space", scene.name));
+            files.write("--out", &path, FileKind::Space)
+        })
+        .collect::<Result<Vec<_>, Failure>>()?;
     let benches = args
         .fixed
         .iter()
@@ -85,9 +96,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let start = Instant::now();
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();
-    for (number, (fixed, bench)) in (1..).zip(&benches) {
-        let path = args.out.join(format!("{}-{fixed}.space", scene.name));
-        let store = bench.store(&path, false)?;
+    for (number, ((fixed, bench), space)) in (1..).zip(benches.iter().zip(&spaces)) {
+        let store = bench.store(space, false)?;
         if args.again {
             store.forget_held_out()?;
         }

@@ -4,11 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::{Method, Organ, Space};
-use palpate_precompute::files::write_atomically;
 
 use super::pack::method;
 use crate::blob;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 
 /// Ask a blob for the force at given displacements of an active node.
 ///
@@ -37,6 +37,8 @@ pub(crate) struct Args {
     /// Also write the displacement of every visual node: columns uN_x_m, uN_y_m, uN_z_m, N the mesh node
     #[arg(long)]
     displacements: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// The space called `name`, or the first.
@@ -46,6 +48,10 @@ pub(crate) fn find_space<'o, 'a>(organ: &'o Organ<'a>, name: Option<&str>) -> Op
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let mut files = Files::new(args.replace);
+    files.read(&args.blob);
+    files.read(&args.points);
+    let csv = files.write("--csv", &args.csv, FileKind::Table)?;
     let file = blob::load(&args.blob)?;
     let organ = blob::organ(&args.blob, &file)?;
     let space = find_space(&organ, args.active.as_deref()).ok_or_else(|| {
@@ -103,7 +109,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
         table.push('\n');
     }
-    write_atomically(&args.csv, table.as_bytes()).map_err(|error| Failure::file(&args.csv, &error))
+    csv.put(table.as_bytes())
 }
 
 fn read_points(path: &PathBuf) -> Result<Vec<[f64; 3]>, Failure> {

@@ -24,6 +24,7 @@ use serde_json::json;
 use super::inspect::certificate;
 use super::pack::method;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::hardware::{self, Hardware, Holding};
 use crate::resident::Resident;
 use crate::timing::Timing;
@@ -70,7 +71,7 @@ pub(crate) struct Args {
     /// Frames a second without a window; 0 for none; if not given 2, and 12.5 in a film
     #[arg(long, value_name = "HZ", value_parser = frame_rate)]
     frame_rate: Option<f32>,
-    /// With --headless: an animated GIF instead of PNG frames; what is there is lost
+    /// With --headless: an animated GIF instead of PNG frames; the file must not be there yet
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
     /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
@@ -107,9 +108,11 @@ pub(crate) struct Args {
     /// the first power-up of a real device: docs/devices.md
     #[arg(long)]
     motors_off: bool,
-    /// Folder for frames and screenshots
+    /// Folder for frames and screenshots; those that are there stay, and the numbers go on
     #[arg(long, default_value = "palpate-frames")]
     pictures: PathBuf,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 fn friction(text: &str) -> Result<f32, String> {
@@ -255,10 +258,38 @@ fn check(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// What a session writes beside its numbered pictures.
+struct Outputs {
+    record: Option<Output>,
+    gif: Option<Output>,
+    histograms: Option<Output>,
+}
+
+impl Outputs {
+    fn of(args: &Args) -> Result<Self, Failure> {
+        let mut files = Files::new(args.replace);
+        files.read(&args.blob);
+        args.more.iter().for_each(|blob| files.read(blob));
+        let device = args.device.strip_prefix("replay:").or_else(|| args.device.strip_prefix("falcon:"));
+        device.iter().for_each(|path| files.read(Path::new(path)));
+        args.profile.iter().for_each(|name| files.read(Path::new(name)));
+        Ok(Self {
+            record: args.record.as_ref().map(|path| files.write_new("--record", path)).transpose()?,
+            gif: args.gif.as_ref().map(|path| files.write_new("--gif", path)).transpose()?,
+            histograms: args
+                .histograms
+                .as_ref()
+                .map(|path| files.write("--histograms", path, FileKind::Table))
+                .transpose()?,
+        })
+    }
+}
+
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
     check(args)?;
+    let outputs = Outputs::of(args)?;
     let paths: Vec<&PathBuf> = core::iter::once(&args.blob).chain(&args.more).collect();
     let files = paths.iter().map(|path| blob::load(path)).collect::<Result<Vec<_>, _>>()?;
     let each = || paths.iter().zip(&files);
@@ -266,7 +297,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let organs: Vec<&Organ<'_>> = organs.iter().collect();
     let blob_blake3: Vec<String> = files.iter().map(BlobFile::blake3).collect();
     if let Some(recording) = args.device.strip_prefix("replay:") {
-        return run_replay(args, &organs, &blob_blake3, Path::new(recording));
+        return run_replay(args, &outputs, &organs, &blob_blake3, Path::new(recording));
     }
     let method = args.method.or_else(|| preferred(&organs)).ok_or_else(|| {
         Failure::input(format!(
@@ -285,14 +316,15 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             "palpate: no displacements in the blob ([needs] visual = false): the forces are right, the picture stays at rest"
         );
     }
-    let record = args.record.as_deref().map(|path| touch::Record { path, blob_blake3: &blob_blake3 });
+    let record = outputs.record.as_ref().map(|file| touch::Record { file, blob_blake3: &blob_blake3 });
     let profile = profile(args)?;
     let stop = stop_flag()?;
     let (handle, mut tool) = match args.device.as_str() {
         "mouse" => open_mouse(args, organs[0]).map(|(handle, tool)| (Some(handle), Some(tool)))?,
         _ => (None, None),
     };
-    let show = touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, record) };
+    let show =
+        touch::Show { profile: profile.as_ref(), mouse: handle.as_ref(), ..show(args, &outputs, record) };
     let mut resident = Resident::start();
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
     let mut supervision = None;
@@ -344,12 +376,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         say(format!("start        {seconds:.2} s from {megabytes:.1} MB to the first tick"))?;
     }
     say(resident.to_string())?;
-    if let Some(path) = &args.histograms {
+    if let Some(file) = &outputs.histograms {
         if !args.json {
             output::line(format!("\n{}", touched.summary.latency.histograms.bars()))?;
             print_misses(&touched.summary.latency.worst)?;
         }
-        output::histograms(path, &touched.summary.latency)?;
+        output::histograms(file, &touched.summary.latency)?;
     }
     if let (Some(path), Some(report)) = (&args.record, &touched.recording) {
         let (path, ticks, dropped) = (path.display(), report.ticks, report.dropped);
@@ -361,7 +393,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     touch::judge(&touched.summary)
 }
 
-fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
+fn show<'a>(args: &'a Args, outputs: &'a Outputs, record: Option<touch::Record<'a>>) -> touch::Show<'a> {
     touch::Show {
         seconds: args.seconds,
         headless: args.headless,
@@ -373,7 +405,7 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
         rate_hz: args.frame_rate,
         timing: args.timing,
         watchdog_ms: args.watchdog_ms,
-        gif: args.gif.as_deref(),
+        gif: outputs.gif.as_ref(),
         mouse: None,
     }
 }
@@ -381,6 +413,7 @@ fn show<'a>(args: &'a Args, record: Option<touch::Record<'a>>) -> touch::Show<'a
 /// A recording on the blob it was made with. No certificate is asked for: nothing is driven by these forces.
 fn run_replay(
     args: &Args,
+    outputs: &Outputs,
     organs: &[&Organ<'_>],
     blob_blake3: &[String],
     path: &Path,
@@ -402,13 +435,14 @@ fn run_replay(
             Recording::open(BufReader::new(source)).map_err(|error| Failure::input(named(&error)))?;
         Ok(replay(organs, blob_blake3, &mut recording, args.method, &view, &stop))
     };
-    let show = show(args, None);
+    let show = show(args, outputs, None);
     let mut replayed = once(show.view())?;
     if let (Err(ReplayError::Viewer(ViewerError::NoDisplay(error))), false) = (&replayed, args.headless) {
         eprintln!("palpate: no window ({error}); writing PNG frames instead");
         replayed = once(show.frames())?;
     }
     let summary = replayed.map_err(|error| match error {
+        ReplayError::Viewer(ViewerError::Frame(error)) => show.picture_failure(&error),
         ReplayError::Viewer(error) => Failure::work(error),
         error => Failure::input(named(&error)),
     })?;

@@ -4,6 +4,7 @@
 mod damage;
 mod disk;
 mod kills;
+mod outputs;
 mod read_only;
 mod refusals;
 mod signals;

@@ -121,11 +121,12 @@ impl From<std::io::Error> for WriteError {
 }
 
 /// Writes a grid, replacing a file of the same name at once or not at all.
-pub fn write(path: &Path, grid: &Grid<'_>) -> Result<(), WriteError> {
+pub(super) fn write(path: &Path, grid: &Grid<'_>) -> Result<(), WriteError> {
     Ok(write_atomically(path, encode(grid)?.as_bytes())?)
 }
 
-fn encode(grid: &Grid<'_>) -> Result<String, WriteError> {
+/// A grid as the text of a VTU file.
+pub fn encode(grid: &Grid<'_>) -> Result<String, WriteError> {
     let (points, cells) = (grid.nodes_m.len(), grid.cells.len());
     let (per_cell, vtk_type) = grid.cells.shape();
     if let Some(at) = grid.cells.nodes().iter().position(|&node| node as usize >= points) {

@@ -31,6 +31,11 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
+    /// The file never was a space.
+    NotASpace {
+        /// The file.
+        path: PathBuf,
+    },
     /// Another process writes the file.
     InUse {
         /// The file.
@@ -129,11 +134,7 @@ impl std::fmt::Display for StoreError {
                     Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
                         write!(f, "{path}: another process is writing it; wait for it or stop it")
                     }
-                    Some(ErrorCode::NotADatabase) => {
-                        write!(f, "{path}: is no .space file, or is damaged; {SALVAGE}")
-                    }
-                    Some(ErrorCode::DatabaseCorrupt) => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
-                    None if self.is_damage() => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
+                    _ if self.is_damage() => write!(f, "{path}: is damaged ({error}); {SALVAGE}"),
                     _ => write!(f, "{path}: {error}; check the disk, and that it is a .space file"),
                 }
             }
@@ -146,6 +147,9 @@ impl std::fmt::Display for StoreError {
                     "{}: there is nothing in it yet; run palpate precompute with it as --out",
                     path.display()
                 )
+            }
+            Self::NotASpace { path } => {
+                write!(f, "{}: is not a .space file; check the name, or choose another", path.display())
             }
             Self::LogBeside { path } => {
                 let path = path.display();

@@ -8,6 +8,7 @@
 mod error;
 pub(super) mod held_out;
 mod reading;
+mod recognise;
 mod refusal;
 pub(super) mod rows;
 
@@ -84,8 +85,9 @@ pub struct Store {
 impl Store {
     /// Opens `path` for a run of `identity`, creating it if it is not there.
     ///
-    /// A file made with another scene, mesh, solver version or instruction set is refused: continuing it would mix
-    /// numbers that do not belong together. So is a file that another process is writing.
+    /// A file made with another scene, mesh, solver version or instruction set is refused, because its
+    /// numbers would be mixed with others. A file that another process writes is refused, and so is one that
+    /// is not a space.
     pub fn create_or_resume(
         path: &Path,
         identity: &StoreIdentity,
@@ -94,6 +96,7 @@ impl Store {
         active: &[(String, u32)],
     ) -> Result<Self, StoreError> {
         let fresh = !path.exists();
+        Self::expect_space(path)?;
         let at = |error| StoreError::sqlite(path, error);
         let connection = Connection::open(path).map_err(at)?;
         let lock = lock(path)?;
@@ -109,6 +112,7 @@ impl Store {
 
     /// Opens an existing store for reading, in a folder that may not be written too.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
+        Self::expect_space(path)?;
         let store = Self::with(reading::connect(path)?, path, None);
         if store.is_empty()? {
             return Err(StoreError::Empty { path: path.to_path_buf() });

@@ -43,7 +43,7 @@ pub(super) fn log_of(path: &Path) -> PathBuf {
 }
 
 /// A path as part of a URI.
-fn escaped(path: &Path) -> String {
+pub(super) fn escaped(path: &Path) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"/._-".contains(&b);
     let bytes = path.as_os_str().as_encoded_bytes();
     bytes.iter().map(|&b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()

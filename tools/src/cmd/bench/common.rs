@@ -1,12 +1,13 @@
 //! Arguments that the sub-commands of `bench` share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
 use palpate_host::sys::{RtRequest, enter_real_time};
 use serde::Serialize;
 
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output, Replace};
 use crate::output;
 
 /// Where the figures go.
@@ -18,9 +19,28 @@ pub(super) struct Out {
     /// Print the figures as JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
+}
+
+/// A place for the figures that has been looked at.
+#[derive(Debug)]
+pub(super) struct Ready {
+    csv: Option<Output>,
+    json: bool,
 }
 
 impl Out {
+    /// Checks the place of the figures of a command that reads `inputs`, before anything is measured.
+    pub(super) fn ready<'p>(&self, inputs: impl IntoIterator<Item = &'p Path>) -> Result<Ready, Failure> {
+        let mut files = Files::new(self.replace);
+        inputs.into_iter().for_each(|path| files.read(path));
+        let csv = self.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
+        Ok(Ready { csv, json: self.json })
+    }
+}
+
+impl Ready {
     /// Writes the table as CSV if asked for, and prints `figures` as JSON or else the table for people.
     pub(super) fn write(
         &self,
@@ -28,14 +48,20 @@ impl Out {
         figures: &impl Serialize,
         table: impl FnOnce() -> String,
     ) -> Result<(), Failure> {
-        if let Some(path) = &self.csv {
-            std::fs::write(path, csv()?).map_err(|error| Failure::file(path, &error))?;
+        if let Some(file) = &self.csv {
+            file.put(&csv()?)?;
         }
         if self.json {
             return output::line(serde_json::to_string_pretty(figures).map_err(Failure::work)?);
         }
         output::line(table())
     }
+}
+
+/// The files of the bundled organs in their folder.
+pub(super) fn assets(folder: &Path) -> Vec<PathBuf> {
+    let names = ["liver-small", "liver-large"].into_iter();
+    names.flat_map(|name| ["toml", "msh"].map(|kind| folder.join(format!("{name}.{kind}")))).collect()
 }
 
 /// Where it runs.

@@ -153,6 +153,7 @@ fn motors(counts: &[[i16; 3]]) -> Figure {
 
 /// Runs the command.
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let out = args.out.ready([])?;
     let pinned = args.pinned.pin();
     let way = way();
     let mechanism = Kinematics::default();
@@ -162,7 +163,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     figures.extend(kinematics(&way, &counts));
     figures.push(motors(&counts));
     let csv = || output::csv(&figures);
-    args.out.write(csv, &figures, || {
+    out.write(csv, &figures, || {
         let mut table = format!("{pinned}\n{:<58} {:>9} {:>12}  error\n", "part", "ns", "a second");
         for figure in &figures {
             let Figure { part, ns, per_second, error } = figure;

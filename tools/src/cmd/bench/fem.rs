@@ -13,7 +13,7 @@ use palpate_precompute::fem::solve::{IterationProfile, Problem, Solver};
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use serde::{Deserialize, Serialize};
 
-use super::common::Out;
+use super::common::{Out, assets};
 use crate::failure::Failure;
 
 /// Seconds of the solver on the five bodies of the paper's Table 1, one thread: parts of a Newton iteration, and a whole
@@ -95,6 +95,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         let names = CASES.map(|(name, ..)| name).join(", ");
         return Err(Failure::input(format!("no case `{unknown}`; the cases are {names}")));
     }
+    let out = args.out.ready(assets(&args.assets).iter().chain(&args.peer).map(PathBuf::as_path))?;
     let wanted = |name: &str| args.cases.is_empty() || args.cases.iter().any(|c| c == name);
     let mut rows = Vec::new();
     for (name, scene, incompressible, order) in CASES.into_iter().filter(|(name, ..)| wanted(name)) {
@@ -106,7 +107,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         }
         rows.push(row);
     }
-    args.out.write(|| Ok(csv(&rows).into()), &rows, || table(&rows))
+    out.write(|| Ok(csv(&rows).into()), &rows, || table(&rows))
 }
 
 fn measure(

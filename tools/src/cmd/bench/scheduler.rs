@@ -99,6 +99,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.workers.contains(&0) {
         return Err(Failure::input("--workers: there must be one at least"));
     }
+    let out = args.out.ready(args.space.as_deref())?;
     let dir = tempfile::tempdir().map_err(|error| Failure::work(format!("no folder to work in: {error}")))?;
     let replay = args.space.as_deref().map(Replay::load).transpose()?;
     let rank0 = replay.as_ref().map(|replay| measure(replay, dir.path())).transpose()?;
@@ -152,7 +153,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         mean_solve_s: seconds.iter().sum::<f64>() / seconds.len() as f64,
         rows,
     };
-    args.out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
+    out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
 fn grid_of(points: usize) -> Result<SpaceGrid, Failure> {

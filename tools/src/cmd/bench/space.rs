@@ -9,8 +9,9 @@ use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhof
 use palpate_precompute::scene::GridSpec;
 use serde::Serialize;
 
-use super::common::Out;
+use super::common::{Out, assets};
 use crate::failure::Failure;
+use crate::files::Output;
 use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
@@ -94,6 +95,7 @@ fn case(name: &str) -> Result<Case, Failure> {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let cases = args.cases.iter().map(|name| Ok((name, case(name)?))).collect::<Result<Vec<_>, Failure>>()?;
+    let out = args.out.ready(assets(&args.assets).iter().map(PathBuf::as_path))?;
     let crews = if args.threads.is_empty() { vec![threads(None)] } else { args.threads.clone() };
     let dir = match &args.dir {
         Some(dir) => tempfile::tempdir_in(dir),
@@ -104,13 +106,13 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for (name, case) in &cases {
         for &threads in &crews {
-            let path = dir.path().join(format!("{name}-{threads}.space"));
-            rows.push(measure(name, case, threads, &args.assets, &path, &stop)?);
+            let space = Output::in_scratch(&dir, &format!("{name}-{threads}.space"));
+            rows.push(measure(name, case, threads, &args.assets, &space, &stop)?);
             // Spaces of many points are large.
-            let _ = std::fs::remove_file(&path);
+            let _ = std::fs::remove_file(space.path());
         }
     }
-    args.out.write(|| output::csv(&rows), &rows, || table(&rows))
+    out.write(|| output::csv(&rows), &rows, || table(&rows))
 }
 
 fn measure(
@@ -118,7 +120,7 @@ fn measure(
     case: &Case,
     threads: usize,
     assets: &Path,
-    path: &Path,
+    space: &Output,
     stop: &std::sync::atomic::AtomicBool,
 ) -> Result<Row, Failure> {
     let mut bench = Workbench::load(&assets.join(format!("{}.toml", case.scene)))?;
@@ -138,7 +140,7 @@ fn measure(
     let body = bench.scene.body().map_err(|error| Failure::work(format!("{name}: {error}")))?;
     bench.body = Arc::new(body);
     let bench = Arc::new(bench);
-    let store = bench.store(path, false)?;
+    let store = bench.store(space, false)?;
     forget_peak();
     let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "points");
     let start = Instant::now();
@@ -168,7 +170,7 @@ fn measure(
         busy: sum(|r| r.seconds) / (seconds * threads as f64),
         folds,
         peak_mb,
-        store_mb: std::fs::metadata(path).map_or(0.0, |m| m.len() as f64 / 1e6),
+        store_mb: std::fs::metadata(space.path()).map_or(0.0, |m| m.len() as f64 / 1e6),
     })
 }
 

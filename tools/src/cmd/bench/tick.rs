@@ -76,6 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if !(3..=256).contains(&args.active) || args.surface > 100_000 {
         return Err(Failure::input("3 to 256 active nodes and at most 100,000 vertices can be held"));
     }
+    let out = args.out.ready([])?;
     let pinned = args.pinned.pin();
     let ball = Ball::new(args.surface, args.active)?;
     let tables = Tables::made_up(args.grid)?;
@@ -90,7 +91,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             rows.push(row);
         }
     }
-    args.out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
+    out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
 }
 
 fn table(rows: &[Row], pinned: &str) -> String {

@@ -1,21 +1,20 @@
 //! Held-out truth of a .space as a table.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::is_on_training_lattice;
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::Sampling;
 
 use crate::failure::Failure;
+use crate::files::Output;
 
 const CSV_HEADER: &str = "active,kind,number,step,x_m,y_m,z_m,training,tag,failure,energy_j,fx_n,fy_n,fz_n,sxx_n_m,syy_n_m,szz_n_m,\
                           sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,unstable_modes,switched,iterations,\
                           factorisations,seconds";
 
 /// Writes one row a position; `training` is 1 where a fit may have seen it, a grid point or an increment on the way to one.
-pub(super) fn write(store: &Store, sampling: &Sampling, path: &Path) -> Result<(), Failure> {
+pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result<(), Failure> {
     let mut table = format!("{CSV_HEADER}\n");
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
         store.each_truth(active, |walk, step, t| {
@@ -46,5 +45,5 @@ pub(super) fn write(store: &Store, sampling: &Sampling, path: &Path) -> Result<(
             let _ = writeln!(table, "{}", cells.join(","));
         })?;
     }
-    write_atomically(path, table.as_bytes()).map_err(|error| Failure::file(path, &error))
+    file.put(table.as_bytes())
 }

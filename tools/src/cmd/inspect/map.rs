@@ -1,14 +1,14 @@
 //! A `.space` file as a picture: the organ coloured by how stiff it is to the touch at rest, and by what that took to know.
 
 use std::collections::HashMap;
-use std::path::Path;
 
-use palpate_host::viewer::frames::write_still;
+use palpate_host::viewer::frames::still;
 use palpate_host::viewer::map::{ScalarField, SurfaceMap, draw};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::Store;
 
 use crate::failure::Failure;
+use crate::files::Output;
 
 const SIZE: [usize; 2] = [1280, 720];
 
@@ -20,7 +20,7 @@ struct Touched {
 }
 
 /// Draws it.
-pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
+pub(super) fn write(store: &Store, file: &Output) -> Result<(), Failure> {
     let (mesh, fixed) = store.body()?;
     let surface = Surface::of(&mesh);
     let mut touched = HashMap::new();
@@ -63,5 +63,5 @@ pub(super) fn write(store: &Store, path: &Path) -> Result<(), Failure> {
         ],
     };
     let [width, height] = SIZE;
-    write_still(&draw(&map, width, height), path).map_err(|error| Failure::file(path, &error))
+    file.put(&still(&draw(&map, width, height)).map_err(|error| file.failure(&error))?)
 }

@@ -20,6 +20,7 @@ use serde_json::json;
 
 use super::run;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Replace};
 use crate::output;
 use crate::workbench::Workbench;
 
@@ -62,6 +63,8 @@ pub(crate) struct Args {
     /// Print the figures as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 fn unit(text: &str) -> Result<LengthUnit, String> {
@@ -79,10 +82,16 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.unit.is_some() && matches!(kind.as_str(), "space" | "blob" | "toml" | "mcap") {
         return Err(Failure::input(format!("{}: --unit is for mesh files", args.file.display())));
     }
+    let mut files = Files::new(args.replace);
     let (text, figures) = match kind.as_str() {
-        "space" => space::show(args)?,
+        "space" => space::show(args, &mut files)?,
         "blob" => blob(&args.file)?,
-        "mcap" => recording::show(&args.file, args.csv.as_deref())?,
+        "mcap" => {
+            files.read(&args.file);
+            let csv =
+                args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
+            recording::show(&args.file, csv.as_ref())?
+        }
         "toml" => scene(&args.file)?,
         _ => mesh(&args.file, args.unit.unwrap_or_default())?,
     };

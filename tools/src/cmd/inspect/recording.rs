@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use palpate_core::Phase;
 use palpate_host::Recording;
@@ -15,9 +15,10 @@ use serde_json::json;
 
 use super::Shown;
 use crate::failure::Failure;
+use crate::files::{Output, Stream};
 
 /// Describes the recording, and writes its ticks if asked to. Both in one pass: an hour does not fit into memory everywhere.
-pub(super) fn show(path: &Path, csv: Option<&Path>) -> Result<Shown, Failure> {
+pub(super) fn show(path: &Path, csv: Option<&Output>) -> Result<Shown, Failure> {
     let damaged = |error| Failure::input(format!("{}: {error}", path.display()));
     let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
     let mut recording = Recording::open(BufReader::new(source)).map_err(damaged)?;
@@ -236,48 +237,22 @@ impl<'r> Row<'r> {
     }
 }
 
-/// The table, under a temporary name until it is whole; into a device (`/dev/stdout`) at once.
-struct Table {
-    path: PathBuf,
-    temporary: Option<PathBuf>,
-    writer: csv::Writer<File>,
+/// The table, row by row.
+struct Table<'o> {
+    file: &'o Output,
+    writer: csv::Writer<Stream>,
 }
 
-impl Table {
-    fn begin(path: &Path) -> Result<Self, Failure> {
-        let path = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
-        let is_device = path.metadata().is_ok_and(|there| !there.is_file());
-        let temporary = (!is_device).then(|| {
-            let mut name = path.file_name().unwrap_or_default().to_os_string();
-            name.push(format!(".{}.part", std::process::id()));
-            path.with_file_name(name)
-        });
-        let file = File::create(temporary.as_ref().unwrap_or(&path));
-        let file = file.map_err(|error| Failure::file(&path, &error))?;
-        Ok(Self { writer: csv::Writer::from_writer(file), path, temporary })
+impl<'o> Table<'o> {
+    fn begin(file: &'o Output) -> Result<Self, Failure> {
+        Ok(Self { file, writer: csv::Writer::from_writer(file.stream()?) })
     }
 
     fn row(&mut self, record: &TickRecord, header: &Header) -> Result<(), Failure> {
-        let row = Row::of(record, header);
-        self.writer.serialize(row).map_err(|error| Failure::work(format!("{}: {error}", self.path.display())))
+        self.writer.serialize(Row::of(record, header)).map_err(|error| self.file.failure(&error.into()))
     }
 
-    fn finish(mut self) -> Result<(), Failure> {
-        self.writer.flush().map_err(|error| Failure::file(&self.path, &error))?;
-        match self.temporary.take() {
-            Some(temporary) => {
-                std::fs::rename(temporary, &self.path).map_err(|error| Failure::file(&self.path, &error))
-            }
-            None => Ok(()),
-        }
-    }
-}
-
-impl Drop for Table {
-    fn drop(&mut self) {
-        if let Some(temporary) = &self.temporary {
-            // The error that matters has been told.
-            let _ = std::fs::remove_file(temporary);
-        }
+    fn finish(self) -> Result<(), Failure> {
+        self.writer.into_inner().map_err(|error| self.file.failure(error.error()))?.finish()
     }
 }

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::fit::Fold;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
@@ -14,6 +13,7 @@ use serde_json::json;
 use super::{Args, Shown, held_out, map, scattered};
 use crate::cmd::held_out::in_words;
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Output};
 
 /// One active node's space, read once.
 struct Space {
@@ -27,10 +27,39 @@ struct Space {
     open: usize,
 }
 
+/// What is to be written of a store.
+struct Outputs {
+    csv: Option<Output>,
+    held_out: Option<Output>,
+    picture: Option<Output>,
+    /// One an active node; none if not asked for.
+    vtu: Vec<Output>,
+}
+
+impl Outputs {
+    fn of(args: &Args, store: &Store, files: &mut Files) -> Result<Self, Failure> {
+        let mut write = |option, path: Option<&Path>, kind| -> Result<Option<Output>, Failure> {
+            path.map(|path| files.write(option, path, kind)).transpose()
+        };
+        let csv = write("--csv", args.csv.as_deref(), FileKind::Table)?;
+        let held_out = write("--held-out", args.held_out.as_deref(), FileKind::Table)?;
+        let picture = write("--picture", args.picture.as_deref(), FileKind::Png)?;
+        let nodes = store.active()?;
+        let mut vtu = Vec::new();
+        for (name, _) in &nodes {
+            let path = args.vtu.as_deref();
+            let path = path.map(|path| if nodes.len() > 1 { beside(path, name) } else { path.to_path_buf() });
+            vtu.extend(write("--vtu", path.as_deref(), FileKind::Vtu)?);
+        }
+        Ok(Self { csv, held_out, picture, vtu })
+    }
+}
+
 /// Describes the store, and writes what was asked for.
-pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
-    let (path, csv, vtu) = (args.file.as_path(), args.csv.as_deref(), args.vtu.as_deref());
-    let store = Store::open(path)?;
+pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
+    files.update_space(&args.file);
+    let store = Store::open(&args.file)?;
+    let outputs = Outputs::of(args, &store, files)?;
     let identity = store.identity()?;
     let (sampling, plans) = (identity.sampling, Plans::of(&store)?);
     let (points, completed, grid_words) = match sampling {
@@ -47,7 +76,7 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         }
         Sampling::Scattered(scattered) => (None, None, super::in_words(&scattered)),
     };
-    if let Some(picture) = &args.picture {
+    if let Some(picture) = &outputs.picture {
         map::write(&store, picture)?;
     }
     let unreachable = super::left_out_of(&store)?;
@@ -60,9 +89,7 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         store.meta("solver")?
     );
     let (mut figures, mut table) = (Vec::new(), format!("{CSV_HEADER}\n"));
-    let nodes = store.active()?;
-    let several = nodes.len() > 1;
-    for (active, (name, node)) in nodes.into_iter().enumerate() {
+    for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
         store.check_states(active)?;
@@ -89,18 +116,18 @@ pub(super) fn show(args: &Args) -> Result<Shown, Failure> {
         let walks: BTreeMap<&str, &Summary> = walks.iter().map(|(kind, sum)| (kind.name(), sum)).collect();
         numbers["held_out"] = json!(walks);
         figures.push(numbers);
-        if csv.is_some() {
+        if outputs.csv.is_some() {
             space.rows(&sampling, args.all_tries, &mut table);
         }
-        if let Some(vtu) = vtu {
-            space.cloud(&sampling, &if several { beside(vtu, &space.name) } else { vtu.to_path_buf() })?;
+        if let Some(vtu) = outputs.vtu.get(active) {
+            space.cloud(&sampling, vtu)?;
         }
     }
-    if let Some(csv) = csv {
-        write_atomically(csv, table.as_bytes()).map_err(|error| Failure::file(csv, &error))?;
+    if let Some(csv) = &outputs.csv {
+        csv.put(table.as_bytes())?;
     }
-    if let Some(path) = &args.held_out {
-        held_out::write(&store, &sampling, path)?;
+    if let Some(file) = &outputs.held_out {
+        held_out::write(&store, &sampling, file)?;
     }
     let figures = json!({
         "scene": identity.scene_name, "law": identity.law, "points": points, "completing": completed,
@@ -212,7 +239,7 @@ impl Space {
         }
     }
 
-    fn cloud(&self, grid: &Sampling, path: &Path) -> Result<(), Failure> {
+    fn cloud(&self, grid: &Sampling, file: &Output) -> Result<(), Failure> {
         let excesses = self.excesses();
         let points: Vec<[f64; 3]> = self.records.iter().map(|r| grid.displacement_m(r.index)).collect();
         let scalar =
@@ -249,7 +276,7 @@ impl Space {
             cell_data: &[],
             field_data: &[],
         };
-        vtu::write(path, &cloud).map_err(|error| Failure::work(format!("{}: {error}", path.display())))
+        file.put(vtu::encode(&cloud).map_err(Failure::work)?.as_bytes())
     }
 }
 

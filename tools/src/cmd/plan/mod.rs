@@ -33,7 +33,7 @@ use self::row::{LINEAR, Row};
 use crate::cmd::inspect::certificate::significant;
 use crate::failure::Failure;
 use crate::output;
-use crate::workbench::{Workbench, hex, threads};
+use crate::workbench::{Workbench, end_when_interrupted, hex, threads};
 
 /// Active nodes that are probed at most; the others are taken to be as they are on the average.
 const MOST_NODES: usize = 4;
@@ -68,6 +68,7 @@ pub(crate) struct Args {
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
+    end_when_interrupted()?;
     let threads = threads(args.threads);
     let bench = Workbench::load(&args.scene)?;
     let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;

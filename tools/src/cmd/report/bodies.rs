@@ -174,8 +174,8 @@ fn solve(plan: &Plan, bench: &Workbench, radius_m: f64, steps: &Steps) -> Result
     let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
     let node = &bench.scene.active[0];
     let key = format!("{hash} {} {:?} {radius_m:?} {SHARES:?} {}", node.node, node.patch, solver_version());
-    let path = plan.work.join(format!("forces-{}-{}.json", &hash[..16], node.patch.len()));
-    kept(&path, key, || {
+    let file = plan.work.file(&format!("forces-{}-{}.json", &hash[..16], node.patch.len()));
+    kept(&file, key, || {
         let problem = bench.problem(node);
         let forces = on_threads(&problem, radius_m, plan.threads, &steps.stop)?;
         steps.go_on()?;

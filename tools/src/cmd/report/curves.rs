@@ -75,8 +75,8 @@ fn curve(
     let radius_m = family.radius_m();
     let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
     let key = format!("{hash} {} {:?} {radius_m:?} {STEPS} {}", node.node, node.patch, solver_version());
-    let path = plan.work.join(format!("curve-{}-{}.json", &hash[..16], node.node));
-    let points = kept(&path, key, || {
+    let file = plan.work.file(&format!("curve-{}-{}.json", &hash[..16], node.node));
+    let points = kept(&file, key, || {
         let mut solver = Solver::new(bench.problem(node));
         let mut points = vec![[0.0; 2]];
         let Ok(rest) = solver.rest() else { return Ok(points) };

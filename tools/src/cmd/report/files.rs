@@ -1,13 +1,11 @@
 //! The tables as files: each as CSV and as JSON, with the same columns.
 
-use std::path::Path;
-
-use palpate_precompute::files::write_atomically;
 use serde::Serialize;
 
-use super::Report;
 use super::measure::Measured;
+use super::{PAGE, Report};
 use crate::failure::Failure;
+use crate::files::{FileKind, Folder};
 use crate::output;
 
 /// A method along one regular path.
@@ -25,8 +23,27 @@ struct AlongRow<'r> {
     error_n: f64,
 }
 
+/// Tables that are written both as CSV and as JSON.
+const TABLES: [&str; 13] = [
+    "methods", "spaces", "paths", "means", "along", "left-out", "curves", "bodies", "hard", "parts",
+    "surfaces", "ledger", "forms",
+];
+/// What is written as JSON alone.
+const FIGURES: [&str; 2] = ["certificates", "machine"];
+
+/// What a file of this name in the folder of a report is.
+pub(super) fn kind_of(name: &str) -> Option<FileKind> {
+    let is_table = |stem: &&str| TABLES.contains(stem);
+    match name.rsplit_once('.')? {
+        _ if name == PAGE => Some(FileKind::Html),
+        (stem, "csv") if is_table(&stem) => Some(FileKind::Table),
+        (stem, "json") if is_table(&stem) || FIGURES.contains(&stem) => Some(FileKind::Json),
+        _ => None,
+    }
+}
+
 /// Writes all tables into a folder.
-pub(super) fn write(report: &Report, out: &Path) -> Result<(), Failure> {
+pub(super) fn write(report: &Report, out: &Folder) -> Result<(), Failure> {
     let all = || report.cases.iter().flatten();
     both(out, "methods", &all().flat_map(|case| &case.methods).collect::<Vec<_>>())?;
     both(out, "spaces", &all().map(|case| &case.space).collect::<Vec<_>>())?;
@@ -68,16 +85,12 @@ fn along(case: &Measured) -> Vec<AlongRow<'_>> {
     rows
 }
 
-fn both<T: Serialize>(out: &Path, name: &str, rows: &[T]) -> Result<(), Failure> {
-    put(out, &format!("{name}.csv"), &output::csv(rows)?)?;
+fn both<T: Serialize>(out: &Folder, name: &str, rows: &[T]) -> Result<(), Failure> {
+    out.file(&format!("{name}.csv")).put(&output::csv(rows)?)?;
     json(out, name, &rows)
 }
 
-fn json<T: Serialize>(out: &Path, name: &str, value: &T) -> Result<(), Failure> {
-    put(out, &format!("{name}.json"), serde_json::to_string_pretty(value).map_err(Failure::work)?.as_bytes())
-}
-
-fn put(out: &Path, name: &str, bytes: &[u8]) -> Result<(), Failure> {
-    let path = out.join(name);
-    write_atomically(&path, bytes).map_err(|error| Failure::file(&path, &error))
+fn json<T: Serialize>(out: &Folder, name: &str, value: &T) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value).map_err(Failure::work)?;
+    out.file(&format!("{name}.json")).put(text.as_bytes())
 }

@@ -77,7 +77,7 @@ pub(super) fn measured(
     let mut rows = Vec::new();
     let first = &plan.families[0];
     let near = first.on_grid(grid)?;
-    let store = Store::open(&plan.work.join(format!("{}.space", near.name)))?;
+    let store = Store::open(&plan.work.path().join(format!("{}.space", near.name)))?;
     steps.next(&format!("{}: tables with holes", near.name))?;
     let whole = |name: String, what: String, grid: u32| Hard {
         what,

@@ -89,12 +89,12 @@ pub(super) fn measured(
     steps.next(&format!("{}: the ledger of what is left out", case.name))?;
     let Some(fitted) = of.fitted.last() else { return Ok(Vec::new()) };
     let positions = if plan.small { SMALL_POSITIONS } else { POSITIONS };
-    let store = Store::open(&plan.work.join(format!("{}.space", case.name)))?;
+    let store = Store::open(&plan.work.path().join(format!("{}.space", case.name)))?;
     let (hash, method) = (store.identity()?.content_hash, fitted.method);
     let held_out = fitted.space().cost.held_out;
     let key = format!("{hash} {} {positions} {held_out} {}", method.name(), solver_version());
-    let path = plan.work.join(format!("{}-ledger.json", case.name));
-    kept(&path, key, || {
+    let file = plan.work.file(&format!("{}-ledger.json", case.name));
+    kept(&file, key, || {
         let organ: Organ<'_> = Organ::read(fitted.file.bytes()).map_err(Failure::work)?;
         let effort = Effort { positions, threads: plan.threads, stop: &steps.stop };
         let found = ledger(&store, 0, (&organ, fitted.space()), &case.bench.scene, effort)?;

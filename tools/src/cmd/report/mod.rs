@@ -29,6 +29,7 @@ use palpate_core::Method;
 
 use super::bench::forms::FormRow;
 use crate::failure::Failure;
+use crate::files::Replace;
 use crate::output;
 use crate::workbench::{stop_flag, threads};
 
@@ -82,6 +83,8 @@ pub(crate) struct Args {
     /// Print the table of methods as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    replace: Replace,
 }
 
 /// Everything that the page shows.
@@ -98,6 +101,9 @@ struct Report {
     forms: Vec<FormRow>,
     machine: Machine,
 }
+
+/// Name of the page.
+const PAGE: &str = "report.html";
 
 /// Rounds of timing.
 const ROUNDS: usize = 5;
@@ -131,7 +137,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
                 args.fit_again,
                 &mut steps,
             )?);
-            path.get_or_insert_with(|| plan.work.join(format!("{}.space", case.name)));
+            path.get_or_insert_with(|| plan.work.path().join(format!("{}.space", case.name)));
         }
         measured.push(of_family);
     }
@@ -150,12 +156,12 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     steps.next("tables and page")?;
     let machine = Machine::here(threads, ticks, started.elapsed().as_secs_f64());
     let report = Report { plan, cases: measured, bodies, curves, hard, parts, ledger, forms, machine };
-    files::write(&report, &args.out)?;
-    let page = args.out.join("report.html");
+    files::write(&report, &report.plan.out)?;
+    let page = report.plan.out.file(PAGE);
     page::write(&report, &page)?;
     if args.json {
         let rows: Vec<_> = report.cases.iter().flatten().flat_map(|case| &case.methods).collect();
         return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
     }
-    output::line(format!("{}: written, with its tables as CSV and JSON beside it", page.display()))
+    output::line(format!("{}: written, with its tables as CSV and JSON beside it", page.path().display()))
 }

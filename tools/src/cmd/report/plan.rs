@@ -1,16 +1,16 @@
 //! What is measured: bodies with a law, each on several grids.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use palpate_core::Method;
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::scene::Scene;
 use toml::{Table, Value};
 
-use super::Args;
+use super::{Args, files};
 use crate::failure::Failure;
+use crate::files::{FileKind, Files, Folder};
 use crate::workbench::Workbench;
 
 /// One body with its law, held and touched in one way.
@@ -48,8 +48,10 @@ pub(super) struct Plan {
     pub grids: Vec<(u32, u32)>,
     /// Methods.
     pub methods: Vec<Method>,
+    /// Folder for the page and its tables.
+    pub out: Folder,
     /// Folder for what is solved.
-    pub work: PathBuf,
+    pub work: Folder,
     /// Worker threads.
     pub threads: usize,
     /// Only a quick look.
@@ -148,8 +150,7 @@ impl Plan {
                 )));
             }
         }
-        let work = args.out.join("work");
-        std::fs::create_dir_all(&work).map_err(|error| Failure::file(&work, &error))?;
+        let (out, work) = folders(args)?;
         let mut finer = Vec::new();
         if families.is_empty() {
             families = bundled(&work, 0, &wish)?;
@@ -157,7 +158,7 @@ impl Plan {
                 finer = bundled(&work, 1, &wish)?;
             }
         }
-        Ok(Self { families, finer, grids, methods, work, threads, small: args.small })
+        Ok(Self { families, finer, grids, methods, out, work, threads, small: args.small })
     }
 
     /// How much truth is solved for each space of a ball of this radius.
@@ -170,14 +171,29 @@ impl Plan {
     }
 }
 
+/// The folders of the report. Bundled scenes are written into the second one; given ones are only read.
+fn folders(args: &Args) -> Result<(Folder, Folder), Failure> {
+    let mut files = Files::new(args.replace);
+    args.scenes.iter().try_for_each(|scene| files.read_scene(scene))?;
+    let out = files.folder("--out", &args.out, files::kind_of)?;
+    let work = files.folder("--out", &args.out.join("work"), |name| match name.rsplit_once('.')?.1 {
+        "space" => Some(FileKind::Space),
+        "blob" => Some(FileKind::Blob),
+        "json" => Some(FileKind::Json),
+        "toml" if args.scenes.is_empty() => Some(FileKind::Toml),
+        "msh" if args.scenes.is_empty() => Some(FileKind::Mesh),
+        _ => None,
+    })?;
+    Ok((out, work))
+}
+
 /// A bundled organ by the paper's two laws.
-fn bundled(work: &Path, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
+fn bundled(work: &Folder, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, Failure> {
     let (name, scene, mesh) = ORGANS[which];
     for (extension, text) in [("toml", scene), ("msh", mesh)] {
-        let path = work.join(format!("{name}.{extension}"));
-        write_atomically(&path, text.as_bytes()).map_err(|error| Failure::file(&path, &error))?;
+        work.file(&format!("{name}.{extension}")).put(text.as_bytes())?;
     }
-    let incompressible = Family::load(&work.join(format!("{name}.toml")), wish)?;
+    let incompressible = Family::load(&work.path().join(format!("{name}.toml")), wish)?;
     // The same modulus at small strain: E = 6 (C10 + C01).
     let law = [("law", "st-venant-kirchhoff".into()), ("young_pa", 15480.0.into()), ("poisson", 0.49.into())];
     let compressible = incompressible.with_law(&format!("{name}-stvk"), &law)?;

@@ -20,9 +20,9 @@ pub(super) fn solved(
     sibling: Option<&Path>,
     steps: &mut Steps,
 ) -> Result<PathBuf, Failure> {
-    let path = plan.work.join(format!("{}.space", case.name));
+    let space = plan.work.file(&format!("{}.space", case.name));
     steps.next(&format!("{}: configuration space", case.name))?;
-    let store = case.bench.store(&path, false)?;
+    let store = case.bench.store(&space, false)?;
     let mut progress = WorkProgress::new(&case.name, "points");
     let expanded =
         case.bench.expand(vec![0], &store, plan.threads, &steps.stop, |state| progress.spaces(state));
@@ -39,7 +39,7 @@ pub(super) fn solved(
     });
     progress.finish();
     solved?;
-    Ok(path)
+    Ok(space.path().to_path_buf())
 }
 
 /// Copies the paths that the other store has solved and this one has not.

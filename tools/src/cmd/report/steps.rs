@@ -1,14 +1,13 @@
 //! Where the report stands: which step of how many, and what has been asked to stop.
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate_precompute::files::write_atomically;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::failure::Failure;
+use crate::files::Output;
 
 /// Counts the steps aloud.
 #[derive(Debug)]
@@ -51,17 +50,17 @@ struct Kept<T> {
 
 /// What the file holds if it was made for `key`; otherwise made now, and kept.
 pub(super) fn kept<T: Serialize + DeserializeOwned>(
-    path: &Path,
+    file: &Output,
     key: String,
     make: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<T, Failure> {
-    let there = std::fs::read(path).ok();
+    let there = std::fs::read(file.path()).ok();
     let there: Option<Kept<T>> = there.and_then(|bytes| serde_json::from_slice(&bytes).ok());
     if let Some(kept) = there.filter(|kept| kept.key == key) {
         return Ok(kept.value);
     }
     let kept = Kept { key, value: make()? };
     let text = serde_json::to_string(&kept).map_err(Failure::work)?;
-    write_atomically(path, text.as_bytes()).map_err(|error| Failure::file(path, &error))?;
+    file.put(text.as_bytes())?;
     Ok(kept.value)
 }

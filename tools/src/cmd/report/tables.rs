@@ -1,11 +1,8 @@
 //! Fitted tables: a blob a method, measured, and kept in a file that a second run reads again.
 
-use std::path::Path;
-
 use palpate_core::{Method, Organ, Space};
 use palpate_host::BlobFile;
 use palpate_precompute::certificate::{Certificate, MethodCertificate, SpaceCertificate, certify};
-use palpate_precompute::files::write_atomically;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::pack::{PackError, PackOptions, Packed, pack_with};
 use palpate_precompute::space::Store;
@@ -13,6 +10,7 @@ use palpate_precompute::spec::GridIndex;
 
 use super::plan::Plan;
 use crate::failure::Failure;
+use crate::files::Output;
 
 /// A method's tables of one space.
 #[derive(Debug)]
@@ -86,12 +84,12 @@ pub(super) fn fitted(
     let (mut all, mut left_out) = (Vec::new(), Vec::new());
     for &method in &plan.methods {
         before(method)?;
-        let path = plan.work.join(format!("{}-{}.blob", choice.name, method.name()));
-        let there = if choice.again { None } else { reusable(&path, store, method, solved, truths)? };
+        let blob = plan.work.file(&format!("{}-{}.blob", choice.name, method.name()));
+        let there = if choice.again { None } else { reusable(&blob, store, method, solved, truths)? };
         let fitted = match there {
             Some(there) => there,
             None => match packed(&[method]) {
-                Ok(packed) => measured(&path, store, method, packed)?,
+                Ok(packed) => measured(&blob, store, method, packed)?,
                 Err(PackError::Fit { error, .. }) => {
                     let why = error.to_string();
                     left_out.push(LeftOut { case: choice.name.into(), method: method.name(), why });
@@ -120,7 +118,7 @@ impl Fitted {
     }
 }
 
-fn measured(path: &Path, store: &Store, method: Method, mut packed: Packed) -> Result<Fitted, Failure> {
+fn measured(blob: &Output, store: &Store, method: Method, mut packed: Packed) -> Result<Fitted, Failure> {
     let bare = BlobFile::of(&packed.bytes()?);
     let organ: Organ<'_> = Organ::read(bare.bytes()).map_err(Failure::work)?;
     let certificate = certify(store, &organ)?;
@@ -129,19 +127,19 @@ fn measured(path: &Path, store: &Store, method: Method, mut packed: Packed) -> R
     // As a second run reads it: numbers in JSON may lose their last bit.
     let certificate: Certificate = serde_json::from_str(&json).map_err(Failure::work)?;
     let bytes = packed.bytes()?;
-    write_atomically(path, &bytes).map_err(|error| Failure::file(path, &error))?;
+    blob.put(&bytes)?;
     Ok(Fitted::of(method, BlobFile::of(&bytes), certificate))
 }
 
-/// The blob at `path`, if it is of this very space and was measured against this very truth.
+/// The blob there, if it is of this very space and was measured against this very truth.
 fn reusable(
-    path: &Path,
+    blob: &Output,
     store: &Store,
     method: Method,
     solved: usize,
     truths: u32,
 ) -> Result<Option<Fitted>, Failure> {
-    let Ok(file) = BlobFile::load(path) else { return Ok(None) };
+    let Ok(file) = BlobFile::load(blob.path()) else { return Ok(None) };
     let certificate: Option<Certificate> = {
         let organ: Result<Organ<'_>, _> = Organ::read(file.bytes());
         let json = organ.ok().and_then(|organ| organ.certificate);

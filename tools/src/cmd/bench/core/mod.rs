@@ -78,6 +78,7 @@ struct Row {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let out = args.out.ready(args.blob.as_deref())?;
     let mut figures = Figures {
         processor: processor(),
         built_for: Instructions::built_for(),
@@ -103,7 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             figures.rows.extend(measure(&tables.space(), tables.fitted, figures.rounds));
         }
     }
-    args.out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
+    out.write(|| output::csv(&figures.rows), &figures, || table(&figures))
 }
 
 /// Everything on one space. `fitted` says whether the RBF weights are such that they cancel as real ones do.

@@ -67,6 +67,7 @@ pub(crate) struct FormRow {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
+    let out = args.out.ready([args.space.as_path()])?;
     let pinned = args.pinned.pin();
     let store = Store::open(&args.space)?;
     let rows = measure(&store, args.active.as_deref(), args.rounds.max(1))?;
@@ -76,7 +77,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             args.space.display()
         )));
     }
-    args.out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
+    out.write(|| output::csv(&rows), &rows, || table(&rows, &pinned))
 }
 
 /// Every form of every node that has a fit.

@@ -33,7 +33,7 @@ pub(super) fn section(report: &Report) -> String {
             escaped(&format!(
                 "{}; what an earlier run had solved was taken from {}, and its seconds of solving are those of that run",
                 seconds(m.wall_seconds),
-                report.plan.work.display()
+                report.plan.work.path().display()
             )),
         ),
         (

@@ -12,22 +12,20 @@ mod overview;
 mod paper;
 mod parts;
 
-use std::path::Path;
-
 use palpate_core::Method;
-use palpate_precompute::files::write_atomically;
 
 use super::Report;
 use super::measure::{Measured, MethodRow};
 use super::plot::{Style, escaped};
 use super::words;
 use crate::failure::Failure;
+use crate::files::Output;
 use html::Key;
 
 const STYLE: &str = include_str!("style.css");
 
 /// Writes the page.
-pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
+pub(super) fn write(report: &Report, file: &Output) -> Result<(), Failure> {
     let names: Vec<String> = report.plan.families.iter().map(|family| family.name.clone()).collect();
     let title = format!("Palpate: speed against error, {}", words::list(&names));
     let body = [
@@ -49,7 +47,7 @@ pub(super) fn write(report: &Report, path: &Path) -> Result<(), Failure> {
          <style>\n{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
         escaped(&title)
     );
-    write_atomically(path, page.as_bytes()).map_err(|error| Failure::file(path, &error))
+    file.put(page.as_bytes())
 }
 
 /// The legend of the methods shown.
