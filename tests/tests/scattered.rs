@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate_core::{Coverage, Method, Organ};
+use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::adaptive::{PASSES, Verdict};
 use palpate_precompute::certificate::{MethodCertificate, SpaceCertificate, answers, certify};
@@ -196,7 +196,6 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     assert!(20 * kernel.uniform.covered >= 19 * kernel.uniform.count, "{:?}", kernel.uniform);
     assert!(kernel.probe.rounding_n < 1e-5, "{:?}", kernel.probe);
     kernel_is_the_fit(&one, &organ);
-    reader_in_python_agrees(&organ, &folder.path().join("both.blob"), file.bytes());
     needs_choose_the_form(&one);
     let displacement = space.displacement.as_ref().expect("displacements");
     assert!(displacement.uniform.rms_max_mm < 0.2, "{displacement:?}");
@@ -229,41 +228,7 @@ fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
     assert!(compared > 500 && worst_n < 1e-6, "{compared} {worst_n}");
 }
 
-/// tests/peers/read_blob.py on a blob of version 4, if numpy is installed.
-fn reader_in_python_agrees(organ: &Organ<'_>, path: &std::path::Path, bytes: &[u8]) {
-    let has_numpy = std::process::Command::new("/usr/bin/python3").args(["-c", "import numpy"]).output();
-    if !has_numpy.is_ok_and(|output| output.status.success()) {
-        println!("skipped: /usr/bin/python3 has no numpy; run tests/peers/numpy");
-        return;
-    }
-    std::fs::write(path, bytes).expect("written");
-    let (input, output) = (path.with_extension("in.csv"), path.with_extension("out.csv"));
-    let r = organ.spaces[0].lattice.radius_m();
-    let points: Vec<[f32; 3]> = (1..200)
-        .map(|n| [1.3, 2.9, 4.7].map(|by| 1.2 * r * f64::sin(f64::from(n) * by) as f32))
-        .chain([[0.0; 3], [1e30, 0.0, -1e30]])
-        .collect();
-    let rows: String = points.iter().map(|[x, y, z]| format!("{x:?},{y:?},{z:?}\n")).collect();
-    std::fs::write(&input, format!("x_m,y_m,z_m\n{rows}")).expect("written");
-    let script = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/read_blob.py");
-    let mut reader = std::process::Command::new("/usr/bin/python3");
-    reader.arg("-B").arg(script).arg(path).args(["--method", "kernel", "--points"]).arg(&input);
-    let done = reader.arg("--csv").arg(&output).output().expect("Python starts");
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    let table = std::fs::read_to_string(&output).expect("written");
-    for (line, &at) in table.lines().skip(1).zip(&points) {
-        let cells: Vec<&str> = line.split(',').collect();
-        let exact = organ.spaces[0].force(Method::Kernel, at).expect("packed");
-        for axis in 0..3 {
-            let found: f64 = cells[3 + axis].parse().expect("a number");
-            assert!((found - f64::from(exact.force_n[axis])).abs() < 2e-5, "{at:?}: {line} {exact:?}");
-        }
-        assert_eq!(cells[6] == "cell", exact.coverage == Coverage::Scattered, "{at:?}");
-    }
-}
-
-/// Without a size limit: the form with the fastest tick. With a limit that only the smaller form fits: that
-/// form. Otherwise an error with the sizes.
+/// No limit: the cheapest tick. A limit that only the smaller one fits: that one. One that nothing fits: said with its size.
 fn needs_choose_the_form(store: &Store) {
     let size = |method| {
         let options = PackOptions { methods: &[method], intermediate: false, threads: 1 };

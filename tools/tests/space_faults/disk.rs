@@ -2,19 +2,21 @@
 //! were skipped.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+
+use nix::mount::{MntFlags, MsFlags, mount, umount2};
 
 use super::{LARGE, dump, kept, output, precompute, scene, succeeds, undisturbed};
 
-/// A tmpfs mounted at a folder, taken away at the end.
+/// A tmpfs mounted at a folder, unmounted when dropped.
 pub(super) struct Mount(pub(super) PathBuf);
 
 impl Mount {
-    /// `None`, and a loud line, where this process may not mount.
-    pub(super) fn tmpfs(at: &Path, options: &str) -> Option<Self> {
+    /// `None`, and a line on the terminal, where this process may not mount.
+    pub(super) fn tmpfs(at: &Path, size: &str) -> Option<Self> {
         std::fs::create_dir_all(at).expect("a folder");
-        let mounted = run("mount", &["-t", "tmpfs", "-o", options, "palpate-test", text(at)]);
-        if mounted {
+        let size = format!("size={size}");
+        let source = Some("palpate-test");
+        if mount(source, at, Some("tmpfs"), MsFlags::empty(), Some(size.as_str())).is_ok() {
             return Some(Self(at.to_path_buf()));
         }
         // Straight to the terminal: the test harness swallows what a passing test prints.
@@ -24,22 +26,27 @@ impl Mount {
         None
     }
 
-    pub(super) fn remount(&self, options: &str) {
-        assert!(
-            run("mount", &["-o", &format!("remount,{options}"), text(&self.0)]),
-            "remounts with {options}"
-        );
+    pub(super) fn resize(&self, size: &str) {
+        self.remount(MsFlags::empty(), Some(&format!("size={size}")));
+    }
+
+    pub(super) fn make_read_only(&self) {
+        self.remount(MsFlags::MS_RDONLY, None);
+    }
+
+    pub(super) fn make_writable(&self) {
+        self.remount(MsFlags::empty(), None);
+    }
+
+    fn remount(&self, flags: MsFlags, options: Option<&str>) {
+        mount(None::<&str>, &self.0, None::<&str>, MsFlags::MS_REMOUNT | flags, options).expect("remounts");
     }
 }
 
 impl Drop for Mount {
     fn drop(&mut self) {
-        run("umount", &["-l", text(&self.0)]);
+        let _ = umount2(&self.0, MntFlags::MNT_DETACH);
     }
-}
-
-fn run(program: &str, arguments: &[&str]) -> bool {
-    Command::new(program).args(arguments).output().is_ok_and(|o| o.status.success())
 }
 
 pub(super) fn text(path: &Path) -> &str {
@@ -53,10 +60,10 @@ fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = scene(folder.path(), LARGE);
     let expected = undisturbed(&scene, folder.path());
-    let Some(disk) = Mount::tmpfs(&folder.path().join("disk"), "size=4k") else { return };
+    let Some(disk) = Mount::tmpfs(&folder.path().join("disk"), "4k") else { return };
     let (mut early, mut late, mut found) = (0, 0, 0);
     for kib in [4, 12, 20, 36, 52, 68, 100, 200, 400, 1500, 2500, 3500] {
-        disk.remount(&format!("size={kib}k"));
+        disk.resize(&format!("{kib}k"));
         let space = disk.0.join("a.space");
         let stopped = output(precompute(&scene, &space, 2));
         let line = String::from_utf8_lossy(&stopped.stderr).trim().to_string();
@@ -66,7 +73,7 @@ fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
         assert!(line.contains("make room and run the same command again"), "{kib} KiB: {line}");
         // Still full: still the same.
         assert_eq!(output(precompute(&scene, &space, 1)).status.code(), Some(1), "{kib} KiB, again");
-        disk.remount("size=16m");
+        disk.resize("16m");
         let rows = kept(&space, folder.path()).len();
         *(if rows == 0 { &mut early } else { &mut late }) += 1;
         found += rows;

@@ -17,10 +17,10 @@ fn a_folder_that_may_not_be_written_is_one_line_and_its_stores_can_be_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = scene(folder.path(), SMALL);
     let expected = undisturbed(&scene, folder.path());
-    let Some(disk) = Mount::tmpfs(&folder.path().join("100% shelf?"), "size=16m") else { return };
+    let Some(disk) = Mount::tmpfs(&folder.path().join("100% shelf?"), "16m") else { return };
     let space = disk.0.join("a #1.space");
     succeeds(precompute(&scene, &space, 2));
-    disk.remount("ro");
+    disk.make_read_only();
     fails(
         precompute(&scene, &disk.0.join("new.space"), 2),
         2,
@@ -42,7 +42,7 @@ fn a_folder_that_may_not_be_written_is_one_line_and_its_stores_can_be_read() {
 fn a_store_with_a_log_left_over_is_read_whole_or_not_at_all() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = scene(folder.path(), LARGE);
-    let Some(disk) = Mount::tmpfs(&folder.path().join("shelf"), "size=64m") else { return };
+    let Some(disk) = Mount::tmpfs(&folder.path().join("shelf"), "64m") else { return };
     let space = disk.0.join("a.space");
     let mut run = precompute(&scene, &space, 1);
     let mut run = run.stdout(std::process::Stdio::null()).spawn().expect("runs");
@@ -55,12 +55,12 @@ fn a_store_with_a_log_left_over_is_read_whole_or_not_at_all() {
     let whole = rows(&space, folder.path(), true);
     assert!(whole.len() > 1 && disk.0.join("a.space-wal").exists(), "{} rows", whole.len());
     // With its index beside it ...
-    disk.remount("ro");
+    disk.make_read_only();
     assert_eq!(rows(&space, folder.path(), true), whole);
     // ... and without.
-    disk.remount("rw");
+    disk.make_writable();
     std::fs::remove_file(disk.0.join("a.space-shm")).expect("removed");
-    disk.remount("ro");
+    disk.make_read_only();
     fails(inspect(&space), 2, &["a.space", "a.space-wal", "copy both files"]);
     let own = folder.path().join("a.space");
     for suffix in ["", "-wal"] {

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use palpate_precompute::space::{Kind, Store};
 
 use super::{Draws, LARGE, SMALL, dump, kept, palpate, precompute, scene, succeeds, undisturbed};
@@ -22,8 +24,7 @@ impl Started {
     }
 
     fn interrupt(&self) {
-        let sent = Command::new("kill").args(["-INT", &self.0.id().to_string()]).status();
-        assert!(sent.is_ok_and(|status| status.success()), "SIGINT is sent");
+        kill(Pid::from_raw(self.0.id() as i32), Signal::SIGINT).expect("SIGINT is sent");
     }
 
     /// Waits until `seen`, which must be before it ends.
