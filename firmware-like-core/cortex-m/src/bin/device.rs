@@ -15,10 +15,10 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::SYST;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
+use palpate_cortex_m::uart::Uart;
 use palpate_link::{
     Device, DeviceInfo, DeviceProfile, FrameReader, HostMessage, Inputs, MAX_FRAME, Outputs, encode,
 };
-use palpate_cortex_m::uart::Uart;
 
 const PROFILE: DeviceProfile = DeviceProfile {
     info: DeviceInfo {
