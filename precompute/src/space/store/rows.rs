@@ -189,7 +189,7 @@ impl State {
     /// What solves start from: the state, and the condensed energy of its record. `None` if the state is damaged.
     pub(in crate::space) fn seed(self, record: &Record) -> Option<StoredSeed> {
         let numbers = record.jet([0.0; 3]).numbers();
-        self.is_intact().then(|| StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
+        self.is_intact().then_some(StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
     }
 }
 
