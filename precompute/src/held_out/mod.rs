@@ -1,7 +1,7 @@
 //! Held-out truth: solved positions that no fit ever sees, to measure interpolations against (paper, 5.2 and 5.3).
 //!
 //! Three kinds: regular paths in 26 directions and random paths, as the paper has them, and independent uniform positions, which alone
-//! carry a bound. [`positions`] draws them from a seed; [`walk`] solves a path, or a single position, in one go; [`run`] hands
+//! carry a bound. [`positions`] draws them from a seed; [`crate::space::WalkJob`] solves a path, or a single position, in one go; [`run`] hands
 //! the walks to a crew and keeps what comes back in the store of the space; [`summary`] counts.
 
 pub mod positions;

@@ -1,7 +1,7 @@
 //! The configuration space: positions of the active node, solved point by point (paper, 4.3 and 5.1).
 //!
-//! [`plan`] decides what to solve and from which parent; [`job`] is one solve, done by a [`worker`] of a [`crew`] of threads or
-//! processes; [`expansion`] brings them together; [`store`] keeps every try in SQLite.
+//! A [`SpacePlan`] decides what to solve and from which parent; a [`Job`] is one solve, done by a [`Worker`] of a
+//! [`crew`] of threads or processes; [`expansion`] brings them together; [`store`] keeps every try in SQLite.
 
 pub mod crew;
 pub mod expansion;

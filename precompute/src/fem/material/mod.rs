@@ -57,7 +57,7 @@ pub(crate) trait Law {
     /// [`Law::stress`] with the tangent dP/dF at fixed pressure.
     fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>);
 
-    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
+    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`crate::num::jet::THIRD_INDICES`], J/m^3.
     fn third_along<R: Real>(
         &self,
         k: &Kinematics<R>,
@@ -168,7 +168,7 @@ impl Material {
         (energy, stress.into(), tangent)
     }
 
-    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`THIRD_INDICES`], J/m^3.
+    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`crate::num::jet::THIRD_INDICES`], J/m^3.
     pub fn third_along(
         &self,
         k: &Kinematics,
