@@ -11,7 +11,11 @@ fn arguments(command: &str) -> Option<Vec<String>> {
     let words = documents::words(command);
     let is_palpate = |word: &String| word.rsplit('/').next() == Some("palpate");
     let start = match words.iter().position(|word| word == "--") {
-        Some(separator) if words.starts_with(&["cargo".into(), "run".into()]) => separator,
+        Some(separator) if words.starts_with(&["cargo".into(), "run".into()]) => {
+            // `cargo run -p palpate-hil` is another program.
+            let is_other = words[..separator].iter().any(|word| word.starts_with("palpate-"));
+            (!is_other).then_some(separator)?
+        }
         _ => words.iter().position(|word| !word.contains('=')).filter(|first| is_palpate(&words[*first]))?,
     };
     let ends = |word: &&String| !matches!(word.as_str(), "|" | "&&" | ";" | ">");
@@ -52,5 +56,6 @@ fn a_misspelt_command_is_found() {
     assert!(refused("palpate precompute liver.toml --uot liver.space"));
     assert!(refused("cargo run --release -- dmeo"));
     assert!(!refused("A=1 target/release/palpate run liver.blob --json | jq ."));
+    assert!(arguments("cargo run --release -p palpate-hil -- emulate polhem").is_none());
     assert!(arguments("cp palpate /usr/local/bin/").is_none());
 }

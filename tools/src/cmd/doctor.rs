@@ -179,7 +179,7 @@ mod tests {
     fn a_supervisor_that_does_not_start_is_bad_and_says_what_is_at_stake() {
         let bad = supervisor(Err(StartError::Ended), Some(51));
         assert_eq!((bad.name, bad.verdict), ("supervisor", Verdict::Bad));
-        assert!(bad.found.contains("ended at once") && bad.fix[0].contains("last force"), "{bad}");
+        assert!(bad.found.contains("exited immediately") && bad.fix[0].contains("last force"), "{bad}");
         let plain = supervisor(Ok(Duration::from_millis(7)), None);
         assert_eq!(plain.verdict, Verdict::Good, "nothing was asked for, nothing is missing");
         assert!(plain.found.contains("within 7 ms") && plain.found.contains("SCHED_OTHER"), "{plain}");
