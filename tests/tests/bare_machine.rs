@@ -15,7 +15,7 @@ const ANYWHERE: [(&str, &str); 3] = [
 ];
 
 /// Programs by file and expression.
-const HERE: [(&str, &str, &str); 8] = [
+const HERE: [(&str, &str, &str); 9] = [
     ("tools/build.rs", "rustc", "the compiler that cargo names in RUSTC"),
     ("tools/src/hardware.rs", "\"true\"", "coreutils, essential"),
     ("tools/src/hardware.rs", "\"/no/such/program\"", "its absence is what is tested"),
@@ -23,7 +23,8 @@ const HERE: [(&str, &str, &str); 8] = [
     ("tests/tests/read_blob.rs", "PYTHON", "ignored tests, run by tests/peers/numpy"),
     ("host/tests/no_allocation.rs", "this", "the test itself"),
     ("hil/src/hosts/process.rs", "program", "palpate-hil, and /bin/false of coreutils, essential"),
-    ("hil/src/bin/falcon-guest/orphans.rs", "program", "the running program"),
+    ("hil/src/bin/falcon-guest/killed_hosts.rs", "program", "the running program"),
+    ("tools/tests/documents.rs", "\"sh\"", "dash, essential"),
 ];
 
 /// The expressions in `Command::new(..)` of a source file.
