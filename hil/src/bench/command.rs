@@ -151,6 +151,7 @@ impl FromStr for Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::RigRequest;
 
     #[test]
     fn commands_round_trip_through_text() {
@@ -170,6 +171,10 @@ mod tests {
         }
         for line in ["", "plug", "plug x", "press ", "Press"] {
             assert_eq!(line.parse::<BenchCommand>(), Err(UnknownCommand));
+        }
+        // The server reads a line as a request to the stepped rig first.
+        for command in commands {
+            assert!(command.to_string().parse::<RigRequest>().is_err(), "`{command}` is in both vocabularies");
         }
     }
 

@@ -172,7 +172,7 @@ impl fmt::Display for RigRequest {
             Self::ForceRecord => Line("force-record", Vec::new()),
             Self::Position => Line("position", Vec::new()),
             Self::Counts => Line("counts", Vec::new()),
-            Self::ResetRecord => Line("reset-record", Vec::new()),
+            Self::ResetRecord => Line("reset-force-record", Vec::new()),
             Self::Follow(path) => {
                 let point = |Waypoint { t_us, position_m: [x, y, z] }: &Waypoint| {
                     [*t_us as f64, f64::from(*x), f64::from(*y), f64::from(*z)]
@@ -215,7 +215,7 @@ impl FromStr for RigRequest {
             ("force-record", []) => Self::ForceRecord,
             ("position", []) => Self::Position,
             ("counts", []) => Self::Counts,
-            ("reset-record", []) => Self::ResetRecord,
+            ("reset-force-record", []) => Self::ResetRecord,
             ("follow", points) if points.len() % 4 == 0 => {
                 let point =
                     |point: &[f64]| Waypoint { t_us: point[0] as u64, position_m: vector(&point[1..]) };
