@@ -1,4 +1,4 @@
-//! Puts `memory.x` where the linker script of cortex-m-rt looks for it.
+//! Copies `memory.x` to the directory in which the linker script of cortex-m-rt searches for it.
 
 fn main() -> std::io::Result<()> {
     let out = std::env::var_os("OUT_DIR").ok_or(std::io::ErrorKind::NotFound)?;

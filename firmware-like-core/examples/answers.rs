@@ -1,4 +1,4 @@
-//! The host's side of `check-cortex-m`: the answers that a Cortex-M must give too, bit for bit.
+//! The host's side of `check-cortex-m`: the answers that a Cortex-M must reproduce bit for bit.
 //!
 //! `cargo run --release -p palpate-core --example answers -- firmware-like-core/golden/organ-514.blob`
 
@@ -6,10 +6,11 @@ use std::io::{BufWriter, Write};
 use std::process::ExitCode;
 
 #[path = "../cortex-m/src/comparison.rs"]
-#[allow(unreachable_pub, reason = "a library's on the other side")]
+#[allow(unreachable_pub, reason = "public in the other crate")]
 mod comparison;
 
 use comparison::{Bench, Failed, Line};
+use palpate_core::AlignedBytes;
 
 struct Host<W>(W);
 
@@ -35,14 +36,11 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    let mut words = vec![0_u64; bytes.len().div_ceil(8)];
-    let aligned: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
-    aligned[..bytes.len()].copy_from_slice(&bytes);
     let mut bench = Host(BufWriter::new(std::io::stdout().lock()));
-    match comparison::run(&mut bench, &aligned[..bytes.len()]) {
+    match comparison::run(&mut bench, &AlignedBytes::from(&bytes)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failed) => {
-            eprintln!("{}: refused, or no space in it", path.display());
+            eprintln!("{}: no blob, or without spaces: make one with `palpate pack`", path.display());
             ExitCode::FAILURE
         }
     }

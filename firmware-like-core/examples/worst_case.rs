@@ -1,12 +1,14 @@
-//! Ticks with samples that are meant to be dear, for `check-worst-case`, which counts the instructions of each one.
+//! Ticks with expensive samples, for `check-worst-case`, which counts the instructions of each one.
 //!
 //! `cargo run --release -p palpate-core --features std --example worst_case -- FILE.blob METHOD TICKS`
 
 use std::process::ExitCode;
 
-use palpate_core::{Command, Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3};
+use palpate_core::{
+    AlignedBytes, Command, Config, Controller, Method, Organ, Phase, Sample, Space, State, Vec3,
+};
 
-/// What is counted. Apart and by this name, so that callgrind finds it.
+/// The function that callgrind counts, by its name.
 #[inline(never)]
 fn counted_tick(
     controller: &Controller<'_, '_>,
@@ -37,9 +39,9 @@ impl Noise {
     }
 }
 
-/// Displacements that a table likes least: on and beside grid points, faces and the rim, beyond it, tiny, huge and no numbers at all.
+/// Displacements at and near grid points, faces and the rim, outside the ball, tiny and huge ones.
 fn displacement(noise: &mut Noise, space: &Space<'_>) -> Vec3 {
-    let (spacing_m, radius_m) = (space.lattice.spacing_m(), space.lattice.radius_m());
+    let (spacing_m, radius_m) = (space.lattice().spacing_m(), space.lattice().radius_m());
     let uniform = |noise: &mut Noise| -> Vec3 { std::array::from_fn(|_| 1.05 * radius_m * noise.unit()) };
     let beside = |x: f32, noise: &mut Noise| noise.pick(&[x, x.next_up(), x.next_down()]);
     match noise.next() % 8 {
@@ -71,14 +73,11 @@ fn displacement(noise: &mut Noise, space: &Space<'_>) -> Vec3 {
 
 fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     let bytes = std::fs::read(path).map_err(|error| format!("{path}: {error}"))?;
-    let mut words = vec![0_u64; bytes.len().div_ceil(8)];
-    let aligned: &mut [u8] = bytemuck::cast_slice_mut(&mut words);
-    aligned[..bytes.len()].copy_from_slice(&bytes);
-    let organ: Organ<'_> =
-        Organ::read(&aligned[..bytes.len()]).map_err(|error| format!("{path}: {error}"))?;
+    let blob = AlignedBytes::from(&bytes);
+    let organ: Organ<'_> = Organ::read(&blob).map_err(|error| format!("{path}: {error}"))?;
     let space = organ.spaces.first().ok_or("no space")?;
     let mut config = Config::new(Method::from_name(method).ok_or_else(|| format!("no method {method}"))?);
-    // Jumps are what is asked for here, not a fault.
+    // Jumps of the position are wanted here and no fault.
     config.limits.max_speed_m_s = f32::MAX;
     config.limits.max_position_m = f32::MAX;
     config.contact.grasp_slip = f32::MAX;
@@ -86,7 +85,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     config.passivity.fault_j = f32::INFINITY;
     let controller = Controller::new(&organ, config).map_err(|error| error.to_string())?;
 
-    // Made before, so that between two ticks next to nothing happens.
+    // Made in advance, so that little happens between two ticks.
     let mut noise = Noise(1);
     let samples: Vec<Option<Sample>> = (1..=ticks).map(|tick| sample(&mut noise, space, tick)).collect();
     let (mut state, mut engaged, mut faults) = (State::new(), 0_u64, 0_u64);
@@ -104,10 +103,10 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     Ok(())
 }
 
-/// A grasp at rest, then 30 displacements with it; now and then no sample, an old one, no number.
+/// A grasp at rest, then 30 displacements; sometimes no sample, an old one, or one that is not finite.
 fn sample(noise: &mut Noise, space: &Space<'_>, tick: u64) -> Option<Sample> {
     let phase = tick % 32;
-    let mut position_m = space.rest_position_m;
+    let mut position_m = space.active().rest_position_m;
     if phase > 1 {
         for (x, d) in position_m.iter_mut().zip(displacement(noise, space)) {
             *x += d;

@@ -1,47 +1,33 @@
-//! What the fuzzer runs, and what `tests/fuzz_replay.rs` runs over the kept inputs: any bytes at all, and what must hold of them.
+//! What the fuzzer runs on the core, and `tests/fuzz_replay.rs` on the kept inputs: any bytes, and what must hold for
+//! them.
 
 use std::sync::LazyLock;
 
-use palpate_core::blob::format::{CHECKSUM, CHECKSUM_LEN, PREFIX_LEN};
-use palpate_core::profile::{Limits, PcOrgan};
+use palpate_core::blob::PcOrgan;
+use palpate_core::blob::format::CHECKSUM;
 use palpate_core::{
-    Config, Controller, Method, Organ, Phase, Sample, Space, State, TouchSurface, Vec3, flags, vec3,
+    AlignedBytes, Config, Controller, Limits, Method, Organ, Phase, Sample, Space, State, TouchSurface, Vec3,
+    flags, vec3,
 };
 
-/// Bytes at an address divisible by 8.
-fn aligned(bytes: &[u8]) -> Vec<u64> {
-    let mut words = vec![0_u64; bytes.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-    words
-}
-
-/// A blob whose length and checksum are mended, so that what lies behind them is reached: refused, or good for every query.
+/// A blob whose length and checksum are corrected, so that the checks behind them are reached: it is refused, or every
+/// query has a finite answer.
 pub(crate) fn blob(data: &[u8]) {
-    let mut words = aligned(data);
-    let bytes: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut words)[..data.len()];
-    if let Some(end) = bytes.len().checked_sub(CHECKSUM_LEN).filter(|end| *end >= PREFIX_LEN) {
+    let mut bytes = AlignedBytes::from(data);
+    if let Some(end) = bytes.len().checked_sub(4).filter(|end| *end >= 24) {
         let total = (bytes.len() as u64).to_le_bytes();
         bytes[16..24].copy_from_slice(&total);
         let checksum = CHECKSUM.checksum(&bytes[..end]);
         bytes[end..].copy_from_slice(&checksum.to_le_bytes());
     }
-    let _ = Organ::<1>::read_within(bytes, &Limits::MICROCONTROLLER);
-    let Ok(organ) = Organ::<2>::read(bytes) else { return };
+    let _ = Organ::<1>::read_within(&bytes, &Limits::MICROCONTROLLER);
+    let Ok(organ) = Organ::<2>::read(&bytes) else { return };
     for space in &organ.spaces {
         for method in Method::ALL {
             ask(space, method);
         }
-        assert_eq!(
-            flags::first_inconsistent(&space.lattice, space.flags),
-            None,
-            "flags that contradict each other"
-        );
-        for slot in 0..space.lattice.slots() {
-            assert!(
-                space.hermite.is_none_or(|table| table.node(slot).is_some()),
-                "slot {slot} without its node"
-            );
-        }
+        let flags = flags::first_inconsistent(space.lattice(), space.flags());
+        assert_eq!(flags, None, "inconsistent flags");
         let mut surface = vec![vec3::ZERO; organ.surface.node.len().min(1000)];
         for displacement_m in places(space) {
             space.displacement_into(displacement_m, &mut surface);
@@ -53,8 +39,8 @@ pub(crate) fn blob(data: &[u8]) {
         let mut state = State::new();
         state.arm();
         for (tick, space) in (1_u64..).zip(organ.spaces.iter().cycle().take(8)) {
-            let sample =
-                Sample { t_us: 1000 * tick, position_m: space.rest_position_m, buttons: (tick & 1) as u32 };
+            let position_m = space.active().rest_position_m;
+            let sample = Sample { t_us: 1000 * tick, position_m, buttons: (tick & 1) as u32 };
             let command = controller.tick(&mut state, sample.t_us, Some(&sample));
             assert!(vec3::norm(command.hand_force_n) <= controller.config().limits.max_force_n);
         }
@@ -62,7 +48,7 @@ pub(crate) fn blob(data: &[u8]) {
 }
 
 fn places(space: &Space<'_>) -> [Vec3; 8] {
-    let (r, s) = (space.lattice.radius_m(), space.lattice.spacing_m());
+    let (r, s) = (space.lattice().radius_m(), space.lattice().spacing_m());
     [
         [0.0; 3],
         [0.3 * s, 0.4 * s, -0.7 * s],
@@ -86,7 +72,7 @@ fn ask(space: &Space<'_>, method: Method) {
             assert!(estimate.energy_j.is_none_or(f32::is_finite), "{method:?}: {estimate:?}");
             if !vec3::is_finite(displacement_m) {
                 let rest = space.force(method, vec3::ZERO).map(|rest| rest.force_n);
-                assert_eq!(Some(force.force_n), rest, "what is no number is answered at rest");
+                assert_eq!(Some(force.force_n), rest, "a query that is not finite is answered at rest");
             }
             assert!(
                 estimate.stiffness_n_m.iter().all(|row| vec3::is_finite(*row)),
@@ -96,34 +82,35 @@ fn ask(space: &Space<'_>, method: Method) {
     }
 }
 
-/// The golden organ, read once: holes, folds, every method.
-static GOLDEN: LazyLock<Box<PcOrgan<'static>>> = LazyLock::new(|| {
-    let bytes = include_bytes!("../golden/organ-514.blob");
-    let words: &'static [u64] = aligned(bytes).leak();
-    Box::new(PcOrgan::read(&bytemuck::cast_slice(words)[..bytes.len()]).expect("the golden blob is good"))
-});
+static BYTES: LazyLock<AlignedBytes> =
+    LazyLock::new(|| AlignedBytes::from(include_bytes!("../golden/organ-514.blob")));
 
-/// The golden organ with its one space at the 200 surface vertices that are nearest to it: what slides, slides over them.
+/// The golden organ: holes, folds, every method of a lattice.
+static GOLDEN: LazyLock<Box<PcOrgan<'static>>> =
+    LazyLock::new(|| Box::new(PcOrgan::read(&BYTES).expect("the golden blob is good")));
+
+/// The golden organ with its space at the 200 surface vertices nearest to it, so that the tool slides.
 static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = LazyLock::new(|| {
     let mut organ = GOLDEN.clone();
     let one = organ.spaces[0].clone();
     let [x, y, z] = organ.surface.position_m;
     let at = |vertex: usize| [x[vertex], y[vertex], z[vertex]];
     let mut vertices: Vec<usize> = (0..x.len()).collect();
-    let apart = |vertex: &usize| vec3::distance(at(*vertex), one.rest_position_m);
-    vertices.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let distance = |vertex: &usize| vec3::distance(at(*vertex), one.active().rest_position_m);
+    vertices.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
     organ.spaces.clear();
     for vertex in vertices.into_iter().take(200) {
-        let node = organ.surface.node[vertex];
-        let space = Space { node, rest_position_m: at(vertex), ..one.clone() };
-        organ.spaces.push(space).expect("256 fit");
+        let mut space = one.clone();
+        (space.active_mut().node, space.active_mut().rest_position_m) =
+            (organ.surface.node[vertex], at(vertex));
+        organ.spaces.push(space).expect("512 fit");
     }
     let memory: &'static mut [u32] = vec![0; TouchSurface::words(&organ)].leak();
     let surface = TouchSurface::new(&organ, memory).expect("the golden blob has a surface");
     (organ, surface)
 });
 
-/// Any samples at any times: finite, within the limit, zero after a fault until it is reset and armed.
+/// Any samples at any times: the command is finite and within the limit, and zero after a fault until reset and armed.
 pub(crate) fn tick(data: &[u8]) {
     let (everywhere, surface) = &*EVERYWHERE;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };
@@ -132,19 +119,19 @@ pub(crate) fn tick(data: &[u8]) {
     config.contact.friction = if contact & 16 == 0 { 0.3 } else { 0.0 };
     config.limits.max_speed_m_s = if contact & 1 == 0 { 2.0 } else { 1e30 };
     config.limits.max_position_m = if contact & 2 == 0 { 0.5 } else { 1e30 };
-    // Looking for the stiffest place would take longer than all that is asked here.
-    config.limits.max_stiffness_n_m = f32::MAX;
+    // The search for the largest stiffness would take longer than all ticks.
+    config.limits.max_stiffness_n_m = f32::INFINITY;
     config.limits.ramp_s = if contact & 4 == 0 { 0.0 } else { 0.5 };
     let controller = Controller::new(organ, config).expect("the golden blob has every method of a lattice");
     let controller = controller.on_surface((contact & 8 != 0).then_some(*surface));
-    let node_m = organ.spaces[0].rest_position_m;
+    let node_m = organ.spaces[0].active().rest_position_m;
     let (mut state, mut now_us, mut latched) = (State::new(), 1_000_000_u64, false);
     state.arm();
     while let Some((&step, after)) = rest.split_first_chunk::<17>() {
         rest = after;
         let [kind, dt_low, dt_high, age, buttons, position @ ..] = step;
         let raw: [u32; 3] = bytemuck::cast(position);
-        // As it comes, or near the node, where something is to be felt.
+        // Any floats, or a position near the node.
         let near = |x: u32| (x >> 8) as f32 / 16_777_216.0 * 0.16 - 0.08;
         let position_m =
             if kind & 1 == 0 { vec3::add(node_m, raw.map(near)) } else { raw.map(f32::from_bits) };

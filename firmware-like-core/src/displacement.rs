@@ -1,63 +1,45 @@
-//! Surface displacements for the eye: a few modes of the whole surface, and how much of each a configuration has.
+//! Surface displacements: a few modes of the whole surface, and the coefficients of each configuration.
 //!
 //! u(p) = sum_k c_k(p) phi_k + sum_corners w e,   c_k = s_k sum_corners (v a_k + g_x a_k,x + g_y a_k,y + g_z a_k,z)
 //!
-//! The modes phi_k, the coefficients a_k and their slopes along the grid's axes are int16; s_k is the product of both units. e is
-//! what the modes miss of an outlier, a configuration unlike the others; w are the tri-linear weights.
+//! The modes phi_k, the coefficients a_k and their slopes along the axes of the grid are int16; s_k is the product of
+//! both units. e is the residual of an outlier, a configuration that the modes do not represent well; w are the
+//! tri-linear weights.
 //!
-//! - Without slopes v = w: tri-linear, error h^2.
-//! - With slopes v = H L L + L H L + L L H - 2 w,  g_x = G L L, and so on: cubic Hermite along each axis (H of values, G of slopes),
-//!   linear across it (L). Every cubic is met, so the error is h^4 as that of the tensor cubic, and no mixed derivative is needed. On
-//!   a face all depends on its four corners: continuous, though not C1. The slopes fade out towards a fold, as in [`crate::blend`].
+//! - Without slopes v = w: tri-linear, with an error of order spacing^2.
+//! - With slopes v = H L L + L H L + L L H - 2 w, g_x = G L L, and so on: cubic Hermite along each axis (H weights values,
+//!   G slopes) and linear across it (L). Every cubic is reproduced, so the error is of order spacing^4 as that of the
+//!   tensor cubic, but no mixed derivative is needed. On a face everything depends on its four corners: u is continuous,
+//!   though not C1. The slopes fade out towards a fold, as in the method `energy`.
 //!
-//! Modes come in the order of their size, and only as many of the first have slopes as the packer finds worth it.
-//!
-//! Drawn at 30 Hz, never asked for by the tick.
+//! The modes are sorted by size, and only as many of the first have slopes as the packer found useful. The table is for
+//! pictures at 30 Hz and is not evaluated by the tick.
 
-use crate::blend;
-use crate::flags::{FOLD, SMOOTH};
-use crate::grid::BallLattice;
-use crate::table::{LARGEST_VALUE, TableError, check_len};
-use crate::trilinear;
-use crate::vec3::{self, Vec3};
+use crate::grid::flags::{self, FOLD, SMOOTH};
+use crate::grid::{BallLattice, corner_slots, corner_weights};
+use crate::num::vec3::{self, Vec3};
+use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
 
-/// The planes of a table, not yet checked.
+/// Planes of the surface displacements of one space.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DisplacementPlanes<'a> {
-    /// Modes that have slopes, the first ones.
+    /// Number of modes, from the first, that have slopes.
     pub slopes: usize,
     /// Row of `coefficients` of each slot of the box.
     pub row: &'a [u32],
     /// `[mode][surface vertex][xyz]`.
     pub modes: &'a [i16],
-    /// Metres per unit of a mode times unit of its coefficient, one a mode.
+    /// Metres per unit of a mode times unit of its coefficient, one per mode.
     pub scale: &'a [f32],
     /// Rows of the values of all modes, then of the slopes along x, along y and along z, per cell.
     pub coefficients: &'a [i16],
-    /// Rows that are outliers, ascending.
+    /// Rows of the outliers, ascending.
     pub outlier_row: &'a [u32],
-    /// Metres per unit, one an outlier.
+    /// Metres per unit, one per outlier.
     pub outlier_scale: &'a [f32],
-    /// `[outlier][surface vertex][xyz]`: what the modes miss.
+    /// `[outlier][surface vertex][xyz]`: the residual.
     pub outliers: &'a [i16],
 }
-
-/// Why planes are no table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct DisplacementError {
-    /// Which plane.
-    pub plane: &'static str,
-    /// What is wrong with it.
-    pub error: TableError,
-}
-
-impl core::fmt::Display for DisplacementError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{}: {}", self.plane, self.error)
-    }
-}
-
-impl core::error::Error for DisplacementError {}
 
 /// Surface displacement of each configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,106 +48,78 @@ pub struct DisplacementTable<'a> {
     vertices: usize,
     /// Numbers in a row of coefficients.
     per_row: usize,
-    /// Modes whose slopes are used.
+    /// Number of modes whose slopes are used.
     used: usize,
 }
 
-/// Largest |number| of an int16.
+/// Largest absolute value of an int16.
 const UNITS: f32 = 32768.0;
 
-/// Modes added in one pass over the surface: it is read and written once for all of them.
+/// Modes added in one pass over the surface, which is read and written once for all of them.
 const BLOCK: usize = 4;
 
-/// A configuration's part in a displacement.
+/// The contribution of one configuration.
 struct Part<'a> {
-    index: u32,
+    row: u32,
     values: &'a [i16],
     slopes: [&'a [i16]; 3],
-    /// Of the values and the slopes along x, y, z of modes that have slopes.
+    /// Weights of the values and of the slopes along x, y and z, for modes that have slopes.
     weights: [f32; 4],
-    /// Of the other modes, and of what an outlier adds.
+    /// Weight of the other modes and of the residual of an outlier.
     share: f32,
 }
 
 impl<'a> DisplacementTable<'a> {
-    /// Checks that every slot of the box has a row, that rows, modes and outliers are whole, and that nothing can overflow.
+    /// Checks that every slot has a row, that rows, modes and outliers are complete, and that no sum can overflow.
+    ///
+    /// Errors: [`PlaneError`] with the name of the plane.
     pub fn new(
         lattice: &BallLattice,
         planes: DisplacementPlanes<'a>,
         vertices: usize,
-    ) -> Result<Self, DisplacementError> {
-        let of = |plane| move |error| DisplacementError { plane, error };
+    ) -> Result<Self, PlaneError> {
         let stride = vertices.saturating_mul(3);
-        let DisplacementPlanes { row, scale, coefficients, outlier_row, outlier_scale, .. } = planes;
+        let DisplacementPlanes { slopes, row, scale, coefficients, outlier_row, outlier_scale, .. } = planes;
 
-        check_scale(scale, UNITS * UNITS).map_err(of("displacement scale"))?;
-        check_len(planes.modes, scale.len().saturating_mul(stride)).map_err(of("displacement modes"))?;
-        let enough = TableError::Length { have: scale.len(), need: planes.slopes };
-        let _ = scale.get(..planes.slopes).ok_or(enough).map_err(of("displacement scale"))?;
-        let per_row = planes.slopes.saturating_mul(3).saturating_add(scale.len());
+        check_scales(scale)?;
+        check_len("displacement modes", planes.modes, scale.len().saturating_mul(stride))?;
+        if slopes > scale.len() {
+            return Err(PlaneProblem::Length { have: scale.len(), need: slopes }.of("displacement scale"));
+        }
+        let per_row = slopes.saturating_mul(3).saturating_add(scale.len());
         let rows = coefficients.len().checked_div(per_row).unwrap_or(0);
-        let whole = check_len(coefficients, rows.saturating_mul(per_row));
-        whole.map_err(of("displacement coefficients"))?;
-        let checked = check_len(row, lattice.slots()).and_then(|()| check_rows(row, rows));
-        checked.map_err(of("displacement row"))?;
+        check_len("displacement coefficients", coefficients, rows.saturating_mul(per_row))?;
+        check_len("displacement row", row, lattice.slots())?;
+        check_indices("displacement row", row, rows)?;
 
-        let checked = check_rows(outlier_row, rows).and_then(|()| check_ascending(outlier_row));
-        checked.map_err(of("displacement outlier row"))?;
-        let checked = check_len(outlier_scale, outlier_row.len()).and_then(|()| {
-            let bad = outlier_scale.chunks(1).position(|scale| check_scale(scale, UNITS).is_err());
-            bad.map_or(Ok(()), |index| Err(TableError::NotFinite { index }))
-        });
-        checked.map_err(of("displacement outlier scale"))?;
-        let whole = check_len(planes.outliers, outlier_row.len().saturating_mul(stride));
-        whole.map_err(of("displacement outliers"))?;
-        Ok(Self { planes, vertices, per_row, used: planes.slopes })
+        check_indices("displacement outlier row", outlier_row, rows)?;
+        if let Some(before) = outlier_row.iter().zip(outlier_row.iter().skip(1)).position(|(a, b)| a >= b) {
+            let index = before.saturating_add(1);
+            return Err(PlaneProblem::Order { index }.of("displacement outlier row"));
+        }
+        check_len("displacement outlier scale", outlier_scale, outlier_row.len())?;
+        check_values("displacement outlier scale", outlier_scale, |s| s.abs() * UNITS <= LARGEST_VALUE)?;
+        check_len("displacement outliers", planes.outliers, outlier_row.len().saturating_mul(stride))?;
+        Ok(Self { planes, vertices, per_row, used: slopes })
     }
 
-    /// Number of surface vertices in a mode.
-    pub const fn vertices(&self) -> usize {
-        self.vertices
-    }
-
-    /// What it is made of.
+    /// The planes.
     pub const fn planes(&self) -> &DisplacementPlanes<'a> {
         &self.planes
     }
 
-    /// Number of modes.
-    pub const fn modes(&self) -> usize {
-        self.planes.scale.len()
-    }
-
-    /// Number of configurations that are stored beside the modes.
-    pub const fn outliers(&self) -> usize {
-        self.planes.outlier_row.len()
-    }
-
-    /// Number of modes that are interpolated from their slopes too; without any it is all tri-linear.
-    pub const fn slopes(&self) -> usize {
-        self.used
-    }
-
-    /// Bytes of all planes.
-    pub const fn bytes(&self) -> usize {
-        let DisplacementPlanes {
-            row, modes, scale, coefficients, outlier_row, outlier_scale, outliers, ..
-        } = self.planes;
-        let of_modes = size_of_val(modes) + size_of_val(scale) + size_of_val(row) + size_of_val(coefficients);
-        of_modes + size_of_val(outlier_row) + size_of_val(outlier_scale) + size_of_val(outliers)
-    }
-
-    /// The same table without the use of its slopes: what they are worth is measured against it.
+    /// The same table, interpolated without its slopes: the reference for their benefit.
     #[must_use]
     pub const fn without_slopes(mut self) -> Self {
         self.used = 0;
         self
     }
 
-    /// Displacement of the surface at `displacement_m` of the active node, metres.
+    /// Displacement of the surface where the active node is displaced by `displacement_m`; both in metres.
     ///
-    /// `out` has one entry per surface vertex; what is longer stays zero, what is missing is not computed. Beyond the ball the
-    /// displacement at the rim; of what is not finite, that at rest. `flags` are the space's.
+    /// Shapes: `out` has one entry per surface vertex; surplus entries are set to zero, missing ones are skipped.
+    /// `flags` are those of the space. Outside the ball the result is that at the rim; for a displacement that is not
+    /// finite it is that at rest.
     pub fn displacement_into(
         &self,
         lattice: &BallLattice,
@@ -174,14 +128,12 @@ impl<'a> DisplacementTable<'a> {
         out: &mut [Vec3],
     ) {
         let at = lattice.locate(displacement_m);
-        let corners = trilinear::corners(lattice.strides(), at.slot, at.t);
+        let strides = lattice.strides();
+        let corners = corner_slots(strides, at.slot).into_iter().zip(corner_weights(at.t));
         let folded = flags.get(at.slot).is_none_or(|bits| bits & FOLD != 0);
-        let hermite = if self.used == 0 || folded {
-            0.0
-        } else {
-            blend::share(flags, SMOOTH, lattice.strides(), at.slot, at.t)
-        };
-        let mut parts = corners.iter().zip(hermite_weights(at.t)).map(|(&(slot, share), weights)| {
+        let hermite =
+            if self.used == 0 || folded { 0.0 } else { flags::share(flags, SMOOTH, strides, at.slot, at.t) };
+        let mut parts = corners.zip(hermite_weights(at.t)).map(|((slot, share), weights)| {
             let [value, x, y, z] = weights;
             let value = share + hermite * (value - share);
             self.part(slot, [value, hermite * x, hermite * y, hermite * z], share)
@@ -190,7 +142,7 @@ impl<'a> DisplacementTable<'a> {
         self.add_up(&parts, out);
     }
 
-    /// Displacement of the configuration at a slot, as it was packed, metres; zero for a slot outside the box.
+    /// Displacement of the configuration at a slot as it was packed, metres; zero for a slot outside the box.
     pub fn configuration_into(&self, slot: usize, out: &mut [Vec3]) {
         self.add_up(&[self.part(slot, [1.0, 0.0, 0.0, 0.0], 1.0)], out);
     }
@@ -199,10 +151,10 @@ impl<'a> DisplacementTable<'a> {
         let index = *self.planes.row.get(slot)?;
         let start = (index as usize).saturating_mul(self.per_row);
         let row = self.planes.coefficients.get(start..start.saturating_add(self.per_row))?;
-        let (values, slopes) = row.split_at_checked(self.modes())?;
+        let (values, slopes) = row.split_at_checked(self.planes.scale.len())?;
         let (x, slopes) = slopes.split_at_checked(self.planes.slopes)?;
         let (y, z) = slopes.split_at_checked(self.planes.slopes)?;
-        Some(Part { index, values, slopes: [x, y, z], weights, share })
+        Some(Part { row: index, values, slopes: [x, y, z], weights, share })
     }
 
     /// Coefficient of mode `k`, in its units.
@@ -233,7 +185,7 @@ impl<'a> DisplacementTable<'a> {
         };
         for (block, scales) in self.planes.scale.chunks(BLOCK).enumerate() {
             let first = block.saturating_mul(BLOCK);
-            // A block that is not full repeats its first mode with a factor of zero.
+            // An incomplete block repeats its first mode with a factor of zero.
             let mut factors = [0.0; BLOCK];
             let mut modes = [plane(self.planes.modes, first); BLOCK];
             for (k, ((factor, mode), scale)) in (first..).zip(factors.iter_mut().zip(&mut modes).zip(scales))
@@ -244,11 +196,11 @@ impl<'a> DisplacementTable<'a> {
             add_block(out, modes, factors);
         }
         for part in parts.iter().flatten() {
-            let Ok(index) = self.planes.outlier_row.binary_search(&part.index) else { continue };
+            let Ok(index) = self.planes.outlier_row.binary_search(&part.row) else { continue };
             let scale = self.planes.outlier_scale.get(index).copied().unwrap_or(0.0);
-            let missed = plane(self.planes.outliers, index);
-            for (value, missed) in out.iter_mut().zip(missed) {
-                *value += part.share * scale * f32::from(*missed);
+            let residual = plane(self.planes.outliers, index);
+            for (value, residual) in out.iter_mut().zip(residual) {
+                *value += part.share * scale * f32::from(*residual);
             }
         }
     }
@@ -261,9 +213,9 @@ fn add_block(out: &mut [f32], [a, b, c, d]: [&[i16]; BLOCK], [fa, fb, fc, fd]: [
     }
 }
 
-/// Weights of the values and slopes at the corners, in the order of [`trilinear::corners`].
+/// Weights of the values and slopes at the corners, in the order of [`crate::grid::CORNERS`].
 fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
-    // Of the low and the high end of an axis: linear, cubic of the values, cubic of the slopes.
+    // Of the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the slope.
     let [x, y, z] = t.map(|t| {
         let s = 1.0 - t;
         [(s, (1.0 + 2.0 * t) * s * s, t * s * s), (t, (3.0 - 2.0 * t) * t * t, -s * t * t)]
@@ -281,28 +233,14 @@ fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
     weights
 }
 
-/// No sum of `units` of each can be absurd.
-fn check_scale(scale: &[f32], units: f32) -> Result<(), TableError> {
+/// Checks that no sum over the modes exceeds [`LARGEST_VALUE`].
+fn check_scales(scale: &[f32]) -> Result<(), PlaneError> {
     let mut sum = 0.0;
     for (index, scale) in scale.iter().enumerate() {
-        sum += scale.abs() * units;
+        sum += scale.abs() * (UNITS * UNITS);
         if sum.is_nan() || sum > LARGEST_VALUE {
-            return Err(TableError::NotFinite { index });
+            return Err(PlaneProblem::Value { index }.of("displacement scale"));
         }
     }
     Ok(())
-}
-
-fn check_rows(row: &[u32], rows: usize) -> Result<(), TableError> {
-    match row.iter().position(|&row| row as usize >= rows) {
-        None => Ok(()),
-        Some(index) => Err(TableError::OutOfRange { index }),
-    }
-}
-
-fn check_ascending(row: &[u32]) -> Result<(), TableError> {
-    match row.iter().zip(row.iter().skip(1)).position(|(a, b)| a >= b) {
-        None => Ok(()),
-        Some(before) => Err(TableError::Order { index: before.saturating_add(1) }),
-    }
 }

@@ -1,58 +1,72 @@
-//! The controller core: reads an organ blob, finds contact, interpolates the reaction force, limits it. 1 kHz.
+//! The controller core: reads an organ blob, finds contact, interpolates the reaction force and limits it, at 1 kHz.
 //!
 //! ```text
-//! blob (planes, CRC) -> Organ::read -> Space (lattice, tables) -> contact -> interpolate -> limit -> hand force
+//! blob (planes, CRC) -> Organ::read -> Space (lattice, tables) -> contact -> interpolate -> limit -> force for the hand
 //! ```
 //!
-//! In: one blob as bytes (checked once, never copied) and, each tick, the time and the newest HIP sample.
-//! Out: one [`controller::Command`]: the force for the hand and what the viewer and the recorder want to know.
+//! From the bytes of a blob to a command:
+//!
+//! ```
+//! use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Sample, State, vec3};
+//!
+//! // std::fs::read in a program.
+//! let blob = AlignedBytes::from(include_bytes!("../golden/organ-514.blob"));
+//! let organ: Organ = Organ::read(&blob)?;
+//! let controller = Controller::new(&organ, Config::new(Method::Energy))?;
+//! let (mut state, node) = (State::new(), organ.spaces[0].active());
+//! state.arm();
+//! // The tool moves from 1 mm above the active node to 2 mm below it, one sample per millisecond.
+//! for tick in 0..300 {
+//!     let height_m = 1e-3 - 1e-5 * tick as f32;
+//!     let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
+//!     let sample = Sample { t_us: 1_000 * tick, position_m, buttons: 0 };
+//!     let command = controller.tick(&mut state, sample.t_us, Some(&sample));
+//!     // command.hand_force_n goes to the device.
+//!     # if tick == 299 { assert!(command.engaged == Some(0) && vec3::norm(command.hand_force_n) > 0.1); }
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Strata, lowest first; a module imports only from those before it (a test of the workspace asserts it):
+//! [`mod@vec3`] and [`lanes`] (numbers), [`plane`] (checks of arrays), [`grid`], [`method`] (the interpolants, behind one
+//! trait), [`displacement`] (the surface for pictures), [`space`], [`blob`], [`touch`] (contact), [`guard`] (limits),
+//! [`controller`].
 //!
 //! Invariants:
-//! - no allocation, no `unsafe`, no panic path, no unbounded loop, no clock and no I/O: time is an argument;
-//! - what [`blob::Organ::read`] accepts can be queried without a further check, and every query is finite;
+//! - no allocation, no `unsafe`, no panic, no unbounded loop, no clock and no I/O in a tick: time is an argument;
+//! - what [`Organ::read`] accepts can be queried without a further check, and every result is finite;
 //! - h is the force by the tool ON the body. The hand is given -h, and whatever is meant for it is named `hand_*`;
 //! - positions are in the model frame, displacements relative to the active node at rest; SI units.
 //!
-//! Depends on no other crate of ours: blob layout and controller are what both ends of the link share.
+//! Features, none by default: `std` uses the hardware square root, with the same bits, and implies `alloc`, which adds
+//! [`AlignedBytes`]. This crate depends on no other of the workspace.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 #![forbid(unsafe_code)]
 
-pub mod blend;
+#[cfg(feature = "alloc")]
+extern crate alloc;
+
 pub mod blob;
-pub mod contact;
-pub mod continuation;
 pub mod controller;
 pub mod displacement;
-pub mod fade;
-pub mod flags;
 pub mod grid;
-pub mod hermite;
-pub mod kernel;
-pub mod lanes;
-pub mod limit;
-pub mod math;
+pub mod guard;
 pub mod method;
-pub mod passivity;
-pub mod profile;
-pub mod rbf;
-pub mod speed;
-pub mod stiffness;
-pub mod surface;
-pub mod table;
-pub mod tag;
-pub mod tricubic;
-pub mod trilinear;
-pub mod vec3;
-pub mod velocity;
+mod num;
+pub mod plane;
+pub mod space;
+mod tag;
+pub mod touch;
 
-pub use blob::{BlobError, Organ, Surface};
-pub use contact::{ContactConfig, ContactKind};
-pub use controller::{Command, Config, Controller, Fault, Phase, Sample, State};
-pub use grid::{BallLattice, LatticeError};
-pub use limit::LimitConfig;
+#[cfg(feature = "alloc")]
+pub use blob::AlignedBytes;
+pub use blob::{Aligned, BlobError, Limits, Organ, Surface};
+pub use controller::{Command, Config, Controller, ControllerError, Fault, Phase, Sample, State};
+pub use grid::{BallLattice, LatticeError, flags};
+pub use guard::{LimitConfig, PassivityConfig, clamp_force, stiffness};
 pub use method::{Coverage, Estimate, ForceSample, Method};
-pub use passivity::PassivityConfig;
-pub use surface::{Share, TouchSurface};
-pub use table::Space;
+pub use num::vec3::Vec3;
+pub use num::{lanes, vec3};
+pub use space::{ActiveNode, Space, SpacePlanes};
 pub use tag::ConfigTag;
-pub use vec3::Vec3;
+pub use touch::{ContactConfig, Share, TouchSurface};

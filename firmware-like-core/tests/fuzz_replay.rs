@@ -27,7 +27,7 @@ fn blobs() -> Vec<Vec<u8>> {
         Recipe { fold: |ijk| ijk == [0; 3], lattice_table: false, slopes: 0, ..small() },
         Recipe { hermite: false, displacement: false, ..small() },
     ];
-    recipes.iter().map(|recipe| recipe.blob().bytes().to_vec()).collect()
+    recipes.iter().map(|recipe| recipe.blob().to_vec()).collect()
 }
 
 #[test]

@@ -4,7 +4,8 @@ mod common;
 
 use common::Random;
 use palpate_core::flags::{self, CELL, INTERIOR, SOLVED, SUPERCELL};
-use palpate_core::grid::{BallLattice, LatticeError, MAX_CELLS};
+use palpate_core::grid::{CORNERS, MAX_CELLS};
+use palpate_core::{BallLattice, LatticeError};
 
 fn lattice(cells: f32) -> BallLattice {
     BallLattice::new(0.05 / cells, 0.05).expect("valid")
@@ -45,7 +46,7 @@ fn slots_and_points_are_inverse() {
 }
 
 #[test]
-fn sizes_without_sense_are_refused() {
+fn impossible_sizes_are_refused() {
     for (spacing_m, radius_m) in [
         (0.0, 1.0),
         (-1.0, 1.0),
@@ -64,7 +65,7 @@ fn sizes_without_sense_are_refused() {
     assert!(BallLattice::new(1.0, MAX_CELLS as f32).is_ok());
 }
 
-/// The cell returned holds the point, and its super-cell is in the box, for any query.
+/// Any query has a cell that contains it and whose super-cell is in the box.
 #[test]
 fn every_query_has_a_cell_with_its_super_cell() {
     let lattice = lattice(5.0);
@@ -96,7 +97,19 @@ fn every_query_has_a_cell_with_its_super_cell() {
     }
 }
 
-/// Derived flags against the definition, written out naively, on a ball with holes.
+/// Corners are listed in the order of their slots.
+#[test]
+fn corners_are_in_the_order_of_the_slots() {
+    let lattice = lattice(5.0);
+    for low in [[0, 0, 0], [-3, 2, 1], [-5, -5, -5]] {
+        let slot = |offset: [i32; 3]| lattice.slot(std::array::from_fn(|i| low[i] + offset[i]));
+        let corners = lattice.corners(slot([0; 3]).expect("in the box"));
+        assert!(corners.is_sorted());
+        assert_eq!(corners.map(Some), CORNERS.map(slot));
+    }
+}
+
+/// Derived flags against their definition, on a ball with holes.
 #[test]
 fn flags_follow_from_the_solved_points() {
     let lattice = lattice(5.0);
@@ -127,7 +140,7 @@ fn flags_follow_from_the_solved_points() {
             wrong[slot] ^= 1 << bit;
             let harmless =
                 matches!(1 << bit, flags::TERMINATING | flags::INVERTED) && bits[slot] & SOLVED != 0;
-            // A lone solved point that completes no cell is a consistent table, only another one.
+            // A single solved point that completes no cell gives another consistent table.
             let other = bit == 0 && {
                 let mut derived = wrong.clone();
                 flags::derive(&lattice, &mut derived);

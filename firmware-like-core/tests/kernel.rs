@@ -1,15 +1,16 @@
-//! The kernel itself: against the plain sum, its derivatives, round a loop, beyond its reach, and its part of a blob when it is damaged.
+//! The method `kernel`: against a plain sum, its derivatives, round a loop, outside its reach, and with damaged planes.
 
 mod common;
 
 use common::kernel::{BASE_N, LENGTH_M, RADIUS_M, SPACING_M, add, blob, blocks, recipe};
-use common::{Aligned, Draft, Random, distance, sign};
-use palpate_core::blob::format::{self, KernelHeader};
-use palpate_core::blob::{BlobError, PlaneProblem};
-use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
-use palpate_core::table::TableError;
+use common::{Draft, Random, distance, sign};
+use palpate_core::blob::format::{KernelHeader, PlaneRef};
+use palpate_core::method::kernel::{Block, LANES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS};
+use palpate_core::plane::{PlaneError, PlaneProblem};
 use palpate_core::vec3::{self, Vec3};
-use palpate_core::{Config, Controller, Coverage, Method, Organ, Phase, Sample, Space, State};
+use palpate_core::{
+    AlignedBytes, BlobError, Config, Controller, Coverage, Method, Organ, Phase, Sample, Space, State,
+};
 
 fn spoiled(spoil: impl FnOnce(&mut Draft, KernelHeader)) -> Result<(), BlobError> {
     let blob = recipe().blob_with(|draft| {
@@ -17,14 +18,14 @@ fn spoiled(spoil: impl FnOnce(&mut Draft, KernelHeader)) -> Result<(), BlobError
         let header = draft.kernels[0].expect("just added");
         spoil(draft, header);
     });
-    Organ::<2>::read(blob.bytes()).map(|_| ())
+    Organ::<2>::read(&blob).map(|_| ())
 }
 
-fn read(blob: &Aligned) -> Organ<'_, 2> {
-    Organ::read(blob.bytes()).expect("the blob is good")
+fn read(blob: &AlignedBytes) -> Organ<'_, 2> {
+    Organ::read(blob).expect("the blob is good")
 }
 
-/// W by powers and the library's exponential, J.
+/// W by monomials and the exponential of the standard library, J.
 fn plain(displacement_m: [f64; 3]) -> f64 {
     let sum = |x: [f64; 3]| -> f64 {
         let factorial = [1.0, 1.0, 2.0, 6.0];
@@ -58,7 +59,7 @@ fn plain(displacement_m: [f64; 3]) -> f64 {
 fn within(space: &Space<'_>, random: &mut Random) -> Vec3 {
     loop {
         let d = random.point(RADIUS_M);
-        let reach = space.kernel.expect("packed").reach().towards_m(d);
+        let reach = space.kernel().expect("packed").reach_m(d);
         if vec3::norm(d) < 0.98 * reach {
             return d;
         }
@@ -90,7 +91,7 @@ fn value_gradient_and_hessian_are_those_of_the_plain_sum() {
                 let column = |step: f64| {
                     let at = moved(j, step).map(|x| x as f32);
                     let exact = f64::from(at[j]);
-                    (exact, space.kernel.expect("packed").jet(at).force_n[i])
+                    (exact, space.kernel().expect("packed").jet(at).force_n[i])
                 };
                 let ((low, below), (high, above)) = (column(-1e-4), column(1e-4));
                 let slope = (above - below) / (high - low);
@@ -103,7 +104,7 @@ fn value_gradient_and_hessian_are_those_of_the_plain_sum() {
     assert_eq!((rest.force_n, rest.coverage), ([0.0; 3], Coverage::Scattered));
 }
 
-/// A loop that the kernel exchanges millijoules over gives back what it took; the tri-cubic of the same blob does not.
+/// On a closed path the kernel returns the energy it took; the tri-cubic of the same blob does not.
 #[test]
 fn no_work_is_done_round_a_loop() {
     let blob = blob();
@@ -129,20 +130,23 @@ fn no_work_is_done_round_a_loop() {
     };
     let ((kernel, of), (tricubic, of_tricubic)) = (work(Method::Kernel), work(Method::Tricubic));
     assert!(kernel < 1e-6 * of, "{kernel} of {of} J");
-    assert!(tricubic / of_tricubic > 10.0 * kernel / of, "the loop can tell: {tricubic} of {of_tricubic} J");
+    assert!(
+        tricubic / of_tricubic > 10.0 * kernel / of,
+        "the path must show a difference: {tricubic} of {of_tricubic} J"
+    );
 }
 
-/// Value and slope go on where the reach ends; further out the force is constant; nothing jumps sideways.
+/// Value and slope are continuous where the reach ends, further out the force is constant, and it is continuous sideways.
 #[test]
-fn beyond_its_reach_the_force_bends_into_a_constant() {
+fn outside_the_reach_the_force_becomes_constant() {
     let blob = blob();
     let organ = read(&blob);
     let space = &organ.spaces[0];
-    let table = space.kernel.expect("packed");
+    let table = space.kernel().expect("packed");
     let mut random = Random(4);
     for _ in 0..1000 {
         let direction = vec3::normalize_or_zero(random.point(1.0));
-        let rim = table.reach().towards_m(direction);
+        let rim = table.reach_m(direction);
         assert!((0.4 * RADIUS_M..RADIUS_M).contains(&rim));
         let force = |r: f32| space.force(Method::Kernel, vec3::scale(direction, r)).expect("packed");
         let (inside, outside) = (force(0.99999 * rim), force(1.00001 * rim));
@@ -162,7 +166,7 @@ fn beyond_its_reach_the_force_bends_into_a_constant() {
         for far in [0.05, 1.0, 1e20, 3e38] {
             assert!(distance(force(far).force_n, last) < 2e-4, "{direction:?} at {far}");
         }
-        // Sideways, over the edges and faces of the cube of the reach.
+        // Sideways, across the edges and faces of the cube of the reach.
         for out in [1.1, 2.0, 100.0] {
             let axis = (out as usize) % 3;
             let mut on_edge = direction;
@@ -184,9 +188,9 @@ fn beyond_its_reach_the_force_bends_into_a_constant() {
     assert!(vec3::norm(tiny) < 1e-6);
 }
 
-/// No face, no cell: slopes on both sides of any plane agree, at those of the lattice too.
+/// The derivatives on both sides of the faces of the lattice agree.
 #[test]
-fn the_force_is_smooth_within_its_reach() {
+fn the_force_is_smooth_inside_the_reach() {
     let blob = blob();
     let organ = read(&blob);
     let space = &organ.spaces[0];
@@ -214,73 +218,72 @@ fn the_force_is_smooth_within_its_reach() {
 #[test]
 fn a_blob_without_a_kernel_is_version_3_and_one_with_it_version_4() {
     let plain = recipe().blob();
-    assert_eq!(plain.bytes()[8..12], 3_u32.to_le_bytes());
+    assert_eq!(plain[8..12], 3_u32.to_le_bytes());
     assert!(!read(&plain).spaces[0].has(Method::Kernel));
     assert_eq!(read(&plain).spaces[0].force(Method::Kernel, [0.0; 3]), None);
     let blob = blob();
-    assert_eq!(blob.bytes()[8..12], 4_u32.to_le_bytes());
+    assert_eq!(blob[8..12], 4_u32.to_le_bytes());
     assert!(
         Method::ALL
             .into_iter()
             .filter(|m| !m.name().starts_with("rbf"))
             .all(|m| read(&blob).spaces[0].has(m))
     );
-    // What the header ends with and its version belong together.
+    // The end of the header must match the version.
     assert_eq!(spoiled(|draft, _| draft.version = 3), Err(BlobError::Header));
     assert_eq!(spoiled(|draft, _| draft.kernels.clear()), Err(BlobError::Header));
     assert_eq!(spoiled(|draft, _| draft.kernels[0] = None), Ok(()));
 }
 
 #[test]
-fn what_is_no_kernel_is_refused_by_name() {
-    let table =
-        |error| Err(BlobError::Plane { what: "kernel", space: Some(0), problem: PlaneProblem::Table(error) });
+fn invalid_planes_are_refused_by_name() {
+    let of = |plane, problem| Err(BlobError::Plane { space: Some(0), error: PlaneError { plane, problem } });
     let scalar = |place: usize, value: f64| {
         spoiled(|draft, header| {
-            draft.plane(header.scalars, 8)[8 * place..][..8].copy_from_slice(&value.to_le_bytes());
+            draft.area.plane(header.scalars, 8)[8 * place..][..8].copy_from_slice(&value.to_le_bytes());
         })
     };
-    // A length that is none, or so short that exponents leave the normal numbers.
+    // No length, or one so short that the exponents leave their range.
     for value in [0.0, -0.02, f64::NAN, 1e-9, f64::from(RADIUS_M) / 16.1, 1e9] {
-        assert_eq!(scalar(0, value), table(TableError::NotFinite { index: 0 }), "{value}");
+        assert_eq!(scalar(0, value), of("kernel scalars", PlaneProblem::Value { index: 0 }), "{value}");
     }
     assert_eq!(scalar(0, f64::from(RADIUS_M) / 15.9), Ok(()));
     for place in 1..SCALARS {
         for value in [f64::NAN, f64::INFINITY, 1e16] {
-            assert_eq!(scalar(place, value), table(TableError::NotFinite { index: place }));
+            assert_eq!(scalar(place, value), of("kernel scalars", PlaneProblem::Value { index: place }));
         }
     }
     for place in 0..NUMBERS {
         for value in [f64::NAN, f64::NEG_INFINITY, -1e16] {
             let found = spoiled(|draft, header| {
                 let at = (2 * NUMBERS * LANES + place * LANES + 3) * 8;
-                draft.plane(header.blocks, 8 * NUMBERS * LANES)[at..][..8]
+                draft.area.plane(header.blocks, 8 * NUMBERS * LANES)[at..][..8]
                     .copy_from_slice(&value.to_le_bytes());
             });
-            assert_eq!(found, table(TableError::NotFinite { index: 2 }), "number {place}");
+            assert_eq!(found, of("kernel blocks", PlaneProblem::Value { index: 2 }), "number {place}");
         }
     }
     assert_eq!(
-        spoiled(|draft, header| draft.plane(header.reach, 1)[REACH_SIDE] = 0),
-        table(TableError::OutOfRange { index: REACH_SIDE })
+        spoiled(|draft, header| draft.area.plane(header.reach, 1)[REACH_SIDE] = 0),
+        of("kernel reach", PlaneProblem::OutOfRange { index: REACH_SIDE })
     );
     let inner = (REACH_SIDE + 1) * REACH_SIDE + 1;
-    assert_eq!(spoiled(|draft, header| draft.plane(header.reach, 1)[inner] = 0), Ok(()));
-    let shorter = |of: fn(&mut KernelHeader) -> &mut palpate_core::blob::format::PlaneRef, by: i64| {
+    assert_eq!(spoiled(|draft, header| draft.area.plane(header.reach, 1)[inner] = 0), Ok(()));
+    let shorter = |of: fn(&mut KernelHeader) -> &mut PlaneRef, by: i64| {
         spoiled(|draft, mut header| {
             let plane = of(&mut header);
             plane.len = (i64::from(plane.len) + by) as u32;
             draft.kernels[0] = Some(header);
         })
     };
-    let length = |have, need| table(TableError::Length { have, need });
-    assert_eq!(shorter(|h| &mut h.scalars, -1), length(6, 7));
-    assert_eq!(shorter(|h| &mut h.reach, -1), length(728, 729));
-    assert_eq!(shorter(|h| &mut h.blocks, -6), length(0, 1));
+    let length = |plane, have, need| of(plane, PlaneProblem::Length { have, need });
+    assert_eq!(shorter(|h| &mut h.scalars, -1), length("kernel scalars", 6, 7));
+    assert_eq!(shorter(|h| &mut h.reach, -1), length("kernel reach", 728, 729));
+    assert_eq!(shorter(|h| &mut h.blocks, -6), length("kernel blocks", 0, 1));
     let too_many = BlobError::Capacity { what: "kernel centres", space: Some(0), need: 4 * 65, limit: 256 };
     assert_eq!(shorter(|h| &mut h.blocks, 65 - 6), Err(too_many));
     for (what, of) in [
-        ("kernel scalars", (|h| &mut h.scalars) as fn(&mut KernelHeader) -> &mut format::PlaneRef),
+        ("kernel scalars", (|h| &mut h.scalars) as fn(&mut KernelHeader) -> &mut PlaneRef),
         ("kernel blocks", |h| &mut h.blocks),
         ("kernel reach", |h| &mut h.reach),
     ] {
@@ -290,30 +293,30 @@ fn what_is_no_kernel_is_refused_by_name() {
                 draft.kernels[0] = Some(header);
             });
             assert!(
-                matches!(found, Err(BlobError::Plane { what: found, space: Some(0), .. }) if found == what),
+                matches!(found, Err(BlobError::Plane { error, space: Some(0) }) if error.plane == what),
                 "{found:?}"
             );
         }
     }
 }
 
-/// Any byte of the kernel's part, behind a correct checksum: refused, or finite everywhere. Truncations and single bits are found by the
-/// checksum alone.
+/// Any byte of the kernel, with a correct checksum: refused, or finite everywhere. The checksum detects truncations and
+/// single bits.
 #[test]
 fn damage_behind_a_correct_checksum_is_refused_or_harmless() {
     let blob = blob();
-    let bytes = blob.bytes().len();
+    let bytes = blob.len();
     let planes = SCALARS * 8 + 6 * NUMBERS * LANES * 8 + REACH_POINTS + 200;
     let mut random = Random(8);
     let (mut refused, mut kept) = (0, 0);
     for n in 0..3000 {
         let mut wrong = blob.clone();
-        // The header's end, then the planes, which are the last.
+        // The end of the header, or the planes, which are the last ones.
         let index = if n % 4 == 0 { 24 + n / 4 % 300 } else { bytes - 4 - 1 - (n * 7919) % planes };
         let value = (random.next() * 127.0) as i8 as u8;
-        wrong.bytes_mut()[index] = value;
-        sign(wrong.bytes_mut());
-        let Ok(organ) = Organ::<2>::read(wrong.bytes()) else {
+        wrong[index] = value;
+        sign(&mut wrong);
+        let Ok(organ) = Organ::<2>::read(&wrong) else {
             refused += 1;
             continue;
         };
@@ -329,11 +332,11 @@ fn damage_behind_a_correct_checksum_is_refused_or_harmless() {
     }
     assert!(refused > 100 && kept > 500, "{refused} refused, {kept} kept");
     for len in (0..bytes).step_by(97) {
-        assert!(Organ::<2>::read(&blob.bytes()[..len]).is_err());
+        assert!(Organ::<2>::read(&blob[..len]).is_err());
     }
 }
 
-/// Samples of any kind, as the fuzzer gives them to the methods of a lattice: finite, within the limit, and zero after a fault until it is reset.
+/// Any samples: the command is finite and within the limit, and zero after a fault until it is reset.
 #[test]
 fn any_samples_are_finite_and_within_the_limit() {
     let blob = blob();
@@ -341,16 +344,17 @@ fn any_samples_are_finite_and_within_the_limit() {
     let mut config = Config::new(Method::Kernel);
     config.limits.max_speed_m_s = 1e30;
     config.limits.max_position_m = 1e30;
-    // Looking for the stiffest place would take longer than all that is asked here.
-    config.limits.max_stiffness_n_m = f32::MAX;
+    // The search for the largest stiffness would take longer than the test.
+    config.limits.max_stiffness_n_m = f32::INFINITY;
     let controller = Controller::new(&organ, config).expect("it has a kernel");
     let (mut random, mut state) = (Random(29), State::new());
     let (mut engaged, mut latched) = (0, 0);
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45, 1e30, -1e38];
     state.arm();
     for tick in 0..200_000_u64 {
-        let mut position_m = vec3::add(organ.spaces[0].rest_position_m, random.point(1.3 * RADIUS_M));
-        // A walk into the organ, and now and then a number without sense.
+        let mut position_m =
+            vec3::add(organ.spaces[0].active().rest_position_m, random.point(1.3 * RADIUS_M));
+        // A stroke into the organ, and sometimes a number that is not finite.
         if tick % 64 < 32 {
             position_m = [0.0, 0.0, 0.002 - 1e-3 * (tick % 32) as f32];
         } else if tick % 61 == 0 {

@@ -159,7 +159,7 @@ pub fn palpate(
     let workspace = on_organ(organ, &profile);
     let capped = settings(organ, &profile, workspace, method);
     let mut ideal = capped;
-    ideal.limits.max_stiffness_n_m = f32::MAX;
+    ideal.limits.max_stiffness_n_m = f32::INFINITY;
     // The force of the organ without a history.
     ideal.limits.max_slew_n_per_s = 1e9;
     ideal.limits.fade_s = 0.0;

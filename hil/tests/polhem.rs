@@ -26,12 +26,12 @@ const MAX_WAIT: Duration = Duration::from_secs(5);
 
 /// Device z is the outward normal of the first active node. The device's origin lies on the surface there.
 fn workspace(organ: &Organ<'_>) -> Workspace {
-    let normal = organ.spaces[0].outward_normal;
+    let normal = organ.spaces[0].active().outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     Workspace {
         axes: [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]),
-        model_origin_m: organ.spaces[0].rest_position_m,
+        model_origin_m: organ.spaces[0].active().rest_position_m,
         ..Workspace::default()
     }
 }
@@ -136,7 +136,7 @@ impl<'l, 'o> Bench<'l, 'o> {
 
 fn with_bench(test: impl FnOnce(&mut Bench<'_, '_>, &Controls)) {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     test(&mut bench, &controls);
@@ -182,7 +182,7 @@ fn a_press_gives_a_force_through_the_whole_chain() {
 #[test]
 fn the_end_of_the_loop_removes_the_force() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     controls.arm();
@@ -237,7 +237,7 @@ fn a_silent_link_latches_zero_until_reset_and_arming() {
 #[test]
 fn a_stalled_loop_is_zeroed_through_the_emergency_handle_until_reset() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let (clock, controls, heartbeat) = (VirtualClock::default(), Controls::default(), Heartbeat::default());
     let mut bench = Bench::watched(&organ, &clock, &controls, Some(&heartbeat));
     let path = bench.second_path.take().expect("a serial port has an emergency handle");
@@ -366,7 +366,7 @@ fn a_link_that_is_always_late_is_stale() {
 #[test]
 fn an_unplugged_device_ends_the_loop() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let (clock, controls) = (VirtualClock::default(), Controls::default());
     let mut bench = Bench::new(&organ, &clock, &controls);
     bench.run(20);

@@ -4,14 +4,15 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+use palpate_core::AlignedBytes;
+
 /// Bytes of one blob at an address divisible by eight, for an `Organ` to borrow.
 ///
 /// The file is read, not memory-mapped: a page fault in the haptic loop costs more than the memory, and a
 /// change of the file would change data that is already checked.
 #[derive(Debug, Clone)]
 pub struct BlobFile {
-    words: Vec<u64>,
-    len: usize,
+    bytes: AlignedBytes,
 }
 
 impl BlobFile {
@@ -19,17 +20,15 @@ impl BlobFile {
     pub fn load(path: &Path) -> io::Result<Self> {
         let mut file = File::open(path)?;
         let len = usize::try_from(file.metadata()?.len()).map_err(|_| io::ErrorKind::OutOfMemory)?;
-        let mut words = vec![0_u64; len.div_ceil(8)];
-        file.read_exact(&mut bytemuck::cast_slice_mut(&mut words)[..len])?;
-        Ok(Self { words, len })
+        let mut bytes = AlignedBytes::zeroed(len);
+        file.read_exact(&mut bytes)?;
+        Ok(Self { bytes })
     }
 
     /// Copies bytes that are in memory.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
-        let mut words = vec![0_u64; bytes.len().div_ceil(8)];
-        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-        Self { words, len: bytes.len() }
+        Self { bytes: AlignedBytes::from(bytes) }
     }
 
     /// BLAKE3 hash of the file, hexadecimal. Recordings identify their blob by it.
@@ -41,7 +40,7 @@ impl BlobFile {
     /// The file, byte for byte.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
-        &bytemuck::cast_slice(&self.words)[..self.len]
+        &self.bytes
     }
 }
 
@@ -67,12 +66,11 @@ mod tests {
         let directory = tempfile::tempdir().expect("a temporary directory");
         let path = directory.path().join("organ.blob");
         let blob = crate::synthetic::organ(&crate::synthetic::Shape::default());
-        let bytes: &[u8] = bytemuck::cast_slice(&blob);
-        std::fs::write(&path, bytes).expect("writable");
+        std::fs::write(&path, &*blob).expect("writable");
         let file = BlobFile::load(&path).expect("readable");
         let organ: Organ<'_> = Organ::read(file.bytes()).expect("a valid blob");
         assert_eq!(organ.spaces.len(), 3);
-        std::fs::write(&path, &bytes[..bytes.len() - 5]).expect("writable");
+        std::fs::write(&path, &blob[..blob.len() - 5]).expect("writable");
         let file = BlobFile::load(&path).expect("readable");
         assert!(matches!(<Organ<'_>>::read(file.bytes()), Err(BlobError::Truncated { .. })));
     }

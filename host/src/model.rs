@@ -2,7 +2,7 @@
 
 use crate::rt::controls::MAX_MODELS;
 use core::fmt;
-use palpate_core::controller::ControllerError;
+use palpate_core::ControllerError;
 use palpate_core::{Config, Controller, Organ, TouchSurface};
 
 /// Backing memory for the [`TouchSurface`] of each organ.
@@ -39,7 +39,11 @@ impl core::error::Error for ModelError {}
 /// Whether two organs have the same surface and the same active nodes.
 fn same_nodes<const N: usize>(one: &Organ<'_, N>, other: &Organ<'_, N>) -> bool {
     let nodes = |organ: &Organ<'_, N>| -> Vec<_> {
-        organ.spaces.iter().map(|space| (space.node, space.rest_position_m, space.outward_normal)).collect()
+        organ
+            .spaces
+            .iter()
+            .map(|space| (space.active().node, space.active().rest_position_m, space.active().outward_normal))
+            .collect()
     };
     nodes(one) == nodes(other) && one.surface == other.surface
 }

@@ -469,7 +469,7 @@ mod tests {
         mut on_record: impl FnMut(&TickRecord),
     ) -> Result<SessionSummary, SessionError> {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let mut config = SimulatedConfig::default();
         // Quick strokes: this hand's time does not advance while the machine is busy.
         config.strokes.seconds_per_node = 1.0;
@@ -525,7 +525,7 @@ mod tests {
     #[test]
     fn the_stop_flag_zeroes_the_force_while_the_caller_hangs() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let (stop, zeroed) = (AtomicBool::new(false), AtomicBool::new(false));
         let hand = SimulatedHand::new(&organ, SimulatedConfig::default());
         let endless = SessionOptions { seconds: None, ..options(0.0) };
@@ -622,7 +622,7 @@ mod tests {
     #[test]
     fn a_session_starts_a_watchdog_for_a_device_with_an_emergency_stop() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let zeros = Arc::new(AtomicU64::new(0));
         let device: Box<dyn Device> = Box::new(Hanging { calls: 0, zeros: Arc::clone(&zeros) });
         let (config, options) = (Config::new(Method::Hybrid), options(0.2));

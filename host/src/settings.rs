@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn the_workspace_scale_multiplies_hand_values_and_the_device_limits_apply() {
         let blob = synthetic::organ(&synthetic::Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let config_for = |profile: Option<&Profile>| {
             let simulated = profile.map_or_else(SimulatedConfig::default, SimulatedConfig::for_profile);
             let info = SimulatedHand::new(&organ, simulated).info();
@@ -90,7 +90,7 @@ mod tests {
     fn scene_and_device_limit_the_force() {
         let soft = synthetic::Shape { max_force_n: 3.0, ..synthetic::Shape::default() };
         let blob = synthetic::organ(&soft);
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let info = SimulatedHand::new(&organ, SimulatedConfig::default()).info();
         let config = controller_config(&[&organ], Method::Trilinear, &info, None);
         assert_eq!(config.limits.max_force_n, 3.0);

@@ -9,7 +9,7 @@
 //! no path over the surface gives energy to the hand.
 
 use core::fmt;
-use palpate_core::surface::{Foot, TouchSurface};
+use palpate_core::touch::{Foot, TouchSurface};
 use palpate_core::{Method, Organ, Share, Vec3, vec3};
 use std::collections::BTreeMap;
 
@@ -76,12 +76,13 @@ pub fn report<const N: usize>(
     for ([a, b], feet) in &edges {
         let space = |vertex: u32| {
             let node = organ.surface.node[vertex as usize];
-            organ.spaces.iter().find(|space| space.node == node)
+            organ.spaces.iter().find(|space| space.active().node == node)
         };
         let (Some(one), Some(other)) = (space(*a), space(*b)) else { continue };
-        let normal = vec3::normalize_or_zero(vec3::add(one.outward_normal, other.outward_normal));
-        let length_m = vec3::distance(one.rest_position_m, other.rest_position_m);
-        let reach_m = one.lattice.radius_m().min(other.lattice.radius_m());
+        let normal =
+            vec3::normalize_or_zero(vec3::add(one.active().outward_normal, other.active().outward_normal));
+        let length_m = vec3::distance(one.active().rest_position_m, other.active().rest_position_m);
+        let reach_m = one.lattice().radius_m().min(other.lattice().radius_m());
         let step_m = reach_m / STEPS as f32;
         let (mut before, mut work_j) = ([0.0; 2], [0.0_f32; 2]);
         for step in 1..=STEPS {

@@ -40,13 +40,13 @@ fn instructions_do_not_change_the_result() {
         ..Recipe::default()
     };
     let blob = recipe.blob();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let space = &organ.spaces[0];
     let mut random = Random(21);
     let queries: Vec<Vec3> =
         (0..20_000).map(|_| random.point(0.045)).chain(odd_queries(0.01, 0.04)).collect();
     let kernel = common::kernel::blob();
-    let with_kernel: Organ<'_> = Organ::read(kernel.bytes()).expect("a valid blob");
+    let with_kernel: Organ<'_> = Organ::read(&kernel).expect("a valid blob");
     let (mut compared, lattice) = (0, Method::OF_LATTICE.map(|method| (method, space)));
     for (method, space) in lattice.into_iter().chain([(Method::Kernel, &with_kernel.spaces[0])]) {
         let others: Vec<Interpolator> = Instructions::ALL

@@ -8,7 +8,7 @@ mod synthetic;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use core::time::Duration;
-use palpate_core::{Config, Controller, Method, Organ, Phase, Sample, State, vec3};
+use palpate_core::{AlignedBytes, Config, Controller, Method, Organ, Phase, Sample, State, vec3};
 use palpate_host::device::falcon::kinematics::Kinematics;
 use palpate_host::device::falcon::packet::{ALL_HOMED, Reply};
 use palpate_host::device::falcon::{Falcon, FalconConfig, Ftdi, Mode};
@@ -31,10 +31,8 @@ static ALLOCATOR: AllocDisabler = AllocDisabler;
 #[test]
 fn a_million_ticks_without_an_allocation() {
     // Holes, branch jumps and every method.
-    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
-    let mut words = vec![0_u64; blob.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a valid blob");
+    let blob = AlignedBytes::from(include_bytes!("../../firmware-like-core/golden/organ-514.blob"));
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     for method in Method::OF_LATTICE {
         // With the surface, and two alternating models.
         let mut memory = TouchMemory::default();
@@ -75,7 +73,7 @@ fn a_million_ticks_without_an_allocation() {
 #[test]
 fn a_kernel_without_an_allocation() {
     let blob = common::kernel::blob();
-    let organ: Organ<'_> = Organ::read(blob.bytes()).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Kernel)).expect("it has a kernel");
     let (node, mut state) = (&organ.spaces[0], State::new());
     let (mut engaged, mut forced) = (0, 0);
@@ -87,7 +85,8 @@ fn a_kernel_without_an_allocation() {
             }
             // In and out, twice per second.
             let height_m = 0.003 + 0.006 * (tick as f32 * 4.0 * core::f32::consts::PI / 1e3).cos();
-            let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
+            let position_m =
+                vec3::add(node.active().rest_position_m, vec3::scale(node.active().outward_normal, height_m));
             let t_us = 1_000 * tick;
             let command = controller.tick(&mut state, t_us, Some(&Sample { t_us, position_m, buttons: 0 }));
             assert!(vec3::norm(command.hand_force_n) <= 8.0);
@@ -102,7 +101,7 @@ fn a_kernel_without_an_allocation() {
 #[test]
 fn sliding_on_a_mechanism_without_an_allocation() {
     let blob = synthetic::organ(&synthetic::Shape { patch: 60, ..synthetic::Shape::default() });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let profile = Profile::bundled("falcon").expect("bundled");
     let random = Some(RandomConfig::new(2));
     let hand =

@@ -7,7 +7,7 @@
 #[path = "common/synthetic.rs"]
 mod synthetic;
 
-use palpate_core::{Config, Controller, Fault, Method, Organ, Phase, State, vec3};
+use palpate_core::{AlignedBytes, Config, Controller, Fault, Method, Organ, Phase, State, vec3};
 use palpate_host::device::Device;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::TickRecord;
@@ -63,7 +63,7 @@ fn save(image: &Image, name: &str) {
     }
 }
 
-fn blob() -> Vec<u64> {
+fn blob() -> AlignedBytes {
     synthetic::organ(&synthetic::Shape { subdivisions: 4, ..synthetic::Shape::default() })
 }
 
@@ -91,7 +91,7 @@ fn cyan(r: i32, g: i32, b: i32) -> bool {
 #[test]
 fn displacement_and_force_are_visible() {
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let mut found = shots(&organ, &[100, 1_050, 4_900]);
     let images: Vec<Image> =
         found.iter_mut().map(|shot| draw(&organ, RendererConfig::still(), shot)).collect();
@@ -112,7 +112,7 @@ fn displacement_and_force_are_visible() {
 #[test]
 fn every_layer_is_visible() {
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let mut shot = shots(&organ, &[1_050]).pop().expect("one");
     let mut renderer = Renderer::new(&organ, Method::Tricubic, RendererConfig::live());
     let plain = renderer.render(&organ, &shot.record, &mut shot.live).clone();
@@ -161,7 +161,7 @@ fn every_layer_is_visible() {
 #[test]
 fn many_active_nodes_do_not_cover_the_organ() {
     let blob = blob();
-    let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let mut organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let few = shots(&organ, &[100]).pop().expect("one");
     let mut few_image = Shot { record: few.record, live: few.live.clone() };
     let few_image = draw(&organ, RendererConfig::live(), &mut few_image);
@@ -170,11 +170,11 @@ fn many_active_nodes_do_not_cover_the_organ() {
         (0..organ.surface.node.len()).filter(|i| i % 11 == 3 && organ.surface.fixed[*i] == 0).take(197)
     {
         let mut space = organ.spaces[0].clone();
-        space.node = organ.surface.node[vertex];
-        space.rest_position_m = [x[vertex], y[vertex], z[vertex]];
+        space.active_mut().node = organ.surface.node[vertex];
+        space.active_mut().rest_position_m = [x[vertex], y[vertex], z[vertex]];
         let axes_m = synthetic::Shape::default().half_axes_m;
-        let normal = core::array::from_fn(|axis| space.rest_position_m[axis] / axes_m[axis].powi(2));
-        space.outward_normal = vec3::normalize_or_zero(normal);
+        let normal = core::array::from_fn(|axis| space.active().rest_position_m[axis] / axes_m[axis].powi(2));
+        space.active_mut().outward_normal = vec3::normalize_or_zero(normal);
         assert!(organ.spaces.push(space).is_ok());
     }
     assert!(organ.spaces.len() > 150);
@@ -218,7 +218,7 @@ fn worst_tile(a: &Image, b: &Image) -> f32 {
 fn the_picture_matches_the_reference() {
     const TOLERANCE: f32 = 0.4;
     let blob = blob();
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let small = RendererConfig { width: 640, height: 360, samples: 2 };
     let mut found = shots(&organ, &[100, 1_050]);
     let image = draw(&organ, small, &mut found[1]);

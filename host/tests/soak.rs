@@ -42,7 +42,7 @@ fn resident_kb() -> Option<u64> {
 fn half_an_hour_without_drift_or_memory_growth() {
     let shape = synthetic::Shape { stiffness_n_m: 400.0, patch: 40, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let profile = Profile::bundled("falcon").expect("bundled");
     let random = Some(RandomConfig::new(1));
     let mut hand =

@@ -8,7 +8,7 @@ mod synthetic;
 use closed_loop::{Cap, Disturbance, HoldResult, MAX_GIVEN_J, RELAXED, frictionless, hold, palpate};
 use palpate_core::stiffness::stable_n_m;
 use palpate_core::{
-    Config, Controller, Method, Organ, PassivityConfig, Phase, Sample, Space, State, Vec3, vec3,
+    AlignedBytes, Config, Controller, Method, Organ, PassivityConfig, Phase, Sample, Space, State, Vec3, vec3,
 };
 use palpate_host::device::hand::HandConfig;
 use palpate_host::device::profile::Profile;
@@ -68,11 +68,12 @@ fn oscillation_m(
     for tick in 1..=6_000_u64 {
         hand.step(force_n);
         let seen_m = (hand.position_m / COUNT_M).round() * COUNT_M * workspace_scale;
-        let position_m: Vec3 = vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, seen_m));
+        let position_m: Vec3 =
+            vec3::add(space.active().rest_position_m, vec3::scale(space.active().outward_normal, seen_m));
         let sample = Sample { t_us: tick * 1000, position_m, buttons: 0 };
         let command = controller.tick(&mut state, tick * 1000, Some(&sample));
         force_n = on_its_way_n;
-        on_its_way_n = vec3::dot(command.hand_force_n, space.outward_normal);
+        on_its_way_n = vec3::dot(command.hand_force_n, space.active().outward_normal);
         if tick > 5_000 {
             (low_m, high_m) = (low_m.min(hand.position_m), high_m.max(hand.position_m));
         }
@@ -96,7 +97,7 @@ const UNGUARDED: PassivityConfig = PassivityConfig {
 fn the_energy_guard_stops_the_oscillation_that_the_cap_permits() {
     let shape = synthetic::Shape { stiffness_n_m: 1_500.0, hardening_m: 0.1, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let (free_m, _) = oscillation_m(&organ, 1e9, 1.0, UNGUARDED);
     let (guarded_m, _) = oscillation_m(&organ, 1e9, 1.0, PassivityConfig::default());
     println!("peak to peak: {:.3} mm without a guard, {:.3} mm with it", 1e3 * free_m, 1e3 * guarded_m);
@@ -107,7 +108,7 @@ fn the_energy_guard_stops_the_oscillation_that_the_cap_permits() {
 fn a_stiff_organ_oscillates_without_the_cap_and_not_with_it() {
     let shape = synthetic::Shape { stiffness_n_m: 1_500.0, hardening_m: 0.1, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let cap_n_m = stable_n_m(DAMPING_NS_M, 0.0, CYCLE_S, DELAY_S);
     assert!((700.0..900.0).contains(&cap_n_m), "{cap_n_m} N/m");
 
@@ -128,7 +129,7 @@ fn a_stiff_organ_oscillates_without_the_cap_and_not_with_it() {
         hardening_m: 0.1,
         ..synthetic::Shape::default()
     });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&soft)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&soft).expect("a valid blob");
     let (small_m, share) = oscillation_m(&organ, cap_n_m, 1.0, UNGUARDED);
     assert!(small_m < 4.0 * COUNT_M && share == 1.0, "500 N/m need no cap: {small_m} m, {share}");
     let (scaled_m, share) = oscillation_m(&organ, cap_n_m, 3.0, UNGUARDED);
@@ -141,22 +142,20 @@ fn a_stiff_organ_oscillates_without_the_cap_and_not_with_it() {
 /// within the force limit.
 #[test]
 fn the_cap_holds_at_the_depth_that_the_reduced_force_permits() {
-    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
-    let mut words = vec![0_u64; blob.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a valid blob");
+    let blob = AlignedBytes::from(include_bytes!("../../firmware-like-core/golden/organ-514.blob"));
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let space = &organ.spaces[0];
     let mut config = Config::new(Method::Energy);
     (config.limits.max_force_n, config.limits.max_stiffness_n_m) = (3.0, 250.0);
     let controller = Controller::new(&organ, config).expect("packed");
     let share = controller.force_share();
     let (mut rendered_n_m, mut in_limit_n_m) = (0.0_f32, 0.0_f32);
-    for slot in 0..space.flags.len() {
+    for slot in 0..space.flags().len() {
         let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
-        if space.flags[slot] & clear != clear {
+        if space.flags()[slot] & clear != clear {
             continue;
         }
-        let found = space.estimate(Method::Energy, space.lattice.displacement_m(space.lattice.ijk(slot)));
+        let found = space.estimate(Method::Energy, space.lattice().displacement_m(space.lattice().ijk(slot)));
         let found = found.expect("packed");
         let (size_n, stiffness_n_m) = (
             vec3::norm(found.force_n),
@@ -181,10 +180,8 @@ fn the_cap_holds_at_the_depth_that_the_reduced_force_permits() {
 /// changes fastest.
 #[test]
 fn the_largest_stiffness_is_the_largest_slope_of_the_force() {
-    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
-    let mut words = vec![0_u64; blob.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> = Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("a valid blob");
+    let blob = AlignedBytes::from(include_bytes!("../../firmware-like-core/golden/organ-514.blob"));
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let of = |method| Controller::new(&organ, Config::new(method)).expect("packed").stiffest_n_m();
     let found = Method::OF_LATTICE.map(of);
     println!("stiffest, N/m: {found:?}");
@@ -200,13 +197,13 @@ fn the_largest_stiffness_is_the_largest_slope_of_the_force() {
     // By differences of the force along the axes.
     let space = &organ.spaces[0];
     let mut steepest = 0.0_f32;
-    for slot in 0..space.flags.len() {
-        let ijk = space.lattice.ijk(slot);
+    for slot in 0..space.flags().len() {
+        let ijk = space.lattice().ijk(slot);
         let clear = palpate_core::flags::SOLVED | palpate_core::flags::SMOOTH;
-        if !space.lattice.contains(ijk) || space.flags[slot] & clear != clear {
+        if !space.lattice().contains(ijk) || space.flags()[slot] & clear != clear {
             continue;
         }
-        let at_m = space.lattice.displacement_m(ijk);
+        let at_m = space.lattice().displacement_m(ijk);
         for axis in 0..3 {
             let mut beside_m = at_m;
             beside_m[axis] += 1e-4;
@@ -224,7 +221,7 @@ fn the_largest_stiffness_is_the_largest_slope_of_the_force() {
 fn with_organ(stiffness_n_m: f32, then: impl FnOnce(&Organ<'_>)) {
     let shape = synthetic::Shape { stiffness_n_m, hardening_m: 0.1, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    then(&Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob"));
+    then(&Organ::read(&blob).expect("a valid blob"));
 }
 
 /// A hold 8 mm deep at the first node, disturbed once.
@@ -301,7 +298,7 @@ fn a_minute_of_random_palpation_on_every_bundled_device_is_safe_and_stable() {
 fn the_guard_counts_the_work_of_the_motors() {
     let shape = synthetic::Shape { stiffness_n_m: 300.0, patch: 40, ..synthetic::Shape::default() };
     let blob = synthetic::organ(&shape);
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     for (seed, name) in (1..).zip(Profile::names()) {
         let profile = Profile::bundled(name).expect("bundled");
         let hand = HandConfig { tremor_m: 0.0, ..HandConfig::default() };

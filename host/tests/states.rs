@@ -4,7 +4,7 @@
 mod synthetic;
 
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::{Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
+use palpate_core::{AlignedBytes, Config, Fault, Method, Organ, Phase, Sample, Vec3, vec3};
 use palpate_host::device::DeviceState;
 use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::model::{self, TouchMemory};
@@ -52,7 +52,7 @@ fn play(
 ) -> Vec<TickRecord> {
     let mut memory = TouchMemory::default();
     let mut config = Config::new(Method::Hybrid);
-    config.limits.max_stiffness_n_m = f32::MAX;
+    config.limits.max_stiffness_n_m = f32::INFINITY;
     let controllers = model::controllers(organs, config, &mut memory).expect("has the method");
     let (producer, mut records) = rtrb::RingBuffer::new(ticks as usize);
     let (latest, _newest) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
@@ -77,7 +77,7 @@ fn play(
 #[test]
 fn an_unhomed_device_is_not_armed() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let state = |call| match call {
         0..100 => DeviceState::Open,
         100..200 => DeviceState::FirmwareLoaded,
@@ -116,7 +116,7 @@ fn an_unhomed_device_is_not_armed() {
 #[test]
 fn the_button_does_not_arm_an_unhomed_device() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let state = |call| if call <= 300 { DeviceState::Unhomed } else { DeviceState::Homed };
     let records = play(&[&organ], (state, 1 << 7), 400, |_, _| ());
     let armed = records.iter().position(|record| record.phase != Phase::Disarmed);
@@ -124,8 +124,8 @@ fn the_button_does_not_arm_an_unhomed_device() {
 }
 
 /// Allocates the organs one by one: an array of them, and the code that moves it, exceeds a test's stack.
-fn read(blobs: &[Vec<u64>]) -> Vec<Organ<'_>> {
-    blobs.iter().map(|blob| Organ::read(bytemuck::cast_slice(blob)).expect("a valid blob")).collect()
+fn read(blobs: &[AlignedBytes]) -> Vec<Organ<'_>> {
+    blobs.iter().map(|blob| Organ::read(blob).expect("a valid blob")).collect()
 }
 
 /// Two models of one organ, one twice as stiff, that alternate every 50 ms under the pressing hand.
@@ -186,7 +186,7 @@ fn models_of_another_body_are_refused() {
 #[test]
 fn a_session_cycles_through_its_models() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let options = SessionOptions {
         seconds: Some(0.5),
         real_time: RtRequest::none(),

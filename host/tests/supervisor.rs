@@ -491,12 +491,12 @@ fn an_exchange_neither_allocates_nor_blocks() {
 #[test]
 fn a_loop_that_resumes_latches_a_watchdog_fault() {
     let blob = synthetic::organ(&synthetic::Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
     let Bench { device, script, thread, foreign, .. } = Bench::new(50);
-    let normal = organ.spaces[0].outward_normal;
-    let rest_m = organ.spaces[0].rest_position_m;
+    let normal = organ.spaces[0].active().outward_normal;
+    let rest_m = organ.spaces[0].active().rest_position_m;
     let (records, mut drained) = rtrb::RingBuffer::new(100_000);
     let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
     let (clock, controls) = (VirtualClock::default(), Controls::default());

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 #[test]
 fn a_headless_session_becomes_a_film_of_its_duration() {
     let blob = synthetic::organ(&synthetic::Shape { subdivisions: 4, ..synthetic::Shape::default() });
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let directory = tempfile::tempdir().expect("a temporary directory");
     let (file, seconds, picture) = match std::env::var_os("PALPATE_PICTURES") {
         Some(kept) => {

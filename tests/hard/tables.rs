@@ -2,10 +2,9 @@
 //! jumps. The interpolant must be continuous and bounded, and the loss of accuracy is measured.
 
 use nalgebra::Matrix3;
-use palpate_core::hermite::{HermiteTable, Node};
-use palpate_core::rbf::{LANES, RbfTable};
-use palpate_core::table::{LatticeTable, Space};
-use palpate_core::{Coverage, Method};
+use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
+use palpate_core::method::hermite::{HermitePlanes, Node};
+use palpate_core::{ActiveNode, Coverage, Method, Space, SpacePlanes};
 use palpate_precompute::fit::{
     Centre, Fold, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, flag_folds, hermite_nodes, lattice_values,
 };
@@ -79,26 +78,19 @@ impl Tables {
     }
 
     fn space(&self) -> Space<'_> {
-        let lattice = self.grid.lattice;
         let cubic = self.cubic.as_ref().map(|fit| {
             let [centres, weights] =
                 [&fit.centres, &fit.weights].map(|of| of.each_ref().map(|plane| &plane[..]));
-            RbfTable::new(centres, weights).expect("finite planes")
+            RbfPlanes { centres, weights }
         });
-        Space {
-            name: "A".try_into().expect("short"),
-            node: 0,
-            rest_position_m: [0.0; 3],
-            outward_normal: [0.0, 0.0, 1.0],
-            lattice,
+        let planes = SpacePlanes {
             flags: &self.values.flags,
-            lattice_table: Some(LatticeTable::new(&lattice, &self.values.force_n).expect("finite planes")),
-            rbf_linear: None,
+            force_n: Some(&self.values.force_n),
             rbf_cubic: cubic,
-            hermite: Some(HermiteTable::new(lattice.slots(), &self.row, &self.nodes).expect("finite nodes")),
-            kernel: None,
-            displacement: None,
-        }
+            hermite: Some(HermitePlanes { row: &self.row, nodes: &self.nodes }),
+            ..SpacePlanes::default()
+        };
+        Space::new(ActiveNode::default(), self.grid.lattice, planes, 0).expect("finite tables")
     }
 }
 

@@ -4,7 +4,7 @@
 //! `firmware-like-core/check-cortex-m` shows that a Cortex-M gives the same bits;
 //! `host/tests/instructions.rs` shows it for wider registers.
 
-use palpate_core::{Method, Organ, Vec3};
+use palpate_core::{AlignedBytes, Method, Organ, Vec3};
 use palpate_host::{Instructions, Interpolator};
 use palpate_precompute::certificate::{Certificate, reference};
 
@@ -21,11 +21,8 @@ fn positions(radius_m: f32) -> impl Iterator<Item = Vec3> {
 
 #[test]
 fn rounding_in_the_core_is_within_the_certified_bound() {
-    let blob = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
-    let mut words = vec![0_u64; blob.len().div_ceil(8)];
-    bytemuck::cast_slice_mut(&mut words)[..blob.len()].copy_from_slice(blob);
-    let organ: Organ<'_> =
-        Organ::read(&bytemuck::cast_slice(&words)[..blob.len()]).expect("the golden blob is valid");
+    let blob = AlignedBytes::from(include_bytes!("../../firmware-like-core/golden/organ-514.blob"));
+    let organ: Organ<'_> = Organ::read(&blob).expect("the golden blob is valid");
     let certificate: Certificate =
         serde_json::from_slice(organ.certificate.expect("a certificate")).expect("of this version");
     let space = &organ.spaces[0];
@@ -36,7 +33,7 @@ fn rounding_in_the_core_is_within_the_certified_bound() {
         for instructions in Instructions::ALL {
             let Some(interpolator) = Interpolator::with_instructions(instructions, method) else { continue };
             let mut largest_n = 0.0_f64;
-            for d in positions(space.lattice.radius_m()).take(100_000) {
+            for d in positions(space.lattice().radius_m()).take(100_000) {
                 let exact_n = reference::force_n(space, method, d).expect("packed");
                 let found_n = interpolator.force(space, &d).expect("packed").force_n;
                 let apart = (0..3).map(|i| (exact_n[i] - f64::from(found_n[i])).powi(2)).sum::<f64>().sqrt();

@@ -43,19 +43,19 @@ fn blob(folder: &Path) -> (PathBuf, BlobFile) {
 
 /// Positions inside, on points and faces, on the rim and beyond, and a NaN.
 fn points(space: &Space<'_>) -> Vec<[f32; 3]> {
-    let r = space.lattice.radius_m();
+    let r = space.lattice().radius_m();
     let mut points = vec![[0.0; 3], [f32::NAN, 0.0, 0.0], [1e30, 0.0, -1e30]];
     for n in 0..400_u32 {
         let turn = f64::from(n + 1);
         let d = [1.3, 2.9, 4.7].map(|by| 1.3 * r * f64::sin(turn * by) as f32);
-        let on_grid = |x: f32| (x / space.lattice.spacing_m()).round() * space.lattice.spacing_m();
+        let on_grid = |x: f32| (x / space.lattice().spacing_m()).round() * space.lattice().spacing_m();
         points.push(match n % 5 {
             0 => d.map(on_grid),
             1 => [d[0], on_grid(d[1]), d[2]],
             _ => d,
         });
     }
-    points.extend(space.lattice.points().map(|ijk| space.lattice.displacement_m(ijk)));
+    points.extend(space.lattice().points().map(|ijk| space.lattice().displacement_m(ijk)));
     points
 }
 
@@ -66,8 +66,8 @@ fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
     let (path, file) = blob(folder.path());
     let organ: Organ<'_> = Organ::read(file.bytes()).expect("readable");
     let space = &organ.spaces[0];
-    let table = space.displacement.expect("the space has displacements");
-    assert!(table.slopes() > 0, "the blob must contain slopes");
+    let table = space.displacement().expect("the space has displacements");
+    assert!(table.planes().slopes > 0, "the blob must contain slopes");
 
     let shown = reader(&[&path]);
     let text = String::from_utf8(shown.stdout).expect("text");
@@ -77,9 +77,9 @@ fn a_reader_written_from_the_documentation_gives_the_cores_forces() {
         "trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy".into(),
         format!(
             "displacements: {} modes, {} with slopes, {} outliers",
-            table.modes(),
-            table.slopes(),
-            table.outliers()
+            table.planes().scale.len(),
+            table.planes().slopes,
+            table.planes().outlier_row.len()
         ),
         "certificate of 1 spaces".into(),
     ];
@@ -159,7 +159,7 @@ fn the_reader_gives_the_cores_forces_of_a_kernel() {
     let space = &organ.spaces[0];
     let [path, input, output] = ["a.blob", "in.csv", "out.csv"].map(|name| folder.path().join(name));
     std::fs::write(&path, &bytes).expect("written");
-    let r = space.lattice.radius_m();
+    let r = space.lattice().radius_m();
     let points: Vec<[f32; 3]> = (1..200)
         .map(|n| [1.3, 2.9, 4.7].map(|by| 1.2 * r * f64::sin(f64::from(n) * by) as f32))
         .chain([[0.0; 3], [1e30, 0.0, -1e30]])

@@ -69,7 +69,7 @@ fn small_displacements_are_stored_as_a_linear_body() {
     let space = &certify(&one, &organ).expect("measured").spaces[0];
     assert_eq!(space.linear, Some(suits));
     // One cell along the radius, and the errors at the held-out positions.
-    assert_eq!(organ.spaces[0].lattice.reach(), 1);
+    assert_eq!(organ.spaces[0].lattice().reach(), 1);
     let uniform = &energy(space).uniform;
     assert!(uniform.count == 40 && uniform.max_n < 1.5 * TOLERANCE.absolute_n, "{uniform:?}");
     let displacement = space.displacement.as_ref().expect("displacements");

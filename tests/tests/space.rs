@@ -3,7 +3,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use palpate_core::{BallLattice, ConfigTag, Coverage, Method, Organ};
+use palpate_core::{AlignedBytes, BallLattice, ConfigTag, Coverage, Method, Organ};
 use palpate_host::BlobFile;
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::num::jet::EnergyJet;
@@ -125,10 +125,8 @@ fn every_method_reproduces_the_solved_forces() {
     let (store, _) = bench.solve(&folder.path().join("a.space"), 2);
     let options = PackOptions { methods: &Method::OF_LATTICE, intermediate: false, threads: 2 };
     let bytes = pack(&store, &options).and_then(|packed| packed.bytes()).expect("the space packs");
-    let words: Vec<u64> =
-        bytes.chunks(8).map(|c| c.iter().rev().fold(0, |w, b| (w << 8) | u64::from(*b))).collect();
-    let organ: Organ<'_> =
-        Organ::read(&bytemuck::cast_slice(&words)[..bytes.len()]).expect("the blob is valid");
+    let blob = AlignedBytes::from(&bytes);
+    let organ: Organ<'_> = Organ::read(&blob).expect("the blob is valid");
     let space = &organ.spaces[0];
     let records = store.records(0).expect("records");
     let largest = records.iter().map(Record::force_norm_n).fold(0.0, f64::max);

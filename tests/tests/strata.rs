@@ -2,6 +2,7 @@
 //! `architecture.rs`.
 
 use std::fs;
+use std::path::Path;
 
 use palpate_tests::strata::findings;
 
@@ -125,4 +126,26 @@ fn precompute_imports_downwards() {
     let src = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../precompute/src");
     let found: Vec<String> = findings(&src, &PRECOMPUTE).iter().map(ToString::to_string).collect();
     assert_eq!(found, [""; 0]);
+}
+
+/// The core, lowest stratum first.
+const CORE: [&str; 11] = [
+    "tag",
+    "num",
+    "plane",
+    "grid",
+    "displacement",
+    "method",
+    "space",
+    "blob",
+    "touch",
+    "guard",
+    "controller",
+];
+
+#[test]
+fn the_core_imports_downwards() {
+    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-like-core/src");
+    let found = findings(&src, &CORE);
+    assert!(found.is_empty(), "{}", found.iter().map(|found| format!("{found}\n")).collect::<String>());
 }

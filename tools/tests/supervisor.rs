@@ -29,10 +29,9 @@ const GENEROUS: Duration = Duration::from_millis(500);
 
 /// Blob and profile: device z is the outward normal of the first active node, its origin on the surface there.
 fn files(folder: &Path) -> (PathBuf, PathBuf) {
-    let words = synthetic::organ(&synthetic::Shape::default());
-    let bytes: &[u8] = bytemuck::cast_slice(&words);
-    let organ: Organ<'_> = Organ::read(bytes).expect("a sound blob");
-    let normal = organ.spaces[0].outward_normal;
+    let bytes = synthetic::organ(&synthetic::Shape::default());
+    let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
+    let normal = organ.spaces[0].active().outward_normal;
     let first = vec3::normalize_or_zero(vec3::cross([0.3, 0.9, 0.1], normal));
     let second = vec3::cross(normal, first);
     let axes = [0, 1, 2].map(|i: usize| [first[i], second[i], normal[i]]);
@@ -41,10 +40,10 @@ fn files(folder: &Path) -> (PathBuf, PathBuf) {
     let (head, _) = own.split_once("[mapping]").unwrap_or((&own, ""));
     let profile = format!(
         "{head}\n[mapping]\naxes = {axes:?}\nmodel_origin_m = {:?}\n",
-        organ.spaces[0].rest_position_m
+        organ.spaces[0].active().rest_position_m
     );
     let (blob, toml) = (folder.join("organ.blob"), folder.join("leaning.toml"));
-    std::fs::write(&blob, bytes).expect("a file");
+    std::fs::write(&blob, &*bytes).expect("a file");
     std::fs::write(&toml, profile).expect("a file");
     (blob, toml)
 }

@@ -3,22 +3,19 @@
 use core::ffi::c_char;
 use core::mem::MaybeUninit;
 
-use palpate_core::profile::{self, Limits};
-use palpate_core::{Coverage, Method, Organ, Space, Vec3};
+use palpate_core::blob::{MICROCONTROLLER_SPACES, PC_SPACES};
+use palpate_core::{Coverage, Limits, Method, Organ, Space, Vec3};
 
 use crate::memory;
 use crate::status::{PalpateProblem, PalpateStatus};
 
-/// What this library holds: that of a PC, or with the feature `microcontroller` that of one.
-#[cfg(not(feature = "microcontroller"))]
-pub(crate) const SPACES: usize = profile::PC_SPACES;
-#[cfg(not(feature = "microcontroller"))]
-const LIMITS: Limits = Limits::PC;
-/// For a microcontroller.
-#[cfg(feature = "microcontroller")]
-pub(crate) const SPACES: usize = profile::MICROCONTROLLER_SPACES;
-#[cfg(feature = "microcontroller")]
-const LIMITS: Limits = Limits::MICROCONTROLLER;
+const IS_SMALL: bool = cfg!(feature = "microcontroller");
+
+/// The largest number of spaces: that of a PC, or with the feature `microcontroller` that of a microcontroller.
+pub(crate) const SPACES: usize = if IS_SMALL { MICROCONTROLLER_SPACES } else { PC_SPACES };
+
+/// The largest tables.
+const LIMITS: Limits = if IS_SMALL { Limits::MICROCONTROLLER } else { Limits::PC };
 
 /// What the memory for organs and controllers must be aligned to, bytes.
 pub const PALPATE_ALIGNMENT: usize = 16;
@@ -284,15 +281,16 @@ pub extern "C" fn palpate_space_info(
     for (number, method) in (0_u32..).zip(Method::ALL) {
         methods |= u32::from(space.has(method)).wrapping_shl(number);
     }
+    let active = space.active();
     info.write(PalpateSpaceInfo {
-        name: c_string(&space.name),
-        node: space.node,
+        name: c_string(&active.name),
+        node: active.node,
         methods,
-        rest_position_m: space.rest_position_m,
-        outward_normal: space.outward_normal,
-        spacing_m: space.lattice.spacing_m(),
-        radius_m: space.lattice.radius_m(),
-        displacements: space.displacement.is_some(),
+        rest_position_m: active.rest_position_m,
+        outward_normal: active.outward_normal,
+        spacing_m: space.lattice().spacing_m(),
+        radius_m: space.lattice().radius_m(),
+        displacements: space.displacement().is_some(),
     });
     PalpateStatus::Ok
 }

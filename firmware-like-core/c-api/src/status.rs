@@ -2,8 +2,8 @@
 
 use core::ffi::{CStr, c_char};
 
-use palpate_core::BlobError;
-use palpate_core::controller::ControllerError;
+use palpate_core::plane::PlaneProblem;
+use palpate_core::{BlobError, ControllerError};
 
 /// Result of a call. `PALPATE_STATUS_OK` is 0.
 #[repr(C)]
@@ -120,8 +120,11 @@ impl From<BlobError> for PalpateProblem {
             }
             BlobError::Value { what, space } => Self::of(Status::Value).space(space).what(what),
             BlobError::Lattice { space, .. } => Self::of(Status::Lattice).space(Some(space)).what("grid"),
-            BlobError::Plane { what, space, .. } => Self::of(Status::Plane).space(space).what(what),
-            BlobError::RestPoint { space } => Self::of(Status::RestPoint).space(Some(space)),
+            BlobError::Plane { space, error } => {
+                let is_rest = error.problem == PlaneProblem::RestPoint;
+                let status = if is_rest { Status::RestPoint } else { Status::Plane };
+                Self::of(status).space(space).what(error.plane)
+            }
         }
     }
 }

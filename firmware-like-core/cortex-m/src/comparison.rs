@@ -1,11 +1,11 @@
-//! What is compared between a Cortex-M and the host: the same file is compiled into both.
+//! The comparison of a Cortex-M with the host; this file is compiled into both.
 //!
-//! Every line that begins with `answer` or `tick` must be the same on both; the others tell what it cost.
+//! Lines that begin with `answer` or `tick` must be equal on both; the others report costs.
 
-use palpate_core::profile::{Limits, MICROCONTROLLER_SPACES, MicrocontrollerOrgan};
-use palpate_core::{Config, Controller, Method, Sample, Space, State, Vec3};
+use palpate_core::blob::{MICROCONTROLLER_SPACES, MicrocontrollerOrgan};
+use palpate_core::{Config, Controller, Limits, Method, Sample, Space, State, Vec3};
 
-/// What the two machines do in their own way.
+/// The functions that differ between the two machines.
 pub trait Bench {
     /// Writes a line.
     fn say(&mut self, line: Line) -> Result<(), Failed>;
@@ -13,7 +13,7 @@ pub trait Bench {
     fn clock(&self) -> u32;
 }
 
-/// Nothing to compare.
+/// There is nothing to compare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Failed;
 
@@ -43,7 +43,7 @@ fn since(bench: &impl Bench, before: u32) -> u32 {
 
 fn answer(bench: &mut impl Bench, space: &Space<'_>, method: Method) -> Result<(), Failed> {
     let mut count = Count::default();
-    for (number, displacement_m) in (0_u32..).zip(queries(space.lattice.radius_m())) {
+    for (number, displacement_m) in (0_u32..).zip(queries(space.lattice().radius_m())) {
         let displacement_m = core::hint::black_box(displacement_m);
         let before = bench.clock();
         let answer = space.force(method, displacement_m);
@@ -55,7 +55,7 @@ fn answer(bench: &mut impl Bench, space: &Space<'_>, method: Method) -> Result<(
     bench.say(count.line("query", method))
 }
 
-/// Two presses into the organ, a tick a millisecond.
+/// Two presses into the organ, one tick per millisecond.
 fn touch(
     bench: &mut impl Bench,
     controller: &Controller<'_, '_, MICROCONTROLLER_SPACES>,
@@ -68,8 +68,8 @@ fn touch(
         // From 4 mm above the surface to 16 mm below and back.
         let along = f32::from(step % 1000) * 1e-3;
         let depth_m = 0.08 * along * (1.0 - along) - 0.004;
-        let mut position_m = space.rest_position_m;
-        for (x, n) in position_m.iter_mut().zip(space.outward_normal) {
+        let mut position_m = space.active().rest_position_m;
+        for (x, n) in position_m.iter_mut().zip(space.active().outward_normal) {
             *x -= depth_m * n;
         }
         let now_us = 1000 * u64::from(step);
@@ -82,7 +82,7 @@ fn touch(
     bench.say(count.line("ticks", method))
 }
 
-/// Least, most and sum of what is counted.
+/// Minimum, maximum and sum of a count.
 #[derive(Default)]
 struct Count {
     least: Option<u32>,
@@ -103,10 +103,10 @@ impl Count {
     }
 }
 
-/// Queries a method.
+/// Number of queries per method.
 pub const QUERIES: usize = 1000;
 
-/// Where no position in the ball is: the out-of-table policy has bits too.
+/// Displacements that are extreme or not finite.
 const ODD: [Vec3; 8] = [
     [0.0; 3],
     [f32::NAN, 0.0, 0.0],
@@ -118,7 +118,7 @@ const ODD: [Vec3; 8] = [
     [1.0, 0.0, 0.0],
 ];
 
-/// Displacements, the same in every run: odd ones first, then uniform in a cube a little larger than the ball.
+/// The extreme displacements, then uniform ones in a cube slightly larger than the ball; the same in every run.
 pub fn queries(radius_m: f32) -> impl Iterator<Item = Vec3> {
     let mut bits = 12_345_u32;
     let mut next = move || {
@@ -129,10 +129,10 @@ pub fn queries(radius_m: f32) -> impl Iterator<Item = Vec3> {
     ODD.into_iter().chain(core::iter::repeat_with(move || [next(), next(), next()])).take(QUERIES)
 }
 
-/// Longest line.
+/// Length of the longest line.
 pub const LINE_LEN: usize = 80;
 
-/// A line of text in the making; what is too long is left out.
+/// A line of text; what exceeds its length is dropped.
 #[derive(Debug)]
 pub struct Line {
     bytes: [u8; LINE_LEN],
@@ -140,7 +140,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// Begins with a word.
+    /// A line that begins with a word.
     pub fn new(word: &str) -> Self {
         let mut line = Self { bytes: [b' '; LINE_LEN], len: 0 };
         line.push_all(word);
@@ -163,7 +163,7 @@ impl Line {
         self
     }
 
-    /// Adds a force, its bits.
+    /// Adds the bits of a force.
     pub fn force(self, [x, y, z]: Vec3) -> Self {
         self.number(x.to_bits()).number(y.to_bits()).number(z.to_bits())
     }

@@ -4,8 +4,8 @@
 //! golden blob in flash -> palpate-core -> semihosting: bits, instructions, stack
 //! ```
 //!
-//! What is here is what a firmware brings beside the core: where the blob lies, and its hardware. `answers` compares the core with the
-//! host's; `device` is a device that speaks the device link.
+//! These are the parts that a firmware adds to the core: the location of the blob, and its hardware. `answers` compares the
+//! core with that of the host; `device` is a device of the device link.
 #![no_std]
 #![deny(unsafe_code)]
 
@@ -13,9 +13,7 @@ pub mod comparison;
 pub mod stack;
 pub mod uart;
 
-/// A blob wants to start at a multiple of 8; its planes are at multiples of 64.
-#[repr(C, align(64))]
-struct Aligned<T: ?Sized>(T);
+use palpate_core::Aligned;
 
 static BLOB: &Aligned<[u8]> = &Aligned(*include_bytes!("../../golden/organ-514.blob"));
 

@@ -1,4 +1,4 @@
-//! The serial port of ARM's system design kit, as QEMU's mps2 boards have it: one byte each way, asked for its state.
+//! The UART of ARM's Cortex-M System Design Kit, as in QEMU's mps2 boards: polled, one byte in each direction.
 #![allow(unsafe_code, reason = "registers are addresses that no variable owns")]
 
 use core::ptr;
@@ -14,16 +14,16 @@ const TX_FULL: u32 = 1;
 const RX_FULL: u32 = 2;
 const TX_AND_RX: u32 = 3;
 
-/// The port. There is one, and who has it may read and write.
+/// The port; its owner may read and write.
 #[derive(Debug)]
 pub struct Uart(());
 
 impl Uart {
-    /// Switches it on, at 1.5625 Mbaud of a 25 MHz clock (QEMU does not mind the rate).
+    /// Enables the port at 1.5625 Mbaud with a 25 MHz clock; QEMU ignores the rate.
     ///
-    /// Takes the core's peripherals as proof that nobody else has been here.
+    /// The peripherals of the processor exist once and prove that this is the only port.
     pub fn new(_: &cortex_m::Peripherals) -> Self {
-        // SAFETY: two registers of UART 0 of this board, aligned, written as their manual says. The same for all below.
+        // SAFETY: two registers of UART 0 of this board, aligned, written as in the manual. The same holds below.
         unsafe {
             ptr::write_volatile(DIVISOR, 16);
             ptr::write_volatile(CONTROL, TX_AND_RX);
@@ -31,13 +31,13 @@ impl Uart {
         Self(())
     }
 
-    /// A byte, if one has come.
+    /// A byte, if one has arrived.
     pub fn read(&mut self) -> Option<u8> {
         // SAFETY: see `new`.
         unsafe { (ptr::read_volatile(STATE) & RX_FULL != 0).then(|| ptr::read_volatile(DATA) as u8) }
     }
 
-    /// True if the byte was taken, false if the one before is still on its way.
+    /// Returns whether the byte was accepted, which it is not while the previous one is being sent.
     pub fn write(&mut self, byte: u8) -> bool {
         // SAFETY: see `new`.
         unsafe {

@@ -1,62 +1,9 @@
-//! Why a blob was refused, with the numbers that explain it and the mend.
+//! Why a blob was refused, with the numbers that explain it and the fix.
 
 use core::fmt;
 
 use crate::grid::LatticeError;
-use crate::rbf::RbfError;
-use crate::table::TableError;
-
-/// What is wrong with one plane.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PlaneProblem {
-    /// It reaches beyond the plane area.
-    OutOfBounds {
-        /// Byte offset in the plane area.
-        offset: u32,
-        /// Elements.
-        len: u32,
-    },
-    /// Its offset is not a multiple of 64.
-    Misaligned {
-        /// Byte offset in the plane area.
-        offset: u32,
-    },
-    /// Its length or one of its values.
-    Table(TableError),
-    /// The same for the six planes of an RBF table.
-    Rbf(RbfError),
-    /// A slot whose flags contradict each other.
-    Flags {
-        /// The slot.
-        slot: usize,
-    },
-}
-
-impl From<TableError> for PlaneProblem {
-    fn from(error: TableError) -> Self {
-        Self::Table(error)
-    }
-}
-
-impl From<RbfError> for PlaneProblem {
-    fn from(error: RbfError) -> Self {
-        Self::Rbf(error)
-    }
-}
-
-impl fmt::Display for PlaneProblem {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::OutOfBounds { offset, len } => {
-                write!(f, "{len} elements at byte {offset} reach out of the file")
-            }
-            Self::Misaligned { offset } => write!(f, "byte {offset} is not a multiple of 64"),
-            Self::Table(error) => error.fmt(f),
-            Self::Rbf(error) => error.fmt(f),
-            Self::Flags { slot } => write!(f, "the flags of slot {slot} contradict its neighbours"),
-        }
-    }
-}
+use crate::plane::PlaneError;
 
 /// Why a blob was refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,20 +17,32 @@ pub enum BlobError {
     },
     /// The buffer's address is not a multiple of 8.
     Misaligned,
-    /// Not a blob at all.
+    /// The first bytes are not those of a blob.
     BadMagic,
-    /// The file ends before its own length.
+    /// The layout is newer than this reader.
+    NewerVersion {
+        /// Version of the file.
+        found: u32,
+        /// Newest version that this reader supports.
+        supported: u32,
+    },
+    /// A layout version older than any supported one.
+    UnknownVersion {
+        /// Version of the file.
+        found: u32,
+    },
+    /// The file is shorter than the length it states.
     Truncated {
         /// Bytes given.
         have: u64,
-        /// Bytes announced.
+        /// Bytes stated.
         need: u64,
     },
-    /// The file goes on after its own length.
+    /// The file is longer than the length it states.
     TooLong {
         /// Bytes given.
         have: u64,
-        /// Bytes announced.
+        /// Bytes stated.
         need: u64,
     },
     /// The bytes are not those that were written.
@@ -93,62 +52,43 @@ pub enum BlobError {
         /// Checksum of the bytes.
         computed: u32,
     },
-    /// Written by a newer version.
-    NewerVersion {
-        /// Version of the file.
-        found: u32,
-        /// Newest version this reader knows.
-        supported: u32,
-    },
-    /// A version that never was.
-    UnknownVersion {
-        /// Version of the file.
-        found: u32,
-    },
     /// The header cannot be decoded.
     Header,
-    /// More of something than this build of the core holds.
+    /// The blob exceeds a capacity of this build of the core, see [`crate::Limits`].
     Capacity {
-        /// Of what.
+        /// What there is too much of.
         what: &'static str,
         /// Its space, or `None` for the organ.
         space: Option<u16>,
-        /// How many the blob has.
+        /// The number in the blob.
         need: usize,
-        /// How many fit.
+        /// The largest number that fits.
         limit: usize,
     },
-    /// A number in the header is not what it must be.
+    /// A number in the header is out of its range.
     Value {
         /// The field.
         what: &'static str,
         /// Its space, or `None` for the organ.
         space: Option<u16>,
     },
-    /// The grid of a space.
+    /// The grid of a space was refused.
     Lattice {
         /// The space.
         space: u16,
-        /// What is wrong with it.
+        /// Why.
         error: LatticeError,
     },
-    /// A plane of the surface or of a space.
+    /// A plane of the surface or of a space was refused.
     Plane {
-        /// The plane.
-        what: &'static str,
-        /// Its space, or `None` for the surface.
+        /// The space, or `None` for the surface.
         space: Option<u16>,
-        /// What is wrong with it.
-        problem: PlaneProblem,
-    },
-    /// The rest point of a space is not solved, or its force is not zero.
-    RestPoint {
-        /// The space.
-        space: u16,
+        /// Why.
+        error: PlaneError,
     },
 }
 
-/// Where in the blob, for messages.
+/// Part of the blob, for messages.
 struct Of(Option<u16>);
 
 impl fmt::Display for Of {
@@ -203,12 +143,8 @@ impl fmt::Display for BlobError {
             }
             Self::Value { what, space } => write!(f, "{what} {} is not a valid number; {AGAIN}", Of(*space)),
             Self::Lattice { space, error } => write!(f, "grid of space {space}: {error}; {AGAIN}"),
-            Self::Plane { what, space, problem } => {
-                write!(f, "plane {what} {}: {problem}; {AGAIN}", Of(*space))
-            }
-            Self::RestPoint { space } => {
-                write!(f, "the rest point of space {space} must be solved and without force; {AGAIN}")
-            }
+            Self::Plane { space: None, error } => write!(f, "surface, {error}; {AGAIN}"),
+            Self::Plane { space: Some(space), error } => write!(f, "space {space}, {error}; {AGAIN}"),
         }
     }
 }

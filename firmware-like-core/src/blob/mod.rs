@@ -1,8 +1,14 @@
-//! The organ blob, the only thing that crosses from offline to on-line: layout, reader and what can be wrong with one.
+//! The organ blob, the only data that crosses from the offline to the on-line part: layout, reader, errors.
 
+mod bytes;
 mod error;
 pub mod format;
+mod profile;
 mod reader;
 
-pub use error::{BlobError, PlaneProblem};
+pub use bytes::Aligned;
+#[cfg(feature = "alloc")]
+pub use bytes::AlignedBytes;
+pub use error::BlobError;
+pub use profile::{Limits, MICROCONTROLLER_SPACES, MicrocontrollerOrgan, PC_SPACES, PcOrgan};
 pub use reader::{Organ, Surface};

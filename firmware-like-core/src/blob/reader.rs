@@ -1,47 +1,47 @@
-//! Reads a blob: checks everything once, copies nothing but names.
+//! Reads a blob: verifies everything once and copies only names.
 //!
 //! After [`Organ::read`] has returned, every plane is in bounds, every float finite, every index in range and every flag
-//! consistent, so that no query needs a check. Damage is found by the checksum before anything is believed; the
-//! checks behind it are for a blob that was written wrong.
+//! consistent, so that no query needs a check. The checksum detects damage before any content is used; the other checks
+//! are for a blob that was written incorrectly.
 
 use bytemuck::Pod;
 use heapless::{String, Vec};
 
-use super::error::{BlobError, PlaneProblem};
+use super::error::BlobError;
 use super::format::{
-    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, KernelHeader, LAW_NAME_LEN, MAGIC, PREFIX_LEN,
-    PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION,
+    ALIGNMENT, BUFFER_ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, KernelHeader, LAW_NAME_LEN,
+    MAGIC, PREFIX_LEN, PlaneRef, Preamble, RbfHeader, SCENE_NAME_LEN, SpaceHeader, SurfaceHeader, VERSION,
     VERSION_WITHOUT_KERNELS, plane_area_start,
 };
-use crate::displacement::{DisplacementPlanes, DisplacementTable};
-use crate::flags;
+use super::profile::{Limits, PC_SPACES};
+use crate::displacement::DisplacementPlanes;
 use crate::grid::BallLattice;
-use crate::hermite::{HermiteTable, Node};
-use crate::kernel::{Block, KernelTable, LANES, MOST_CENTRES};
-use crate::profile::{Limits, PC_SPACES};
-use crate::rbf::RbfTable;
-use crate::table::{LatticeTable, Space, TableError, check_finite, check_len};
-use crate::vec3::{self, Vec3};
+use crate::method::baseline::rbf::RbfPlanes;
+use crate::method::hermite::HermitePlanes;
+use crate::method::kernel::{KernelPlanes, LANES, MAX_CENTRES};
+use crate::num::vec3;
+use crate::plane::{PlaneError, PlaneProblem, check_finite, check_len};
+use crate::space::{ActiveNode, Space, SpacePlanes};
 
-/// Largest deviation of a normal's length from 1.
+/// Largest deviation of the length of a normal from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 /// One organ: its surface and the configuration spaces of its active nodes, as views into the blob.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Organ<'a, const MAX_SPACES: usize = PC_SPACES> {
-    /// Name of the scene it was made from.
+    /// Name of the scene that it was made from.
     pub scene: String<SCENE_NAME_LEN>,
     /// Name of the material law.
     pub law: String<LAW_NAME_LEN>,
-    /// Device force the scene was made for, newtons.
+    /// The largest force of the device that the scene was made for, newtons.
     pub max_force_n: f32,
     /// Hash of the mesh, to match a blob with its scene.
     pub mesh_hash: [u8; 32],
     /// The active nodes.
     pub spaces: Vec<Space<'a>, MAX_SPACES>,
-    /// For the eye.
+    /// The surface at rest.
     pub surface: Surface<'a>,
-    /// What was measured of these very tables, as JSON; `None` if nothing was.
+    /// The measured accuracy of these tables as JSON, if it was measured.
     pub certificate: Option<&'a [u8]>,
 }
 
@@ -54,24 +54,29 @@ pub struct Surface<'a> {
     pub position_m: [&'a [f32]; 3],
     /// Surface vertices of each triangle, counter-clockwise seen from outside.
     pub triangles: &'a [[u32; 3]],
-    /// 1 where the vertex is fixed.
+    /// 1 where the vertex is fixed, else 0.
     pub fixed: &'a [u8],
 }
 
 impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
-    /// [`Organ::read_within`] the limits of a PC.
+    /// Opens a blob in place, within the limits of a PC, see [`Organ::read_within`].
     pub fn read(bytes: &'a [u8]) -> Result<Self, BlobError> {
         Self::read_within(bytes, &Limits::PC)
     }
 
-    /// Checks a blob and opens it in place. `bytes` starts at an address divisible by 8 and holds exactly one blob.
+    /// Verifies a blob and opens it in place.
+    ///
+    /// `bytes` is exactly one blob and starts at an address divisible by 8, see [`super::Aligned`].
+    ///
+    /// Errors: [`BlobError`] if any check fails or a limit is exceeded.
     pub fn read_within(bytes: &'a [u8], limits: &Limits) -> Result<Self, BlobError> {
         let mut organ = Self::empty();
         organ.load(bytes, limits)?;
         Ok(organ)
     }
 
-    /// Nothing: no space, no surface, no force. A function and not a constant: that would be as large in flash as the organ is.
+    /// An organ without spaces, surface and force, for [`Organ::load`].
+    // A function and not a constant, which would occupy the size of an organ in flash.
     #[inline(always)]
     pub fn empty() -> Self {
         Self {
@@ -85,13 +90,14 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         }
     }
 
-    /// [`Organ::read_within`] where the organ lies already: an organ of many spaces is large for a stack. After an error it is
-    /// to be thrown away.
+    /// [`Organ::read_within`] into memory that exists already: an organ of many spaces is large for a stack.
+    ///
+    /// Errors: as there. The organ must not be used after an error.
     pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
         let (version, header, planes) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
         let need = preamble.space_count as usize;
-        // A command names its space with a u16.
+        // A command refers to its space by a u16.
         let limit = MAX_SPACES.min(usize::from(u16::MAX));
         let capacity = BlobError::Capacity { what: "spaces", space: None, need, limit };
         if need > limit {
@@ -100,27 +106,31 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         if !(preamble.max_force_n > 0.0 && preamble.max_force_n.is_finite()) {
             return Err(BlobError::Value { what: "max_force_n", space: None });
         }
-        let surface = read_surface(&planes, &preamble.surface, limits)?;
+        let surface =
+            read_surface(&planes, &preamble.surface, limits).map_err(|refusal| refusal.of_space(None))?;
+        let with_kernels = version > VERSION_WITHOUT_KERNELS;
+        // The headers of the kernels follow those of all spaces.
+        let mut kernels = rest;
+        for _ in 0..need {
+            kernels = decode::<SpaceHeader>(kernels)?.1;
+        }
         self.spaces.clear();
         for index in 0..need {
-            let (space, after) = decode::<SpaceHeader>(rest)?;
+            let (header, after) = decode::<SpaceHeader>(rest)?;
             rest = after;
-            let space = read_space(&planes, space, index as u16, surface.node.len(), limits)?;
+            let mut kernel = None;
+            if with_kernels {
+                (kernel, kernels) = decode::<Option<KernelHeader>>(kernels)?;
+            }
+            let space = read_space(&planes, (header, kernel), surface.node.len(), limits)
+                .map_err(|refusal| refusal.of_space(Some(index as u16)))?;
             self.spaces.push(space).map_err(|_| capacity)?;
         }
-        if version > VERSION_WITHOUT_KERNELS {
-            for (index, space) in self.spaces.iter_mut().enumerate() {
-                let (header, after) = decode::<Option<KernelHeader>>(rest)?;
-                rest = after;
-                let kernel = header.map(|header| read_kernel(&planes, header, space, index as u16, limits));
-                space.kernel = kernel.transpose()?;
-            }
-        }
-        if !rest.is_empty() {
+        if !kernels.is_empty() {
             return Err(BlobError::Header);
         }
-        let certificate = preamble.certificate.map(|plane| planes.get(plane)).transpose();
-        self.certificate = certificate.map_err(named("certificate", None))?;
+        let certificate = preamble.certificate.map(|plane| planes.get("certificate", plane)).transpose();
+        self.certificate = certificate.map_err(|error| BlobError::Plane { space: None, error })?;
         self.surface = surface;
         (self.scene, self.law) = (preamble.scene, preamble.law);
         (self.max_force_n, self.mesh_hash) = (preamble.max_force_n, preamble.mesh_hash);
@@ -142,6 +152,13 @@ fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     if *magic != MAGIC {
         return Err(BlobError::BadMagic);
     }
+    // Before lengths and checksum, which another version may have elsewhere.
+    let version = u32::from_le_bytes(*version);
+    match version {
+        VERSION_WITHOUT_KERNELS..=VERSION => {}
+        found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
+        found => return Err(BlobError::UnknownVersion { found }),
+    }
     let (have, need) = (bytes.len() as u64, u64::from_le_bytes(*total_len));
     if have < need {
         return Err(BlobError::Truncated { have, need });
@@ -153,12 +170,6 @@ fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     let (stored, computed) = (u32::from_le_bytes(*stored), CHECKSUM.checksum(body));
     if stored != computed {
         return Err(BlobError::Checksum { stored, computed });
-    }
-    let version = u32::from_le_bytes(*version);
-    match version {
-        VERSION_WITHOUT_KERNELS..=VERSION => {}
-        found if found > VERSION => return Err(BlobError::NewerVersion { found, supported: VERSION }),
-        found => return Err(BlobError::UnknownVersion { found }),
     }
     if !bytes.as_ptr().addr().is_multiple_of(BUFFER_ALIGNMENT) {
         return Err(BlobError::Misaligned);
@@ -173,203 +184,159 @@ fn decode<'b, T: serde::Deserialize<'b>>(bytes: &'b [u8]) -> Result<(T, &'b [u8]
     postcard::take_from_bytes(bytes).map_err(|_| BlobError::Header)
 }
 
+/// Why a surface or a space was refused.
+enum Refusal {
+    Plane(PlaneError),
+    Capacity { what: &'static str, need: usize, limit: usize },
+    Value { what: &'static str },
+    Lattice(crate::grid::LatticeError),
+}
+
+impl From<PlaneError> for Refusal {
+    fn from(error: PlaneError) -> Self {
+        Self::Plane(error)
+    }
+}
+
+impl Refusal {
+    fn of_space(self, space: Option<u16>) -> BlobError {
+        match self {
+            Self::Plane(error) => BlobError::Plane { space, error },
+            Self::Capacity { what, need, limit } => BlobError::Capacity { what, space, need, limit },
+            Self::Value { what } => BlobError::Value { what, space },
+            Self::Lattice(error) => BlobError::Lattice { space: space.unwrap_or(0), error },
+        }
+    }
+}
+
+/// Refuses more than a limit.
+fn check_capacity(what: &'static str, need: usize, limit: usize) -> Result<(), Refusal> {
+    if need <= limit { Ok(()) } else { Err(Refusal::Capacity { what, need, limit }) }
+}
+
 /// The plane area.
 struct Planes<'a> {
     area: &'a [u8],
 }
 
 impl<'a> Planes<'a> {
-    fn get<T: Pod>(&self, plane: PlaneRef) -> Result<&'a [T], PlaneProblem> {
+    fn get<T: Pod>(&self, name: &'static str, plane: PlaneRef) -> Result<&'a [T], PlaneError> {
         let PlaneRef { offset, len } = plane;
-        let out_of_bounds = PlaneProblem::OutOfBounds { offset, len };
         let start = offset as usize;
         if !start.is_multiple_of(ALIGNMENT) {
-            return Err(PlaneProblem::Misaligned { offset });
+            return Err(PlaneProblem::Misaligned { offset }.of(name));
         }
         let end = (len as usize).checked_mul(size_of::<T>()).and_then(|size| size.checked_add(start));
-        let bytes = end.and_then(|end| self.area.get(start..end)).ok_or(out_of_bounds)?;
-        bytemuck::try_cast_slice(bytes).map_err(|_| PlaneProblem::Misaligned { offset })
+        let bytes = end.and_then(|end| self.area.get(start..end));
+        let bytes = bytes.ok_or(PlaneProblem::OutOfBounds { offset, len }.of(name))?;
+        bytemuck::try_cast_slice(bytes).map_err(|_| PlaneProblem::Misaligned { offset }.of(name))
     }
 
-    fn get_three<T: Pod>(&self, [x, y, z]: [PlaneRef; 3]) -> Result<[&'a [T]; 3], PlaneProblem> {
-        Ok([self.get(x)?, self.get(y)?, self.get(z)?])
+    fn get_three<T: Pod>(
+        &self,
+        name: &'static str,
+        [x, y, z]: [PlaneRef; 3],
+    ) -> Result<[&'a [T]; 3], PlaneError> {
+        Ok([self.get(name, x)?, self.get(name, y)?, self.get(name, z)?])
     }
 
-    fn rbf<T: Pod + Into<f64>>(&self, header: &RbfHeader) -> Result<RbfTable<'a, T>, PlaneProblem> {
-        Ok(RbfTable::new(self.get_three(header.centres)?, self.get_three(header.weights)?)?)
+    fn rbf<T: Pod>(&self, name: &'static str, header: &RbfHeader) -> Result<RbfPlanes<'a, T>, PlaneError> {
+        let (centres, weights) =
+            (self.get_three(name, header.centres)?, self.get_three(name, header.weights)?);
+        Ok(RbfPlanes { centres, weights })
     }
-}
 
-/// Names the plane a problem is in.
-fn named(what: &'static str, space: Option<u16>) -> impl Fn(PlaneProblem) -> BlobError {
-    move |problem| BlobError::Plane { what, space, problem }
-}
-
-/// Refuses what is more than this build holds.
-fn check_capacity(
-    what: &'static str,
-    space: Option<u16>,
-    need: usize,
-    limit: usize,
-) -> Result<(), BlobError> {
-    if need <= limit { Ok(()) } else { Err(BlobError::Capacity { what, space, need, limit }) }
+    fn displacement(&self, header: &DisplacementHeader) -> Result<DisplacementPlanes<'a>, PlaneError> {
+        Ok(DisplacementPlanes {
+            slopes: header.slopes as usize,
+            row: self.get("displacement row", header.row)?,
+            modes: self.get("displacement modes", header.modes)?,
+            scale: self.get("displacement scale", header.scale)?,
+            coefficients: self.get("displacement coefficients", header.coefficients)?,
+            outlier_row: self.get("displacement outlier row", header.outlier_row)?,
+            outlier_scale: self.get("displacement outlier scale", header.outlier_scale)?,
+            outliers: self.get("displacement outliers", header.outliers)?,
+        })
+    }
 }
 
 fn read_surface<'a>(
     planes: &Planes<'a>,
     header: &SurfaceHeader,
     limits: &Limits,
-) -> Result<Surface<'a>, BlobError> {
-    let of = |what| named(what, None);
-    check_capacity("surface vertices", None, header.node.len as usize, limits.vertices)?;
-    let out_of_range = |index| PlaneProblem::Table(TableError::OutOfRange { index });
-
-    let node: &[u32] = planes.get(header.node).map_err(of("surface node"))?;
-    let position_m = planes.get_three(header.position_m).map_err(of("surface position"))?;
+) -> Result<Surface<'a>, Refusal> {
+    check_capacity("surface vertices", header.node.len as usize, limits.vertices)?;
+    check_capacity("surface triangles", header.triangles.len as usize, limits.triangles)?;
+    let node: &[u32] = planes.get("surface node", header.node)?;
+    let position_m = planes.get_three("surface position", header.position_m)?;
     for plane in position_m {
-        let checked = check_len(plane, node.len()).and_then(|()| check_finite(plane));
-        checked.map_err(|error| of("surface position")(error.into()))?;
+        check_len("surface position", plane, node.len())?;
+        check_finite("surface position", plane)?;
     }
-    let triangles: &[[u32; 3]] = planes.get(header.triangles).map_err(of("triangles"))?;
-    let bad = |triangle: &[u32; 3]| triangle.iter().any(|&vertex| vertex as usize >= node.len());
-    if let Some(index) = triangles.iter().position(bad) {
-        return Err(of("triangles")(out_of_range(index)));
+    let triangles: &[[u32; 3]] = planes.get("triangles", header.triangles)?;
+    if let Some(index) =
+        triangles.iter().position(|corners| corners.iter().any(|&v| v as usize >= node.len()))
+    {
+        return Err(PlaneProblem::OutOfRange { index }.of("triangles").into());
     }
-    let fixed: &[u8] = planes.get(header.fixed).map_err(of("fixed"))?;
-    check_len(fixed, node.len()).map_err(|error| of("fixed")(error.into()))?;
+    let fixed: &[u8] = planes.get("fixed", header.fixed)?;
+    check_len("fixed", fixed, node.len())?;
     if let Some(index) = fixed.iter().position(|&fixed| fixed > 1) {
-        return Err(of("fixed")(out_of_range(index)));
+        return Err(PlaneProblem::OutOfRange { index }.of("fixed").into());
     }
     Ok(Surface { node, position_m, triangles, fixed })
 }
 
 fn read_space<'a>(
     planes: &Planes<'a>,
-    header: SpaceHeader,
-    space: u16,
+    (header, kernel): (SpaceHeader, Option<KernelHeader>),
     vertices: usize,
     limits: &Limits,
-) -> Result<Space<'a>, BlobError> {
-    let of = |what| named(what, Some(space));
-    let value = |what| BlobError::Value { what, space: Some(space) };
-
-    check_vector(header.rest_position_m).ok_or(value("rest_position_m"))?;
-    check_vector(header.outward_normal).ok_or(value("outward_normal"))?;
-    // The norm of finite components may be infinite, but is not NaN.
-    if (vec3::norm(header.outward_normal) - 1.0).abs() > UNIT_TOLERANCE {
-        return Err(value("outward_normal"));
+) -> Result<Space<'a>, Refusal> {
+    if !vec3::is_finite(header.rest_position_m) {
+        return Err(Refusal::Value { what: "rest_position_m" });
     }
-    let lattice = BallLattice::new(header.spacing_m, header.radius_m)
-        .map_err(|error| BlobError::Lattice { space, error })?;
-    let capacity = |what, need, limit| check_capacity(what, Some(space), need, limit);
-    capacity("grid slots", lattice.slots(), limits.slots)?;
+    let has_unit_length = (vec3::norm(header.outward_normal) - 1.0).abs() <= UNIT_TOLERANCE;
+    if !(has_unit_length && vec3::is_finite(header.outward_normal)) {
+        return Err(Refusal::Value { what: "outward_normal" });
+    }
+    let lattice = BallLattice::new(header.spacing_m, header.radius_m).map_err(Refusal::Lattice)?;
+    check_capacity("grid slots", lattice.slots(), limits.slots)?;
     for rbf in [&header.rbf_linear, &header.rbf_cubic].into_iter().flatten() {
         let [centres, ..] = rbf.centres;
-        capacity("RBF centres", centres.len as usize, limits.centres)?;
+        check_capacity("RBF centres", centres.len as usize, limits.centres)?;
+    }
+    if let Some(kernel) = &kernel {
+        let centres = (kernel.blocks.len as usize).saturating_mul(LANES);
+        check_capacity("kernel centres", centres, limits.centres.min(MAX_CENTRES))?;
     }
     if let Some(displacement) = &header.displacement {
-        capacity("displacement modes", displacement.scale.len as usize, limits.modes)?;
+        check_capacity("displacement modes", displacement.scale.len as usize, limits.modes)?;
     }
 
-    let flags: &[u8] = planes.get(header.flags).map_err(of("flags"))?;
-    check_len(flags, lattice.slots()).map_err(|error| of("flags")(error.into()))?;
-    if let Some(slot) = flags::first_inconsistent(&lattice, flags) {
-        return Err(of("flags")(PlaneProblem::Flags { slot }));
-    }
-    let rest = lattice.rest_slot();
-    if flags.get(rest).is_none_or(|bits| bits & flags::SOLVED == 0) {
-        return Err(BlobError::RestPoint { space });
-    }
-
-    let lattice_table = match header.force_n {
-        None => None,
-        Some(force) => {
-            let force: &[Vec3] = planes.get(force).map_err(of("force"))?;
-            let table = LatticeTable::new(&lattice, force).map_err(|error| of("force")(error.into()))?;
-            if force.get(rest).is_none_or(|&force| force != vec3::ZERO) {
-                return Err(BlobError::RestPoint { space });
-            }
-            Some(table)
-        }
-    };
-    let rbf_linear = match &header.rbf_linear {
-        None => None,
-        Some(rbf) => Some(planes.rbf(rbf).map_err(of("rbf-linear"))?),
-    };
-    let rbf_cubic = match &header.rbf_cubic {
-        None => None,
-        Some(rbf) => Some(planes.rbf(rbf).map_err(of("rbf-cubic"))?),
-    };
-    let hermite = match header.hermite {
-        None => None,
-        Some(refs) => {
-            let row = planes.get(refs.row).map_err(of("hermite row"))?;
-            let nodes: &[Node] = planes.get(refs.nodes).map_err(of("hermite nodes"))?;
-            let table = HermiteTable::new(lattice.slots(), row, nodes);
-            let table = table.map_err(|error| of("hermite nodes")(error.into()))?;
-            if !table.node(rest).is_some_and(is_at_rest) {
-                return Err(BlobError::RestPoint { space });
-            }
-            Some(table)
-        }
-    };
-    let displacement = match header.displacement {
-        None => None,
-        Some(refs) => {
-            let refs = DisplacementPlanes {
-                slopes: refs.slopes as usize,
-                row: planes.get(refs.row).map_err(of("displacement row"))?,
-                modes: planes.get(refs.modes).map_err(of("displacement modes"))?,
-                scale: planes.get(refs.scale).map_err(of("displacement scale"))?,
-                coefficients: planes.get(refs.coefficients).map_err(of("displacement coefficients"))?,
-                outlier_row: planes.get(refs.outlier_row).map_err(of("displacement outlier row"))?,
-                outlier_scale: planes.get(refs.outlier_scale).map_err(of("displacement outlier scale"))?,
-                outliers: planes.get(refs.outliers).map_err(of("displacement outliers"))?,
-            };
-            let table = DisplacementTable::new(&lattice, refs, vertices);
-            Some(table.map_err(|found| of(found.plane)(found.error.into()))?)
-        }
+    let hermite = header.hermite.map(|header| {
+        let row = planes.get("hermite row", header.row)?;
+        Ok::<_, PlaneError>(HermitePlanes { row, nodes: planes.get("hermite nodes", header.nodes)? })
+    });
+    let kernel = kernel.map(|header| {
+        let (scalars, blocks) =
+            (planes.get("kernel scalars", header.scalars)?, planes.get("kernel blocks", header.blocks)?);
+        Ok::<_, PlaneError>(KernelPlanes {
+            scalars,
+            blocks,
+            reach: planes.get("kernel reach", header.reach)?,
+        })
+    });
+    let planes = SpacePlanes {
+        flags: planes.get("flags", header.flags)?,
+        force_n: header.force_n.map(|plane| planes.get("force", plane)).transpose()?,
+        rbf_linear: header.rbf_linear.map(|header| planes.rbf("rbf-linear", &header)).transpose()?,
+        rbf_cubic: header.rbf_cubic.map(|header| planes.rbf("rbf-cubic", &header)).transpose()?,
+        hermite: hermite.transpose()?,
+        kernel: kernel.transpose()?,
+        displacement: header.displacement.map(|header| planes.displacement(&header)).transpose()?,
     };
     let SpaceHeader { name, node, rest_position_m, outward_normal, .. } = header;
-    Ok(Space {
-        name,
-        node,
-        rest_position_m,
-        outward_normal,
-        lattice,
-        flags,
-        lattice_table,
-        rbf_linear,
-        rbf_cubic,
-        hermite,
-        // In a part of the header of its own.
-        kernel: None,
-        displacement,
-    })
-}
-
-fn read_kernel<'a>(
-    planes: &Planes<'a>,
-    header: KernelHeader,
-    of_space: &Space<'a>,
-    space: u16,
-    limits: &Limits,
-) -> Result<KernelTable<'a>, BlobError> {
-    let of = |what| named(what, Some(space));
-    let centres = (header.blocks.len as usize).saturating_mul(LANES);
-    check_capacity("kernel centres", Some(space), centres, limits.centres.min(MOST_CENTRES))?;
-    let scalars: &[f64] = planes.get(header.scalars).map_err(of("kernel scalars"))?;
-    let blocks: &[Block] = planes.get(header.blocks).map_err(of("kernel blocks"))?;
-    let reach: &[u8] = planes.get(header.reach).map_err(of("kernel reach"))?;
-    KernelTable::new(of_space.lattice.radius_m(), scalars, blocks, reach)
-        .map_err(|error| of("kernel")(error.into()))
-}
-
-/// Whether a node has neither energy nor force.
-fn is_at_rest([[[w, wz, ..], [wy, ..], _], [[wx, ..], ..], _]: &Node) -> bool {
-    [w, wx, wy, wz].iter().all(|value| **value == 0.0)
-}
-
-fn check_vector(vector: Vec3) -> Option<()> {
-    vec3::is_finite(vector).then_some(())
+    let active = ActiveNode { name, node, rest_position_m, outward_normal };
+    Ok(Space::new(active, lattice, planes, vertices)?)
 }

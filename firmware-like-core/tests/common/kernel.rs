@@ -1,8 +1,9 @@
-//! A space with a kernel, of any numbers: what its part of a blob looks like, for the tests of the core and of the host.
+//! A space with a kernel of arbitrary numbers, for the tests of the core and of the host.
 
-use super::{Aligned, Draft, Random, Recipe};
+use super::{Draft, Random, Recipe};
+use palpate_core::AlignedBytes;
 use palpate_core::blob::format::{self, KernelHeader};
-use palpate_core::kernel::{Block, LANES, NUMBERS, REACH_POINTS, SCALARS};
+use palpate_core::method::kernel::{Block, LANES, NUMBERS, REACH_POINTS, SCALARS};
 
 pub const RADIUS_M: f32 = 0.03;
 pub const SPACING_M: f32 = 0.01;
@@ -10,7 +11,7 @@ pub const LENGTH_M: f64 = 0.02;
 /// l S(0), N.
 pub const BASE_N: [f64; 6] = [3.0, 0.4, -0.2, 4.0, 0.3, 6.0];
 
-/// 21 configurations with polynomials of any kind, some hundreds of newtons that cancel to a few.
+/// 21 configurations with arbitrary polynomials: some hundreds of newtons that cancel to a few.
 pub fn blocks() -> Vec<Block> {
     let mut random = Random(17);
     let mut blocks = vec![[[0.0; LANES]; NUMBERS]; 6];
@@ -23,7 +24,7 @@ pub fn blocks() -> Vec<Block> {
     blocks
 }
 
-/// Reaches less far along z, and not evenly.
+/// A reach that is shorter along z and asymmetric.
 pub fn reach() -> Vec<u8> {
     let share = |index: usize| {
         let n = [index / 81, index / 9 % 9, index % 9].map(|n| n as f64 - 4.0);
@@ -44,14 +45,14 @@ pub fn recipe() -> Recipe {
 
 pub fn add(draft: &mut Draft) {
     let header = KernelHeader {
-        scalars: draft.push(&scalars()),
-        blocks: draft.push(&blocks()),
-        reach: draft.push(&reach()),
+        scalars: draft.area.push(&scalars()),
+        blocks: draft.area.push(&blocks()),
+        reach: draft.area.push(&reach()),
     };
     draft.version = format::VERSION;
     draft.kernels = vec![Some(header)];
 }
 
-pub fn blob() -> Aligned {
+pub fn blob() -> AlignedBytes {
     recipe().blob_with(add)
 }

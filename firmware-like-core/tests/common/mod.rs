@@ -1,112 +1,64 @@
-//! A small blob writer and an analytic organ, for the tests of this crate. The real writer is in `palpate-precompute`.
-#![allow(dead_code, unreachable_pub, reason = "a module of every test binary, and each uses its own part")]
+//! Blobs of an analytic organ for the tests of this crate.
+#![allow(
+    dead_code,
+    unreachable_pub,
+    unused_imports,
+    unused_macros,
+    reason = "a module of every test binary; each uses its own part"
+)]
 
+#[macro_use]
+pub mod ball;
+#[macro_use]
+pub mod bench;
+mod body;
 pub mod kernel;
+mod potential;
+mod writer;
+
+pub use body::sphere;
+pub use potential::{A, force, potential};
+pub use writer::{Area, Draft, sign};
 
 use palpate_core::blob::format::{
-    self, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader, SpaceHeader,
-    SurfaceHeader,
+    self, DisplacementHeader, HermiteHeader, Preamble, RbfHeader, SpaceHeader, SurfaceHeader,
 };
 use palpate_core::flags::{self, FOLD, SOLVED};
-use palpate_core::grid::BallLattice;
-use palpate_core::hermite::Node;
-use palpate_core::rbf::LANES;
+use palpate_core::method::baseline::rbf::LANES;
+use palpate_core::method::hermite::Node;
 use palpate_core::vec3::{self, Vec3};
+use palpate_core::{AlignedBytes, BallLattice};
 
-/// A nonlinear potential W with h = grad W, h(0) = 0: stiffer under pressure than under tension, and with coupling.
-///
-/// W = a |d|^2 / 2 + b z^3 / 3 + c |d|^4 / 4 + e x y z;   z along the outward normal, so pressing is z < 0 and h_z < 0.
-const A: f64 = 150.0;
-const B: f64 = -900.0;
-const C: f64 = 4.0e4;
-const E: f64 = 2.0e3;
-
-/// The derivative of W of these orders along x, y and z.
-pub fn potential(d: Vec3, orders: [usize; 3]) -> f64 {
-    const MONOMIALS: [(f64, [usize; 3]); 11] = [
-        (A / 2.0, [2, 0, 0]),
-        (A / 2.0, [0, 2, 0]),
-        (A / 2.0, [0, 0, 2]),
-        (B / 3.0, [0, 0, 3]),
-        (C / 4.0, [4, 0, 0]),
-        (C / 4.0, [0, 4, 0]),
-        (C / 4.0, [0, 0, 4]),
-        (C / 2.0, [2, 2, 0]),
-        (C / 2.0, [2, 0, 2]),
-        (C / 2.0, [0, 2, 2]),
-        (E, [1, 1, 1]),
-    ];
-    let falling = |n: usize, k: usize| (0..k).map(|i| n as f64 - i as f64).product::<f64>();
-    let of = |(factor, powers): (f64, [usize; 3])| -> f64 {
-        let along = |i: usize| {
-            let left = powers[i].checked_sub(orders[i]);
-            left.map_or(0.0, |left| falling(powers[i], orders[i]) * f64::from(d[i]).powi(left as i32))
-        };
-        factor * along(0) * along(1) * along(2)
-    };
-    MONOMIALS.into_iter().map(of).sum()
-}
-
-/// Its gradient.
-pub fn force(d: Vec3) -> [f64; 3] {
-    let [x, y, z] = d.map(f64::from);
-    let radial = A + C * (x * x + y * y + z * z);
-    [radial * x + E * y * z, radial * y + E * x * z, radial * z + B * z * z + E * x * y]
-}
-
-/// Bytes at an address divisible by 8.
-#[derive(Clone)]
-pub struct Aligned {
-    words: Vec<u64>,
-    len: usize,
-}
-
-impl Aligned {
-    pub fn new(bytes: &[u8]) -> Self {
-        let mut words = vec![0_u64; bytes.len().div_ceil(8)];
-        bytemuck::cast_slice_mut(&mut words)[..bytes.len()].copy_from_slice(bytes);
-        Self { words, len: bytes.len() }
-    }
-
-    pub fn bytes(&self) -> &[u8] {
-        &bytemuck::cast_slice(&self.words)[..self.len]
-    }
-
-    pub fn bytes_mut(&mut self) -> &mut [u8] {
-        &mut bytemuck::cast_slice_mut(&mut self.words)[..self.len]
-    }
-}
-
-/// What to put into a blob.
+/// The contents of a blob.
 #[derive(Clone)]
 pub struct Recipe {
     pub spacing_m: f32,
     pub radius_m: f32,
-    /// Rest positions.
+    /// Rest positions of the active nodes.
     pub nodes: Vec<Vec3>,
     /// Outward normal of a node.
     pub normal: fn(Vec3) -> Vec3,
-    /// How much stiffer than the potential a node is.
+    /// Factor of the potential at a node.
     pub stiffer: fn(u32) -> f64,
-    /// Vertices and triangles of the surface, if it is not the small tetrahedron; node i is its vertex i.
+    /// Vertices and triangles of the surface instead of a small tetrahedron; active node i is vertex i.
     pub body: Option<(Vec<Vec3>, Vec<[u32; 3]>)>,
     /// Whether a point of the ball is solved.
     pub solved: fn([i32; 3]) -> bool,
-    /// Force of a ghost slot.
+    /// Force at a slot that is not solved.
     pub ghost: fn(Vec3) -> [f64; 3],
-    /// Force of a solved slot.
+    /// Force at a solved slot.
     pub force: fn(Vec3) -> [f64; 3],
     pub lattice_table: bool,
     pub rbf: bool,
     pub hermite: bool,
-    /// Cells with a fold in them, by their low corner.
+    /// Cells with a fold, by their low corner.
     pub fold: fn([i32; 3]) -> bool,
     pub displacement: bool,
-    /// How many of the three modes of the displacement have slopes.
+    /// Number of the three modes of the displacement that have slopes.
     pub slopes: usize,
-    /// Displacement of the surface, of which every vertex takes its share: as the node's, or the reaction's cubic.
+    /// Whether the surface follows the cubic [`bent`] instead of the displacement of the node.
     pub bent: bool,
-    /// A solved point where the surface moves by [`ODD`] besides.
+    /// A solved point at which the surface has the additional displacement [`ODD`].
     pub outlier: Option<[i32; 3]>,
 }
 
@@ -120,7 +72,7 @@ impl Default for Recipe {
             stiffer: |_| 1.0,
             body: None,
             solved: |_| true,
-            // Deliberately wrong by a quarter: continuity must not hang on good ghosts.
+            // Wrong by a quarter: continuity must not depend on good extrapolation.
             ghost: |d| force(d).map(|h| 1.25 * h + 0.1),
             force,
             lattice_table: true,
@@ -135,15 +87,15 @@ impl Default for Recipe {
     }
 }
 
-/// The surface's displacement as the recipes have it: shares of this along each axis.
+/// The cubic displacement of the surface, of which every vertex has its share.
 pub fn bent(d: Vec3) -> Vec3 {
     force(d).map(|h| (h / A) as f32)
 }
 
-/// What an outlier moves besides, m.
+/// Additional displacement of the vertices in an outlier, m.
 pub const ODD: [Vec3; 4] =
     [[0.0, 0.002, -0.003], [0.004, -0.005, 0.006], [-0.007, 0.008, 0.009], [0.01, 0.0, -0.011]];
-/// Its unit, m.
+/// Unit of its table, m.
 const ODD_UNIT_M: f32 = 1e-6;
 
 impl Recipe {
@@ -151,7 +103,7 @@ impl Recipe {
         BallLattice::new(self.spacing_m, self.radius_m).expect("a valid lattice")
     }
 
-    /// Solved lattice points, the rest point among them.
+    /// Solved lattice points, including the rest point.
     pub fn solved_points(&self) -> Vec<[i32; 3]> {
         let lattice = self.lattice();
         let mut points: Vec<_> = lattice.points().filter(|&ijk| (self.solved)(ijk)).collect();
@@ -172,7 +124,7 @@ impl Recipe {
         bits
     }
 
-    /// A node for every slot; ghosts are as wrong as those of the force.
+    /// A node for every slot; unsolved ones are as wrong as those of the force.
     fn hermite_planes(&self, stiffer: f64) -> (Vec<u32>, Vec<Node>) {
         let (lattice, bits) = (self.lattice(), self.flags());
         let node = |slot: usize| {
@@ -198,7 +150,7 @@ impl Recipe {
         self.flags().into_iter().enumerate().map(force).collect()
     }
 
-    /// Centres (cell units) and weights that interpolate the solved forces, padded.
+    /// Centres (cells) and weights that interpolate the solved forces, padded.
     fn rbf_planes(&self, phi: fn(f64) -> f64) -> ([Vec<f64>; 3], [Vec<f64>; 3]) {
         let points = self.solved_points();
         let lattice = self.lattice();
@@ -222,12 +174,12 @@ impl Recipe {
         (centres, weights)
     }
 
-    /// The unit of a coefficient, m: a thousandth of a cell, so that the linear field is exact.
+    /// Unit of a coefficient, m: a thousandth of a cell, so that the linear field is exact.
     fn displacement_unit_m(&self) -> f32 {
         self.spacing_m / 1000.0
     }
 
-    /// Coefficient of a mode (an axis) at a point and its slopes per cell, units.
+    /// Coefficient of each mode (an axis) at a point, and its slopes per cell, in units.
     fn coefficients(&self, ijk: [i32; 3]) -> [[i16; 3]; 4] {
         let d = self.lattice().displacement_m(ijk);
         let along = |axis: usize| core::array::from_fn(|i| usize::from(i == axis));
@@ -247,7 +199,7 @@ impl Recipe {
         ]
     }
 
-    /// One row per solved point and a mode for each axis: every vertex moves by its share (vertex 0 is fixed).
+    /// One row per solved point and a mode per axis: every vertex moves by its share.
     fn displacement_planes(&self, area: &mut Area) -> DisplacementHeader {
         let lattice = self.lattice();
         let points = self.solved_points();
@@ -285,12 +237,12 @@ impl Recipe {
         }
     }
 
-    pub fn blob(&self) -> Aligned {
+    pub fn blob(&self) -> AlignedBytes {
         self.blob_with(|_| {})
     }
 
-    /// Writes a blob, with a chance to spoil it before the checksum is taken.
-    pub fn blob_with(&self, spoil: impl FnOnce(&mut Draft)) -> Aligned {
+    /// Writes a blob; `spoil` may change it before the checksum is computed.
+    pub fn blob_with(&self, spoil: impl FnOnce(&mut Draft)) -> AlignedBytes {
         let mut area = Area::default();
         let tetrahedron = || {
             let vertices = vec![[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
@@ -319,7 +271,7 @@ impl Recipe {
             space_count: spaces.len() as u32,
         };
         let version = format::VERSION_WITHOUT_KERNELS;
-        let mut draft = Draft { version, preamble, spaces, kernels: Vec::new(), area: area.bytes };
+        let mut draft = Draft { version, preamble, spaces, kernels: Vec::new(), area };
         spoil(&mut draft);
         draft.write()
     }
@@ -361,78 +313,8 @@ impl Recipe {
     }
 }
 
-/// Share of the node's displacement that each surface vertex follows.
+/// Share of the displacement of the node by which each surface vertex moves; vertex 0 is fixed.
 pub const SHARES: [f32; 4] = [0.0, 1.0, 0.5, 0.25];
-
-/// A blob before it is written.
-pub struct Draft {
-    pub version: u32,
-    pub preamble: Preamble,
-    pub spaces: Vec<SpaceHeader>,
-    /// What the header ends with, from version 4 on.
-    pub kernels: Vec<Option<KernelHeader>>,
-    pub area: Vec<u8>,
-}
-
-impl Draft {
-    /// Adds a plane.
-    pub fn push<T: bytemuck::Pod>(&mut self, plane: &[T]) -> PlaneRef {
-        let mut area = Area { bytes: core::mem::take(&mut self.area) };
-        let at = area.push(plane);
-        self.area = area.bytes;
-        at
-    }
-
-    /// Bytes of a plane of n-byte elements, to spoil it.
-    pub fn plane(&mut self, plane: PlaneRef, size: usize) -> &mut [u8] {
-        &mut self.area[plane.offset as usize..][..plane.len as usize * size]
-    }
-
-    pub fn write(&self) -> Aligned {
-        let mut header = vec![0_u8; 64 * 1024];
-        let mut used = postcard::to_slice(&self.preamble, &mut header).expect("fits").len();
-        for space in &self.spaces {
-            used += postcard::to_slice(space, &mut header[used..]).expect("fits").len();
-        }
-        for kernel in &self.kernels {
-            used += postcard::to_slice(kernel, &mut header[used..]).expect("fits").len();
-        }
-        let start = format::plane_area_start(used).expect("fits");
-        let total = start + self.area.len() + format::CHECKSUM_LEN;
-        let mut bytes = Vec::new();
-        bytes.extend(format::MAGIC);
-        bytes.extend(self.version.to_le_bytes());
-        bytes.extend((used as u32).to_le_bytes());
-        bytes.extend((total as u64).to_le_bytes());
-        bytes.extend(&header[..used]);
-        bytes.resize(start, 0);
-        bytes.extend(&self.area);
-        let checksum = format::CHECKSUM.checksum(&bytes);
-        bytes.extend(checksum.to_le_bytes());
-        Aligned::new(&bytes)
-    }
-}
-
-/// Sets the checksum to what the bytes are, to get past it.
-pub fn sign(bytes: &mut [u8]) {
-    let end = bytes.len() - format::CHECKSUM_LEN;
-    let checksum = format::CHECKSUM.checksum(&bytes[..end]);
-    bytes[end..].copy_from_slice(&checksum.to_le_bytes());
-}
-
-#[derive(Default)]
-struct Area {
-    bytes: Vec<u8>,
-}
-
-impl Area {
-    fn push<T: bytemuck::Pod>(&mut self, plane: &[T]) -> PlaneRef {
-        self.bytes.resize(format::align_up(self.bytes.len()).expect("fits"), 0);
-        let offset = self.bytes.len() as u32;
-        self.bytes.extend_from_slice(bytemuck::cast_slice(plane));
-        PlaneRef { offset, len: plane.len() as u32 }
-    }
-}
 
 /// Gaussian elimination with partial pivoting.
 fn solve(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
@@ -459,7 +341,7 @@ fn solve(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
     right
 }
 
-/// Reproducible numbers for tests that only need variety.
+/// Reproducible random numbers.
 pub struct Random(pub u64);
 
 impl Random {
@@ -477,45 +359,4 @@ impl Random {
 
 pub fn distance(a: Vec3, b: Vec3) -> f32 {
     palpate_core::vec3::distance(a, b)
-}
-
-/// A sphere of triangles: an icosahedron whose edges were halved some times.
-pub fn sphere(radius_m: f32, halvings: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
-    let golden = (1.0 + 5.0_f32.sqrt()) / 2.0;
-    let mut vertices: Vec<Vec3> = Vec::new();
-    for (one, other) in [(1.0, golden), (-1.0, golden), (1.0, -golden), (-1.0, -golden)] {
-        vertices.extend([[0.0, one, other], [one, other, 0.0], [other, 0.0, one]]);
-    }
-    let edge = 2.0_f32;
-    let near = |a: &Vec3, b: &Vec3| (distance(*a, *b) - edge).abs() < 1e-3;
-    let mut triangles = Vec::new();
-    for a in 0..12 {
-        for b in a + 1..12 {
-            for c in b + 1..12 {
-                let [p, q, r] = [a, b, c].map(|i: usize| vertices[i]);
-                if near(&p, &q) && near(&q, &r) && near(&r, &p) {
-                    let area = vec3::cross(vec3::sub(q, p), vec3::sub(r, p));
-                    let outward = vec3::dot(area, p) > 0.0;
-                    triangles.push(if outward { [a, b, c] } else { [a, c, b] }.map(|i| i as u32));
-                }
-            }
-        }
-    }
-    for _ in 0..halvings {
-        let mut middles = std::collections::HashMap::new();
-        let mut middle = |a: u32, b: u32| {
-            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                let sum = vec3::add(vertices[a as usize], vertices[b as usize]);
-                vertices.push(vec3::scale(sum, 0.5));
-                vertices.len() as u32 - 1
-            })
-        };
-        let halved = triangles.iter().flat_map(|&[a, b, c]| {
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-        });
-        triangles = halved.collect();
-    }
-    let onto = |vertex: &Vec3| vec3::scale(vec3::normalize_or_zero(*vertex), radius_m);
-    (vertices.iter().map(onto).collect(), triangles)
 }

@@ -174,7 +174,10 @@ mod tests {
         }
         // The server reads a line as a request to the stepped rig first.
         for command in commands {
-            assert!(command.to_string().parse::<RigRequest>().is_err(), "`{command}` is in both vocabularies");
+            assert!(
+                command.to_string().parse::<RigRequest>().is_err(),
+                "`{command}` is in both vocabularies"
+            );
         }
     }
 

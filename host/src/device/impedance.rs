@@ -130,7 +130,7 @@ impl Impedance {
     /// Force of the motors in this integration step.
     pub fn motor_n(&mut self) -> Vec3 {
         let arrived_n = self.forces.pass(self.command_n);
-        let (held_n, _) = palpate_core::limit::clamp_force(arrived_n, self.config.max_force_n);
+        let (held_n, _) = palpate_core::clamp_force(arrived_n, self.config.max_force_n);
         // Round towards zero, so that a step never raises the force above the limit.
         let quantum_n = self.config.motor_quantum_n;
         if quantum_n > 0.0 { held_n.map(|newtons| (newtons / quantum_n).trunc() * quantum_n) } else { held_n }

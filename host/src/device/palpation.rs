@@ -75,7 +75,11 @@ impl RandomPalpation {
     /// A hand above the first active node. Without active nodes it stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: RandomConfig) -> Self {
-        let nodes = organ.spaces.iter().map(|space| (space.rest_position_m, space.outward_normal)).collect();
+        let nodes = organ
+            .spaces
+            .iter()
+            .map(|space| (space.active().rest_position_m, space.active().outward_normal))
+            .collect();
         Self::over_nodes(nodes, surface_centre(organ), config)
     }
 

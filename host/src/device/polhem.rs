@@ -19,7 +19,7 @@ use super::profile::DEFAULT_CAP_N_M;
 use super::serial::{MAX_READS, from_serial, open, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
-use palpate_core::{Sample, Vec3, limit};
+use palpate_core::{Sample, Vec3, clamp_force};
 use palpate_link::DeviceFault;
 use serialport::{ClearBuffer, SerialPort};
 use std::io::{Read, Write};
@@ -166,7 +166,7 @@ impl Polhem {
     fn send(&mut self, device_n: Vec3) -> Result<(), DeviceError> {
         // Clamp the vector: three axes at the limit would be 1.7 times as much. A value that is not finite
         // gives zero.
-        let (device_n, _) = limit::clamp_force(device_n, self.config.max_force_n);
+        let (device_n, _) = clamp_force(device_n, self.config.max_force_n);
         let request = request(device_n, self.config.max_force_n);
         let sent = self.port.write_all(&request).map_err(DeviceError::from);
         // A failed send may have transmitted a force, so the flag stays set.

@@ -76,8 +76,11 @@ impl Script {
     /// Plans the tour over an organ's active nodes. Without active nodes the hand stays at the origin.
     #[must_use]
     pub fn new<const N: usize>(organ: &Organ<'_, N>, config: &StrokeConfig) -> Self {
-        let nodes: Vec<(Vec3, Vec3)> =
-            organ.spaces.iter().map(|space| (space.rest_position_m, space.outward_normal)).collect();
+        let nodes: Vec<(Vec3, Vec3)> = organ
+            .spaces
+            .iter()
+            .map(|space| (space.active().rest_position_m, space.active().outward_normal))
+            .collect();
         Self::over_nodes(&nodes, surface_centre(organ), config)
     }
 
@@ -215,8 +218,8 @@ pub(super) fn tangents(normal: Vec3) -> (Vec3, Vec3) {
 /// Middle of the surface's bounding box; without a surface in the blob, of the active nodes.
 pub(super) fn surface_centre<const N: usize>(organ: &Organ<'_, N>) -> Vec3 {
     let surface = [0, 1, 2].map(|axis: usize| range(organ.surface.position_m[axis].iter().copied()));
-    let nodes =
-        [0, 1, 2].map(|axis: usize| range(organ.spaces.iter().map(|space| space.rest_position_m[axis])));
+    let nodes = [0, 1, 2]
+        .map(|axis: usize| range(organ.spaces.iter().map(|space| space.active().rest_position_m[axis])));
     let bounds = if organ.surface.node.is_empty() { nodes } else { surface };
     bounds.map(|(low, high)| if low <= high { 0.5 * (low + high) } else { 0.0 })
 }

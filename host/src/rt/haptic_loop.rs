@@ -14,7 +14,7 @@ use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
-use palpate_core::profile::PC_SPACES;
+use palpate_core::blob::PC_SPACES;
 use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
 
 /// Timing and arming of the loop.

@@ -74,7 +74,7 @@ mod tests {
 
     fn run(panics_at: u64, periods: u64, stops: &AtomicU64) -> std::thread::Result<LoopOutcome> {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let controller = Controller::new(&organ, Config::new(Method::Trilinear)).expect("has the method");
         let (records, _drained) = rtrb::RingBuffer::new(1_000);
         let (latest, _seen) = triple_buffer::triple_buffer(&TickRecord::EMPTY);

@@ -121,7 +121,7 @@ impl MouseTool {
                 let from_m = above_node(space, if grasps { GRASP_HEIGHT_M } else { -FIRST_PRESS_M });
                 let at_px = pointer.at_px.unwrap_or(from_px);
                 let dragged_m = dragged(&view.projection, from_m, (from_px, at_px), depth_m);
-                let max_m = MAX_DRAG * space.lattice.radius_m();
+                let max_m = MAX_DRAG * space.lattice().radius_m();
                 (Some(from_m + dragged_m.clamp_length_max(max_m)), if grasps { GRASP } else { 0 })
             }
         };
@@ -161,7 +161,8 @@ fn clearance_m(view: &PickView<'_>) -> f32 {
 
 /// Point above (or below) an active node at rest, along its normal.
 fn above_node(space: &Space<'_>, height_m: f32) -> Vec3 {
-    Vec3::from_array(space.rest_position_m) + Vec3::from_array(space.outward_normal) * height_m
+    Vec3::from_array(space.active().rest_position_m)
+        + Vec3::from_array(space.active().outward_normal) * height_m
 }
 
 /// Intersection of the ray through a pixel with the camera-facing plane through a point.
@@ -290,7 +291,7 @@ mod tests {
 
     fn with_fixture(test: impl FnOnce(&mut Fixture<'_, '_>)) {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         test(&mut Fixture::new(&organ));
     }
 
@@ -381,7 +382,7 @@ mod tests {
     #[test]
     fn the_nearest_visible_node_is_picked() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let surface = Deformation::at_rest(&organ);
         let pick = |direction: Vec3, space: usize| {
             let camera = OrbitCamera::framing(Vec3::ZERO, 0.12, direction, Vec3::Z);
@@ -390,7 +391,7 @@ mod tests {
             nearest_node(&PickView { projection, surface: &surface }, &organ, pixel + Vec2::new(6.0, -4.0))
         };
         for space in 0..3 {
-            let towards = Vec3::from_array(organ.spaces[space].outward_normal);
+            let towards = Vec3::from_array(organ.spaces[space].active().outward_normal);
             assert_eq!(pick(towards, space), Some(space));
             assert_ne!(pick(-towards, space), Some(space), "it is behind the organ");
         }

@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn a_ray_through_a_pixel_hits_the_drawn_surface() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let mut surface = Deformation::at_rest(&organ);
         let whole = [Share { space: 0, weight: 1.0 }, Share::default(), Share::default()];
         surface.update(&organ, &whole, [0.0, -0.02, 0.01]);

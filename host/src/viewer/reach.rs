@@ -57,8 +57,8 @@ impl Reach {
 
 /// Closed polylines round the rest position, m.
 fn rings(space: &Space<'_>) -> Vec<Vec<Vec3>> {
-    let rest = Vec3::from_array(space.rest_position_m);
-    let axis = Vec3::from_array(space.outward_normal).normalize_or(Vec3::Z);
+    let rest = Vec3::from_array(space.active().rest_position_m);
+    let axis = Vec3::from_array(space.active().outward_normal).normalize_or(Vec3::Z);
     let (side, other) = axis.any_orthonormal_pair();
     let point = |polar: f32, around: f32| {
         let direction = axis * polar.cos() + (side * around.cos() + other * around.sin()) * polar.sin();
@@ -76,7 +76,7 @@ fn rings(space: &Space<'_>) -> Vec<Vec<Vec3>> {
 /// Distance to the boundary of the solved configurations in a direction, m: where the weighted share of
 /// solved corners falls below one half; at most the radius of the ball.
 fn reach_m(space: &Space<'_>, direction: Vec3) -> f32 {
-    let lattice = &space.lattice;
+    let lattice = &space.lattice();
     let step_m = lattice.spacing_m() / 8.0;
     let steps = (lattice.radius_m() / step_m).ceil() as usize;
     let out = (1..=steps).find(|i| solved_share(space, direction * (*i as f32 * step_m)) < 0.5);
@@ -86,15 +86,15 @@ fn reach_m(space: &Space<'_>, direction: Vec3) -> f32 {
 /// Tri-linear share of solved corners of the cell at a displacement. Corners outside the ball are not
 /// counted, because they are not failures of the solver.
 fn solved_share(space: &Space<'_>, displacement_m: Vec3) -> f32 {
-    let (low, t) = space.lattice.cell(displacement_m.to_array());
+    let (low, t) = space.lattice().cell(displacement_m.to_array());
     let (mut solved, mut all) = (0.0, 0.0);
     for corner in 0..8_usize {
         let bits = [corner >> 2 & 1, corner >> 1 & 1, corner & 1];
         let ijk = core::array::from_fn(|axis| low[axis] + bits[axis] as i32);
         let weight: f32 = (0..3).map(|axis| if bits[axis] == 1 { t[axis] } else { 1.0 - t[axis] }).product();
-        if space.lattice.contains(ijk) {
+        if space.lattice().contains(ijk) {
             all += weight;
-            let slot = space.lattice.slot(ijk).and_then(|slot| space.flags.get(slot));
+            let slot = space.lattice().slot(ijk).and_then(|slot| space.flags().get(slot));
             solved += if slot.is_some_and(|flag| flag & flags::SOLVED != 0) { weight } else { 0.0 };
         }
     }
@@ -105,27 +105,31 @@ fn solved_share(space: &Space<'_>, displacement_m: Vec3) -> f32 {
 mod tests {
     use super::*;
     use crate::synthetic::{self, Shape};
-    use palpate_core::Organ;
+    use palpate_core::{Organ, SpacePlanes};
 
     #[test]
     fn the_boundary_is_the_ball_with_dents_at_unsolved_configurations() {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
-        let mut space = organ.spaces[0].clone();
-        let radius_m = space.lattice.radius_m();
-        for ring in rings(&space) {
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
+        let space = &organ.spaces[0];
+        let radius_m = space.lattice().radius_m();
+        for ring in rings(space) {
             for point in ring {
-                let reach = point.distance(Vec3::from_array(space.rest_position_m));
+                let reach = point.distance(Vec3::from_array(space.active().rest_position_m));
                 assert!((reach - radius_m).abs() < 1e-5, "{reach}");
             }
         }
         // No solved configurations beyond one and a half cells along +x.
-        let cut: Vec<u8> = (0..space.flags.len())
-            .map(|slot| if space.lattice.ijk(slot)[0] >= 2 { 0 } else { space.flags[slot] })
+        let mut cut: Vec<u8> = (0..space.flags().len())
+            .map(|slot| if space.lattice().ijk(slot)[0] >= 2 { 0 } else { space.flags()[slot] })
             .collect();
-        space.flags = &cut;
+        flags::derive(space.lattice(), &mut cut);
+        let planes = SpacePlanes { flags: &cut, ..space.planes() };
+        let vertices = organ.surface.node.len();
+        let space =
+            Space::new(space.active().clone(), *space.lattice(), planes, vertices).expect("valid flags");
         let (towards, away) = (reach_m(&space, Vec3::X), reach_m(&space, -Vec3::X));
-        let spacing_m = space.lattice.spacing_m();
+        let spacing_m = space.lattice().spacing_m();
         assert!((towards - 1.5 * spacing_m).abs() < 0.2 * spacing_m, "{towards}");
         assert!((away - radius_m).abs() < 1e-6, "{away}");
     }

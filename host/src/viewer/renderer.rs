@@ -131,7 +131,7 @@ impl Renderer {
                 scene: organ.scene.as_str().to_owned(),
                 law: organ.law.as_str().to_owned(),
                 method: method.name().to_owned(),
-                spaces: organ.spaces.iter().map(|space| space.name.as_str().to_owned()).collect(),
+                spaces: organ.spaces.iter().map(|space| space.active().name.as_str().to_owned()).collect(),
                 models: 1,
                 force_only: false,
             },
@@ -196,7 +196,7 @@ impl Renderer {
                 now.clone_into(shown);
             }
         }
-        self.captions.force_only = organ.spaces.iter().all(|space| space.displacement.is_none());
+        self.captions.force_only = organ.spaces.iter().all(|space| space.displacement().is_none());
         self.deform(organ, record);
         self.times.deformation = watch.lap();
 

@@ -35,8 +35,12 @@ const MARKER_SPACE: f32 = 0.30;
 #[must_use]
 pub fn choose<const N: usize>(organ: &Organ<'_, N>, rest: &Deformation, aspect: f32) -> OrbitCamera {
     let (centre_m, radius_m) = bounds(rest);
-    let normals: Vec<Vec3> =
-        organ.spaces.iter().take(MAX_NODES).map(|space| Vec3::from_array(space.outward_normal)).collect();
+    let normals: Vec<Vec3> = organ
+        .spaces
+        .iter()
+        .take(MAX_NODES)
+        .map(|space| Vec3::from_array(space.active().outward_normal))
+        .collect();
     let up = up_axis(&normals, longest_axis(rest.rest_m(), centre_m));
     // The other nodes may face elsewhere; the first must not be on the underside.
     let up = if normals.first().is_some_and(|first| up.dot(*first) < -0.25) { -up } else { up };
@@ -97,9 +101,9 @@ fn shows<const N: usize>(
     skin_m: f32,
 ) -> bool {
     let eye_m = camera.projection(1, 1).eye_m;
-    let away = Vec3::from_array(space.rest_position_m) - eye_m;
+    let away = Vec3::from_array(space.active().rest_position_m) - eye_m;
     let direction = away.normalize_or_zero();
-    if -direction.dot(Vec3::from_array(space.outward_normal)) < MIN_FACING {
+    if -direction.dot(Vec3::from_array(space.active().outward_normal)) < MIN_FACING {
         return false;
     }
     let hit = pick::hit(rest.rest_m(), organ.surface.triangles, (eye_m, direction));
@@ -158,8 +162,8 @@ fn distance_m<const N: usize>(
     let projection = camera.projection(1, 1);
     let share = FREE_AREA * Vec2::new(aspect, 1.0) * (0.5 * camera.field_of_view_rad).tan();
     let hands = organ.spaces.iter().map(|space| {
-        Vec3::from_array(space.rest_position_m)
-            + Vec3::from_array(space.outward_normal) * (MARKER_SPACE * radius_m)
+        Vec3::from_array(space.active().rest_position_m)
+            + Vec3::from_array(space.active().outward_normal) * (MARKER_SPACE * radius_m)
     });
     rest.rest_m()
         .iter()
@@ -189,7 +193,7 @@ mod tests {
     fn all_points_are_in_the_free_area_and_the_nodes_face_the_eye() {
         for half_axes_m in [[0.085, 0.060, 0.045], [0.03, 0.12, 0.04], [0.02, 0.03, 0.09]] {
             let blob = synthetic::organ(&Shape { half_axes_m, ..Shape::default() });
-            let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+            let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
             let rest = Deformation::at_rest(&organ);
             let projection = choose(&organ, &rest, 16.0 / 9.0).projection(1280, 720);
             let mut reached = Vec2::ZERO;
@@ -200,8 +204,10 @@ mod tests {
             assert!(reached.x <= FREE_AREA.x + 1e-3 && reached.y <= FREE_AREA.y + 1e-3, "{reached}");
             assert!(reached.x > 0.35 || reached.y > 0.35, "the organ is not tiny: {reached}");
             let view = projection.to_eye.row(2);
-            let seen =
-                organ.spaces.iter().filter(|space| Vec3::from_array(space.outward_normal).dot(view) > 0.0);
+            let seen = organ
+                .spaces
+                .iter()
+                .filter(|space| Vec3::from_array(space.active().outward_normal).dot(view) > 0.0);
             assert!(seen.count() >= 2);
         }
     }
@@ -212,13 +218,14 @@ mod tests {
         let rest = Deformation::at_rest(organ);
         let camera = choose(organ, &rest, 16.0 / 9.0);
         let eye_m = camera.projection(1280, 720).eye_m;
-        let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
+        let node_m = Vec3::from_array(organ.spaces[0].active().rest_position_m);
         let between = rest.rest_m().iter().filter(|point| {
             let along = (**point - eye_m).dot((node_m - eye_m).normalize());
             let deviation = (**point - eye_m - along * (node_m - eye_m).normalize()).length();
             along < eye_m.distance(node_m) - 0.010 && deviation < 0.004
         });
-        let facing = Vec3::from_array(organ.spaces[0].outward_normal).dot((eye_m - node_m).normalize());
+        let facing =
+            Vec3::from_array(organ.spaces[0].active().outward_normal).dot((eye_m - node_m).normalize());
         match between.count() {
             0 if facing > 0.3 && (-0.3..1.0).contains(&camera.elevation_rad) => Ok(camera),
             hiding => Err(format!("{hiding} points hide it, facing {facing}, {camera:?}")),
@@ -230,7 +237,7 @@ mod tests {
     fn the_first_active_node_is_visible() {
         let shape = Shape { subdivisions: 4, ..Shape::default() };
         let blob = synthetic::organ(&shape);
-        let mut organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let mut organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let [x, y, z] = organ.surface.position_m;
         for vertex in (0..x.len()).step_by(101) {
             let place_m = Vec3::new(x[vertex], y[vertex], z[vertex]);
@@ -238,8 +245,8 @@ mod tests {
             let normal = (place_m / (half_m * half_m)).normalize();
             for (index, space) in organ.spaces.iter_mut().enumerate() {
                 let sign = if index == 0 { 1.0 } else { -1.0 };
-                space.rest_position_m = (sign * place_m).to_array();
-                space.outward_normal = (sign * normal).to_array();
+                space.active_mut().rest_position_m = (sign * place_m).to_array();
+                space.active_mut().outward_normal = (sign * normal).to_array();
             }
             first_is_visible(&organ).unwrap_or_else(|why| panic!("vertex {vertex} at {place_m}: {why}"));
         }
@@ -249,9 +256,9 @@ mod tests {
     #[test]
     fn a_view_past_a_lobe_in_front_of_the_first_node_is_found() {
         let blob = synthetic::organ(&Shape { subdivisions: 4, ..Shape::default() });
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let plain = first_is_visible(&organ).expect("an ellipsoid hides nothing");
-        let node_m = Vec3::from_array(organ.spaces[0].rest_position_m);
+        let node_m = Vec3::from_array(organ.spaces[0].active().rest_position_m);
         let towards = (plain.projection(1, 1).eye_m - node_m).normalize();
         let lobe_m = node_m + 0.04 * towards;
         let surface = organ.surface;
@@ -273,7 +280,10 @@ mod tests {
             fixed: &fixed,
         };
         // The blob's displacement modes do not include the lobe.
-        organ.spaces.iter_mut().for_each(|space| space.displacement = None);
+        for space in &mut organ.spaces {
+            let planes = palpate_core::SpacePlanes { displacement: None, ..space.planes() };
+            *space = Space::new(space.active().clone(), *space.lattice(), planes, 0).expect("valid planes");
+        }
         let rest = Deformation::at_rest(&organ);
         assert!(!shows(&plain, &organ, &rest, &organ.spaces[0], 0.002), "it is behind the lobe");
         let around = first_is_visible(&organ).unwrap_or_else(|why| panic!("{why}"));
@@ -283,7 +293,7 @@ mod tests {
     #[test]
     fn the_longest_axis_is_found() {
         let blob = synthetic::organ(&Shape { half_axes_m: [0.02, 0.09, 0.03], ..Shape::default() });
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let rest = Deformation::at_rest(&organ);
         assert!(longest_axis(rest.rest_m(), bounds(&rest).0).y.abs() > 0.99);
     }

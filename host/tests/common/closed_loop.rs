@@ -98,7 +98,8 @@ pub(crate) fn hold(
     disturbance: Disturbance,
 ) -> HoldResult {
     let node = &organ.spaces[space];
-    let script = Script::press_and_hold(node.rest_position_m, node.outward_normal, depth_m, HOLD_S);
+    let script =
+        Script::press_and_hold(node.active().rest_position_m, node.active().outward_normal, depth_m, HOLD_S);
     let simulated = SimulatedConfig { hand, ..SimulatedConfig::for_profile(profile) };
     let mut hand = SimulatedHand::with_palpation(Palpation::Tour(script), simulated);
     let mut memory = TouchMemory::default();
@@ -120,8 +121,10 @@ pub(crate) fn hold(
     state.arm();
     let mut recent = Vec::new();
     let disturbed = ticks(DISTURBANCE_S.start)..ticks(DISTURBANCE_S.end);
-    let disturbance_n =
-        vec3::scale(node.outward_normal, if disturbance == Disturbance::Once { DISTURBANCE_N } else { 0.0 });
+    let disturbance_n = vec3::scale(
+        node.active().outward_normal,
+        if disturbance == Disturbance::Once { DISTURBANCE_N } else { 0.0 },
+    );
     let mut work_before = Work::default();
     for tick in 0..ticks(3.0 + HOLD_S) {
         let now_us = tick * period_us;

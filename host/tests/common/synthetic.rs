@@ -4,7 +4,7 @@
 #![allow(dead_code)]
 
 use palpate_core::blob::format::{self, DisplacementHeader, PlaneRef, Preamble, SpaceHeader, SurfaceHeader};
-use palpate_core::{BallLattice, Vec3, flags, vec3};
+use palpate_core::{AlignedBytes, BallLattice, Vec3, flags, vec3};
 use std::collections::HashMap;
 
 /// Parameters of the ellipsoid.
@@ -44,8 +44,8 @@ impl Default for Shape {
 const ACTIVE: [(&str, Vec3); 3] =
     [("A1", [0.35, -0.75, 0.6]), ("A2", [0.9, -0.2, 0.35]), ("A3", [-0.5, -0.3, 0.85])];
 
-/// The blob in a buffer with the alignment of a reader.
-pub(crate) fn organ(shape: &Shape) -> Vec<u64> {
+/// The blob.
+pub(crate) fn organ(shape: &Shape) -> AlignedBytes {
     let (vertices, triangles) = ellipsoid(shape);
     let lattice = BallLattice::new(0.010, 0.040).expect("valid sizes");
     let mut planes = Planes::default();
@@ -169,36 +169,24 @@ struct Planes {
 
 impl Planes {
     fn put<T: bytemuck::NoUninit>(&mut self, elements: &[T]) -> PlaneRef {
-        self.bytes.resize(format::align_up(self.bytes.len()).expect("small"), 0);
+        self.bytes.resize(self.bytes.len().next_multiple_of(format::ALIGNMENT), 0);
         let offset = self.bytes.len() as u32;
         self.bytes.extend_from_slice(bytemuck::cast_slice(elements));
         PlaneRef { offset, len: elements.len() as u32 }
     }
 }
 
-fn pack(preamble: &Preamble, spaces: &[SpaceHeader], planes: &[u8]) -> Vec<u64> {
+fn pack(preamble: &Preamble, spaces: &[SpaceHeader], planes: &[u8]) -> AlignedBytes {
     let mut header = Vec::new();
     let mut scratch = [0; 1024];
     header.extend_from_slice(postcard::to_slice(preamble, &mut scratch).expect("fits"));
     for space in spaces {
         header.extend_from_slice(postcard::to_slice(space, &mut scratch).expect("fits"));
     }
-    let start = format::plane_area_start(header.len()).expect("small");
-    // A whole number of u64, so that the buffer is exactly the file.
-    let body = (start + planes.len() + format::CHECKSUM_LEN).next_multiple_of(8) - format::CHECKSUM_LEN;
-    let mut bytes = Vec::with_capacity(body + format::CHECKSUM_LEN);
-    bytes.extend_from_slice(&format::MAGIC);
-    bytes.extend_from_slice(&format::VERSION_WITHOUT_KERNELS.to_le_bytes());
-    bytes.extend_from_slice(&(header.len() as u32).to_le_bytes());
-    bytes.extend_from_slice(&((body + format::CHECKSUM_LEN) as u64).to_le_bytes());
-    bytes.extend_from_slice(&header);
-    bytes.resize(start, 0);
-    bytes.extend_from_slice(planes);
-    bytes.resize(body, 0);
-    bytes.extend_from_slice(&format::CHECKSUM.checksum(&bytes).to_le_bytes());
-    let mut words = vec![0_u64; bytes.len() / 8];
-    bytemuck::cast_slice_mut(&mut words).copy_from_slice(&bytes);
-    words
+    let mut bytes = Vec::new();
+    format::write(format::VERSION_WITHOUT_KERNELS, &header, planes, |piece| bytes.extend_from_slice(piece))
+        .expect("a short header");
+    AlignedBytes::from(&bytes)
 }
 
 /// Subdivided icosahedron, scaled; counter-clockwise seen from outside.

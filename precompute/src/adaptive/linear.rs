@@ -106,8 +106,7 @@ mod tests {
     use super::*;
     use crate::fit::made_up::jet;
     use crate::spec::{Tolerance, Wanted};
-    use palpate_core::hermite::HermiteTable;
-    use palpate_core::lanes::Baseline;
+    use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
     const RADIUS_M: f64 = 0.002;
 
@@ -178,11 +177,11 @@ mod tests {
         assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
         let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
         let lattice = &on.grid.lattice;
-        let table = HermiteTable::new(lattice.slots(), &nodes.row, &nodes.nodes).expect("a table");
+        let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
+        let table = HermiteTable::new(lattice, planes).expect("a table");
         for n in 0..200 {
             let at = crate::fit::made_up::spread(n, 0.99 * on.grid.radius_m);
-            let place = lattice.locate(at.map(|x| x as f32));
-            let found = table.energy_gradient(Baseline, lattice.strides(), place.slot, place.t);
+            let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
             let exact: [f64; 3] = (jet([0.0; 3]).stiffness_n_m * Vector3::from(at)).into();
             let apart = norm(difference(found.map(f64::from), exact));
             assert!(apart < 1e-6 * norm(exact) + 1e-7, "{apart} N of {}", norm(exact));

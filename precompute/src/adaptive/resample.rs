@@ -2,8 +2,7 @@
 
 use std::collections::{BTreeMap, HashSet};
 
-use palpate_core::hermite::HermiteTable;
-use palpate_core::lanes::Baseline;
+use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
 use super::Search;
 use crate::fit::{Derivatives, Sample, hermite_nodes_known};
@@ -116,14 +115,13 @@ fn on_lattice(search: &Search, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampl
 fn added(search: &Search, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
     let lattice = &on.grid.lattice;
-    let Ok(table) = HermiteTable::new(lattice.slots(), &nodes.row, &nodes.nodes) else {
+    let Ok(table) = HermiteTable::new(lattice, HermitePlanes { row: &nodes.row, nodes: &nodes.nodes }) else {
         return f64::INFINITY;
     };
     let mut shares: Vec<f64> = places
         .iter()
         .map(|&at| {
-            let place = lattice.locate(at.map(|x| x as f32));
-            let found = table.energy_gradient(Baseline, lattice.strides(), place.slot, place.t);
+            let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
             let exact = search.fit().force_n(at);
             norm(difference(found.map(f64::from), exact)) / search.wanted().tolerance.at(exact)
         })

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use palpate_core::displacement::DisplacementTable;
+use palpate_core::displacement::{DisplacementPlanes, DisplacementTable};
 use palpate_core::{ConfigTag, Organ, Space};
 use serde::{Deserialize, Serialize};
 
@@ -88,7 +88,7 @@ pub(super) fn measure(
     let mut configurations = Apart::default();
     for sample in samples {
         let exact = motion.at(sample.index, sample.attempt)?.displacement_m;
-        let Some(slot) = space.lattice.slot(sample.index) else { continue };
+        let Some(slot) = space.lattice().slot(sample.index) else { continue };
         table.configuration_into(slot, &mut found);
         configurations.add(misfit(&exact, &found));
     }
@@ -98,24 +98,25 @@ pub(super) fn measure(
     let mut visited = Vec::new();
     each_truth(store, active, space, &motion, |at, exact, is_folded| {
         visited.push(at);
-        table.displacement_into(&space.lattice, space.flags, at, &mut found);
+        table.displacement_into(space.lattice(), space.flags(), at, &mut found);
         if is_folded {
             folded.add(misfit(exact, &found));
             return;
         }
         uniform.add(misfit(exact, &found));
-        trilinear.displacement_into(&space.lattice, space.flags, at, &mut found);
+        trilinear.displacement_into(space.lattice(), space.flags(), at, &mut found);
         uniform_trilinear.add(misfit(exact, &found));
     })?;
     if visited.is_empty() {
-        visited.push([0.25 * space.lattice.radius_m(); 3]);
+        visited.push([0.25 * space.lattice().radius_m(); 3]);
     }
+    let planes = table.planes();
     Ok(DisplacementCertificate {
         nodes: nodes.len(),
-        modes: table.modes(),
-        slopes: table.slopes(),
-        outliers: table.outliers(),
-        bytes: table.bytes(),
+        modes: planes.scale.len(),
+        slopes: planes.slopes,
+        outliers: planes.outlier_row.len(),
+        bytes: bytes(planes),
         raw_bytes: solved * nodes.len() * 3 * size_of::<f32>(),
         bound_rms_mm: 1e3 * bound.rms_m,
         bound_max_mm: 1e3 * bound.max_m,
@@ -159,7 +160,7 @@ fn each_truth(
         let at = truth.displacement_m.map(|x| x as f32);
         let usable = walk.kind == Kind::Uniform
             && truth.tag == ConfigTag::Expandable
-            && space.lattice.locate(at).inside;
+            && space.lattice().locate(at).inside;
         if let Some(exact) = motion.of_truth(&truth.displacements).filter(|_| usable) {
             see(at, &exact, truth.switched || is_folded(space, at));
         }
@@ -176,7 +177,7 @@ pub fn surface_by_rbf(
     kernel: Kernel,
 ) -> Result<Result<(Apart, f64), FitError>, StoreError> {
     let motion = SurfaceMotion::new(store, active, organ.surface.node)?;
-    let spacing_m = f64::from(space.lattice.spacing_m());
+    let spacing_m = f64::from(space.lattice().spacing_m());
     let mut configurations = Vec::new();
     for record in store.records(active)?.iter().filter(|r| r.tag.is_solved()) {
         let moved = motion.at(record.index, record.attempt)?.displacement_m;
@@ -201,6 +202,14 @@ pub fn surface_by_rbf(
     Ok(Ok((apart, times.get(times.len() / 2).copied().unwrap_or(f64::NAN))))
 }
 
+/// Size of all planes.
+fn bytes(planes: &DisplacementPlanes<'_>) -> usize {
+    let of_modes = size_of_val(planes.modes) + size_of_val(planes.scale);
+    let of_rows = size_of_val(planes.row) + size_of_val(planes.coefficients);
+    let of_outliers = size_of_val(planes.outlier_row) + size_of_val(planes.outlier_scale);
+    of_modes + of_rows + of_outliers + size_of_val(planes.outliers)
+}
+
 fn misfit(exact: &[f32], found: &[[f32; 3]]) -> Misfit {
     let apart: Vec<f64> =
         exact.iter().zip(found.as_flattened()).map(|(a, b)| f64::from(*a) - f64::from(*b)).collect();
@@ -217,7 +226,7 @@ fn microseconds(
         .map(|n| {
             let at = visited[n * visited.len() / REPEATS];
             let start = Instant::now();
-            table.displacement_into(&space.lattice, space.flags, black_box(at), found);
+            table.displacement_into(space.lattice(), space.flags(), black_box(at), found);
             black_box(&mut *found);
             start.elapsed().as_secs_f64() * 1e6
         })

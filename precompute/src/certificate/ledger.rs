@@ -81,7 +81,7 @@ pub fn ledger(
     effort: Effort<'_>,
 ) -> Result<Option<Ledger>, StoreError> {
     let begun = Instant::now();
-    let Some(space) = organ.spaces.iter().find(|space| *space.name == *certificate.active) else {
+    let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *certificate.active) else {
         return Ok(None);
     };
     let is_certified = |method: Method| certificate.methods.iter().any(|of| of.method == method.name());
@@ -107,7 +107,7 @@ pub fn ledger(
     }
     let answers: Vec<Compared> =
         answered(space, method, &positions).iter().map(|answer| answer.compared).collect();
-    let causes = match &space.displacement {
+    let causes = match &space.displacement() {
         Some(table) => modes_and_digits(store, active, (space, table), organ.surface.node)?,
         None => Default::default(),
     };

@@ -20,7 +20,7 @@ pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 
 use palpate_core::flags::SMOOTH;
-use palpate_core::{ConfigTag, Coverage, Method, Organ, Space, trilinear};
+use palpate_core::{ConfigTag, Coverage, Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use health::Findings;
@@ -233,7 +233,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     let sampling = &identity.sampling;
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
-        let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
+        let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
         let records = store.records(active)?;
         let truths = truths(store, active, space, sampling)?;
         // Of scattered positions there are neither points of the table nor neighbours.
@@ -246,7 +246,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             folded = folds(lattice.grid(), &lattice.records(&records));
         }
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
-        let displacement = space.displacement.as_ref().map(|table| {
+        let displacement = space.displacement().as_ref().map(|table| {
             let nodes = organ.surface.node;
             let solved = records.iter().filter(|r| r.tag.is_solved()).count();
             displacement::measure(store, active, space, table, nodes, &samples, solved)
@@ -306,7 +306,7 @@ pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, u
     let sampling = store.identity()?.sampling;
     let mut counts = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let Some(space) = organ.spaces.iter().find(|space| *space.name == *name) else { continue };
+        let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
         let truths = truths(store, active, space, &sampling)?;
         let clear = truths.iter().filter(|truth| truth.walk.kind == Kind::Uniform && !truth.folded).count();
         counts.push((active, clear));
@@ -346,7 +346,7 @@ fn truths(
     };
     // Paths lead out of it.
     let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
-        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.node as usize]),
+        Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.active().node as usize]),
         None => None,
     };
     let mut truths = Vec::new();
@@ -354,7 +354,7 @@ fn truths(
         let at = truth.displacement_m;
         let displacement_m = at.map(|x| x as f32);
         let usable = truth.tag == ConfigTag::Expandable
-            && space.lattice.locate(displacement_m).inside
+            && space.lattice().locate(displacement_m).inside
             && workspace.is_none_or(|workspace| is_within(&workspace, &at))
             && !seen(at);
         if usable {
@@ -367,9 +367,9 @@ fn truths(
 
 /// Whether a cell with a fold in it is that of the position or touches it.
 fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
-    let at = space.lattice.locate(displacement_m);
-    let corners = trilinear::corners(space.lattice.strides(), at.slot, at.t);
-    corners.iter().any(|(slot, _)| space.flags.get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
+    let at = space.lattice().locate(displacement_m);
+    let corners = space.lattice().corners(at.slot);
+    corners.iter().any(|slot| space.flags().get(*slot).is_none_or(|bits| bits & SMOOTH == 0))
 }
 
 fn measure(
@@ -382,7 +382,7 @@ fn measure(
     let errors = |chosen: &dyn Fn(&Answer) -> bool| {
         Errors::of(answers.iter().filter(|answer| chosen(answer)).map(|answer| &answer.compared))
     };
-    let radius_m = f64::from(space.lattice.radius_m());
+    let radius_m = f64::from(space.lattice().radius_m());
     let share =
         |at: &Answer| at.displacement_m.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt() / radius_m;
     let clear = |at: &Answer, kind| at.walk.kind == kind && !at.folded;

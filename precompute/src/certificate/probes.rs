@@ -83,7 +83,7 @@ fn spread(n: u32, shift: f64) -> [f64; 3] {
 /// Number `n` of points spread evenly in the ball.
 fn in_ball(space: &Space<'_>, n: u32) -> [f32; 3] {
     let [r, z, angle] = spread(n, 0.0);
-    let (r, z) = (f64::from(space.lattice.radius_m()) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
+    let (r, z) = (f64::from(space.lattice().radius_m()) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
     direction(z, angle).map(|x| (r * x) as f32)
 }
 
@@ -104,7 +104,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Circles anywhere inside the ball: away from folds, and touching them.
 fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
-    let radius_m = f64::from(space.lattice.radius_m());
+    let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
     for n in 0..CIRCLES {
         let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
@@ -143,7 +143,7 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
 
 /// Just this side and just the other side of a face, the rim, or a ray through a face at the rim: what the slopes on both sides do not account for.
 fn seam_n(space: &Space<'_>, method: Method) -> f64 {
-    let (spacing_m, radius_m) = (space.lattice.spacing_m(), space.lattice.radius_m());
+    let (spacing_m, radius_m) = (space.lattice().spacing_m(), space.lattice().radius_m());
     // Rows of thousands of centres have no faces to cross, and time is dear.
     let crossings =
         if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };

@@ -3,7 +3,8 @@
 //! Takes the tables as they were packed, so it sees no error of the fit, only that of the evaluation.
 
 use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
-use palpate_core::kernel::{KernelTable, LANES, NUMBERS};
+use palpate_core::grid::CORNERS;
+use palpate_core::method::kernel::{Block, KernelTable, LANES, NUMBERS};
 use palpate_core::{Method, Space};
 
 /// h at a displacement inside the ball, N; `None` if the method is not packed.
@@ -17,20 +18,20 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
             Some(mix(share, cell.lattice(&LINEAR)?, cell.lattice(&CUBIC)?))
         }
         Method::RbfLinear => {
-            let table = space.rbf_linear.as_ref()?;
-            Some(radial(table.centres(), table.weights(), cell.position, |r| r))
+            let planes = space.planes().rbf_linear?;
+            Some(radial(&planes.centres, &planes.weights, cell.position, |r| r))
         }
         Method::RbfCubic => {
-            let table = space.rbf_cubic.as_ref()?;
-            Some(radial(table.centres(), table.weights(), cell.position, |r| r * r * r))
+            let planes = space.planes().rbf_cubic?;
+            Some(radial(&planes.centres, &planes.weights, cell.position, |r| r * r * r))
         }
         Method::Hermite => cell.hermite(),
         Method::Energy => {
-            let clear = space.flags[cell.slot([0; 3])] & FOLD == 0;
+            let clear = space.flags()[cell.slot([0; 3])] & FOLD == 0;
             let share = if clear { cell.share(0, SMOOTH) } else { 0.0 };
             Some(mix(share, cell.hermite()?, cell.energy()?))
         }
-        Method::Kernel => kernel(space.kernel.as_ref()?, space.lattice.spacing_m(), displacement_m),
+        Method::Kernel => kernel(space.kernel().as_ref()?, space.lattice().spacing_m(), displacement_m),
     }
 }
 
@@ -38,7 +39,7 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
 fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
     let d = displacement_m.map(f64::from);
     let size = d.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let reach_m = f64::from(table.reach().towards_m(displacement_m));
+    let reach_m = f64::from(table.reach_m(displacement_m));
     if size <= reach_m {
         return Some(kernel_within(table, d));
     }
@@ -57,18 +58,19 @@ fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> 
 }
 
 fn kernel_within(table: &KernelTable<'_>, displacement_m: [f64; 3]) -> [f64; 3] {
-    let x = displacement_m.map(|p| p / table.length_m());
-    let [xx, xy, xz, yy, yz, zz] = *table.base_n();
+    let planes = table.planes();
+    let [length_m, xx, xy, xz, yy, yz, zz] = *planes.scalars.first_chunk().expect("checked planes");
+    let x = displacement_m.map(|p| p / length_m);
     let base = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
-    let (here, rest) = (kernel_sum(table, x), kernel_sum(table, [0.0; 3]));
+    let (here, rest) = (kernel_sum(planes.blocks, x), kernel_sum(planes.blocks, [0.0; 3]));
     std::array::from_fn(|i| here[i] - rest[i] + (0..3).map(|j| base[i][j] * x[j]).sum::<f64>())
 }
 
 /// Gradient of sum_n E_n sum_a P_a r^a / a!.
-fn kernel_sum(table: &KernelTable<'_>, x: [f64; 3]) -> [f64; 3] {
+fn kernel_sum(blocks: &[Block], x: [f64; 3]) -> [f64; 3] {
     const FACTORIALS: [f64; 4] = [1.0, 1.0, 2.0, 6.0];
     let mut sum = [0.0; 3];
-    for (block, lane) in table.blocks().iter().flat_map(|block| (0..LANES).map(move |lane| (block, lane))) {
+    for (block, lane) in blocks.iter().flat_map(|block| (0..LANES).map(move |lane| (block, lane))) {
         let r: [f64; 3] = std::array::from_fn(|axis| x[axis] - block[axis][lane]);
         let e = (-0.5 * r.iter().map(|r| r * r).sum::<f64>()).exp();
         for (orders, number) in MONOMIALS.iter().zip(&block[3..]) {
@@ -146,7 +148,7 @@ struct Cell<'s, 'a> {
 
 impl<'s, 'a> Cell<'s, 'a> {
     fn of(space: &'s Space<'a>, displacement_m: [f32; 3]) -> Self {
-        let (spacing_m, reach) = (f64::from(space.lattice.spacing_m()), space.lattice.reach());
+        let (spacing_m, reach) = (f64::from(space.lattice().spacing_m()), space.lattice().reach());
         let position = displacement_m.map(|x| f64::from(x) / spacing_m);
         let low = position.map(|x| (x.floor() as i32).clamp(-reach, reach - 1));
         let t = std::array::from_fn(|axis| position[axis] - f64::from(low[axis]));
@@ -155,11 +157,11 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     fn slot(&self, offset: [i32; 3]) -> usize {
         let point = std::array::from_fn(|axis| self.low[axis] + offset[axis]);
-        self.space.lattice.slot(point).expect("a point round a cell is in the box")
+        self.space.lattice().slot(point).expect("a point round a cell is in the box")
     }
 
     fn lattice(&self, stencil: &Stencil) -> Option<[f64; 3]> {
-        let force_n = self.space.lattice_table.as_ref()?.force_n();
+        let force_n = self.space.planes().force_n?;
         let mut sum = [0.0; 3];
         let points = || stencil.points.iter().enumerate();
         for (a, &i) in points() {
@@ -180,12 +182,12 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     /// Smoothstep of the tri-linear interpolation of `flag`, if the cell has all of `needed`.
     fn share(&self, needed: u8, flag: u8) -> f64 {
-        if self.space.flags[self.slot([0; 3])] & needed != needed {
+        if self.space.flags()[self.slot([0; 3])] & needed != needed {
             return 0.0;
         }
-        let corners = (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]);
-        let w: f64 = corners
-            .filter(|&corner| self.space.flags[self.slot(corner)] & flag != 0)
+        let w: f64 = CORNERS
+            .into_iter()
+            .filter(|&corner| self.space.flags()[self.slot(corner)] & flag != 0)
             .map(|corner| -> f64 {
                 corner.iter().zip(self.t).map(|(&n, t)| if n == 0 { 1.0 - t } else { t }).product()
             })
@@ -195,12 +197,14 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     /// W_abc at a corner.
     fn derivative(&self, corner: [i32; 3], [a, b, c]: [usize; 3]) -> Option<f64> {
-        Some(f64::from(self.space.hermite.as_ref()?.node(self.slot(corner))?[a][b][c]))
+        let planes = self.space.planes().hermite?;
+        let row = planes.row[self.slot(corner)] as usize;
+        Some(f64::from(planes.nodes[row][a][b][c]))
     }
 
     fn energy(&self) -> Option<[f64; 3]> {
         let mut sum = [0.0; 3];
-        for corner in (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]) {
+        for corner in CORNERS {
             for orders in (0..27).map(|code: usize| [code / 9, code / 3 % 3, code % 3]) {
                 let value = self.derivative(corner, orders)?;
                 let of = |axis: usize| &QUINTIC[3 * corner[axis] as usize + orders[axis]];
@@ -218,8 +222,8 @@ impl<'s, 'a> Cell<'s, 'a> {
 
     fn hermite(&self) -> Option<[f64; 3]> {
         let mut sum = [0.0; 3];
-        for corner in (0..8).map(|code| [code >> 2, code >> 1 & 1, code & 1]) {
-            for orders in (0..8).map(|code: usize| [code >> 2, code >> 1 & 1, code & 1]) {
+        for corner in CORNERS {
+            for orders in CORNERS.map(|corner| corner.map(|n| n as usize)) {
                 let factor = |axis: usize| {
                     polynomial(&HERMITE[2 * corner[axis] as usize + orders[axis]], self.t[axis])
                 };

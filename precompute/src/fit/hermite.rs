@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use nalgebra::{DMatrix, DVector};
 use palpate_core::flags;
-use palpate_core::hermite::Node;
+use palpate_core::method::hermite::Node;
 
 use super::fold::Fold;
 use super::{LatticeValues, Sample};
@@ -459,8 +459,7 @@ fn packed(w: &Derivatives) -> Node {
 #[cfg(test)]
 mod tests {
     use nalgebra::Matrix3;
-    use palpate_core::hermite::HermiteTable;
-    use palpate_core::lanes::Baseline;
+    use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
     use super::*;
     use crate::num::jet::EnergyJet;
@@ -509,17 +508,15 @@ mod tests {
         let samples: Vec<Sample> =
             Domain::new(&grid, true).points().filter(|&p| !without(p)).map(|p| sample(&grid, p)).collect();
         let table = hermite_nodes(&grid, &samples, &[]);
-        let table = HermiteTable::new(grid.lattice.slots(), &table.row, &table.nodes).expect("a table");
+        let planes = HermitePlanes { row: &table.row, nodes: &table.nodes };
+        let table = HermiteTable::new(&grid.lattice, planes).expect("a table");
         let mut worst = [0.0f64; 2];
         for n in 0..4000u32 {
             let x: [f64; 3] =
                 std::array::from_fn(|i| 0.022 * f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
             let place = grid.lattice.locate(x.map(|x| x as f32));
-            let strides = grid.lattice.strides();
-            let found = [
-                table.energy_gradient(Baseline, strides, place.slot, place.t),
-                table.force(Baseline, strides, place.slot, place.t),
-            ];
+            let found =
+                [table.energy_gradient(&grid.lattice, &place), table.cubic_force(&grid.lattice, &place)];
             for (worst, found) in worst.iter_mut().zip(found) {
                 for i in 0..3 {
                     *worst = worst.max((f64::from(found[i]) - derivative(x, &[i])).abs());
@@ -608,7 +605,8 @@ mod tests {
             hermite_nodes(&grid, &samples, folds)
         };
         let largest_n = |nodes: &HermiteNodes| {
-            let table = HermiteTable::new(grid.lattice.slots(), &nodes.row, &nodes.nodes).expect("a table");
+            let planes = HermitePlanes { row: &nodes.row, nodes: &nodes.nodes };
+            let table = HermiteTable::new(&grid.lattice, planes).expect("a table");
             let at = |n: u32| -> [f32; 3] {
                 let wave: [f64; 3] = std::array::from_fn(|i| f64::sin(f64::from(n + 1) * [1.3, 2.9, 4.7][i]));
                 [0.01 + 0.01 * wave[0], 0.01 * wave[1], 0.01 * wave[2]].map(|x| x as f32)
@@ -616,7 +614,7 @@ mod tests {
             (0..4000)
                 .map(|n| {
                     let place = grid.lattice.locate(at(n));
-                    norm(table.force(Baseline, grid.lattice.strides(), place.slot, place.t).map(f64::from))
+                    norm(table.cubic_force(&grid.lattice, &place).map(f64::from))
                 })
                 .fold(0.0, f64::max)
         };
@@ -634,7 +632,8 @@ mod tests {
         let (folded, plain) = (runaway(1.0, &fold), runaway(1.0, &[]));
         for p in [[1, 0, 0], [2, 0, 0], [1, 1, 1]] {
             // W_xx, W_yy and W_zz.
-            let slopes = |node: palpate_core::hermite::Node| [node[2][0][0], node[0][2][0], node[0][0][2]];
+            let slopes =
+                |node: palpate_core::method::hermite::Node| [node[2][0][0], node[0][2][0], node[0][0][2]];
             assert_eq!(slopes(node(&folded, p)), slopes(node(&plain, p)), "{p:?}");
         }
     }

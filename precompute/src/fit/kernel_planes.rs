@@ -1,7 +1,7 @@
-//! A kernel fit as the core evaluates it ([`palpate_core::kernel`]): a cubic polynomial at every configuration, and how far it speaks.
+//! A kernel fit as the core evaluates it ([`palpate_core::method::kernel`]): a cubic polynomial at every configuration, and how far it speaks.
 
-use palpate_core::kernel::{
-    Block, FARTHEST, KernelTable, LANES, MOST_CENTRES, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS,
+use palpate_core::method::kernel::{
+    self, Block, KernelTable, LANES, MAX_CENTRES, MAX_DISTANCE, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS,
 };
 
 use super::KernelFit;
@@ -29,12 +29,12 @@ pub struct KernelPlanes {
 
 impl KernelPlanes {
     /// The planes of a fit that knows something where `knows` says so, in a ball of `radius_m`. `None` where the core would not hold them:
-    /// more than [`MOST_CENTRES`] configurations, one farther than [`FARTHEST`] lengths, or a fit over another.
+    /// more than [`MAX_CENTRES`] configurations, one farther than [`MAX_DISTANCE`] lengths, or a fit over another.
     pub fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
-        let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > FARTHEST * FARTHEST;
+        let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
         if fit.under().is_some()
             || fit.is_empty()
-            || fit.len() > MOST_CENTRES
+            || fit.len() > MAX_CENTRES
             || fit.centres().any(|(x, _)| far(x))
         {
             return None;
@@ -50,9 +50,12 @@ impl KernelPlanes {
             }
         }
         let planes = Self { scalars, blocks, reach: reach(radius_m, knows) };
-        KernelTable::new(radius_m as f32, &planes.scalars, &planes.blocks, &planes.reach)
-            .is_ok()
-            .then_some(planes)
+        KernelTable::new(radius_m as f32, planes.view()).is_ok().then_some(planes)
+    }
+
+    /// The planes as the core checks and evaluates them.
+    pub fn view(&self) -> kernel::KernelPlanes<'_> {
+        kernel::KernelPlanes { scalars: &self.scalars, blocks: &self.blocks, reach: &self.reach }
     }
 }
 
@@ -113,7 +116,7 @@ mod tests {
     }
 
     fn table(planes: &KernelPlanes) -> KernelTable<'_> {
-        KernelTable::new(RADIUS_M as f32, &planes.scalars, &planes.blocks, &planes.reach).expect("checked")
+        KernelTable::new(RADIUS_M as f32, planes.view()).expect("checked")
     }
 
     fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -251,9 +254,8 @@ mod tests {
             let length = (x * x + y * y + z * z).sqrt();
             let exact =
                 ((x / 0.04).powi(2) + (y / 0.02).powi(2) + (z / 0.03).powi(2)).sqrt().recip() * length;
-            let found = f64::from(table.reach().towards_m([x, y, z].map(|x| x as f32)));
+            let found = f64::from(table.reach_m([x, y, z].map(|x| x as f32)));
             assert!((found - exact).abs() < 0.06 * exact, "{found} {exact}");
         }
-        assert!(table.reach().least_m() < 0.02 && table.reach().least_m() > 0.019);
     }
 }

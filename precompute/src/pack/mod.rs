@@ -7,13 +7,12 @@ pub use form::{method_for, needed_method};
 
 use bytemuck::Pod;
 use palpate_core::Method;
+use palpate_core::blob::PC_SPACES;
 use palpate_core::blob::format::{
-    ALIGNMENT, CHECKSUM, CHECKSUM_LEN, DisplacementHeader, HermiteHeader, KernelHeader, MAGIC, PREFIX_LEN,
-    PlaneRef, Preamble, RbfHeader, SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
-    plane_area_start,
+    self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
+    SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
 };
-use palpate_core::profile::PC_SPACES;
-use palpate_core::rbf::LANES;
+use palpate_core::method::baseline::rbf::LANES;
 
 use crate::fit::{
     Centre, DisplacementFit, FitError, HermiteNodes, Kernel, KernelPlanes, Misfit, RbfFit, fit_rbf,
@@ -415,17 +414,8 @@ fn assemble(
         header.extend(encode(postcard::to_stdvec(kernel))?);
     }
     let version = if has_kernels { VERSION } else { VERSION_WITHOUT_KERNELS };
-    let start = plane_area_start(header.len()).ok_or(PackError::TooLarge("the header"))?;
-    let total = start + planes.bytes.len() + CHECKSUM_LEN;
-    let mut blob = Vec::with_capacity(total);
-    blob.extend_from_slice(&MAGIC);
-    blob.extend_from_slice(&version.to_le_bytes());
-    blob.extend_from_slice(&(header.len() as u32).to_le_bytes());
-    blob.extend_from_slice(&(total as u64).to_le_bytes());
-    debug_assert_eq!(blob.len(), PREFIX_LEN);
-    blob.extend_from_slice(&header);
-    blob.resize(start, 0);
-    blob.extend_from_slice(&planes.bytes);
-    blob.extend_from_slice(&CHECKSUM.checksum(&blob).to_le_bytes());
+    let mut blob = Vec::with_capacity(header.len() + planes.bytes.len() + 128);
+    format::write(version, &header, &planes.bytes, |piece| blob.extend_from_slice(piece))
+        .ok_or(PackError::TooLarge("the header"))?;
     Ok(blob)
 }

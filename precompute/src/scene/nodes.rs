@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use palpate_core::table::SPACE_NAME_LEN;
+use palpate_core::space::SPACE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{ActiveTable, FixedTable, Located, Tables};

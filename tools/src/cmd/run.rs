@@ -165,7 +165,7 @@ fn open_mouse(args: &Args, organ: &Organ<'_>) -> Result<(MouseHandle, Mouse), Fa
         return Err(Failure::input(touch::MOUSE_NEEDS_WINDOW));
     }
     let start_m = organ.spaces.first().map_or(vec3::ZERO, |space| {
-        vec3::add(space.rest_position_m, vec3::scale(space.outward_normal, MOUSE_HEIGHT_M))
+        vec3::add(space.active().rest_position_m, vec3::scale(space.active().outward_normal, MOUSE_HEIGHT_M))
     });
     Ok(mouse(start_m, MouseConfig::default()))
 }
@@ -311,7 +311,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             check_certificate(path, organ, method, Hardware::named(&args.device).is_some())?;
         }
     }
-    if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement.is_none())) {
+    if organs.iter().all(|organ| organ.spaces.iter().all(|space| space.displacement().is_none())) {
         eprintln!(
             "palpate: no displacements in the blob ([needs] visual = false): the forces are right, the picture stays at rest"
         );

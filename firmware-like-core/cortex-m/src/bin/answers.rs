@@ -1,4 +1,4 @@
-//! Reads the golden blob from flash, answers queries by every method it has, and tells the bits, the instructions and the stack.
+//! Reads the golden blob from flash, evaluates every method, and reports bits, instructions and stack.
 //!
 //! In QEMU with `-icount shift=6` an instruction takes 64 ns and SysTick counts 40 ns: instructions = ticks * 5 / 8.
 #![no_std]
@@ -48,7 +48,7 @@ impl Bench for Machine {
     }
 }
 
-/// Reached by nothing: `check-cortex-m` looks for it in what was linked.
+/// Never called: `check-cortex-m` searches the linked firmware for calls.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {

@@ -5,8 +5,8 @@
 //! encoders, buttons   -> Device::step    -> torque -> motors, every millisecond
 //! ```
 //!
-//! Link and safety rules are the core's; what is here is what every firmware brings itself: a clock, a port, and the mechanism,
-//! which in place of real motors is three simulated ones.
+//! Protocol and safety rules are those of `palpate-link`; this file has the parts of a specific firmware: a clock, a port,
+//! and the mechanism, here three simulated motors.
 #![no_std]
 #![no_main]
 
@@ -42,7 +42,7 @@ fn main() -> ! {
         let uart = Uart::new(&peripherals);
         serve(uart, Clock::new(peripherals.SYST), device);
     }
-    // Without its hardware or its profile a device does nothing.
+    // Without its hardware or a valid profile a device does nothing.
     loop {
         cortex_m::asm::wfi();
     }
@@ -56,7 +56,7 @@ fn serve(mut uart: Uart, mut clock: Clock, mut device: Device) -> ! {
     let mut next_us = 0;
     loop {
         let now_us = clock.now_us();
-        // One answer at a time: what comes meanwhile waits in the port.
+        // One answer at a time; bytes that arrive meanwhile wait in the port.
         if sent < len {
             sent += usize::from(frame.get(sent).is_none_or(|&byte| uart.write(byte)));
         } else if let Some(Ok(message)) = uart.read().and_then(|byte| reader.push(byte)) {
@@ -65,13 +65,13 @@ fn serve(mut uart: Uart, mut clock: Clock, mut device: Device) -> ! {
             sent = 0;
         }
         if now_us >= next_us {
-            // A late period is not made up for.
+            // A late period is not compensated.
             next_us = now_us + PERIOD_US;
             let homed = homing_us.is_some_and(|until_us| now_us >= until_us);
             let inputs = Inputs { encoders: motors.map(Motor::counts), buttons: 0, homed, fault: false };
             let Outputs { torque_unm, home } = device.step(now_us, &inputs);
             if home && !looking {
-                // Each search is a new one: what was found before says nothing. Looking for the end stops takes a tenth of a second.
+                // Every homing procedure takes 0.1 s, whatever the result of an earlier one.
                 homing_us = Some(now_us + 100_000);
             }
             looking = home;
@@ -82,7 +82,7 @@ fn serve(mut uart: Uart, mut clock: Clock, mut device: Device) -> ! {
     }
 }
 
-/// Time since the start, from a 24-bit counter that must be looked at more often than it comes round (every .67 s).
+/// Time since the start, from a 24-bit counter that must be read at least once per period of 0.67 s.
 struct Clock {
     last: u32,
     cycles: u64,
@@ -108,7 +108,7 @@ impl Clock {
     }
 }
 
-/// A motor with a rotor that turns heavily, and its encoder.
+/// A motor with a damped rotor, and its encoder.
 #[derive(Clone, Copy)]
 struct Motor {
     turns: f32,
@@ -118,7 +118,7 @@ struct Motor {
 impl Motor {
     const AT_REST: Self = Self { turns: 0.0, turns_per_s: 0.0 };
 
-    /// A millisecond: 1e-4 kg m^2 and 1e-3 N m s/rad.
+    /// One millisecond; inertia 1e-4 kg m^2, damping 1e-3 N m s/rad.
     fn turn(&mut self, torque_unm: i32) {
         let radians_per_s = 6.283_185_5 * self.turns_per_s;
         let torque_nm = torque_unm as f32 * 1e-6 - 1e-3 * radians_per_s;
@@ -131,7 +131,7 @@ impl Motor {
     }
 }
 
-/// Reached by nothing: `check-cortex-m` looks for it in what was linked.
+/// Never called: `check-cortex-m` searches the linked firmware for calls.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {}

@@ -15,7 +15,7 @@ mod timeout_ftdi;
 mod wait_for_reply;
 
 use line::Line;
-use palpate_core::Organ;
+use palpate_core::{Aligned, Organ};
 use palpate_hil::bench::{BenchCommand, BenchFault};
 use palpate_hil::contract::CHECKS;
 use palpate_host::device::falcon::usb::UsbError;
@@ -25,10 +25,6 @@ use std::ops::RangeInclusive;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
-
-/// A blob must be aligned to 8 bytes; its planes are at multiples of 64.
-#[repr(C, align(64))]
-struct Aligned<T: ?Sized>(T);
 
 static ORGAN: &Aligned<[u8]> =
     &Aligned(*include_bytes!("../../../../firmware-like-core/golden/organ-514.blob"));

@@ -30,7 +30,7 @@ use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, Emerg
 use capstan::Counter;
 use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
-use palpate_core::{Sample, Vec3, limit, vec3};
+use palpate_core::{Sample, Vec3, clamp_force, vec3};
 use palpate_link::message::{ENABLED, HOMED, HOMING, REFUSED};
 use palpate_link::{DeviceFault, DeviceInfo as LinkInfo, DeviceMessage, FrameReader, HostMessage, VERSION};
 use requests::{REPLY_TIMEOUT_US, Requests};
@@ -342,7 +342,7 @@ impl Link {
         };
         // Clamp the vector. A value that is not finite gives zero.
         let device_n = self.config.workspace.to_device_n(hand_force_n);
-        let (device_n, _) = limit::clamp_force(device_n, self.config.max_force_n);
+        let (device_n, _) = clamp_force(device_n, self.config.max_force_n);
         self.send_request(now_us, device_n)?;
         match (received.sample, self.latched) {
             (Some(sample), _) => Ok(Some(sample)),

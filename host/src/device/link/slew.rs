@@ -5,7 +5,7 @@
 //! a timely reply the device is assumed to hold zero, and the force slews from zero at the loop's slew rate.
 //! This is not a fault, so nothing is latched.
 
-use palpate_core::{Vec3, limit};
+use palpate_core::{Vec3, clamp_force};
 
 /// The loop's slew limit, N/us.
 const SLEW_N_PER_US: f32 = 1e-3;
@@ -36,7 +36,7 @@ impl SlewLimiter {
         }
         let since_us = now_us.saturating_sub(self.limited_us).min(MAX_INTERVAL_US);
         (self.allowed_n, self.limited_us) = (self.allowed_n + SLEW_N_PER_US * since_us as f32, now_us);
-        limit::clamp_force(force_n, self.allowed_n).0
+        clamp_force(force_n, self.allowed_n).0
     }
 }
 

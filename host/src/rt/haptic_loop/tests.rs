@@ -77,15 +77,15 @@ impl<'h> Bench<'h> {
         each: impl FnMut(u64) -> Result<bool, DeviceError> + Send,
     ) -> Run {
         let blob = synthetic::organ(&Shape::default());
-        let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+        let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
         let controller = Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
         let (records, mut drained) = rtrb::RingBuffer::new(self.queue);
         let (latest, _) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
         let forces = Forces::default();
         let device = Probe {
             forces: &forces,
-            rest_m: organ.spaces[0].rest_position_m,
-            normal: organ.spaces[0].outward_normal,
+            rest_m: organ.spaces[0].active().rest_position_m,
+            normal: organ.spaces[0].active().outward_normal,
             self_arming: self.self_arming,
             each,
             calls: 0,
@@ -316,7 +316,7 @@ fn a_lost_device_ends_the_loop_at_once() {
 #[test]
 fn the_newest_record_reaches_the_viewer() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller = Controller::new(&organ, Config::new(Method::Hybrid)).expect("has the method");
     let (records, _drained) = rtrb::RingBuffer::new(8);
     let (latest, mut seen) = triple_buffer::triple_buffer(&TickRecord::EMPTY);
@@ -376,7 +376,7 @@ impl Device for Latching<'_> {
 #[test]
 fn a_device_zeroed_by_another_path_is_reset_by_the_user_or_while_disarmed() {
     let blob = synthetic::organ(&Shape::default());
-    let organ: Organ<'_> = Organ::read(bytemuck::cast_slice(&blob)).expect("a valid blob");
+    let organ: Organ<'_> = Organ::read(&blob).expect("a valid blob");
     let controller: Controller<'_, '_> =
         Controller::new(&organ, Config::new(Method::Tricubic)).expect("has the method");
     let (records, mut drained) = rtrb::RingBuffer::new(100);

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use hdrhistogram::Histogram;
-use palpate_core::{Config, Method, Organ, Sample, Space, Surface, Vec3, vec3};
+use palpate_core::{ActiveNode, Config, Method, Organ, Sample, Surface, Vec3, vec3};
 use palpate_host::device::{Device, DeviceError, DeviceInfo};
 use palpate_host::model::{self, TouchMemory};
 use palpate_host::rt::{Clock, Controls, HapticLoop, LoopConfig, Outputs, TickRecord, VirtualClock};
@@ -283,11 +283,12 @@ impl Ball {
         };
         for (vertex, tables) in tables.iter().enumerate().take(self.active) {
             let rest_position_m = [x[vertex], y[vertex], z[vertex]];
-            let space = Space {
+            let mut space = tables.space();
+            *space.active_mut() = ActiveNode {
                 node: vertex as u32,
                 rest_position_m,
                 outward_normal: vec3::normalize_or_zero(rest_position_m),
-                ..tables.space()
+                ..ActiveNode::default()
             };
             organ.spaces.push(space).expect("at most 256 were asked for");
         }

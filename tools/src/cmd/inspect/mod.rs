@@ -196,21 +196,21 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     let mut spaces = Vec::new();
     for space in &organ.spaces {
         let methods: Vec<&str> = Method::ALL.iter().filter(|m| space.has(**m)).map(|m| m.name()).collect();
-        let solved = space.flags.iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
+        let solved = space.flags().iter().filter(|f| **f & palpate_core::flags::SOLVED != 0).count();
         text.push_str(&format!(
             "\n{} (node {})\n  {} slots, {solved} solved, r_G {} m, spacing {} m\n  {}{}\n",
-            space.name,
-            space.node,
-            space.lattice.slots(),
-            space.lattice.radius_m(),
-            space.lattice.spacing_m(),
+            space.active().name,
+            space.active().node,
+            space.lattice().slots(),
+            space.lattice().radius_m(),
+            space.lattice().spacing_m(),
             methods.join(", "),
-            if space.displacement.is_some() { ", displacements" } else { "" }
+            if space.displacement().is_some() { ", displacements" } else { "" }
         ));
         spaces.push(json!({
-            "name": space.name.as_str(), "node": space.node, "slots": space.lattice.slots(), "solved": solved,
-            "radius_m": space.lattice.radius_m(), "spacing_m": space.lattice.spacing_m(), "methods": methods,
-            "displacements": space.displacement.is_some(),
+            "name": space.active().name.as_str(), "node": space.active().node, "slots": space.lattice().slots(), "solved": solved,
+            "radius_m": space.lattice().radius_m(), "spacing_m": space.lattice().spacing_m(), "methods": methods,
+            "displacements": space.displacement().is_some(),
         }));
     }
     let sliding = sliding(&organ);

@@ -116,7 +116,7 @@ impl Predicted<'_> {
         let certificate = certificate::of(path, &organ)?;
         let Some(space) = organ.spaces.first() else { return Ok(()) };
         let methods: Vec<Method> = Method::ALL.into_iter().filter(|&method| space.has(method)).collect();
-        let visual = space.displacement.is_some();
+        let visual = space.displacement().is_some();
         let mut predicted =
             other_bytes(self.skin, nodes.len(), certificate.is_some().then_some(methods.len())) as f64;
         for (active, _) in nodes {

@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 
 use palpate_core::blob::format::ALIGNMENT;
-use palpate_core::hermite::{HermiteTable, Node};
-use palpate_core::rbf::{LANES, RbfTable};
-use palpate_core::table::{LatticeTable, Space};
-use palpate_core::{BallLattice, Method};
+use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
+use palpate_core::method::hermite::{HermitePlanes, Node};
+use palpate_core::{ActiveNode, BallLattice, Method, Space, SpacePlanes};
 use palpate_precompute::certificate::nanoseconds;
 use palpate_precompute::fit::{
     Centre, Derivatives, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes,
@@ -86,7 +85,7 @@ impl Tables {
         places: &[Place],
         tolerance: &Tolerance,
     ) -> Option<f64> {
-        let space = self.space();
+        let space = self.space()?;
         let mut within = 0;
         for &Place { at, exact } in places {
             let found = space.force(method, at.map(|x| x as f32))?.force_n;
@@ -96,27 +95,23 @@ impl Tables {
         Some(within as f64 / places.len().max(1) as f64)
     }
 
-    fn space(&self) -> Space<'_> {
-        let rbf_cubic = self.rbf.as_ref().map(|[centres, weights]| (three(centres), three(weights)));
-        Space {
-            name: heapless::String::new(),
-            node: 0,
-            rest_position_m: [0.0; 3],
-            outward_normal: [0.0, 0.0, 1.0],
-            lattice: self.lattice,
+    /// As the tick sees them; `None` if a table is not finite.
+    fn space(&self) -> Option<Space<'_>> {
+        let HermiteNodes { row, nodes } = &self.hermite;
+        let rbf = self.rbf.as_ref().map(|planes| planes.each_ref().map(|planes| three(planes)));
+        let planes = SpacePlanes {
             flags: &self.values.flags,
-            lattice_table: LatticeTable::new(&self.lattice, &self.values.force_n).ok(),
-            rbf_linear: None,
-            rbf_cubic: rbf_cubic.and_then(|(centres, weights)| RbfTable::new(centres, weights).ok()),
-            hermite: HermiteTable::new(self.lattice.slots(), &self.hermite.row, &self.hermite.nodes).ok(),
-            kernel: None,
-            displacement: None,
-        }
+            force_n: Some(&self.values.force_n),
+            rbf_cubic: rbf.map(|[centres, weights]| RbfPlanes { centres, weights }),
+            hermite: (!row.is_empty()).then_some(HermitePlanes { row, nodes }),
+            ..SpacePlanes::default()
+        };
+        Space::new(ActiveNode::default(), self.lattice, planes, 0).ok()
     }
 
     /// Error against the surrogate at `places`; `None` if the method has no table.
     pub(super) fn error(&self, method: Method, places: &[Place], tolerance: &Tolerance) -> Option<Error> {
-        let space = self.space();
+        let space = self.space()?;
         if !space.has(method) {
             return None;
         }
@@ -135,7 +130,7 @@ impl Tables {
     /// another, longer answer is given.
     pub(super) fn nanoseconds(&self, method: Method, places: &[Place]) -> f64 {
         let places: Vec<[f32; 3]> = places.iter().map(|place| place.at.map(|x| 0.99 * x as f32)).collect();
-        nanoseconds(&self.space(), method, &places)
+        self.space().map_or(f64::NAN, |space| nanoseconds(&space, method, &places))
     }
 }
 

@@ -77,7 +77,7 @@ pub(super) fn measured(
         let file = BlobFile::of(&packed.bytes()?);
         let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
         // Tables are filled up to whole registers with centres of no weight.
-        let centres = organ.spaces[0].rbf_cubic.as_ref().map_or(0, |table| table.padded_len());
+        let centres = organ.spaces[0].planes().rbf_cubic.map_or(0, |planes| planes.centres[0].len());
         for (method, figures) in methods.iter().zip(&certificate.spaces[0].methods) {
             let clear = figures.uniform;
             forces.push(PartsRow {

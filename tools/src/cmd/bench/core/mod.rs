@@ -91,9 +91,10 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.blob {
         let file = blob::load(path)?;
         let organ = blob::organ(path, &file)?;
-        let named = |space: &&Space<'_>| args.active.as_ref().is_none_or(|name| space.name == name.as_str());
+        let named =
+            |space: &&Space<'_>| args.active.as_ref().is_none_or(|name| space.active().name == name.as_str());
         let space = organ.spaces.iter().find(named).ok_or_else(|| {
-            let names: Vec<&str> = organ.spaces.iter().map(|space| space.name.as_str()).collect();
+            let names: Vec<&str> = organ.spaces.iter().map(|space| space.active().name.as_str()).collect();
             Failure::input(format!("no such active node in the blob; it has {}", names.join(", ")))
         })?;
         figures.rows = measure(space, true, figures.rounds);
@@ -109,8 +110,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Everything on one space. `fitted` says whether the RBF weights are such that they cancel as real ones do.
 fn measure(space: &Space<'_>, fitted: bool, rounds: usize) -> Vec<Row> {
-    let grid = space.flags.iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
-    let queries = timing::queries(space.lattice.radius_m());
+    let grid = space.flags().iter().filter(|bits| **bits & flags::SOLVED != 0).count() - 1;
+    let queries = timing::queries(space.lattice().radius_m());
     let methods = || Method::ALL.into_iter().filter(|method| space.has(*method));
     #[cfg(feature = "peers")]
     let peers = peers::Peers::of(space, grid);
@@ -156,17 +157,21 @@ fn largest_difference(space: &Space<'_>, run: &mut Run<'_>, queries: &[Vec3]) ->
 }
 
 /// Bytes of the tables that a method reads.
-fn bytes(space: &Space<'_>, method: Method) -> usize {
-    let slots = space.lattice.slots();
+pub(super) fn bytes(space: &Space<'_>, method: Method) -> usize {
+    let slots = space.lattice().slots();
+    let planes = space.planes();
     let force = slots * size_of::<Vec3>();
+    let hermite = planes.hermite.map_or(0, |nodes| size_of_val(nodes.row) + size_of_val(nodes.nodes));
     match method {
         Method::Trilinear | Method::Tricubic => force,
         Method::Hybrid => force + slots,
-        Method::RbfLinear => space.rbf_linear.as_ref().map_or(0, |table| 6 * 4 * table.padded_len()),
-        Method::RbfCubic => space.rbf_cubic.as_ref().map_or(0, |table| 6 * 8 * table.padded_len()),
-        Method::Hermite => space.hermite.as_ref().map_or(0, |table| table.bytes()),
-        Method::Energy => space.hermite.as_ref().map_or(0, |table| table.bytes() + slots),
-        Method::Kernel => space.kernel.as_ref().map_or(0, |table| table.bytes()),
+        Method::RbfLinear => planes.rbf_linear.map_or(0, |rbf| 6 * 4 * rbf.centres[0].len()),
+        Method::RbfCubic => planes.rbf_cubic.map_or(0, |rbf| 6 * 8 * rbf.centres[0].len()),
+        Method::Hermite => hermite,
+        Method::Energy => hermite + slots,
+        Method::Kernel => planes.kernel.map_or(0, |kernel| {
+            size_of_val(kernel.scalars) + size_of_val(kernel.blocks) + size_of_val(kernel.reach)
+        }),
     }
 }
 

@@ -26,13 +26,13 @@ pub(super) struct Peers {
 
 impl Peers {
     pub(super) fn of(space: &Space<'_>, grid: usize) -> Self {
-        let lattice = &space.lattice;
-        let force_n = space.lattice_table.as_ref().map(|table| table.force_n());
+        let lattice = space.lattice();
+        let force_n = space.planes().force_n;
         let mut scattered = Vec::new();
         if let (Some(force_n), true) = (force_n, grid <= MOST_CENTRES) {
             eprintln!("palpate: rbf-interp fits");
             for (method, exponent) in [(Method::RbfLinear, 1), (Method::RbfCubic, 3)] {
-                let solved = || (0..lattice.slots()).filter(|&slot| space.flags[slot] & flags::SOLVED != 0);
+                let solved = || (0..lattice.slots()).filter(|&slot| space.flags()[slot] & flags::SOLVED != 0);
                 let vector = |values: [f64; 3]| DVector::from_column_slice(&values);
                 // In cells, as ours: metres would make r^3 vanish beside its tolerance.
                 let centres: Vec<_> = solved().map(|slot| vector(lattice.ijk(slot).map(f64::from))).collect();

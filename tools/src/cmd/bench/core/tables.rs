@@ -1,9 +1,8 @@
 //! Tables of a made-up smooth energy, by the fits that make those of a real one.
 
-use palpate_core::flags;
-use palpate_core::hermite::HermiteTable;
-use palpate_core::rbf::{LANES, RbfTable};
-use palpate_core::table::{LatticeTable, Space};
+use palpate_core::method::baseline::rbf::{LANES, RbfPlanes};
+use palpate_core::method::hermite::HermitePlanes;
+use palpate_core::{ActiveNode, Space, SpacePlanes};
 use palpate_precompute::fit::{
     Centre, HermiteNodes, Kernel, LatticeValues, RbfFit, Sample, fit_rbf, hermite_nodes, lattice_values,
 };
@@ -65,23 +64,16 @@ impl Tables {
 
     /// As the tick sees them.
     pub(in crate::cmd::bench) fn space(&self) -> Space<'_> {
-        let lattice = self.grid.lattice;
-        let HermiteNodes { row, nodes } = &self.hermite;
-        debug_assert!(flags::first_inconsistent(&lattice, &self.values.flags).is_none());
-        Space {
-            name: heapless::String::new(),
-            node: 0,
-            rest_position_m: [0.0; 3],
-            outward_normal: [0.0, 0.0, 1.0],
-            lattice,
+        let planes = SpacePlanes {
             flags: &self.values.flags,
-            lattice_table: LatticeTable::new(&lattice, &self.values.force_n).ok(),
-            rbf_linear: RbfTable::new(three(&self.linear[0]), three(&self.linear[1])).ok(),
-            rbf_cubic: RbfTable::new(three(&self.cubic[0]), three(&self.cubic[1])).ok(),
-            hermite: HermiteTable::new(lattice.slots(), row, nodes).ok(),
-            kernel: None,
-            displacement: None,
-        }
+            force_n: Some(&self.values.force_n),
+            rbf_linear: Some(RbfPlanes { centres: three(&self.linear[0]), weights: three(&self.linear[1]) }),
+            rbf_cubic: Some(RbfPlanes { centres: three(&self.cubic[0]), weights: three(&self.cubic[1]) }),
+            hermite: Some(HermitePlanes { row: &self.hermite.row, nodes: &self.hermite.nodes }),
+            ..SpacePlanes::default()
+        };
+        Space::new(ActiveNode::default(), self.grid.lattice, planes, 0)
+            .expect("a smooth field has finite tables")
     }
 }
 

@@ -3,9 +3,9 @@
 //! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients a cell, rows along c filled up to eight, 1,152 bytes. The very
 //! polynomial that the core makes of the eight nodes in its tick.
 
-use palpate_core::grid::BallLattice;
+use palpate_core::grid::CORNERS;
 use palpate_core::lanes::{Baseline, Machine};
-use palpate_core::{Space, Vec3};
+use palpate_core::{BallLattice, Space, Vec3};
 
 /// `[a][b][c]`.
 type Cell = [[[f32; 8]; 6]; 6];
@@ -32,7 +32,7 @@ pub(super) struct CellTable {
 impl CellTable {
     /// Of the nodes of a space; `None` where it has none.
     pub(super) fn of(space: &Space<'_>) -> Option<Self> {
-        let (lattice, table) = (space.lattice, space.hermite.as_ref()?);
+        let (lattice, planes) = (*space.lattice(), space.planes().hermite?);
         let (mut row, mut cells) = (vec![0; lattice.slots()], vec![[[[0.0; 8]; 6]; 6]]);
         let in_cells = lattice.radius_m() / lattice.spacing_m();
         for (slot, row) in row.iter_mut().enumerate() {
@@ -45,9 +45,9 @@ impl CellTable {
             }
             *row = cells.len() as u32;
             let mut sum = [[[0.0; 6]; 6]; 6];
-            for end in (0..8).map(|code: i32| [code >> 2, code >> 1 & 1, code & 1]) {
+            for end in CORNERS {
                 let corner = std::array::from_fn(|axis| low[axis] + end[axis]);
-                let node = table.node(lattice.slot(corner)?)?;
+                let node = planes.nodes.get(*planes.row.get(lattice.slot(corner)?)? as usize)?;
                 for (i, j, k) in (0..27).map(|code: usize| (code / 9, code / 3 % 3, code % 3)) {
                     let of = |axis: usize, order: usize| &QUINTIC[3 * end[axis] as usize + order];
                     for (a, x) in of(0, i).iter().enumerate() {

@@ -88,8 +88,10 @@ pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Res
     let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
     let mut rows = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let space =
-            organ.spaces.iter().find(|space| space.name == name.as_str() && space.has(Method::Kernel));
+        let space = organ
+            .spaces
+            .iter()
+            .find(|space| space.active().name == name.as_str() && space.has(Method::Kernel));
         let plan = planned(store, active)?;
         let search = plan.as_ref().and_then(|plan| plan.search());
         let (Some(space), Some(search)) = (space, search) else { continue };
@@ -106,7 +108,7 @@ pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Res
 }
 
 fn within<'s>(space: &'s Space<'_>) -> impl Fn(&Vec3) -> bool + 's {
-    |at| space.lattice.locate(*at).inside
+    |at| space.lattice().locate(*at).inside
 }
 
 fn of_space(
@@ -125,9 +127,10 @@ fn of_space(
         |at: &Vec3| cells.force_n(at),
     )];
     for (form, method) in [("node", Method::Energy), ("kernel", Method::Kernel)] {
+        // The cell table has no flags either.
         let bytes = match method {
-            Method::Kernel => space.kernel.as_ref().map_or(0, |table| table.bytes()),
-            _ => space.hermite.as_ref().map_or(0, |table| table.bytes()),
+            Method::Kernel => super::core::bytes(space, Method::Kernel),
+            _ => super::core::bytes(space, Method::Hermite),
         };
         for interpolator in
             Instructions::ALL.into_iter().filter_map(|i| Interpolator::with_instructions(i, method))

@@ -1,0 +1,269 @@
+//! One tick of the haptic loop: (config, &mut state, now, sample) -> command.
+//!
+//! Time is an argument; nothing is allocated or locked, every loop is bounded, and for any input the command is finite and
+//! its force within the limit. A fault is latched: the force is zero at once, regardless of the slew limit, until
+//! [`State::reset`] and [`State::arm`]. A force of zero is always safe; a wrong force is not.
+
+mod config;
+mod state;
+
+pub use config::{Config, ControllerError};
+pub use state::{Command, Fault, Phase, Sample, State};
+
+use crate::blob::{Organ, PC_SPACES};
+use crate::guard::limit::{self, Freshness, StaleWatch};
+use crate::guard::passivity::Verdict;
+use crate::guard::speed::SpeedWindow;
+use crate::guard::stiffness;
+use crate::method::{Coverage, ForceSample};
+use crate::num::vec3::{self, Vec3};
+use crate::space::Space;
+use crate::touch::contact::{Contact, ContactKind, Engaged};
+use crate::touch::{Share, TouchSurface};
+
+/// Largest time that one tick counts for in the slew limit: a late tick must not permit a large step.
+const MAX_SLEW_TIME_US: u64 = 2_000;
+
+/// An organ with the configuration to render it.
+#[derive(Debug, Clone, Copy)]
+pub struct Controller<'o, 'a, const N: usize = PC_SPACES> {
+    organ: &'o Organ<'a, N>,
+    surface: Option<TouchSurface<'o>>,
+    config: Config,
+    stiffest_n_m: f32,
+    force_share: f32,
+}
+
+impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
+    /// Checks the configuration and finds the largest stiffness of the organ.
+    ///
+    /// Contact is with the planes of the active nodes until [`Controller::on_surface`] is called.
+    ///
+    /// Errors: [`ControllerError`] if a number is out of range, or if a space lacks the planes of the method.
+    pub fn new(organ: &'o Organ<'a, N>, config: Config) -> Result<Self, ControllerError> {
+        config.check()?;
+        let Config { method, limits, .. } = config;
+        if let Some((space, _)) = (0..u16::MAX).zip(&organ.spaces).find(|(_, space)| !space.has(method)) {
+            return Err(ControllerError::MissingMethod { method, space });
+        }
+        let is_limited = limits.max_stiffness_n_m.is_finite();
+        let spaces = if is_limited { organ.spaces.as_slice() } else { &[] };
+        let (stiffest_n_m, force_share) =
+            stiffness::share(spaces, method, limits.max_stiffness_n_m, limits.max_force_n);
+        Ok(Self { organ, surface: None, config, stiffest_n_m, force_share })
+    }
+
+    /// Uses the surface of the organ for contact instead of the planes of its nodes.
+    #[must_use]
+    pub const fn on_surface(self, surface: Option<TouchSurface<'o>>) -> Self {
+        Self { surface, ..self }
+    }
+
+    /// Largest stiffness of the organ, newtons per metre of the model; 0 if the configuration sets no limit.
+    pub const fn stiffest_n_m(&self) -> f32 {
+        self.stiffest_n_m
+    }
+
+    /// The factor of all forces for the hand that keeps the stiffness within the limit: 1 if it is within already.
+    pub const fn force_share(&self) -> f32 {
+        self.force_share
+    }
+
+    /// The organ.
+    pub const fn organ(&self) -> &'o Organ<'a, N> {
+        self.organ
+    }
+
+    /// The configuration.
+    pub const fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// One tick: the force to send to the hand now.
+    ///
+    /// `sample` is the newest reading, or `None` if there is none since the last tick. `now_us` must not decrease.
+    pub fn tick(&self, state: &mut State, now_us: u64, sample: Option<&Sample>) -> Command {
+        self.tick_with(state, now_us, sample, |space, displacement_m| {
+            space.force(self.config.method, *displacement_m)
+        })
+    }
+
+    /// [`Controller::tick`] with the caller's evaluation of [`Space::force`] for the configured method, for example with the
+    /// vector instructions of this machine.
+    pub fn tick_with(
+        &self,
+        state: &mut State,
+        now_us: u64,
+        sample: Option<&Sample>,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Command {
+        let command = match state.phase {
+            Phase::Active => match self.render(state, now_us, sample, force) {
+                Ok(command) => command,
+                Err(fault) => {
+                    state.enter(Phase::SafeZero(fault));
+                    state.last
+                }
+            },
+            phase => {
+                let seen_m = sample.map(|sample| sample.position_m).filter(|&hip_m| vec3::is_finite(hip_m));
+                Command::zero(phase, seen_m.unwrap_or(state.last.hip_m))
+            }
+        };
+        state.now_us = Some(now_us);
+        state.last = command;
+        command
+    }
+
+    fn render(
+        &self,
+        state: &mut State,
+        now_us: u64,
+        sample: Option<&Sample>,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Result<Command, Fault> {
+        let limits = &self.config.limits;
+        let before_us = state.now_us.unwrap_or(now_us);
+        let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
+        // The exchange that brought this sample has sent the last force.
+        state.passivity.sent(now_us, state.last.hand_force_n);
+        let armed_us = match state.armed_us {
+            Some(armed_us) => armed_us,
+            None => {
+                state.stale = StaleWatch::new(now_us);
+                *state.armed_us.insert(now_us)
+            }
+        };
+        let fresh = match (state.stale.judge(limits, now_us, sample.map(|sample| sample.t_us)), sample) {
+            (Freshness::Fresh, Some(sample)) => sample,
+            (Freshness::Fresh | Freshness::Hold, _) => return Ok(state.last),
+            (Freshness::Zero, _) => return Ok(Command { hand_force_n: vec3::ZERO, ..state.last }),
+            (Freshness::Fault, _) => return Err(Fault::Stale),
+        };
+        self.check_motion(&mut state.speed, fresh)?;
+        let stored_j = state.contact.is_engaged().then(|| self.max_stored_j(&state.last));
+        let at = (fresh.t_us, fresh.position_m);
+        let damping_n = match state.passivity.observe(&self.config.passivity, at, stored_j) {
+            Verdict::Damp(force_n) => force_n,
+            Verdict::Active => return Err(Fault::Energy),
+        };
+
+        let model = self.reaction(&mut state.contact, fresh, force)?;
+        let share = limit::ramp(now_us.saturating_sub(armed_us), limits.ramp_s);
+        let capped_n = vec3::scale(model.reaction_n, -self.force_share);
+        let (clamped_n, clamped) = limit::clamp_force(capped_n, limits.max_force_n);
+        let wanted_n = vec3::add(vec3::scale(clamped_n, share), damping_n);
+        // A release, a lost grasp or another organ starts a transition from the last force for the hand.
+        if state.handed_over || (model.engaged.is_none() && state.last.engaged.is_some()) {
+            state.fade.begin(now_us, vec3::sub(state.last.hand_force_n, wanted_n));
+            state.handed_over = false;
+        }
+        let smooth_n = vec3::add(wanted_n, state.fade.remaining_n(now_us, limits.fade_s));
+        let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
+        let slewed_n = limit::slew(state.last.hand_force_n, smooth_n, step_n);
+        // The slew stays inside the ball except for rounding; this makes the limit exact.
+        let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
+        let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
+        Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
+    }
+
+    /// Upper bound of the energy stored in the body as the hand feels it, J in metres of the device: |h| |d|, twice the
+    /// energy of a spring, for any force that increases with the displacement.
+    fn max_stored_j(&self, last: &Command) -> f32 {
+        let felt_n = self.force_share * vec3::norm(last.reaction_n);
+        felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
+    }
+
+    /// Detects positions that a hand cannot reach.
+    fn check_motion(&self, speed: &mut SpeedWindow, sample: &Sample) -> Result<(), Fault> {
+        let limits = &self.config.limits;
+        if !vec3::is_finite(sample.position_m) {
+            return Err(Fault::NotFinite);
+        }
+        if vec3::max_abs(sample.position_m) > limits.max_position_m {
+            return Err(Fault::Workspace);
+        }
+        if speed.speed_m_s(sample.t_us, sample.position_m) > limits.max_speed_m_s {
+            return Err(Fault::Overspeed);
+        }
+        Ok(())
+    }
+
+    /// Contact and force of the model for one sample, before any limit.
+    fn reaction(
+        &self,
+        contact: &mut Contact,
+        sample: &Sample,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Result<Command, Fault> {
+        let (config, spaces) = (&self.config.contact, &self.organ.spaces);
+        let (surface, hip_m) = (self.surface.as_ref(), sample.position_m);
+        let free = Command::zero(Phase::Active, hip_m);
+        let Some(at) = contact.update(config, spaces, surface, hip_m, sample.buttons) else {
+            return Ok(free);
+        };
+        let displacement_m = vec3::sub(hip_m, at.anchor_m);
+        let answer = self.blended(&at, displacement_m, force).ok_or(Fault::Internal)?;
+        if self.is_released(&at, displacement_m, answer.force_n) {
+            contact.release(hip_m);
+            return Ok(free);
+        }
+        contact.slip(config, spaces, surface, (displacement_m, answer.force_n));
+        Ok(Command {
+            reaction_n: answer.force_n,
+            displacement_m,
+            engaged: Some(at.heaviest()),
+            shares: at.shares,
+            coverage: Some(answer.coverage),
+            ..free
+        })
+    }
+
+    /// h = sum w_i h_i(d). The coverage is that of the first space, or `Extrapolated` if that of any space is.
+    fn blended(
+        &self,
+        at: &Engaged,
+        displacement_m: Vec3,
+        force: impl Fn(&Space<'_>, &Vec3) -> Option<ForceSample>,
+    ) -> Option<ForceSample> {
+        let mut sum: Option<ForceSample> = None;
+        for share in at.shares.iter().filter(|share| share.weight > 0.0) {
+            let space = self.organ.spaces.get(usize::from(share.space))?;
+            let one = force(space, &displacement_m)?;
+            // The weight of a single space is 1, which keeps the bits.
+            let force_n = vec3::scale(one.force_n, share.weight);
+            sum = Some(match sum {
+                None => ForceSample { force_n, ..one },
+                Some(others) => ForceSample {
+                    force_n: vec3::add(others.force_n, force_n),
+                    coverage: if one.coverage == Coverage::Extrapolated {
+                        one.coverage
+                    } else {
+                        others.coverage
+                    },
+                },
+            });
+        }
+        sum
+    }
+
+    /// Whether a pushing tool would be pulled by the model, or a grasping tool exceeds the range or the force of its grasp.
+    ///
+    /// h . n is negative while the tool presses; a pushing tool cannot pull tissue.
+    fn is_released(&self, at: &Engaged, displacement_m: Vec3, reaction_n: Vec3) -> bool {
+        let Config { contact, limits, .. } = &self.config;
+        match at.kind {
+            ContactKind::Push => vec3::dot(reaction_n, at.normal) > contact.release_tension_n,
+            ContactKind::Grasp => {
+                let radius_m = |share: &Share| {
+                    let space = self.organ.spaces.get(usize::from(share.space));
+                    space.map_or(0.0, |space| space.lattice().radius_m())
+                };
+                let held = at.shares.iter().filter(|share| share.weight > 0.0);
+                let reach_m = contact.grasp_slip * held.map(radius_m).fold(f32::INFINITY, f32::min);
+                let strength_n = contact.grasp_slip * limits.max_force_n;
+                vec3::norm(displacement_m) > reach_m || vec3::norm(reaction_n) * self.force_share > strength_n
+            }
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! What stands between the force of the model and the hand, and what detects that it must be zero.
+
+pub(crate) mod fade;
+pub(crate) mod limit;
+pub(crate) mod passivity;
+pub(crate) mod speed;
+pub mod stiffness;
+mod velocity;
+
+pub use limit::{LimitConfig, clamp_force};
+pub use passivity::PassivityConfig;

@@ -1,0 +1,148 @@
+//! The stiffness that a device can render, and the factor that keeps an organ below it.
+//!
+//! A sampled device cannot render any stiffness. With the damping b of the device, virtual damping B and sampling period T
+//! it is passive for
+//!
+//! K < 2 (b - |B|) / T                     (Colgate and Schenkel 1997)
+//!
+//! and, more weakly, stable with a loop delay d for K < (b + B) / (T / 2 + d). K is the stiffness at the hand: a workspace
+//! that shows the model s times as large makes it s times as stiff.
+//!
+//! The forces of a stiffer organ are multiplied by one factor below 1, the same for all its spaces. So nothing jumps from
+//! space to space, a conservative force remains conservative, and the organ feels softer as a whole; the caller is told.
+
+use crate::grid::flags::{SMOOTH, SOLVED};
+use crate::method::Method;
+use crate::num::math;
+use crate::num::vec3::{Vec3, ZERO, dot, norm};
+use crate::space::Space;
+
+/// Largest stiffness at which a device is passive, N/m: 2 (b - |B|) / T; negative where |B| exceeds b.
+///
+/// Units: damping in N s/m, period in seconds.
+pub fn passive_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32) -> f32 {
+    2.0 * (damping_ns_m - virtual_damping_ns_m.abs()) / cycle_s
+}
+
+/// Largest stiffness at which a device with a delay is stable, N/m: (b + B) / (T / 2 + d).
+///
+/// Units: damping in N s/m, period and delay in seconds.
+pub fn stable_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32, delay_s: f32) -> f32 {
+    (damping_ns_m + virtual_damping_ns_m) / (0.5 * cycle_s + delay_s)
+}
+
+/// Largest number of bands of force examined; each is stiffer than the one before, or the last.
+const MAX_BANDS: usize = 16;
+
+/// Largest number of grid points at which radial basis functions are evaluated: each costs a pass over all centres.
+const RADIAL_POINTS: usize = 2_000;
+
+/// Largest stiffness of a space by a method, N/m: the largest singular value of dh/dd over the solved grid points away
+/// from folds with `above_n` < |h| <= `to_n`. 0 if there is none, or if the planes of the method are absent.
+///
+/// At a fold the force jumps: a stiffness does not describe that, and the slew limit applies. For start-up, not for the
+/// tick.
+fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) -> f32 {
+    let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
+    let (lattice, flags) = (space.lattice(), space.flags());
+    let stride = if radial { flags.len().div_ceil(RADIAL_POINTS).max(1) } else { 1 };
+    let counts = |bits: u8| bits & (SOLVED | SMOOTH) == SOLVED | SMOOTH;
+    let points = flags.iter().enumerate().filter(|(_, bits)| counts(**bits)).step_by(stride);
+    let stiffness = |(slot, _): (usize, &u8)| {
+        let displacement_m = lattice.displacement_m(lattice.ijk(slot));
+        let within = |h: Vec3| (above_n..=to_n).contains(&norm(h)) && norm(h) != above_n;
+        // The force first: it costs a fraction of its derivatives.
+        let force_n = space.force(method, displacement_m).map_or(ZERO, |answer| answer.force_n);
+        let found = if within(force_n) { space.estimate(method, displacement_m) } else { None };
+        found.map_or(0.0, |found| largest_singular_value(&found.stiffness_n_m))
+    };
+    points.map(stiffness).fold(0.0, f32::max)
+}
+
+/// Largest stiffness that a hand reaches, N/m, and the factor of all forces that keeps it at `cap_n_m` for the hand.
+///
+/// With a smaller factor the hand gets deeper before the largest force stops it, to |h| = limit / factor, where tissue is
+/// stiffer. So the additional band of forces is examined too, until none is added.
+pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n: f32) -> (f32, f32) {
+    let (mut stiffest_n_m, mut share) = (0.0_f32, 1.0_f32);
+    let mut band_n = (-1.0_f32, limit_n);
+    for _ in 0..MAX_BANDS {
+        let within = |space| self::stiffest_n_m(space, method, band_n);
+        stiffest_n_m = spaces.iter().map(within).fold(stiffest_n_m, f32::max);
+        // An infinite stiffness gives the factor 0.
+        share = if stiffest_n_m > cap_n_m { cap_n_m / stiffest_n_m } else { 1.0 };
+        let reached_n = if share > 0.0 { limit_n / share } else { f32::INFINITY };
+        if reached_n <= band_n.1 {
+            break;
+        }
+        band_n = (band_n.1, reached_n);
+    }
+    (stiffest_n_m, share)
+}
+
+/// Upper bound of the largest singular value of a matrix, given by its rows, tight to 1 %.
+///
+/// sigma^2 <= trace(M^128)^(1/128),   M = A^T A. Seven squarings need neither an iteration limit nor trigonometry.
+pub fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
+    let column = |j: usize| a.map(|row| row.get(j).copied().unwrap_or(0.0));
+    let columns = [column(0), column(1), column(2)];
+    let scale = a.as_flattened().iter().fold(0.0_f32, |most, x| most.max(x.abs()));
+    if scale <= 0.0 || !scale.is_finite() {
+        return scale;
+    }
+    let unit = columns.map(|column| column.map(|x| x / scale));
+    let mut m = product(&unit, &unit);
+    // The factor taken out so far, as a product of roots of traces.
+    let mut found = 1.0_f32;
+    for squaring in 0..8 {
+        let trace = trace(&m);
+        let mut root = trace;
+        for _ in 0..squaring {
+            root = math::sqrt(root);
+        }
+        found *= root;
+        let shrunk = m.map(|row| row.map(|x| x / trace));
+        m = product(&shrunk, &shrunk);
+    }
+    scale * math::sqrt(found)
+}
+
+/// a b^T from the rows of both; equal to a b for a symmetric b.
+fn product(a: &[Vec3; 3], b: &[Vec3; 3]) -> [Vec3; 3] {
+    a.map(|row| b.map(|other| dot(row, other)))
+}
+
+fn trace(m: &[Vec3; 3]) -> f32 {
+    let [[xx, ..], [_, yy, _], [.., zz]] = *m;
+    xx + yy + zz
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn singular_values_are_bounded_from_above() {
+        let diagonal = [[3.0, 0.0, 0.0], [0.0, -250.0, 0.0], [0.0, 0.0, 40.0]];
+        let rank_one = [[2.0, 4.0, 4.0], [1.0, 2.0, 2.0], [2.0, 4.0, 4.0]];
+        let shear = [[0.0, 700.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        let same = [[1e-3, 0.0, 0.0], [0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]];
+        for (a, want) in
+            [(diagonal, 250.0), (rank_one, 9.0), (shear, 700.0), (same, 1e-3), ([[0.0; 3]; 3], 0.0)]
+        {
+            let found = largest_singular_value(&a);
+            assert!(found >= want * (1.0 - 1e-5) && found <= want * 1.01, "{found} for {want}");
+        }
+    }
+
+    #[test]
+    fn limits_of_colgate_and_schenkel() {
+        // At 1 kHz K < 2000 N/m per N s/m.
+        assert!((passive_n_m(1.0, 0.0, 1e-3) - 2000.0).abs() < 1e-2);
+        assert!(
+            (passive_n_m(1.0, -0.5, 1e-3) - 1000.0).abs() < 1e-2,
+            "virtual damping of either sign reduces it"
+        );
+        assert!((stable_n_m(1.0, 0.5, 1e-3, 1e-3) - 1000.0).abs() < 1e-2);
+    }
+}

@@ -1,0 +1,27 @@
+//! The methods of Peterlik 2010: on the lattice of forces, and by radial basis functions.
+
+mod hybrid;
+pub mod rbf;
+mod tricubic;
+mod trilinear;
+
+pub(crate) use hybrid::Hybrid;
+pub(crate) use tricubic::Tricubic;
+pub(crate) use trilinear::Trilinear;
+
+use super::interpolant::Ball;
+use crate::num::vec3::Vec3;
+
+/// Forces at the slots of a lattice, newtons: solved configurations, and extrapolated values where there is none.
+#[derive(Clone, Copy)]
+pub(crate) struct Forces<'s> {
+    pub(crate) ball: Ball<'s>,
+    /// One force per slot, z fastest.
+    pub(crate) force_n: &'s [Vec3],
+}
+
+/// N consecutive forces along z.
+#[inline(always)]
+fn run<const N: usize>(force: &[Vec3], at: usize) -> Option<&[Vec3; N]> {
+    force.get(at..at.saturating_add(N))?.first_chunk()
+}

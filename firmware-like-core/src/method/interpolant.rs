@@ -1,0 +1,156 @@
+//! One trait for all methods, and what follows from it: the force anywhere, its derivatives, its continuation.
+//!
+//! Outside the domain the force is continued from the rim, the nearest point q of the domain on the ray from rest:
+//!
+//! h(p) = h(q) + phi(s) S(q) u,   u = p / |p|,   s = |p - q|
+//!
+//! phi(s) = s - s^2 / 2c up to s = c, and c / 2 beyond; c is the spacing of the grid. The force is therefore
+//! continuous, C1 where the method is, and constant from s = c on. S must not jump along the rim, or h would jump, the
+//! more the further out: see [`Interpolant::rim_slopes`].
+
+use super::{Coverage, Estimate, ForceSample};
+use crate::grid::{BallLattice, Location, Rim};
+use crate::num::lanes::{Baseline, Machine};
+use crate::num::vec3::{self, Vec3};
+
+/// The displacements at which a method has data.
+pub(crate) trait Domain {
+    /// A point of the domain, prepared for evaluation.
+    type At;
+
+    /// The point of a displacement; outside the domain the displacement itself, see [`BallLattice::locate_inside`].
+    fn inside(&self, displacement_m: &Vec3) -> Result<Self::At, Vec3>;
+
+    /// The point of the rim that is nearest on the ray through a displacement outside.
+    fn rim(&self, displacement_m: Vec3) -> Rim<Self::At>;
+
+    /// The length c of the continuation, metres.
+    fn spacing_m(&self) -> f32;
+}
+
+/// dh/dd as rows, N/m, and the energy in joules where h is its gradient.
+pub(crate) struct Slopes {
+    pub(crate) stiffness_n_m: [Vec3; 3],
+    pub(crate) energy_j: Option<f32>,
+}
+
+/// A method on checked tables. Every number it returns is finite.
+///
+/// Implementors are small views, passed by value so that the tick keeps them in registers.
+pub(crate) trait Interpolant: Copy {
+    /// Where the method has data.
+    type Domain: Domain;
+
+    /// That domain.
+    fn domain(self) -> Self::Domain;
+
+    /// h at a point of the domain, newtons.
+    fn force<M: Machine>(self, machine: M, at: &<Self::Domain as Domain>::At) -> Vec3;
+
+    /// The derivatives of [`Interpolant::force`].
+    fn slopes(self, at: &<Self::Domain as Domain>::At) -> Slopes;
+
+    /// Approximate derivatives of the force that are continuous in the point, N/m.
+    fn rim_slopes(self, at: &<Self::Domain as Domain>::At) -> [Vec3; 3] {
+        self.slopes(at).stiffness_n_m
+    }
+
+    /// The data behind the force.
+    fn coverage(self, at: &<Self::Domain as Domain>::At) -> Coverage;
+}
+
+/// The ball of a lattice with the flags of its slots: the domain of all methods but `kernel`.
+#[derive(Clone, Copy)]
+pub(crate) struct Ball<'s> {
+    pub(crate) lattice: &'s BallLattice,
+    pub(crate) flags: &'s [u8],
+}
+
+impl Ball<'_> {
+    /// The flags of the cell of a point.
+    #[inline(always)]
+    pub(crate) fn cell_flags(self, at: &Location) -> u8 {
+        self.flags.get(at.slot).copied().unwrap_or(0)
+    }
+
+    /// Derivatives per cell as derivatives per metre.
+    pub(crate) fn per_metre(self, rows: [Vec3; 3]) -> [Vec3; 3] {
+        rows.map(|row| vec3::scale(row, self.lattice.cells_per_m()))
+    }
+}
+
+impl Domain for Ball<'_> {
+    type At = Location;
+
+    #[inline(always)]
+    fn inside(&self, displacement_m: &Vec3) -> Result<Location, Vec3> {
+        self.lattice.locate_inside(*displacement_m)
+    }
+
+    fn rim(&self, displacement_m: Vec3) -> Rim<Location> {
+        self.lattice.rim(displacement_m)
+    }
+
+    fn spacing_m(&self) -> f32 {
+        self.lattice.spacing_m()
+    }
+}
+
+/// The force of a method inside its domain; outside, the displacement, for [`force_outside`].
+#[inline(always)]
+pub(crate) fn force_inside<I: Interpolant, M: Machine>(
+    method: I,
+    machine: M,
+    displacement_m: &Vec3,
+) -> Result<ForceSample, Vec3> {
+    let at = method.domain().inside(displacement_m)?;
+    Ok(ForceSample { force_n: method.force(machine, &at), coverage: method.coverage(&at) })
+}
+
+/// The continued force of a method outside its domain.
+pub(crate) fn force_outside<I: Interpolant>(method: I, displacement_m: Vec3) -> ForceSample {
+    let domain = method.domain();
+    let Rim { at, outward, beyond_m } = domain.rim(displacement_m);
+    let at_rim_n = method.force(Baseline, &at);
+    let slope_n_m = vec3::transform(&method.rim_slopes(&at), outward);
+    let force_n = vec3::add(at_rim_n, vec3::scale(slope_n_m, rise_m(beyond_m, domain.spacing_m())));
+    ForceSample { force_n, coverage: Coverage::Extrapolated }
+}
+
+/// phi(s).
+fn rise_m(beyond_m: f32, spacing_m: f32) -> f32 {
+    if beyond_m < spacing_m { beyond_m - 0.5 * beyond_m * beyond_m / spacing_m } else { 0.5 * spacing_m }
+}
+
+/// The force of a method at any displacement.
+fn force<I: Interpolant>(method: I, displacement_m: Vec3) -> ForceSample {
+    force_inside(method, Baseline, &displacement_m)
+        .unwrap_or_else(|outside_m| force_outside(method, outside_m))
+}
+
+/// Force, stiffness and energy of a method at any displacement. Costs a few times as much as the force.
+pub(crate) fn estimate<I: Interpolant>(method: I, displacement_m: Vec3) -> Estimate {
+    let ForceSample { force_n, coverage } = force(method, displacement_m);
+    let Slopes { stiffness_n_m, energy_j } = match method.domain().inside(&displacement_m) {
+        Ok(at) => method.slopes(&at),
+        Err(_) => Slopes { stiffness_n_m: differences(method, displacement_m), energy_j: None },
+    };
+    Estimate { force_n, stiffness_n_m, energy_j, coverage }
+}
+
+/// dh_i/dd_j outside the domain, N/m, by central differences, because the continuation turns with the rim.
+fn differences<I: Interpolant>(method: I, displacement_m: Vec3) -> [Vec3; 3] {
+    // The rounding of 8 N contributes 0.1 N/m, curvature 1/1000 of its contribution over a cell.
+    let step_m = 2e-3 * method.domain().spacing_m();
+    let column = |axis: usize| {
+        let at = |sign: f32| {
+            let mut at = displacement_m;
+            if let Some(x) = at.get_mut(axis) {
+                *x += sign * step_m;
+            }
+            force(method, at).force_n
+        };
+        vec3::scale(vec3::sub(at(1.0), at(-1.0)), 0.5 / step_m)
+    };
+    vec3::transposed([column(0), column(1), column(2)])
+}

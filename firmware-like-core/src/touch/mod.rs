@@ -1,0 +1,8 @@
+//! Contact of the tool with the body: its surface, and which active nodes are held.
+
+mod cells;
+pub(crate) mod contact;
+mod surface;
+
+pub use contact::ContactConfig;
+pub use surface::{Foot, Share, TouchSurface};
