@@ -81,7 +81,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The strata of `palpate-precompute`, lowest first.
-const PRECOMPUTE: [&str; 37] = [
+const PRECOMPUTE: [&str; 38] = [
     "error",
     "files",
     "num",
@@ -119,6 +119,7 @@ const PRECOMPUTE: [&str; 37] = [
     "held_out",
     "pack",
     "certificate",
+    "pipeline",
 ];
 
 #[test]

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use palpate_precompute::held_out::HeldOutError;
+use palpate_precompute::pipeline::PipelineError;
 use palpate_precompute::space::{ExpansionError, StoreError};
 
 /// A command's failure.
@@ -78,6 +79,12 @@ impl From<HeldOutError> for Failure {
             HeldOutError::NoSpace(_) | HeldOutError::NoReach(_) => Self::input(error),
             HeldOutError::Interrupted | HeldOutError::Crew(_) => Self::work(error),
         }
+    }
+}
+
+impl From<PipelineError> for Failure {
+    fn from(error: PipelineError) -> Self {
+        if error.is_bad_input() { Self::input(error) } else { Self::work(error) }
     }
 }
 

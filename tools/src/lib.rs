@@ -5,6 +5,7 @@
 //! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad input.
 #![forbid(unsafe_code)]
 
+mod analysis;
 mod blob;
 #[cfg(feature = "mpi")]
 mod cluster;
@@ -15,6 +16,7 @@ mod documents;
 mod failure;
 mod files;
 mod hardware;
+mod interrupt;
 mod memory;
 mod motors_off;
 mod output;
@@ -24,7 +26,6 @@ mod summary;
 mod timing;
 mod touch;
 mod truth;
-mod workbench;
 
 use std::process::ExitCode;
 

@@ -5,11 +5,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
 use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Record, Store};
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::workbench::Workbench;
 
 /// A position the tool visited.
 #[derive(Debug, Clone, Copy)]
@@ -55,7 +55,7 @@ const RELATIVE_FROM_N: f64 = 0.5;
 
 /// Solves at every visit, on all cores. Visits that cannot be solved are left out and counted.
 pub(crate) fn check(
-    bench: &Workbench,
+    bench: &Analysis,
     store: &Store,
     visits: &[Visit],
     threads: usize,

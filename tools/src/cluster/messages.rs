@@ -1,9 +1,8 @@
 //! What rank 0 and the other ranks tell each other: postcard bytes, one message each.
 
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{CrewError, Done, Work, solver_version};
 use serde::{Deserialize, Serialize};
-
-use crate::workbench::Workbench;
 
 /// From rank 0.
 #[derive(Debug, Serialize, Deserialize)]
@@ -57,7 +56,7 @@ pub(super) struct Basis {
 
 impl Basis {
     /// What this process would work on.
-    pub(super) fn of(bench: &Workbench) -> Self {
+    pub(super) fn of(bench: &Analysis) -> Self {
         Self { content: bench.scene.content_hash(), solver: solver_version() }
     }
 

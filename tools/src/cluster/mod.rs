@@ -21,11 +21,12 @@ use mpi::topology::SimpleCommunicator;
 use mpi::traits::Communicator;
 use palpate_precompute::space::with_threads;
 
+use crate::analysis;
 use crate::cmd::held_out;
 use crate::cmd::precompute::{self, Team};
 use crate::failure::Failure;
 use crate::files::Output;
-use crate::workbench::{Workbench, stop_flag};
+use crate::interrupt::stop_flag;
 use messages::Basis;
 use ranks::Ranks;
 
@@ -109,7 +110,7 @@ pub fn palpate_mpi() -> ExitCode {
 fn alone(command: &Command) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, command.threads().filter(|&n| n > 0).unwrap_or(1));
     let space = command.space()?;
-    let bench = Arc::new(Workbench::load(command.scene())?);
+    let bench = analysis::load(command.scene())?;
     let (workshop, team) = (bench.workshop()?, Team::threads(threads));
     match command {
         Command::Precompute(args) => {
@@ -130,7 +131,7 @@ fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let mut ranks = Ranks::new(world);
     let stop = stop_flag()?;
     let space = command.space()?;
-    let bench = Workbench::load(command.scene())?;
+    let bench = analysis::load(command.scene())?;
     ranks.muster(&Basis::of(&bench), &stop)?;
     let team = Team::ranks(ranks.workers(), world.size() as usize - 1);
     match command {

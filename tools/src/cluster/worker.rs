@@ -7,18 +7,18 @@ use std::time::Duration;
 use mpi::point_to_point::MatchedReceiveVec;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Source};
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Crew, CrewError, Threads, with_threads};
 
 use super::messages::{Basis, Order, Report, decode, encode};
 use super::ranks::PAUSE;
 use crate::failure::Failure;
-use crate::workbench::Workbench;
 
 /// Works for rank 0 until it lets go. What goes wrong here is told to rank 0, which says it to the user.
 pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, threads: Option<usize>) -> Result<(), Failure> {
     let line = Line { world, released: false };
     let desks = threads.filter(|&n| n > 0).unwrap_or(1);
-    let loaded = Workbench::load_quietly(scene).map(Arc::new);
+    let loaded = Analysis::load(scene).map_err(Failure::from);
     let ready = loaded.and_then(|bench| Ok((Basis::of(&bench), bench.workshop()?)));
     let host = mpi::environment::processor_name().unwrap_or_default();
     let hello = |basis| Report::Hello { host, desks: desks as u32, basis };

@@ -10,13 +10,15 @@ use palpate_host::viewer::frames::still;
 use palpate_precompute::fem::counterpart::LAWS;
 use palpate_precompute::fem::solve::{Configuration, Solver};
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::pipeline::Analysis;
 use serde::Serialize;
 
 use super::path::direction;
+use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::output;
-use crate::workbench::{Workbench, stop_flag};
 
 /// Pull one body by several laws and draw the deformed shapes over one another.
 ///
@@ -111,7 +113,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let png = files.write("--out", &args.out, FileKind::Png)?;
     let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
     let stop = stop_flag()?;
-    let bench = Workbench::load(&args.scene)?;
+    let bench = analysis::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
     let benches =
         args.laws.iter().map(|law| Ok((law, by_law(&bench, law)?))).collect::<Result<Vec<_>, Failure>>()?;
@@ -185,7 +187,7 @@ fn check(args: &Args) -> Result<([f64; 3], (usize, usize)), Failure> {
 }
 
 /// The same scene with every region's material by another law.
-pub(super) fn by_law(bench: &Workbench, law: &str) -> Result<Workbench, Failure> {
+pub(super) fn by_law(bench: &Analysis, law: &str) -> Result<Analysis, Failure> {
     let mut scene = bench.scene.clone();
     for (region, own) in scene.materials.iter_mut().zip(bench.scene.model().regions) {
         let found = own
@@ -195,7 +197,7 @@ pub(super) fn by_law(bench: &Workbench, law: &str) -> Result<Workbench, Failure>
     }
     let body =
         scene.body().map_err(|error| Failure::work(format!("{} by {law}: {error}", bench.path.display())))?;
-    Ok(Workbench { path: bench.path.clone(), scene, body: Arc::new(body) })
+    Ok(Analysis { path: bench.path.clone(), scene, body: Arc::new(body) })
 }
 
 /// What is asked of every law.
@@ -208,7 +210,7 @@ struct Pull {
 
 impl Pull {
     /// Moves the active node as far as it goes, or until `stop`.
-    fn solve(&self, law: &str, bench: &Workbench, stop: &AtomicBool) -> Result<Outcome, Failure> {
+    fn solve(&self, law: &str, bench: &Analysis, stop: &AtomicBool) -> Result<Outcome, Failure> {
         let nodes = &bench.scene.active;
         let active = nodes.iter().find(|a| a.node == self.node).expect("every law has the scene's nodes");
         let mut solver = Solver::new(bench.problem(active));
@@ -259,13 +261,13 @@ fn norm(v: [f64; 3]) -> f64 {
 }
 
 /// Where the mesh's own vertices are.
-fn positions(bench: &Workbench, c: &Configuration) -> Vec<[f64; 3]> {
+fn positions(bench: &Analysis, c: &Configuration) -> Vec<[f64; 3]> {
     let moved = c.seed.state.as_chunks::<3>().0;
     let vertices = bench.body.nodes_m.iter().take(bench.body.vertex_count);
     vertices.zip(moved).map(|(rest, u)| std::array::from_fn(|axis| rest[axis] + u[axis])).collect()
 }
 
-fn picture(bench: &Workbench, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
+fn picture(bench: &Analysis, pull: &Pull, outcomes: &[Outcome]) -> Comparison {
     let &Pull { node, direction, length_m } = pull;
     let scene = &bench.scene;
     let skin = Surface::of(&scene.mesh);

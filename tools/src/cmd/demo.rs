@@ -1,7 +1,6 @@
 //! `palpate demo`: the whole way on the bundled organ, without hardware or display.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -13,17 +12,18 @@ use palpate_host::device::simulated::{SimulatedConfig, SimulatedHand};
 use palpate_host::rt::watchdog::DEFAULT_LIMIT_MS;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::PackOptions;
-use palpate_precompute::space::{Plans, Store, TagCounts, with_threads};
+use palpate_precompute::pipeline::{Analysis, Run, certified};
+use palpate_precompute::space::{Plans, Store, TagCounts};
 use serde_json::json;
 
 use super::inspect::certificate::in_words;
-use super::pack::certified;
+use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::progress::WorkProgress;
 use crate::timing::Timing;
 use crate::truth::{self, Checked, MethodError, Visit};
-use crate::workbench::{Workbench, stop_flag, threads};
 use crate::{blob, output, touch};
 
 /// Solve, pack, touch and check the bundled organ: the whole way in one command.
@@ -114,7 +114,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     outputs.scene.put(SCENE.as_bytes())?;
     let say = |text: String| if args.json { Ok(()) } else { output::line(text) };
 
-    let bench = Arc::new(Workbench::load(outputs.scene.path())?);
+    let bench = analysis::load(outputs.scene.path())?;
     say(format!(
         "organ        {}: {} nodes, {} tetrahedra, {}, {} fixed nodes",
         bench.scene.name,
@@ -126,7 +126,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     if args.fresh {
         outputs.space.remove_database()?;
     }
-    let store = bench.store(&outputs.space, false)?;
+    let store = open_space(&bench, &outputs.space, false)?;
     let solved = solve(&bench, &store, &stop)?;
     for (name, counts) in solved.names.iter().zip(&solved.counts) {
         say(format!(
@@ -208,7 +208,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
+fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, Failure> {
     let start = Instant::now();
     let mut solved = Solved {
         names: bench.scene.active.iter().map(|a| a.name.clone()).collect(),
@@ -219,10 +219,15 @@ fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Sol
         threads: threads(None),
     };
     let mut progress = WorkProgress::new(&bench.scene.name, "points");
-    let counts = bench.expand((0..bench.scene.active.len()).collect(), store, solved.threads, stop, |p| {
-        solved.solved_now = p.solved_now;
-        progress.spaces(p);
-    });
+    let counts = bench.solve(
+        (0..bench.scene.active.len()).collect(),
+        store,
+        Run { threads: solved.threads, stop },
+        |p| {
+            solved.solved_now = p.solved_now;
+            progress.spaces(p);
+        },
+    );
     progress.finish();
     solved.counts = counts?;
     solved.seconds = start.elapsed().as_secs_f64();
@@ -232,14 +237,12 @@ fn solve(bench: &Arc<Workbench>, store: &Store, stop: &AtomicBool) -> Result<Sol
 /// Uniform positions a node that the certificate rests on: a quick one, no bound on the last percent.
 const HELD_OUT: u32 = 60;
 
-fn hold_out(bench: &Arc<Workbench>, store: &Store, threads: usize, stop: &AtomicBool) -> Result<(), Failure> {
+fn hold_out(bench: &Analysis, store: &Store, threads: usize, stop: &AtomicBool) -> Result<(), Failure> {
     let actives: Vec<usize> = (0..bench.scene.active.len()).collect();
     let draw = Draw { regular_m: None, random: 0, uniform: HELD_OUT, ..Draw::PAPER };
     let mut progress = WorkProgress::new("held-out truth", "positions");
     let held_out = bench.held_out(&actives, draw)?;
-    let solved = with_threads(&bench.workshop()?, threads, |crew| {
-        held_out.run(store, crew, stop, |p| progress.walks(p))
-    });
+    let solved = bench.solve_held_out(&held_out, store, Run { threads, stop }, |p| progress.walks(p));
     progress.finish();
     Ok(solved?)
 }
@@ -314,7 +317,7 @@ fn error_table(errors: &[MethodError], used: Method) -> String {
 
 fn write_forces(
     file: &Output,
-    bench: &Workbench,
+    bench: &Analysis,
     organ: &Organ<'_>,
     checked: &[Checked],
 ) -> Result<(), Failure> {

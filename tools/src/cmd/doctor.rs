@@ -12,9 +12,9 @@ use serde_json::json;
 
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
+use crate::interrupt::stop_flag;
 use crate::summary::percentiles;
 use crate::timing::Timing;
-use crate::workbench::stop_flag;
 use crate::{hardware, output};
 
 /// What of this PC stands in the way of 1 kHz, and how to mend it.

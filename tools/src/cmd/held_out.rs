@@ -2,21 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::held_out::{Draw, HeldOut, HeldOutProgress, Summary};
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Kind, Store, with_threads};
 use serde_json::json;
 
 use super::precompute::Team;
+use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
-use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Solve held-out truth into a .space file: positions to measure interpolations at, never used for a fit.
 ///
@@ -76,7 +77,7 @@ impl Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
     let space = args.space()?;
-    let bench = Arc::new(Workbench::load(&args.scene)?);
+    let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Team::threads(threads), |held_out, store, stop, progress| {
         Ok(with_threads(&bench.workshop()?, threads, |crew| held_out.run(store, crew, stop, progress))?)
     })
@@ -85,7 +86,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Runs the command with `team`, which `work` brings to the truth.
 pub(crate) fn run_with(
     args: &Args,
-    (bench, space): (&Workbench, &Output),
+    (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
     team: &Team,
     work: impl FnOnce(&HeldOut, &Store, &AtomicBool, &mut dyn FnMut(&HeldOutProgress)) -> Result<(), Failure>,
@@ -101,7 +102,7 @@ pub(crate) fn run_with(
             args.out.display()
         )));
     }
-    let store = bench.store(space, false)?;
+    let store = open_space(&bench, space, false)?;
     if args.again {
         store.forget_held_out()?;
     }

@@ -1,24 +1,21 @@
 //! `palpate pack`: fits the tables of a `.space` file, measures them, and writes the blob.
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_core::{Method, Organ};
-use palpate_host::BlobFile;
-use palpate_precompute::certificate::{Certificate, Effort, certify, clear_positions, ledger};
-use palpate_precompute::held_out::{Draw, Summary};
-use palpate_precompute::pack::{PackError, PackOptions, Packed, needed_method, pack};
-use palpate_precompute::space::{Kind, Store, planned, still_to_solve, with_threads};
+use palpate_core::Method;
+use palpate_precompute::pack::{PackError, PackOptions, needed_method, pack};
+use palpate_precompute::pipeline::{PipelineError, Run, add_ledgers, certified, solve_truth, unfinished};
+use palpate_precompute::space::{Store, planned};
 
 use super::inspect::certificate;
+use crate::analysis::threads;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
-use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Fit the tables of a .space file, measure them, and pack them into a .blob for the real-time loop.
 ///
@@ -91,12 +88,14 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (packed, made) = if args.no_certificate || !finished {
         (pack(&store, &options)?, None)
     } else {
-        let nodes = store.active()?.len();
         drop(store);
-        solve_truth(args, &space, nodes)?;
+        solve_certificate(args, &space)?;
         let store = Store::open(&args.space)?;
         let (mut packed, mut made) = certified(&store, &options)?;
-        measure_ledger(&store, (&mut packed, &mut made), args.ledger.unwrap_or(0), options.threads)?;
+        let (stop, positions) = (stop_flag()?, args.ledger.unwrap_or(0));
+        add_ledgers(&store, (&mut packed, &mut made), positions, Run { threads, stop: &stop }, |active| {
+            eprintln!("palpate: ledger of {active}: {positions} positions by each other body");
+        })?;
         (packed, Some(made))
     };
     for name in &packed.left_out {
@@ -128,151 +127,32 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Packs tables with their certificate.
-pub(crate) fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), Failure> {
-    let mut packed = pack(store, options)?;
-    // The very bytes that the loop will read.
-    let file = BlobFile::of(&packed.bytes()?);
-    let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
-    let certificate = certify(store, &organ)?;
-    packed.certify(&serde_json::to_string(&certificate).map_err(Failure::work)?)?;
-    Ok((packed, certificate))
-}
-
-/// Adds the ledgers to a certificate: without `positions` what the blob itself leaves out, with them what the discretisation does, too.
-fn measure_ledger(
-    store: &Store,
-    (packed, made): (&mut Packed, &mut Certificate),
-    positions: usize,
-    threads: usize,
-) -> Result<(), Failure> {
-    let file = BlobFile::of(&packed.bytes()?);
-    let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
-    let (bench, stop) = (Workbench::of_store(store)?, stop_flag()?);
-    let effort = Effort { positions, threads, stop: &stop };
-    let wanted = if made.spaces.len() > FEW { 1 } else { made.spaces.len() };
-    let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
-    for space in &mut made.spaces[..wanted] {
-        let Some(active) = names.iter().position(|name| *name == space.active) else { continue };
-        if positions > 0 {
-            eprintln!("palpate: ledger of {}: {positions} positions by each other body", space.active);
-        }
-        space.ledger = ledger(store, active, (&organ, space), &bench.scene, effort)?;
-        if stop.load(Ordering::Relaxed) {
-            return Err(Failure::work(
-                "interrupted; what was solved for the certificate is kept, run the same command to go on",
-            ));
-        }
-    }
-    packed.certify(&serde_json::to_string(&*made).map_err(Failure::work)?).map_err(Failure::work)
-}
-
-/// Uniform positions of a blob of many nodes, all together: without a failure they certify 99.5 % with 95 % confidence.
-const TOGETHER: u32 = 600;
-/// Fewer than this say nothing of a node.
-const LEAST: u32 = 3;
-
-/// More nodes than this are certified together.
-const FEW: usize = 8;
-
-/// Uniform positions a node, where nobody says how many.
-fn enough(nodes: usize) -> u32 {
-    if nodes <= FEW {
-        return Draw::PAPER.uniform;
-    }
-    TOGETHER.div_ceil(u32::try_from(nodes).unwrap_or(u32::MAX)).max(LEAST)
-}
-
-/// Uniform positions are solved in at most this many goes: how many of them fall at folds is known only afterwards.
-const GOES: u32 = 4;
-
-/// Solves uniform positions until as many as asked are away from folds, or nothing speaks for there being more. Only nodes that fold are
-/// asked for more; of many that are certified together none is: the others make up for it, and to look for folds is to fit every space once more.
-fn solve_truth(args: &Args, space: &Output, nodes: usize) -> Result<(), Failure> {
-    let asked = args.uniform.unwrap_or_else(|| enough(nodes));
-    let mut lacking: Vec<usize> = (0..nodes).collect();
-    let mut wanted = asked;
-    let goes = if nodes > FEW && args.uniform.is_none() { 1 } else { GOES };
-    for go in 1..=goes {
-        if !solve_uniform(args, space, &lacking, wanted)? || go == goes {
-            return Ok(());
-        }
-        let store = Store::open(space.path())?;
-        let flags_only = PackOptions { methods: &[], intermediate: false, threads: threads(args.threads) };
-        let file = BlobFile::of(&pack(&store, &flags_only)?.bytes()?);
-        let organ: Organ<'_> = Organ::read(file.bytes()).map_err(Failure::work)?;
-        let mut clear = clear_positions(&store, &organ)?;
-        clear.retain(|&(_, count)| count > 0 && count < asked as usize);
-        let Some(least) = clear.iter().map(|&(_, count)| count as u32).min() else { return Ok(()) };
-        lacking = clear.into_iter().map(|(active, _)| active).collect();
-        wanted += ((asked - least) * wanted).div_ceil(least);
+/// Solves the positions of the certificate that the space does not hold yet.
+fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
+    let (stop, start) = (stop_flag()?, Instant::now());
+    let run = Run { threads: threads(args.threads), stop: &stop };
+    let mut progress = WorkProgress::new("held-out truth", "positions");
+    let solved = solve_truth(space.path(), args.uniform, run, |p| progress.walks(p));
+    progress.finish();
+    let (solved, seconds) = (solved?, start.elapsed().as_secs_f64());
+    if solved > 0 {
+        eprintln!(
+            "palpate: {solved} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file"
+        );
     }
     Ok(())
 }
 
-/// Solves what is missing of so many uniform positions of these active nodes; returns whether all of them are there.
-fn solve_uniform(args: &Args, space: &Output, actives: &[usize], wanted: u32) -> Result<bool, Failure> {
-    let store = Store::open(space.path())?;
-    let missing = |store: &Store| -> Result<Vec<usize>, Failure> {
-        let mut missing = Vec::new();
-        for &active in actives {
-            let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
-            let reach = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
-            if there < wanted && reach > 1 {
-                missing.push(active);
-            }
-        }
-        Ok(missing)
-    };
-    let actives = missing(&store)?;
-    if actives.is_empty() {
-        return Ok(true);
-    }
-    let bench = Arc::new(Workbench::of_store(&store)?);
-    drop(store);
-    let (stop, threads, start) = (stop_flag()?, threads(args.threads), Instant::now());
-    let store = bench.store(space, false)?;
-    let draw = Draw {
-        uniform: wanted,
-        ..Draw::of(&store)?.unwrap_or(Draw { regular_m: None, random: 0, ..Draw::PAPER })
-    };
-    let held_out = bench.held_out(&actives, draw)?;
-    let mut progress = WorkProgress::new("held-out truth", "positions");
-    let mut solved_now = 0;
-    let solved = with_threads(&bench.workshop()?, threads, |crew| {
-        held_out.run(&store, crew, &stop, |p| {
-            solved_now = p.positions_now;
-            progress.walks(p);
-        })
-    });
-    progress.finish();
-    solved?;
-    let seconds = start.elapsed().as_secs_f64();
-    eprintln!(
-        "palpate: {solved_now} held-out positions solved for the certificate in {seconds:.1} s, kept in the .space file"
-    );
-    Ok(missing(&store)?.is_empty())
-}
-
-/// A blob of half a space looks like any other in the hand: it is made only when asked for.
+/// A blob of an unfinished space is packed only with `--partial`. Returns whether the space is finished.
 fn check_finished(store: &Store, args: &Args) -> Result<bool, Failure> {
-    let space = args.space.display();
-    let mut finished = true;
-    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let open = still_to_solve(store, active)?;
-        if open == 0 {
-            continue;
+    let unfinished = unfinished(store)?;
+    match unfinished.first() {
+        Some(first) if !args.partial => Err(PipelineError::Unfinished(first.clone()).into()),
+        _ => {
+            for node in &unfinished {
+                eprintln!("palpate: warning: {node}");
+            }
+            Ok(unfinished.is_empty())
         }
-        let what = format!(
-            "{space}: active node {name} is not finished: {open} points or more are still to be solved"
-        );
-        if !args.partial {
-            return Err(Failure::input(format!(
-                "{what}; run `palpate precompute` again, or pack with --partial"
-            )));
-        }
-        finished = false;
-        eprintln!("palpate: warning: {what}");
     }
-    Ok(finished)
 }

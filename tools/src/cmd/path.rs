@@ -7,11 +7,12 @@ use clap::Args as ClapArgs;
 use palpate_precompute::fem::boundary::Pose;
 use palpate_precompute::fem::solve::{Configuration, SolveFailure, Solver};
 
+use crate::analysis;
 use crate::displacements::Displacements;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::output;
-use crate::workbench::{Workbench, stop_flag};
 
 /// Solve the reaction force along a straight loading path.
 ///
@@ -90,7 +91,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let csv = args.csv.as_ref().map(|path| files.write("--csv", path, FileKind::Table)).transpose()?;
     let mut displacements = Displacements::new(args.displacements.as_deref(), &mut files)?;
     let stop = stop_flag()?;
-    let bench = Workbench::load(&args.scene)?;
+    let bench = analysis::load(&args.scene)?;
     let (_, active) = bench.active(args.active.as_deref())?;
     if args.turn.is_some() && active.patch.is_empty() {
         return Err(Failure::input(format!(

@@ -1,20 +1,21 @@
 //! `palpate precompute`: solves the configuration spaces of a scene into a `.space` file.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::adaptive::{Search, Verdict};
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads};
 use serde_json::json;
 
 use super::inspect::scattered;
+use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
+use crate::interrupt::stop_flag;
 use crate::progress::WorkProgress;
-use crate::workbench::{Workbench, stop_flag, threads};
 use crate::{memory, output};
 
 /// Solve the configuration spaces of a scene into a .space file.
@@ -92,7 +93,7 @@ impl Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (stop, threads) = (stop_flag()?, threads(args.threads));
     let space = args.space()?;
-    let bench = Arc::new(Workbench::load(&args.scene)?);
+    let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Team::threads(threads), |expansion, store, stop, progress| {
         Ok(with_threads(&bench.workshop()?, threads, |crew| expansion.run(store, crew, stop, progress))?)
     })
@@ -101,7 +102,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// Runs the command with `team`, which `work` brings to the expansion.
 pub(crate) fn run_with(
     args: &Args,
-    (bench, space): (&Workbench, &Output),
+    (bench, space): (&Analysis, &Output),
     stop: &AtomicBool,
     team: &Team,
     work: impl FnOnce(
@@ -115,7 +116,7 @@ pub(crate) fn run_with(
         Some(name) => vec![bench.active(Some(name))?.0],
         None => (0..bench.scene.active.len()).collect(),
     };
-    let store = bench.store(space, args.salvage)?;
+    let store = open_space(&bench, space, args.salvage)?;
     let start = Instant::now();
     let points = Plans::of(&store)?.points();
     let counted = if points.is_some() { "points" } else { "predictions within tolerance" };

@@ -8,16 +8,18 @@ use clap::Args as ClapArgs;
 use palpate_precompute::held_out::{Draw, Summary};
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::mesh::surface::Surface;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::{ResolvedScene, Scene};
 use palpate_precompute::space::with_threads;
 use serde_json::json;
 
 use super::held_out::after;
+use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
+use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
-use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of 10 cm in steps of
 /// 1 mm for the scene's law, and count those that do not converge.
@@ -97,7 +99,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();
     for (number, ((fixed, bench), space)) in (1..).zip(benches.iter().zip(&spaces)) {
-        let store = bench.store(space, false)?;
+        let store = open_space(&bench, space, false)?;
         if args.again {
             store.forget_held_out()?;
         }
@@ -194,7 +196,7 @@ fn spread(scene: &ResolvedScene, fixed: &[String], wanted: usize) -> Result<Vec<
 }
 
 /// The scene with another fixed set and these active nodes, and without a force limit: a scene of its own, as its store says.
-fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> Result<Workbench, Failure> {
+fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> Result<Analysis, Failure> {
     let mut table: toml::Table = toml::from_str(&scene.text).map_err(Failure::input)?;
     let held = toml::Table::from_iter([("group".to_string(), fixed.into())]);
     let nodes = actives.iter().enumerate().map(|(n, &node)| {
@@ -208,7 +210,7 @@ fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> 
     table.insert("active".into(), toml::Value::Array(nodes.collect()));
     table.remove("device");
     let text = toml::to_string(&table).map_err(Failure::work)?;
-    Workbench::of(&args.scene, Scene::parse(&args.scene, text)?.resolve()?)
+    analysis::of_scene(&args.scene, Scene::parse(&args.scene, text)?.resolve()?)
 }
 
 #[cfg(test)]

@@ -26,9 +26,9 @@ use super::pack::method;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Output, Replace};
 use crate::hardware::{self, Hardware, Holding};
+use crate::interrupt::stop_flag;
 use crate::resident::Resident;
 use crate::timing::Timing;
-use crate::workbench::stop_flag;
 use crate::{blob, motors_off, output, summary, touch};
 use palpate_precompute::certificate::Verdict;
 

@@ -8,15 +8,16 @@ use clap::Args as ClapArgs;
 use palpate_precompute::adaptive::{Alone, alone};
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::KernelFit;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::Wanted;
 use serde::Serialize;
 
 use super::sampling::Case;
+use crate::analysis;
 use crate::cmd::plan::norm;
 use crate::cmd::plan::tables::Place;
 use crate::failure::Failure;
 use crate::output;
-use crate::workbench::Workbench;
 
 /// Whether a coarser mesh beneath the blind loop pays: the same space with and without it, in one run, one thread.
 ///
@@ -68,7 +69,7 @@ struct Row {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let benches = args.scenes.iter().map(|path| Workbench::load(path)).collect::<Result<Vec<_>, _>>()?;
+    let benches = args.scenes.iter().map(|path| analysis::load(path)).collect::<Result<Vec<_>, _>>()?;
     for bench in &benches {
         for active in 0..bench.scene.active.len() {
             if args.active.is_empty() || args.active.contains(&active) {
@@ -90,7 +91,7 @@ fn measured(case: &Case<'_>, args: &Args) -> Result<Row, Failure> {
     let places = case.truths(&own, &wanted, args.uniform);
     let mut ways = vec![Way::of(&own, seconds, &places, None)];
     for &grade in &args.grade {
-        let coarser = Workbench::quietly(&case.bench.path, scene.coarsened(case.active, grade))?;
+        let coarser = Analysis::of_scene(&case.bench.path, scene.coarsened(case.active, grade))?;
         let nodes = coarser.scene.mesh.nodes_m.len();
         let solver = Solver::new(coarser.problem(&coarser.scene.active[0]));
         let (under, under_s) = timed(solver, wanted.of_a_cheaper_body(), None)?;

@@ -14,15 +14,16 @@ use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, SpaceGrid, Tolerance, Wanted};
 use serde::Serialize;
 
+use crate::analysis::{self, threads};
 use crate::cmd::plan::surrogate::{Surrogate, sample};
 use crate::cmd::plan::tables::{Place, Tables};
 use crate::cmd::plan::{in_parallel, norm};
 use crate::failure::Failure;
 use crate::output;
-use crate::workbench::{Workbench, threads};
 
 /// Configurations that scenes need until the error cannot be felt: lattices and radial basis functions against the blind loop.
 ///
@@ -64,7 +65,7 @@ const CANDIDATES: u32 = 6000;
 
 /// A node of a scene.
 pub(super) struct Case<'b> {
-    pub(super) bench: &'b Workbench,
+    pub(super) bench: &'b Analysis,
     pub(super) active: usize,
 }
 
@@ -97,7 +98,7 @@ struct Row {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let benches = args.scenes.iter().map(|path| Workbench::load(path)).collect::<Result<Vec<_>, _>>()?;
+    let benches = args.scenes.iter().map(|path| analysis::load(path)).collect::<Result<Vec<_>, _>>()?;
     let cases: Vec<Case<'_>> = benches
         .iter()
         .flat_map(|bench| (0..bench.scene.active.len()).map(move |active| Case { bench, active }))

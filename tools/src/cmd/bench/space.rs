@@ -6,16 +6,18 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use palpate_precompute::pipeline::Run;
 use palpate_precompute::scene::GridSpec;
 use serde::Serialize;
 
 use super::common::{Out, assets};
+use crate::analysis::{self, open_space, threads};
 use crate::failure::Failure;
 use crate::files::Output;
+use crate::interrupt::stop_flag;
 use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
-use crate::workbench::{Workbench, stop_flag, threads};
 
 /// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells completed, no
 /// force limit): the paper's Fig. 7 on this machine.
@@ -123,7 +125,7 @@ fn measure(
     space: &Output,
     stop: &std::sync::atomic::AtomicBool,
 ) -> Result<Row, Failure> {
-    let mut bench = Workbench::load(&assets.join(format!("{}.toml", case.scene)))?;
+    let mut bench = analysis::load(&assets.join(format!("{}.toml", case.scene)))?;
     for region in &mut bench.scene.materials {
         (region.material, region.bulk_modulus_pa) = (case.law, None);
     }
@@ -140,11 +142,11 @@ fn measure(
     let body = bench.scene.body().map_err(|error| Failure::work(format!("{name}: {error}")))?;
     bench.body = Arc::new(body);
     let bench = Arc::new(bench);
-    let store = bench.store(space, false)?;
+    let store = open_space(&bench, space, false)?;
     forget_peak();
     let mut progress = WorkProgress::new(&format!("{name}, {threads} threads"), "points");
     let start = Instant::now();
-    let counts = bench.expand(vec![0], &store, threads, stop, |p| progress.spaces(p));
+    let counts = bench.solve(vec![0], &store, Run { threads, stop }, |p| progress.spaces(p));
     let seconds = start.elapsed().as_secs_f64();
     progress.finish();
     let counts = counts?[0];

@@ -19,10 +19,10 @@ use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use serde_json::json;
 
 use super::run;
+use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Replace};
 use crate::output;
-use crate::workbench::Workbench;
 
 /// Show what a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap) holds.
 ///
@@ -118,7 +118,7 @@ fn describe_mesh(mesh: &TetMesh) -> Result<Shown, Failure> {
 }
 
 fn scene(path: &Path) -> Result<Shown, Failure> {
-    let bench = Workbench::load(path)?;
+    let bench = analysis::load(path)?;
     let scene = &bench.scene;
     let (mesh_text, mesh_figures) = describe_mesh(&scene.mesh)?;
     let active: Vec<String> = scene.active.iter().map(|a| format!("{} (node {})", a.name, a.node)).collect();

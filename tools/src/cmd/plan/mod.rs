@@ -20,6 +20,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Sampling, Tolerance};
 use serde_json::json;
@@ -30,10 +31,11 @@ use self::node::{METHODS, NodePlan, mean};
 use self::probe::Order;
 pub(crate) use self::probe::norm;
 use self::row::{LINEAR, Row};
+use crate::analysis::{self, threads};
 use crate::cmd::inspect::certificate::significant;
 use crate::failure::Failure;
+use crate::interrupt::end_when_interrupted;
 use crate::output;
-use crate::workbench::{Workbench, end_when_interrupted, hex, threads};
 
 /// Active nodes that are probed at most; the others are taken to be as they are on the average.
 const MOST_NODES: usize = 4;
@@ -70,7 +72,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
     end_when_interrupted()?;
     let threads = threads(args.threads);
-    let bench = Workbench::load(&args.scene)?;
+    let bench = analysis::load(&args.scene)?;
     let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
     let plan = Plan::of(&bench, threads)?;
     let (rows, chosen, why) = plan.rows(&bench, threads);
@@ -109,9 +111,9 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// The store at `path`, which must be one of the scene.
-fn solved(bench: &Workbench, path: &Path) -> Result<Store, Failure> {
+fn solved(bench: &Analysis, path: &Path) -> Result<Store, Failure> {
     let store = Store::open(path)?;
-    if store.identity()?.content_hash != hex(&bench.scene.content_hash()) {
+    if !bench.is_of(&store)? {
         return Err(Failure::input(format!(
             "{}: it was solved from another scene than {}; name the scene that it was solved from",
             path.display(),
@@ -132,7 +134,7 @@ struct Plan {
 }
 
 impl Plan {
-    fn of(bench: &Workbench, threads: usize) -> Result<Self, Failure> {
+    fn of(bench: &Analysis, threads: usize) -> Result<Self, Failure> {
         let (scene, sampling) = (&bench.scene, bench.sampling()?);
         let surface = Surface::of(&scene.mesh).seen(&scene.mesh);
         let tolerance =
@@ -190,7 +192,7 @@ impl Plan {
     }
 
     /// All rows; which of them is recommended, and why.
-    fn rows(&self, bench: &Workbench, threads: usize) -> (Vec<Row>, usize, String) {
+    fn rows(&self, bench: &Analysis, threads: usize) -> (Vec<Row>, usize, String) {
         let (scene, all) = (&bench.scene, bench.scene.active.len() as f64);
         let own = Model::of(scene);
         let of_all = |figure: &dyn Fn(&NodePlan) -> f64| {
@@ -299,7 +301,7 @@ impl Plan {
         }
     }
 
-    fn in_words(&self, bench: &Workbench) -> String {
+    fn in_words(&self, bench: &Analysis) -> String {
         let scene = &bench.scene;
         let mut text = format!(
             "{}: {} nodes, {} tets, {}, {} of {} active nodes probed; tolerance {} % of |h| or {} mN\n",
@@ -334,7 +336,7 @@ impl Plan {
         text
     }
 
-    fn figures(&self, bench: &Workbench) -> serde_json::Value {
+    fn figures(&self, bench: &Analysis) -> serde_json::Value {
         let of = |node: &NodePlan| {
             let NodePlan { probed, choices, linear, eye, .. } = node;
             let choices: Vec<_> = choices

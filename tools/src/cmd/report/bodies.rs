@@ -7,13 +7,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{Family, Plan};
 use super::steps::{Steps, kept};
 use crate::failure::Failure;
-use crate::workbench::Workbench;
 
 /// Radius of the patch that the tool holds, m, and as a share of the body's diagonal at most: under a single node the force of a
 /// finer mesh falls without end, so that only a tool of some size has a force to converge to. 25 mm is 8 nodes of the bundled small mesh.
@@ -63,7 +63,7 @@ struct Way<'f> {
 }
 
 impl Way<'_> {
-    fn element(&self, bench: &Workbench) -> String {
+    fn element(&self, bench: &Analysis) -> String {
         match (bench.body.has_pressure(), self.order, self.stabilised) {
             (false, 1, _) => "tet4".into(),
             (false, ..) => "tet10".into(),
@@ -170,7 +170,7 @@ fn compare(one: &Solved, finest: &BTreeMap<usize, ([f64; 3], f64)>) -> BodyRow {
 }
 
 /// The six directions along the axes, each in steps from rest; kept in a file.
-fn solve(plan: &Plan, bench: &Workbench, radius_m: f64, steps: &Steps) -> Result<Solved, Failure> {
+fn solve(plan: &Plan, bench: &Analysis, radius_m: f64, steps: &Steps) -> Result<Solved, Failure> {
     let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
     let node = &bench.scene.active[0];
     let key = format!("{hash} {} {:?} {radius_m:?} {SHARES:?} {}", node.node, node.patch, solver_version());

@@ -3,6 +3,7 @@
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::positions::regular_directions;
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::ActiveNode;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,6 @@ use super::plan::{Family, Plan};
 use super::steps::{Steps, kept};
 use crate::cmd::compare::by_law;
 use crate::failure::Failure;
-use crate::workbench::Workbench;
 
 /// The paper's laws.
 const LAWS: [&str; 3] = ["st-venant-kirchhoff", "modified-st-venant-kirchhoff", "mooney-rivlin"];
@@ -64,7 +64,7 @@ fn norm(v: [f64; 3]) -> f64 {
 fn curve(
     plan: &Plan,
     family: &Family,
-    bench: &Workbench,
+    bench: &Analysis,
     node: &ActiveNode,
     (held, law): (&str, &str),
     steps: &Steps,

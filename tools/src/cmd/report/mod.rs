@@ -28,10 +28,11 @@ use clap::Args as ClapArgs;
 use palpate_core::Method;
 
 use super::bench::forms::FormRow;
+use crate::analysis::threads;
 use crate::failure::Failure;
 use crate::files::Replace;
+use crate::interrupt::stop_flag;
 use crate::output;
-use crate::workbench::{stop_flag, threads};
 
 use bodies::BodyRow;
 use curves::CurveRow;

@@ -6,6 +6,7 @@ use palpate_precompute::certificate::{Apart, Certificate, surface_by_rbf};
 use palpate_precompute::fit::Kernel;
 use palpate_precompute::held_out::Draw;
 use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::pipeline::certified;
 use palpate_precompute::space::Store;
 use serde::Serialize;
 
@@ -13,7 +14,6 @@ use super::measure::some;
 use super::plan::{Family, Plan};
 use super::solve::solved;
 use super::steps::Steps;
-use crate::cmd::pack::certified;
 use crate::failure::Failure;
 
 /// A force by radial basis functions, with or without states between grid points.

@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use palpate_core::Method;
 use palpate_precompute::held_out::Draw;
+use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::Scene;
 use toml::{Table, Value};
 
 use super::{Args, files};
+use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Folder};
-use crate::workbench::Workbench;
 
 /// One body with its law, held and touched in one way.
 #[derive(Debug)]
@@ -19,7 +20,7 @@ pub(super) struct Family {
     /// Name of the scene.
     pub name: String,
     /// The scene with the one active node.
-    pub bench: Arc<Workbench>,
+    pub bench: Arc<Analysis>,
     /// Its text, to make others of.
     table: Table,
     /// All active nodes as the scene has them.
@@ -34,7 +35,7 @@ pub(super) struct Case {
     /// Grid points within the ball, the rest left out.
     pub points: u32,
     /// Its scene.
-    pub bench: Arc<Workbench>,
+    pub bench: Arc<Analysis>,
 }
 
 /// Everything that is to be measured.
@@ -203,7 +204,7 @@ fn bundled(work: &Folder, which: usize, wish: &Wish<'_>) -> Result<Vec<Family>, 
 impl Family {
     /// The scene at `path` with one of its active nodes, the first if none is named.
     fn load(path: &Path, wish: &Wish<'_>) -> Result<Self, Failure> {
-        let whole = Workbench::load(path)?;
+        let whole = analysis::load(path)?;
         let own_m = whole.sampling()?.radius_m();
         let chosen = whole.active(wish.active)?.1.clone();
         let mut table: Table = toml::from_str(&whole.scene.text).map_err(Failure::input)?;
@@ -224,7 +225,7 @@ impl Family {
         Self::of(&whole, table, all_active)
     }
 
-    fn of(whole: &Workbench, table: Table, all_active: Value) -> Result<Self, Failure> {
+    fn of(whole: &Analysis, table: Table, all_active: Value) -> Result<Self, Failure> {
         let bench = Arc::new(variant(whole, &table)?);
         Ok(Self { name: bench.scene.name.clone(), bench, table, all_active })
     }
@@ -307,7 +308,7 @@ impl Family {
         order: u8,
         stabilised: bool,
         patch_m: Option<f64>,
-    ) -> Result<Workbench, Failure> {
+    ) -> Result<Analysis, Failure> {
         let mut table = self.table.clone();
         table.remove("device");
         if let Some(Value::Table(mesh)) = table.get_mut("mesh") {
@@ -329,7 +330,7 @@ impl Family {
     }
 
     /// The body with all its active nodes, held by a group of its mesh, if it has that, or as the scene says.
-    pub(super) fn held_by(&self, group: Option<&str>) -> Result<Option<Workbench>, Failure> {
+    pub(super) fn held_by(&self, group: Option<&str>) -> Result<Option<Analysis>, Failure> {
         let scene = &self.bench.scene;
         let fixed = match group {
             Some(group) => scene.mesh.node_groups.get(group),
@@ -368,14 +369,14 @@ fn grid_of(table: &mut Table, radius_m: f64, cells: u32) {
 }
 
 /// The scene of this text on the mesh and held nodes of `whole`.
-fn variant(whole: &Workbench, table: &Table) -> Result<Workbench, Failure> {
+fn variant(whole: &Analysis, table: &Table) -> Result<Analysis, Failure> {
     resolved(whole, table, whole.scene.fixed.clone())
 }
 
-fn resolved(whole: &Workbench, table: &Table, fixed: Vec<u32>) -> Result<Workbench, Failure> {
+fn resolved(whole: &Analysis, table: &Table, fixed: Vec<u32>) -> Result<Analysis, Failure> {
     let text = toml::to_string(table).map_err(Failure::work)?;
     let scene = Scene::parse(&whole.path, text)?.resolve_in(whole.scene.mesh.clone(), fixed)?;
-    Workbench::quietly(&whole.path, scene)
+    Ok(Analysis::of_scene(&whole.path, scene)?)
 }
 
 #[cfg(test)]

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use palpate_precompute::held_out::{Draw, HeldOutError};
-use palpate_precompute::space::{Kind, Store, Walk, WalkOutcome, with_threads};
+use palpate_precompute::held_out::Draw;
+use palpate_precompute::pipeline::Run;
+use palpate_precompute::space::{Kind, Store, Walk, WalkOutcome};
 
 use super::plan::{Case, Plan};
 use super::steps::Steps;
@@ -22,10 +23,9 @@ pub(super) fn solved(
 ) -> Result<PathBuf, Failure> {
     let space = plan.work.file(&format!("{}.space", case.name));
     steps.next(&format!("{}: configuration space", case.name))?;
-    let store = case.bench.store(&space, false)?;
+    let store = case.bench.store(space.path())?;
     let mut progress = WorkProgress::new(&case.name, "points");
-    let expanded =
-        case.bench.expand(vec![0], &store, plan.threads, &steps.stop, |state| progress.spaces(state));
+    let expanded = case.bench.solve(vec![0], &store, plan.run(steps), |state| progress.spaces(state));
     progress.finish();
     expanded?;
     steps.next(&format!("{}: held-out truth", case.name))?;
@@ -34,12 +34,16 @@ pub(super) fn solved(
     }
     let held_out = case.bench.held_out(&[0], draw.clone())?;
     let mut progress = WorkProgress::new(&case.name, "paths and positions");
-    let solved: Result<(), HeldOutError> = with_threads(&case.bench.workshop()?, plan.threads, |crew| {
-        held_out.run(&store, crew, &steps.stop, |state| progress.walks(state))
-    });
+    let solved = case.bench.solve_held_out(&held_out, &store, plan.run(steps), |state| progress.walks(state));
     progress.finish();
     solved?;
     Ok(space.path().to_path_buf())
+}
+
+impl Plan {
+    fn run<'s>(&self, steps: &'s Steps) -> Run<'s> {
+        Run { threads: self.threads, stop: &steps.stop }
+    }
 }
 
 /// Copies the paths that the other store has solved and this one has not.

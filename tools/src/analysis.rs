@@ -1,0 +1,45 @@
+//! Loads scenes for the commands: warnings go to standard error, spaces are opened under the guard of outputs.
+
+use std::path::Path;
+
+use palpate_precompute::pipeline::Analysis;
+use palpate_precompute::scene::{ResolvedScene, Scene};
+use palpate_precompute::space::Store;
+
+use crate::failure::Failure;
+use crate::files::Output;
+
+/// Loads a scene, prints its warnings and builds its body.
+pub(crate) fn load(path: &Path) -> Result<Analysis, Failure> {
+    of_scene(path, Scene::load(path)?.resolve()?)
+}
+
+/// Prints the warnings of a scene that stands at `path` and builds its body.
+pub(crate) fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Analysis, Failure> {
+    for warning in &scene.warnings {
+        eprintln!("palpate: warning: {warning}");
+    }
+    Ok(Analysis::of_scene(path, scene)?)
+}
+
+/// Opens or creates the space of a scene; with `salvage`, from what is intact of a damaged one.
+pub(crate) fn open_space(analysis: &Analysis, file: &Output, salvage: bool) -> Result<Store, Failure> {
+    if !salvage {
+        return Ok(analysis.store(file.path())?);
+    }
+    let (store, salvaged) = analysis.salvage(file.path())?;
+    eprintln!(
+        "palpate: {} configurations and {} held-out walks saved, {} damaged configurations are solved again; the damaged \
+         file is now {}",
+        salvaged.saved,
+        salvaged.walks,
+        salvaged.damaged,
+        salvaged.moved_to.display()
+    );
+    Ok(store)
+}
+
+/// Worker threads: as given, or one a core.
+pub(crate) fn threads(given: Option<usize>) -> usize {
+    given.filter(|&n| n > 0).unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}

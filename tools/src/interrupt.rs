@@ -1,0 +1,44 @@
+//! Ctrl-C and SIGTERM: a flag for work that keeps what it did, the end of the process for the rest.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use crate::failure::Failure;
+
+/// A second signal ends the process at once, but only this long after the first: some senders signal twice in a row,
+/// and the force on the hand must go to zero first.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// One flag for the process, because a handler can be set only once.
+static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+
+/// A flag that Ctrl-C and SIGTERM raise. A later second signal ends the process.
+pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
+    if let Some(stop) = STOP.get() {
+        return Ok(stop.clone());
+    }
+    let stop = STOP.get_or_init(Arc::default).clone();
+    let raised = stop.clone();
+    let mut first: Option<Instant> = None;
+    on_signal(move || {
+        raised.store(true, Ordering::SeqCst);
+        if first.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+            eprintln!("palpate: ended at once");
+            std::process::exit(130);
+        }
+    })?;
+    Ok(stop)
+}
+
+/// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps nothing.
+pub(crate) fn end_when_interrupted() -> Result<(), Failure> {
+    on_signal(|| {
+        eprintln!("palpate: interrupted; nothing is kept");
+        std::process::exit(1);
+    })
+}
+
+fn on_signal(handle: impl FnMut() + Send + 'static) -> Result<(), Failure> {
+    ctrlc::set_handler(handle).map_err(|error| Failure::work(format!("cannot catch Ctrl-C: {error}")))
+}
