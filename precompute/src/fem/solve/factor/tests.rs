@@ -1,0 +1,76 @@
+use std::sync::Arc;
+
+use super::*;
+use crate::fem::body::{Body, Model};
+use crate::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
+use crate::fem::solve::{Problem, Solver};
+
+/// A body that nothing holds: its tangent has the six rigid motions in its kernel.
+fn floating(law: Material) -> (Arc<Problem>, Vec<f64>) {
+    let mesh = crate::mesh::testing::cube(2, 1.0);
+    let body = Arc::new(Body::new(&mesh, &Model::uniform(law, &[])).unwrap());
+    let problem = Arc::new(Problem::with(body, None, crate::fem::boundary::Constraints::Elimination));
+    let mut solver = Solver::new(problem.clone());
+    solver.evaluate(true);
+    let tangent = solver.assembled.tangent.clone();
+    (problem, tangent)
+}
+
+#[test]
+fn a_matrix_without_an_inverse_is_no_solution_whatever_route_is_taken() {
+    let stiff = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.3));
+    let soft = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
+    for law in [stiff, soft] {
+        let (problem, tangent) = floating(law);
+        let n = problem.unknowns();
+        let mut factor = Factor::new(&problem.symbolic, &problem.pattern);
+        // A push that only a reaction could balance.
+        let mut push = vec![0.0; n];
+        push[problem.dofs.displacement(0)[0] as usize] = 1.0;
+        let mut x = vec![0.0; n];
+        for accuracy in [STEP, SENSITIVITY] {
+            let solved = factor.factorise_and_solve(
+                &problem.symbolic,
+                &problem.pattern,
+                &tangent,
+                &push,
+                &mut x,
+                accuracy,
+            );
+            let residual = solved.expect_err("no displacement balances it").residual;
+            assert!(residual > 1e-3, "{}: residual {residual:.1e}", law.name());
+        }
+    }
+}
+
+#[test]
+fn a_solve_is_as_good_as_was_asked_for() {
+    let law = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
+    let mesh = crate::mesh::testing::cube(3, 1.0);
+    let fixed: Vec<u32> =
+        (0..mesh.nodes_m.len() as u32).filter(|&n| mesh.nodes_m[n as usize][2] == 0.0).collect();
+    let body = Arc::new(Body::new(&mesh, &Model::uniform(law, &fixed)).unwrap());
+    let problem = Arc::new(Problem::new(body, 63));
+    let mut solver = Solver::new(problem.clone());
+    solver.evaluate(true);
+    let n = problem.unknowns();
+    let exact: Vec<f64> = (0..n).map(|i| ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5).collect();
+    let (mut right, mut x) = (vec![0.0; n], vec![0.0; n]);
+    let tangent = solver.assembled.tangent.clone();
+    problem.pattern.multiply(&tangent, &exact, &mut right);
+    let mut factor = Factor::new(&problem.symbolic, &problem.pattern);
+    for accuracy in [STEP, SENSITIVITY] {
+        let claimed = factor
+            .factorise_and_solve(&problem.symbolic, &problem.pattern, &tangent, &right, &mut x, accuracy)
+            .expect("the cube is held");
+        let mut product = vec![0.0; n];
+        problem.pattern.multiply(&tangent, &x, &mut product);
+        let norm = |v: &mut dyn Iterator<Item = f64>| v.map(|a| a * a).sum::<f64>().sqrt();
+        let left =
+            norm(&mut right.iter().zip(&product).map(|(b, p)| b - p)) / norm(&mut right.iter().copied());
+        assert!(
+            left <= accuracy.accepted && (left - claimed).abs() <= 1e-15,
+            "{left:.1e}, claimed {claimed:.1e}"
+        );
+    }
+}

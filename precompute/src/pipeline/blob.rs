@@ -1,0 +1,173 @@
+//! From a solved space to a certified blob.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use palpate_core::{AlignedBytes, Method, Organ};
+
+use super::{Analysis, PipelineError, Run, Unfinished};
+use crate::certificate::{Certificate, Effort, certify, clear_positions, ledger};
+use crate::held_out::{Draw, HeldOutProgress, Summary};
+use crate::pack::{PackOptions, Packed, pack};
+use crate::space::{Kind, Store, still_to_solve};
+
+/// The active nodes of a space that are not finished.
+pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
+    let mut unfinished = Vec::new();
+    for (active, (name, _)) in store.active()?.into_iter().enumerate() {
+        let open = still_to_solve(store, active)?;
+        if open > 0 {
+            unfinished.push(Unfinished { path: store.path().to_path_buf(), active: name, open });
+        }
+    }
+    Ok(unfinished)
+}
+
+/// Uniform positions of a blob of many nodes, all together: without a failure they certify 99.5 % with 95 % confidence.
+const TOGETHER: u32 = 600;
+/// Fewer than this say nothing about a node.
+const MIN_UNIFORM: u32 = 3;
+/// More nodes than this are certified together.
+const FEW: usize = 8;
+
+/// Uniform positions of a node, where the caller does not choose.
+fn default_uniform(nodes: usize) -> u32 {
+    if nodes <= FEW {
+        return Draw::PAPER.uniform;
+    }
+    TOGETHER.div_ceil(u32::try_from(nodes).unwrap_or(u32::MAX)).max(MIN_UNIFORM)
+}
+
+/// Uniform positions are solved in at most this many rounds: how many of them lie at branch jumps is known only
+/// afterwards.
+const MAX_ROUNDS: u32 = 4;
+
+/// Solves uniform positions of every active node, until as many as `uniform` are away from branch jumps or more would
+/// not help, and keeps them in the `.space` file. With `None`: 299 of each of up to eight nodes, 600 of all nodes together
+/// beyond that. Returns how many were solved now.
+///
+/// Only nodes with branch jumps are asked for more. Of many nodes that are certified together none is: the others make up
+/// for it.
+pub fn solve_truth(
+    space: &Path,
+    uniform: Option<u32>,
+    run: Run<'_>,
+    mut progress: impl FnMut(&HeldOutProgress),
+) -> Result<usize, PipelineError> {
+    let nodes = Store::open(space)?.active()?.len();
+    let asked = uniform.unwrap_or_else(|| default_uniform(nodes));
+    let rounds = if nodes > FEW && uniform.is_none() { 1 } else { MAX_ROUNDS };
+    let (mut lacking, mut wanted, mut solved): (Vec<usize>, _, _) = ((0..nodes).collect(), asked, 0);
+    for round in 1..=rounds {
+        let (solved_now, is_whole) = solve_uniform(space, &lacking, wanted, run, &mut progress)?;
+        solved += solved_now;
+        if !is_whole || round == rounds {
+            break;
+        }
+        let store = Store::open(space)?;
+        let flags_only = PackOptions { methods: &[], intermediate: false, threads: run.threads };
+        let bytes = AlignedBytes::from(&pack(&store, &flags_only)?.bytes()?[..]);
+        let organ: Organ<'_> = Organ::read(&bytes)?;
+        let mut clear = clear_positions(&store, &organ)?;
+        clear.retain(|&(_, count)| count > 0 && count < asked as usize);
+        let Some(least) = clear.iter().map(|&(_, count)| count as u32).min() else { break };
+        lacking = clear.into_iter().map(|(active, _)| active).collect();
+        wanted += ((asked - least) * wanted).div_ceil(least);
+    }
+    Ok(solved)
+}
+
+/// Solves what is missing of `wanted` uniform positions of these active nodes. Returns how many were solved now, and
+/// whether all of them are there.
+fn solve_uniform(
+    space: &Path,
+    actives: &[usize],
+    wanted: u32,
+    run: Run<'_>,
+    progress: &mut dyn FnMut(&HeldOutProgress),
+) -> Result<(usize, bool), PipelineError> {
+    let store = Store::open(space)?;
+    let actives = lacking_uniform(&store, actives, wanted)?;
+    if actives.is_empty() {
+        return Ok((0, true));
+    }
+    let analysis = Analysis::of_store(&store)?;
+    drop(store);
+    let store = analysis.store(space)?;
+    let uniform_only = Draw { regular_m: None, random: 0, ..Draw::PAPER };
+    let draw = Draw { uniform: wanted, ..Draw::of(&store)?.unwrap_or(uniform_only) };
+    let held_out = analysis.held_out(&actives, draw)?;
+    let mut solved = 0;
+    analysis.solve_held_out(&held_out, &store, run, |p| {
+        solved = p.positions_now;
+        progress(p);
+    })?;
+    Ok((solved, lacking_uniform(&store, &actives, wanted)?.is_empty()))
+}
+
+/// Active nodes that have a space but fewer uniform positions.
+fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<usize>, PipelineError> {
+    let mut lacking = Vec::new();
+    for &active in actives {
+        let there = Summary::of(store, active)?.get(&Kind::Uniform).map_or(0, |sum| sum.whole);
+        let solved = store.records(active)?.iter().filter(|r| r.tag.is_solved()).count();
+        if there < wanted && solved > 1 {
+            lacking.push(active);
+        }
+    }
+    Ok(lacking)
+}
+
+/// Fits the tables of a space and measures them at its held-out positions, with the very bytes that the loop reads.
+pub fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), PipelineError> {
+    let mut packed = pack(store, options)?;
+    let bytes = AlignedBytes::from(&packed.bytes()?[..]);
+    let organ: Organ<'_> = Organ::read(&bytes)?;
+    let certificate = certify(store, &organ)?;
+    packed.certify(&serde_json::to_string(&certificate)?)?;
+    Ok((packed, certificate))
+}
+
+/// Adds ledgers to a certificate: what the blob leaves out, and with `positions` above zero what element order and mesh do.
+/// `began` is told the name of each node before its positions are solved.
+pub fn add_ledgers(
+    store: &Store,
+    (packed, certificate): (&mut Packed, &mut Certificate),
+    positions: usize,
+    run: Run<'_>,
+    began: impl Fn(&str),
+) -> Result<(), PipelineError> {
+    let bytes = AlignedBytes::from(&packed.bytes()?[..]);
+    let organ: Organ<'_> = Organ::read(&bytes)?;
+    let analysis = Analysis::of_store(store)?;
+    let effort = Effort { positions, threads: run.threads, stop: run.stop };
+    let wanted = if certificate.spaces.len() > FEW { 1 } else { certificate.spaces.len() };
+    let names: Vec<String> = store.active()?.into_iter().map(|(name, _)| name).collect();
+    for space in &mut certificate.spaces[..wanted] {
+        let Some(active) = names.iter().position(|name| *name == space.active) else { continue };
+        if positions > 0 {
+            began(&space.active);
+        }
+        space.ledger = ledger(store, active, (&organ, space), &analysis.scene, effort)?;
+        if run.stop.load(Ordering::Relaxed) {
+            return Err(PipelineError::Interrupted);
+        }
+    }
+    packed.certify(&serde_json::to_string(&*certificate)?)?;
+    Ok(())
+}
+
+/// The certified blob of a finished space, in memory. `uniform` as in [`solve_truth`].
+pub fn certified_blob(
+    space: &Path,
+    methods: &[Method],
+    uniform: Option<u32>,
+    run: Run<'_>,
+) -> Result<Vec<u8>, PipelineError> {
+    if let Some(unfinished) = unfinished(&Store::open(space)?)?.into_iter().next() {
+        return Err(PipelineError::Unfinished(unfinished));
+    }
+    solve_truth(space, uniform, run, |_| {})?;
+    let options = PackOptions { methods, intermediate: true, threads: run.threads };
+    Ok(certified(&Store::open(space)?, &options)?.0.bytes()?)
+}

@@ -1,0 +1,171 @@
+//! Why a step of the pipeline failed, and the one line that says it.
+
+use std::path::PathBuf;
+
+use palpate_core::{BlobError, LatticeError};
+
+use crate::error::InputError;
+use crate::held_out::HeldOutError;
+use crate::pack::PackError;
+use crate::scene::BodyError;
+use crate::space::{ExpansionError, StoreError};
+
+/// Why a step of the pipeline failed: one line that names the file, what is wrong and the fix.
+#[derive(Debug)]
+pub enum PipelineError {
+    /// The scene or its mesh.
+    Input(InputError),
+    /// The body cannot be built.
+    Body {
+        /// The scene.
+        path: PathBuf,
+        /// Why.
+        error: BodyError,
+    },
+    /// The scene does not say where to solve.
+    NoGrid {
+        /// The scene.
+        path: PathBuf,
+    },
+    /// The grid of the scene is not possible.
+    Grid {
+        /// The scene.
+        path: PathBuf,
+        /// Why.
+        error: LatticeError,
+    },
+    /// A lattice is needed, and the scene asks for scattered positions.
+    NotALattice {
+        /// The scene.
+        path: PathBuf,
+    },
+    /// No active node has this name.
+    UnknownNode {
+        /// The scene.
+        path: PathBuf,
+        /// The name.
+        name: String,
+        /// Names of the active nodes.
+        known: Vec<String>,
+    },
+    /// The scene kept in a space is not the one that was solved.
+    OtherScene {
+        /// The space.
+        path: PathBuf,
+    },
+    /// An active node has positions that are still to be solved.
+    Unfinished(Unfinished),
+    /// The space.
+    Store(StoreError),
+    /// The solve of the configurations.
+    Expansion(ExpansionError),
+    /// The solve of held-out positions.
+    HeldOut(HeldOutError),
+    /// The tables.
+    Pack(PackError),
+    /// The packed blob is not one that the core reads.
+    Blob(BlobError),
+    /// The certificate cannot be written as JSON.
+    Certificate(serde_json::Error),
+    /// The caller raised the stop flag.
+    Interrupted,
+}
+
+/// An active node that is not finished.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unfinished {
+    /// The space.
+    pub path: PathBuf,
+    /// Name of the active node.
+    pub active: String,
+    /// Positions that are still to be solved, at least.
+    pub open: usize,
+}
+
+impl std::fmt::Display for Unfinished {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { path, active, open } = self;
+        write!(
+            f,
+            "{}: active node {active} is not finished: {open} points or more are still to be solved",
+            path.display()
+        )
+    }
+}
+
+impl PipelineError {
+    /// Whether the caller's input is at fault, rather than the work or the machine.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::Body { error, .. } => !matches!(error, BodyError::NoRest(_)),
+            Self::Store(error)
+            | Self::Expansion(ExpansionError::Store(error))
+            | Self::HeldOut(HeldOutError::Store(error))
+            | Self::Pack(PackError::Store(error)) => !error.is_of_the_machine(),
+            Self::Expansion(error) => matches!(error, ExpansionError::Rest(_)),
+            Self::HeldOut(error) => matches!(error, HeldOutError::NoSpace(_) | HeldOutError::NoReach(_)),
+            Self::Blob(_) | Self::Certificate(_) | Self::Interrupted => false,
+            _ => true,
+        }
+    }
+}
+
+impl std::fmt::Display for PipelineError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Input(error) => write!(f, "{error}"),
+            Self::Body { path, error } => write!(f, "{}: {error}", path.display()),
+            Self::NoGrid { path } => write!(f, "{}: no [grid]; add radius_m and spacing_m", path.display()),
+            Self::Grid { path, error } => write!(f, "{}: [grid]: {error}", path.display()),
+            Self::NotALattice { path } => write!(
+                f,
+                "{}: this command is for a lattice; give [grid] a `spacing_m` instead of a tolerance",
+                path.display()
+            ),
+            Self::UnknownNode { path, name, known } => {
+                write!(f, "{}: no active node `{name}`; it has {}", path.display(), known.join(", "))
+            }
+            Self::OtherScene { path } => write!(
+                f,
+                "{}: the scene in it is not the one that it was solved for; run `palpate precompute` again",
+                path.display()
+            ),
+            Self::Unfinished(unfinished) => {
+                write!(f, "{unfinished}; run `palpate precompute` again, or pack with --partial")
+            }
+            Self::Store(error) => write!(f, "{error}"),
+            Self::Expansion(error) => write!(f, "{error}"),
+            Self::HeldOut(error) => write!(f, "{error}"),
+            Self::Pack(error) => write!(f, "{error}"),
+            Self::Blob(error) => write!(f, "the packed blob cannot be read back: {error}; please report it"),
+            Self::Certificate(error) => write!(f, "the certificate cannot be written: {error}"),
+            Self::Interrupted => write!(
+                f,
+                "interrupted; what was solved for the certificate is kept, run the same command to go on"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for PipelineError {}
+
+macro_rules! from_errors {
+    ($($variant:ident($error:ty)),* $(,)?) => { $(
+        impl From<$error> for PipelineError {
+            fn from(error: $error) -> Self {
+                Self::$variant(error)
+            }
+        }
+    )* };
+}
+
+from_errors!(
+    Input(InputError),
+    Store(StoreError),
+    Expansion(ExpansionError),
+    HeldOut(HeldOutError),
+    Pack(PackError),
+    Blob(BlobError),
+    Certificate(serde_json::Error),
+);

@@ -1,0 +1,214 @@
+//! From a scene to a certified blob: what an engineer does with this library, step by step.
+//!
+//! ```text
+//! Analysis::load -> Analysis::store -> Analysis::solve -> solve_truth -> certified -> Packed::bytes
+//! scene, body       .space file        configurations     fresh solves   tables and their errors
+//! ```
+//!
+//! [`certified_blob`] does the steps after the solve in one call. Each step keeps what it did in the `.space`
+//! file, so an interrupted one goes on where it stopped.
+
+mod blob;
+mod error;
+
+pub use blob::{add_ledgers, certified, certified_blob, solve_truth, unfinished};
+pub use error::{PipelineError, Unfinished};
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::fem::body::Body;
+use crate::fem::solve::Problem;
+use crate::held_out::{Draw, HeldOut, HeldOutError, HeldOutProgress};
+use crate::scene::{ActiveNode, ResolvedScene, Scene};
+use crate::space::{
+    Expansion, ExpansionError, Progress, Salvaged, Store, StoreIdentity, TagCounts, Workshop, with_threads,
+};
+use crate::spec::{Lattice, Sampling};
+
+/// How a long step runs.
+#[derive(Debug, Clone, Copy)]
+pub struct Run<'s> {
+    /// Threads, one at least. The results do not depend on it.
+    pub threads: usize,
+    /// Raised to end the step in good order; what is solved by then is kept.
+    pub stop: &'s AtomicBool,
+}
+
+impl Run<'static> {
+    /// On all cores, to the end.
+    #[must_use]
+    pub fn to_the_end() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Self { threads: std::thread::available_parallelism().map_or(1, usize::from), stop: &NEVER }
+    }
+}
+
+/// A scene with its body: everything that a solve needs.
+#[derive(Debug)]
+pub struct Analysis {
+    /// The file that messages name.
+    pub path: PathBuf,
+    /// The scene.
+    pub scene: ResolvedScene,
+    /// Its body.
+    pub body: Arc<Body>,
+}
+
+impl Analysis {
+    /// Loads a scene file and its mesh, and builds the body. What is odd about the scene but can be solved is in
+    /// [`ResolvedScene::warnings`].
+    pub fn load(path: &Path) -> Result<Self, PipelineError> {
+        Self::of_scene(path, Scene::load(path)?.resolve()?)
+    }
+
+    /// Builds the body of a scene; `path` is the file that messages name.
+    pub fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Self, PipelineError> {
+        let body = scene.body().map_err(|error| PipelineError::Body { path: path.to_path_buf(), error })?;
+        Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
+    }
+
+    /// The scene that a space was solved for, from the space alone.
+    pub fn of_store(store: &Store) -> Result<Self, PipelineError> {
+        let (mesh, fixed) = store.body()?;
+        let identity = store.identity()?;
+        let scene = Scene::parse(store.path(), identity.scene)?.resolve_in(mesh, fixed)?;
+        let analysis = Self::of_scene(store.path(), scene)?;
+        if !analysis.is_of(store)? {
+            return Err(PipelineError::OtherScene { path: store.path().to_path_buf() });
+        }
+        Ok(analysis)
+    }
+
+    /// Index and description of the active node `name`, or of the first one.
+    pub fn active(&self, name: Option<&str>) -> Result<(usize, &ActiveNode), PipelineError> {
+        let mut nodes = self.scene.active.iter().enumerate();
+        nodes.find(|(_, active)| name.is_none_or(|name| active.name == name)).ok_or_else(|| {
+            PipelineError::UnknownNode {
+                path: self.path.clone(),
+                name: name.unwrap_or_default().into(),
+                known: self.scene.active.iter().map(|active| active.name.clone()).collect(),
+            }
+        })
+    }
+
+    /// The equilibrium problem with this active node prescribed.
+    #[must_use]
+    pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
+        self.problem_of()(active)
+    }
+
+    fn problem_of(&self) -> impl Fn(&ActiveNode) -> Arc<Problem> + Send + Sync + 'static {
+        let (body, constraints) = (self.body.clone(), self.scene.constraints);
+        let reject_inverted = self.scene.reject_inverted;
+        move |active| {
+            let mut problem = Problem::with(body.clone(), Some(active.handle()), constraints);
+            problem.newton.reject_inverted = reject_inverted;
+            Arc::new(problem)
+        }
+    }
+
+    /// The positions that the scene asks for.
+    pub fn sampling(&self) -> Result<Sampling, PipelineError> {
+        let path = || self.path.clone();
+        let grid = self.scene.grid.ok_or_else(|| PipelineError::NoGrid { path: path() })?;
+        grid.sampling().map_err(|error| PipelineError::Grid { path: path(), error })
+    }
+
+    /// The lattice that the scene asks for.
+    pub fn lattice(&self) -> Result<Lattice, PipelineError> {
+        let not = || PipelineError::NotALattice { path: self.path.clone() };
+        self.sampling()?.lattice().copied().ok_or_else(not)
+    }
+
+    /// Opens the `.space` file of this scene for solving, or creates it. A file that was solved for another
+    /// scene is refused.
+    pub fn store(&self, path: &Path) -> Result<Store, PipelineError> {
+        let (identity, active) = (self.identity()?, self.active_nodes());
+        Ok(Store::create_or_resume(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
+    }
+
+    /// [`Self::store`] of what is intact in a damaged file.
+    pub fn salvage(&self, path: &Path) -> Result<(Store, Salvaged), PipelineError> {
+        let (identity, active) = (self.identity()?, self.active_nodes());
+        Ok(Store::salvage(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
+    }
+
+    fn identity(&self) -> Result<StoreIdentity, PipelineError> {
+        Ok(StoreIdentity {
+            scene_name: self.scene.name.clone(),
+            scene: self.scene.text.clone(),
+            content_hash: hex(&self.scene.content_hash()),
+            mesh_hash: self.scene.mesh.content_hash(),
+            law: self.body.law_names(),
+            max_force_n: self.scene.max_force_n,
+            sampling: self.sampling()?,
+            visual: self.scene.visual,
+            displacement_bound: self.scene.displacement_bound,
+            form: self.scene.form,
+        })
+    }
+
+    fn active_nodes(&self) -> Vec<(String, u32)> {
+        self.scene.active.iter().map(|active| (active.name.clone(), active.node)).collect()
+    }
+
+    /// What workers need to solve this scene.
+    pub fn workshop(&self) -> Result<Arc<Workshop>, PipelineError> {
+        let (problem_of, nodes) = (self.problem_of(), self.scene.active.clone());
+        let problem = move |active: usize| problem_of(&nodes[active]);
+        Ok(Arc::new(Workshop::new(problem, self.sampling()?, self.scene.max_force_n)))
+    }
+
+    /// Solves the spaces of these active nodes (indices into [`ResolvedScene::active`]) and keeps them in `store`.
+    /// Returns how the positions of each ended.
+    pub fn solve(
+        &self,
+        actives: Vec<usize>,
+        store: &Store,
+        run: Run<'_>,
+        progress: impl FnMut(&Progress),
+    ) -> Result<Vec<TagCounts>, PipelineError> {
+        let (expansion, workshop) = (Expansion { actives }, self.workshop()?);
+        let solved: Result<Vec<TagCounts>, ExpansionError> =
+            with_threads(&workshop, run.threads, |crew| expansion.run(store, crew, run.stop, progress));
+        Ok(solved?)
+    }
+
+    /// Solves the spaces of all active nodes into the `.space` file at `path`, which an earlier run may have begun.
+    pub fn solve_all(&self, path: &Path, run: Run<'_>) -> Result<Vec<TagCounts>, PipelineError> {
+        self.solve((0..self.scene.active.len()).collect(), &self.store(path)?, run, |_| {})
+    }
+
+    /// Whether a space was solved for this scene.
+    pub fn is_of(&self, store: &Store) -> Result<bool, PipelineError> {
+        Ok(store.identity()?.content_hash == hex(&self.scene.content_hash()))
+    }
+
+    /// Positions and paths of these active nodes that no fit uses.
+    pub fn held_out(&self, actives: &[usize], draw: Draw) -> Result<HeldOut, PipelineError> {
+        let named = actives.iter().map(|&active| (active, self.scene.active[active].name.clone()));
+        let (sampling, keep_displacements) = (self.sampling()?, self.scene.visual);
+        Ok(HeldOut { actives: named.collect(), sampling, draw, keep_displacements })
+    }
+
+    /// Solves those, and keeps them in `store`.
+    pub fn solve_held_out(
+        &self,
+        held_out: &HeldOut,
+        store: &Store,
+        run: Run<'_>,
+        progress: impl FnMut(&HeldOutProgress),
+    ) -> Result<(), PipelineError> {
+        let solved: Result<(), HeldOutError> = with_threads(&self.workshop()?, run.threads, |crew| {
+            held_out.run(store, crew, run.stop, progress)
+        });
+        Ok(solved?)
+    }
+}
+
+/// Bytes as hexadecimal digits.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
