@@ -9,6 +9,8 @@
 //! Groups: every physical group becomes a group of its name; one without a name is called `point 7`, `curve 7`,
 //! `surface 7` or `volume 7` by its tag. Groups of different dimension with one name are joined.
 
+mod kind;
+
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -17,6 +19,7 @@ use super::mid_edge;
 use super::raw::{Origin, RawMesh};
 use super::tetrahedral::sorted;
 use crate::error::{InputError, count};
+use kind::{Kind, kind_of};
 
 const SAVE_ASCII: &str = "save it as ASCII, version 4.1 or 2.2 (Gmsh: `-format msh41`, without `-bin`)";
 const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
@@ -108,38 +111,6 @@ fn skip(start: Line<'_>, section: &str, lines: &mut Lines<'_>) -> Result<(), Inp
     }
     Err(start
         .error(format!("section ${section} has no {end}"), "the file is truncated: export or copy it again"))
-}
-
-/// What an element type of the format means to us.
-enum Kind {
-    Tet,
-    TenNodeTet,
-    /// Points, lines and triangles: kept for the vertices of their groups. The vertices are the first of the nodes.
-    Lower {
-        dimension: usize,
-        vertices: usize,
-        nodes: usize,
-    },
-    HigherOrder,
-    Refused(&'static str),
-}
-
-fn kind_of(element_type: u32) -> Kind {
-    match element_type {
-        15 => Kind::Lower { dimension: 0, vertices: 1, nodes: 1 },
-        1 => Kind::Lower { dimension: 1, vertices: 2, nodes: 2 },
-        8 => Kind::Lower { dimension: 1, vertices: 2, nodes: 3 },
-        2 => Kind::Lower { dimension: 2, vertices: 3, nodes: 3 },
-        9 => Kind::Lower { dimension: 2, vertices: 3, nodes: 6 },
-        4 => Kind::Tet,
-        11 => Kind::TenNodeTet,
-        3 => Kind::Refused("quadrangle"),
-        5 => Kind::Refused("hexahedron"),
-        6 => Kind::Refused("prism"),
-        7 => Kind::Refused("pyramid"),
-        10 | 12..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
-        _ => Kind::Refused("shape this reader does not know"),
-    }
 }
 
 struct Reader<'a> {

@@ -1,0 +1,33 @@
+//! Element types of the Gmsh format by their number.
+
+/// What an element type of the format means to this reader.
+pub(super) enum Kind {
+    Tet,
+    TenNodeTet,
+    /// Points, lines and triangles: kept for the vertices of their groups. The vertices are the first of the nodes.
+    Lower {
+        dimension: usize,
+        vertices: usize,
+        nodes: usize,
+    },
+    HigherOrder,
+    Refused(&'static str),
+}
+
+pub(super) fn kind_of(element_type: u32) -> Kind {
+    match element_type {
+        15 => Kind::Lower { dimension: 0, vertices: 1, nodes: 1 },
+        1 => Kind::Lower { dimension: 1, vertices: 2, nodes: 2 },
+        8 => Kind::Lower { dimension: 1, vertices: 2, nodes: 3 },
+        2 => Kind::Lower { dimension: 2, vertices: 3, nodes: 3 },
+        9 => Kind::Lower { dimension: 2, vertices: 3, nodes: 6 },
+        4 => Kind::Tet,
+        11 => Kind::TenNodeTet,
+        3 => Kind::Refused("quadrangle"),
+        5 => Kind::Refused("hexahedron"),
+        6 => Kind::Refused("prism"),
+        7 => Kind::Refused("pyramid"),
+        10 | 12..=14 | 16..=33 | 36..=65 | 71..=75 | 79..=93 => Kind::HigherOrder,
+        _ => Kind::Refused("shape this reader does not know"),
+    }
+}
