@@ -1,8 +1,8 @@
-// Palpate in a haptic callback of the kind that CHAI3D and its like have: a thread that reads a device, computes, and sends a force.
+// Palpate in a haptic callback, as in CHAI3D: a thread that reads a device, computes and sends a force.
 //
 //     haptic_callback FILE.blob
 //
-// The device here is a spring-mass hand that leans on the organ; a real one has the same three functions.
+// The device here is a simulated hand that leans on the organ. A driver of a real device has the same functions.
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -22,7 +22,7 @@
 
 using Vector = std::array<double, 3>;
 
-/// What a haptics library shows of a device.
+/// The interface of a device in a haptics library.
 class HapticDevice {
 public:
     virtual ~HapticDevice() = default;
@@ -31,7 +31,7 @@ public:
     virtual bool setForce(const Vector &force) = 0;
 };
 
-/// A hand of 0.2 kg that is drawn towards a target by a spring and damped; the device's force pushes it back.
+/// A hand of 0.2 kg with a spring to a target and a damper; the force of the device pushes it back.
 class LeaningHand : public HapticDevice {
 public:
     LeaningHand(const Vector &start, const Vector &target) : position_(start), target_(target) {}
@@ -63,7 +63,7 @@ private:
     Vector position_, target_, velocity_{};
 };
 
-/// An organ and its controller; owns the memory that the library works in.
+/// An organ and its controller, with the memory that the library uses.
 class Organ {
 public:
     explicit Organ(const std::string &path)
@@ -88,7 +88,7 @@ public:
         palpate_config(PALPATE_METHOD_ENERGY, &config);
         PalpateOrganInfo info;
         palpate_organ_info(organ_, &info);
-        // The device's limits: never more than the scene was made for.
+        // The limit of the force is that of the device that the scene was made for.
         config.max_force_n = std::min(config.max_force_n, info.max_force_n);
         if (palpate_controller_open(as_bytes(controller_memory_), palpate_controller_size(), organ_, &config,
                                     &controller_, &problem)
@@ -103,7 +103,7 @@ public:
     {
         PalpateSpaceInfo info;
         if (palpate_space_info(organ_, number, &info) != PALPATE_STATUS_OK) {
-            throw std::out_of_range("no such space");
+            throw std::out_of_range("the organ has no space with this number");
         }
         return info;
     }
@@ -122,14 +122,14 @@ private:
     PalpateController *controller_ = nullptr;
 };
 
-/// What the haptic thread and the picture share.
+/// Values shared by the haptic thread and the graphics thread.
 struct Shared {
     std::atomic<bool> running{true};
     std::atomic<float> force_n{0};
     std::atomic<int> fault{PALPATE_FAULT_NONE};
 };
 
-/// The callback: position in, force out. A fault ends in zero force and stays there until somebody resets and arms.
+/// The callback: position in, force out. After a fault the force is zero until the user resets and arms.
 static void updateHaptics(HapticDevice &device, PalpateController *controller, Shared &shared)
 {
     uint64_t now_us = 0;

@@ -1,8 +1,8 @@
-/* Presses into an organ and lets go: what a simulation in C does with Palpate.
+/* Presses into an organ and releases it: Palpate in a simulation in C.
  *
  *     press FILE.blob [METHOD]
  *
- * Prints the force every 50 ms; exits 0 if the organ pushed back and nothing faulted. */
+ * Prints the force every 50 ms. Exits with 0 if the organ pushed back and there was no fault. */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,7 +10,7 @@
 
 #include "palpate.h"
 
-/* The whole file at an address that a blob and a state may lie at; NULL after a message. */
+/* Reads a whole file to an address aligned for a blob. Returns NULL after an error message. */
 static void *load(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
@@ -22,7 +22,7 @@ static void *load(const char *path, size_t *size)
         return NULL;
     }
     for (;;) {
-        /* Twice the room each time: a file need not know its length (a pipe does not). */
+        /* Doubles the buffer, because the length is not known in advance for a pipe. */
         uint8_t *larger = aligned_alloc(PALPATE_ALIGNMENT, room);
         if (larger == NULL) {
             break;
@@ -98,7 +98,7 @@ int main(int argc, char **argv)
         return refused(&problem);
     }
     if (palpate_organ_info(organ, &info) != PALPATE_STATUS_OK || palpate_space_info(organ, 0, &space) != PALPATE_STATUS_OK) {
-        fprintf(stderr, "press: the organ has no node to touch\n");
+        fprintf(stderr, "press: the organ has no active node\n");
         return 1;
     }
     printf("%s, %s: %u space(s), %u vertices%s\n", info.scene, info.law, info.spaces, info.vertices,
@@ -111,7 +111,7 @@ int main(int argc, char **argv)
         return refused(&problem);
     }
 
-    /* A second at 1 kHz: from 2 mm above the surface to 8 mm below and back. */
+    /* One second at 1 kHz: from 2 mm above the surface to 8 mm below and back. */
     float most_n = 0;
     palpate_arm(controller);
     for (uint64_t tick = 0; tick < 1000; ++tick) {
@@ -144,7 +144,7 @@ int main(int argc, char **argv)
     const float in_5_mm[3] = {-0.005f * space.outward_normal[0], -0.005f * space.outward_normal[1],
                               -0.005f * space.outward_normal[2]};
     PalpateStatus drawn = palpate_displacements(organ, 0, &in_5_mm, moved, surface.vertices);
-    printf("displacements for the eye: %s\n", palpate_status_text(drawn));
+    printf("surface displacements: %s\n", palpate_status_text(drawn));
 
     free(moved);
     free(controller_memory);

@@ -1,4 +1,4 @@
-//! Controllers: one tick a millisecond, from a sample of the device to the force for the hand.
+//! Controllers: one tick per millisecond converts a sample of the device into the force for the hand.
 
 use core::mem::MaybeUninit;
 
@@ -11,7 +11,7 @@ use crate::memory;
 use crate::organ::{PALPATE_ALIGNMENT, PalpateCoverage, PalpateOrgan, SPACES, method, told};
 use crate::status::{PalpateProblem, PalpateStatus};
 
-/// An organ being rendered, in memory of the caller. Only this library looks inside.
+/// A controller with its state, in memory of the caller. Opaque: only this library accesses its contents.
 #[derive(Debug)]
 pub struct PalpateController {
     controller: Controller<'static, 'static, SPACES>,
@@ -20,56 +20,58 @@ pub struct PalpateController {
 
 const _: () = assert!(align_of::<PalpateController>() <= PALPATE_ALIGNMENT);
 
-/// How to render. Begin with palpate_config and change what you know better.
+/// The configuration of a controller. palpate_config fills in the defaults; change single fields afterwards.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PalpateConfig {
     /// Interpolation method, a PalpateMethod.
     pub method: u32,
-    /// Buttons that grasp (any of these bits); 0 for never.
+    /// Bits of the buttons that start a grasp, any of them; 0 for none.
     pub grasp_button: u32,
-    /// Largest distance from the HIP to the node that it may engage, m.
+    /// Largest distance from the HIP to the rest position of a node that it may engage, m.
     pub capture_radius_m: f32,
-    /// Tension along the outward normal at which a pushing tool lets go, N.
+    /// Tension along the outward normal at which a pushing tool disengages, N.
     pub release_tension_n: f32,
-    /// Height above the first touch at which a pushing tool lets go, m.
+    /// Height above the anchor of the contact at which a pushing tool disengages, m.
     pub release_height_m: f32,
-    /// Coulomb friction of a pushing tool where it may slide; infinite for a tool that sticks to the nearest node.
+    /// Coefficient of Coulomb friction of a pushing tool that may slide; infinite for a tool that sticks to
+    /// the nearest node.
     pub friction: f32,
-    /// A grasping tool slips off beyond this many times the grid's radius or the largest force.
+    /// A grasp is lost beyond this multiple of the radius of the grid or of the largest force.
     pub grasp_slip: f32,
-    /// Largest distance from the surface at which a grasp takes hold, m.
+    /// Largest distance from the surface at which a grasp begins, m.
     pub grasp_distance_m: f32,
-    /// Largest force for the hand, N: the device's.
+    /// Largest force for the hand, N: the limit of the device.
     pub max_force_n: f32,
-    /// Largest change of that force, N/s.
+    /// Largest rate of change of that force, N/s.
     pub max_slew_n_per_s: f32,
-    /// Time from zero to full force after arming, s.
+    /// Time from zero to the full force after arming, s.
     pub ramp_s: f32,
-    /// Time in which a force that ends elsewhere than at zero fades, s.
+    /// Duration of the transition over a jump of the force, s.
     pub fade_s: f32,
-    /// Largest |x|, |y| and |z| of the HIP, m; beyond it is a fault.
+    /// Largest absolute coordinate of the HIP, m; beyond it is a fault.
     pub max_position_m: f32,
     /// Largest speed of the HIP, m/s; beyond it is a fault.
     pub max_speed_m_s: f32,
-    /// Largest stiffness that may be rendered, N/m: the device's, divided by the metres of the model to one of the device. The forces of
-    /// a stiffer organ are scaled down as a whole.
+    /// Largest stiffness of the model that may be rendered, N/m: that of the device divided by the metres of
+    /// the model per metre of the device. The forces of a stiffer organ are all scaled by one factor.
     pub max_stiffness_n_m: f32,
-    /// Work on the hand in one touch that nobody minds, J.
+    /// Work on the hand in one touch that is tolerated, J.
     pub energy_margin_j: f32,
-    /// Largest virtual damping of the guard on energy, N s/m; 0 for none.
+    /// Largest virtual damping of the passivity control, N s/m; 0 for none.
     pub energy_damping_n_s_m: f32,
-    /// Work on the hand that is a fault, J; infinite for never.
+    /// Work on the hand that is a fault, J; infinite for no fault.
     pub energy_fault_j: f32,
-    /// Metres of the model to one of the device.
+    /// Metres of the model per metre of the device.
     pub workspace_scale: f32,
-    /// Step of the positions, m of the model; 0 for none.
+    /// Resolution of the positions, metres of the model; 0 if unlimited.
     pub position_step_m: f32,
-    /// How long a force is on its way to the motors, us.
+    /// Time that a force takes to the motors, us.
     pub force_delay_us: u32,
-    /// Ticks without a fresh sample that hold the last command; after them the force is zero.
+    /// Number of ticks without a fresh sample in which the last command is held; after them the force is
+    /// zero.
     pub stale_hold_ticks: u32,
-    /// Age of the newest sample that latches a fault, us.
+    /// Age of the newest sample that is a fault, us.
     pub stale_fault_us: u64,
 }
 
@@ -77,47 +79,47 @@ pub struct PalpateConfig {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PalpateSample {
-    /// When it was taken, on the clock of the ticks, us.
+    /// Time of the reading on the clock of the ticks, us.
     pub t_us: u64,
     /// HIP, model frame, m.
     pub position_m: [f32; 3],
-    /// One bit a button, 1 while pressed.
+    /// One bit per button, 1 while pressed.
     pub buttons: u32,
 }
 
-/// What the controller is doing.
+/// State of the controller.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PalpatePhase {
-    /// Force zero until armed.
+    /// The force is zero until armed.
     Disarmed = 0,
-    /// Rendering.
+    /// The organ is rendered.
     Active = 1,
-    /// Force zero after a fault, until palpate_reset and palpate_arm.
+    /// The force is zero after a fault, until palpate_reset and palpate_arm.
     SafeZero = 2,
 }
 
-/// Why the force was taken away.
+/// Why the force was set to zero.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PalpateFault {
-    /// It was not.
+    /// No fault.
     None = 0,
-    /// A position that is NaN or infinite.
+    /// A position was NaN or infinite.
     NotFinite = 1,
     /// No fresh sample for too long.
     Stale = 2,
-    /// The HIP moved faster than a hand.
+    /// The HIP was faster than a hand.
     Overspeed = 3,
     /// The HIP left the workspace.
     Workspace = 4,
-    /// Something that cannot happen: time ran backwards.
+    /// An impossible state, for example a time that ran backwards.
     Internal = 5,
-    /// The hand was given more energy than a body can give.
+    /// The hand got more energy than a passive body can give.
     Energy = 6,
-    /// The device is not ready any more. Only a host that says so gets it.
+    /// The device is no longer homed or ready. Only the host reports this fault, not this library.
     NotReady = 7,
-    /// A watchdog took the force away. Only a host with one gets it.
+    /// A watchdog stopped the force. Only a host with a watchdog reports this fault, not this library.
     Watchdog = 8,
 }
 
@@ -127,25 +129,25 @@ pub enum PalpateFault {
 pub struct PalpateCommand {
     /// Force for the hand, model frame, N: finite, and never above the limit.
     pub hand_force_n: [f32; 3],
-    /// h of the model before any limit, N; zero when free.
+    /// h of the model before any limit, N; zero without contact.
     pub reaction_n: [f32; 3],
-    /// Displacement of the engaged node, m; zero when free.
+    /// Displacement of the engaged node, m; zero without contact.
     pub displacement_m: [f32; 3],
-    /// The HIP this stands on, m.
+    /// The HIP that the command refers to, model frame, m.
     pub hip_m: [f32; 3],
-    /// The engaged space, or -1.
+    /// Index of the engaged space, or -1 without contact.
     pub engaged: i32,
-    /// Data behind the reaction.
+    /// The data behind the reaction.
     pub coverage: PalpateCoverage,
-    /// What the controller is doing.
+    /// State of the controller.
     pub phase: PalpatePhase,
-    /// Why it is at zero, if it is after a fault.
+    /// The latched fault in the phase SAFE_ZERO, otherwise NONE.
     pub fault: PalpateFault,
-    /// Work done on the hand since it touched, J, in device metres: below 0 while it presses.
+    /// Work on the hand since first touch, joules in metres of the device; negative while it presses.
     pub hand_work_j: f32,
-    /// Whether the reaction was beyond the force limit.
+    /// Whether the reaction exceeded the force limit.
     pub clamped: bool,
-    /// Whether the guard on energy added damping.
+    /// Whether the passivity control added damping.
     pub damped: bool,
 }
 
@@ -276,7 +278,7 @@ impl PalpateConfig {
     }
 }
 
-/// A method with the default contact and limits: 8 N, 1 N/ms, half a second of ramp.
+/// Writes the default configuration of a method: contact, limits of 8 N and 1 N/ms, a ramp of 0.5 s.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_config(
     method_number: u32,
@@ -288,18 +290,21 @@ pub extern "C" fn palpate_config(
     if known.is_some() { PalpateStatus::Ok } else { PalpateStatus::NoSuchMethod }
 }
 
-/// Bytes that a controller needs.
+/// Number of bytes of memory that a controller needs.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_controller_size() -> usize {
     size_of::<PalpateController>()
 }
 
-/// Checks a configuration and makes a controller, disarmed. `memory` has at least palpate_controller_size() bytes, aligned to
-/// PALPATE_ALIGNMENT; it and the organ must stay as long as the controller is used. `problem` may be null.
+/// Checks a configuration and creates a disarmed controller in `memory`.
+///
+/// `memory` has at least palpate_controller_size() bytes, aligned to PALPATE_ALIGNMENT. `memory` and the
+/// organ must exist as long as the controller is used. `problem` may be null.
 ///
 /// # Safety
 ///
-/// If `memory` is not null, `memory_len` bytes may be written there, and stay as this function leaves them.
+/// If `memory` is not null, `memory_len` bytes may be written there, and only this library changes them
+/// afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn palpate_controller_open(
     memory: *mut u8,
@@ -309,7 +314,7 @@ pub unsafe extern "C" fn palpate_controller_open(
     controller: Option<&mut MaybeUninit<*mut PalpateController>>,
     problem: Option<&mut MaybeUninit<PalpateProblem>>,
 ) -> PalpateStatus {
-    // SAFETY: the same promise.
+    // SAFETY: the caller has the same obligation.
     let mut opened = unsafe { open(memory, memory_len, organ, config) };
     match controller {
         Some(controller) => {
@@ -335,24 +340,28 @@ unsafe fn open(
     let config = config.to_config().ok_or(of(PalpateStatus::NoSuchMethod))?;
     let controller = Controller::new(organ, config)?;
     let state = State::new();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's obligation.
     unsafe { memory::place(memory, memory_len, PalpateController { controller, state }) }
         .ok_or(of(PalpateStatus::Memory))
 }
 
-/// Words of 32 bits that contact with the surface of an organ needs; 0 if the blob has none.
+/// Number of 32-bit words of memory that contact with the surface of an organ needs; 0 if the blob has no
+/// surface.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_surface_words(organ: Option<&PalpateOrgan>) -> usize {
     organ.map_or(0, |PalpateOrgan { organ }| TouchSurface::words(organ))
 }
 
-/// From now on the tool touches the organ's surface instead of the planes of its active nodes, and slides where neighbours are active. For the
-/// start, before palpate_arm: every triangle is looked at. `memory` has at least palpate_surface_words(organ) words and must stay as long as the
+/// Uses the surface of the organ for contact instead of the planes of its active nodes.
+///
+/// The tool then slides between neighbouring active nodes. Call it before palpate_arm: it visits every
+/// triangle. `memory` has at least palpate_surface_words(organ) words and must exist as long as the
 /// controller is used.
 ///
 /// # Safety
 ///
-/// If `memory` is not null, `memory_len` words may be written there, and stay as this function leaves them.
+/// If `memory` is not null, `memory_len` words may be written there, and only this library changes them
+/// afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn palpate_controller_on_surface(
     controller: Option<&mut PalpateController>,
@@ -360,7 +369,7 @@ pub unsafe extern "C" fn palpate_controller_on_surface(
     memory_len: usize,
 ) -> PalpateStatus {
     let Some(PalpateController { controller, .. }) = controller else { return PalpateStatus::NullArgument };
-    // SAFETY: the same promise.
+    // SAFETY: the caller has the same obligation.
     let Some(words) = (unsafe { memory::words(memory, memory_len) }) else { return PalpateStatus::Memory };
     match TouchSurface::new(controller.organ(), words) {
         Some(surface) => {
@@ -371,13 +380,14 @@ pub unsafe extern "C" fn palpate_controller_on_surface(
     }
 }
 
-/// Starts rendering, from zero force. 1 if the controller is active now; after a fault palpate_reset comes first.
+/// Starts rendering, from zero force. Returns whether the controller is active; after a fault call
+/// palpate_reset first.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_arm(controller: Option<&mut PalpateController>) -> bool {
     controller.is_some_and(|controller| controller.state.arm())
 }
 
-/// Stops rendering: the next command is zero. A latched fault stays.
+/// Stops rendering: the next command is zero. A latched fault remains.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_disarm(controller: Option<&mut PalpateController>) {
     if let Some(controller) = controller {
@@ -385,7 +395,7 @@ pub extern "C" fn palpate_disarm(controller: Option<&mut PalpateController>) {
     }
 }
 
-/// Clears a latched fault. Leaves the controller disarmed.
+/// Clears a latched fault and leaves the controller disarmed.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_reset(controller: Option<&mut PalpateController>) {
     if let Some(controller) = controller {
@@ -393,8 +403,10 @@ pub extern "C" fn palpate_reset(controller: Option<&mut PalpateController>) {
     }
 }
 
-/// One tick: what to send to the hand now. `now_us` never runs backwards; `sample` is the newest reading, or null if none came since the
-/// last tick. Bounded time, no lock, no allocation, no system call. A call that fails commands zero force.
+/// One tick: computes the force to send to the hand now.
+///
+/// `now_us` must not decrease. `sample` is the newest reading, or null if there is none since the last tick.
+/// The time is bounded; there is no lock, allocation or system call. A call that fails writes zero force.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_tick(
     controller: Option<&mut PalpateController>,

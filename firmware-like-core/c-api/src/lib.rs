@@ -1,20 +1,22 @@
 //! The controller core for C and C++.
 //!
 //! ```text
-//! blob in memory -> palpate_organ_open -> palpate_controller_open -> palpate_tick, each millisecond -> hand force
+//! blob in memory -> palpate_organ_open -> palpate_controller_open -> palpate_tick (1 kHz) -> hand force
 //! ```
 //!
-//! In: pointers from C. Out: plain structures, and a status for every call.
+//! Inputs: pointers from C. Outputs: plain structures, and a status from every call.
 //!
 //! Invariants:
-//! - state lies in memory of the caller: nothing is allocated, nothing is global, so any number of organs and controllers may live at
-//!   once, and nothing needs to be closed;
-//! - a null pointer, an index out of range, an unknown method is a status, never a crash; a call that fails writes zero force;
-//! - what cannot be checked is the caller's to keep: that a pointer that is not null points to what its type says, and that the blob and
-//!   the organ outlive what was opened on them.
+//! - all state lies in memory of the caller. Nothing is allocated or global, so any number of organs and
+//!   controllers may exist at the same time, and none has to be closed;
+//! - a null pointer, an index out of range and an unknown method each give a status, never a crash; a call
+//!   that fails writes zero force;
+//! - the caller guarantees what the library cannot check: a pointer that is not null points to a value of its
+//!   type, and the blob and the organ exist as long as the objects opened on them.
 //!
-//! Bytes of the caller become Rust's in `memory.rs` alone; four functions pass it pointers with lengths, and are unsafe therefore. Arguments
-//! elsewhere are `Option<&T>`, which C sees as pointers that may be null.
+//! Only `memory.rs` converts memory of the caller into Rust references. The four functions that receive a
+//! pointer with a length are therefore unsafe. The other arguments are `Option<&T>`, which are nullable
+//! pointers in C.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 
 mod controller;
@@ -26,14 +28,14 @@ pub use controller::*;
 pub use organ::*;
 pub use status::*;
 
-/// Reached by nothing: `check-host` proves that no path leads here.
+/// Never called: `check-host` proves that no code path leads here.
 #[cfg(not(any(test, feature = "std")))]
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     loop {}
 }
 
-/// What the proof must find: an index that nobody checked.
+/// A planted fault that `check-host` must detect: an unchecked index.
 ///
 /// cbindgen:ignore
 #[cfg(palpate_planted)]

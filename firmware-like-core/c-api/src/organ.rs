@@ -1,4 +1,4 @@
-//! Organs: opening a blob, and asking a space for its force, its stiffness and its surface.
+//! Organs: opening a blob, and queries of the force, stiffness and surface of a space.
 
 use core::ffi::c_char;
 use core::mem::MaybeUninit;
@@ -11,19 +11,20 @@ use crate::status::{PalpateProblem, PalpateStatus};
 
 const IS_SMALL: bool = cfg!(feature = "microcontroller");
 
-/// The largest number of spaces: that of a PC, or with the feature `microcontroller` that of a microcontroller.
+/// The largest number of spaces: that of a PC, or with the feature `microcontroller` that of a
+/// microcontroller.
 pub(crate) const SPACES: usize = if IS_SMALL { MICROCONTROLLER_SPACES } else { PC_SPACES };
 
-/// The largest tables.
+/// The largest tables that are accepted.
 const LIMITS: Limits = if IS_SMALL { Limits::MICROCONTROLLER } else { Limits::PC };
 
-/// What the memory for organs and controllers must be aligned to, bytes.
+/// Required alignment of the memory for organs and controllers, bytes.
 pub const PALPATE_ALIGNMENT: usize = 16;
 
 /// Longest name with its final zero, bytes.
 pub const PALPATE_NAME_LEN: usize = 72;
 
-/// An opened blob, in memory of the caller. Only this library looks inside.
+/// An opened blob, in memory of the caller. Opaque: only this library accesses its contents.
 #[derive(Debug)]
 pub struct PalpateOrgan {
     pub(crate) organ: Organ<'static, SPACES>,
@@ -37,40 +38,43 @@ const _: () = assert!(align_of::<PalpateOrgan>() <= PALPATE_ALIGNMENT);
 pub enum PalpateMethod {
     /// Eight corners of the cell.
     Trilinear = 0,
-    /// 64 points round the cell; smooth.
+    /// Catmull-Rom on the 64 points round the cell; C1.
     Tricubic = 1,
-    /// Tri-cubic where it has its points, tri-linear elsewhere.
+    /// Tri-cubic where all 64 points are solved, tri-linear elsewhere.
     Hybrid = 2,
-    /// Radial basis functions r.
+    /// Radial basis functions, phi = r.
     RbfLinear = 3,
-    /// Radial basis functions r^3.
+    /// Radial basis functions, phi = r^3.
     RbfCubic = 4,
-    /// Cubic Hermite on each force component; smooth.
+    /// Cubic Hermite on each force component; C1.
     Hermite = 5,
-    /// Gradient of an interpolated energy: smooth and conservative. The most accurate; what to choose.
+    /// Gradient of the quintic Hermite interpolant of the energy; C1, conservative. The most accurate and
+    /// recommended method.
     Energy = 6,
-    /// Gradient of the fitted energy itself: smooth and conservative; the smallest table of few configurations, in f64.
+    /// Gradient of the sum of Gaussians fitted to the energy; smooth, conservative. The smallest table, from
+    /// few scattered configurations; evaluated in f64.
     Kernel = 7,
 }
 
-/// The core's method of a number.
+/// The method with a number of [`PalpateMethod`].
 pub(crate) fn method(number: u32) -> Option<Method> {
     Method::ALL.get(usize::try_from(number).ok()?).copied()
 }
 
-/// On what data a force stands.
+/// The data behind a force.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PalpateCoverage {
-    /// The tool is free: there is no force.
+    /// No contact and no force.
     None = 0,
-    /// All eight corners of the cell are solved.
+    /// All eight corners of the cell are solved configurations.
     Cell = 1,
-    /// All 64 points round it are solved.
+    /// All 64 points round the cell are solved configurations.
     SuperCell = 2,
-    /// Scattered data, with solved points at all corners.
+    /// A scattered-data method inside its domain.
     Scattered = 3,
-    /// Data is missing, or the position is beyond the grid: the out-of-table policy answered, without a jump.
+    /// Data is missing: an unsolved corner, or a position outside the domain. The force is continued without
+    /// a jump.
     Extrapolated = 4,
 }
 
@@ -86,7 +90,7 @@ impl From<Option<Coverage>> for PalpateCoverage {
     }
 }
 
-/// What an organ is.
+/// Properties of an organ.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct PalpateOrganInfo {
@@ -94,7 +98,7 @@ pub struct PalpateOrganInfo {
     pub scene: [c_char; PALPATE_NAME_LEN],
     /// Name of the material law, a C string.
     pub law: [c_char; PALPATE_NAME_LEN],
-    /// Device force that it was made for, N.
+    /// Largest force of the device that the scene was made for, N.
     pub max_force_n: f32,
     /// Number of spaces (active nodes).
     pub spaces: u32,
@@ -102,7 +106,8 @@ pub struct PalpateOrganInfo {
     pub vertices: u32,
     /// Triangles of the surface.
     pub triangles: u32,
-    /// Whether the blob says how well it was measured to be; without, do not touch it with a real device.
+    /// Whether the blob has a certificate of its measured accuracy. Do not render a blob without one on a
+    /// real device.
     pub certified: bool,
 }
 
@@ -112,19 +117,19 @@ pub struct PalpateOrganInfo {
 pub struct PalpateSpaceInfo {
     /// Name in the scene, a C string.
     pub name: [c_char; PALPATE_NAME_LEN],
-    /// Node of the mesh, from 0.
+    /// Node of the mesh, 0-based.
     pub node: u32,
     /// Bit m is set if the space has a table for the method of number m.
     pub methods: u32,
-    /// The node at rest, model frame, m.
+    /// Position of the node at rest, model frame, m.
     pub rest_position_m: [f32; 3],
-    /// Unit normal of the surface there, out of the body.
+    /// Unit outward normal of the surface at the node.
     pub outward_normal: [f32; 3],
     /// Distance of neighbouring grid points, m.
     pub spacing_m: f32,
-    /// Radius of the ball of displacements that was solved, m.
+    /// Radius of the ball of displacements, m.
     pub radius_m: f32,
-    /// Whether there are displacements for the eye.
+    /// Whether the space has surface displacements for pictures.
     pub displacements: bool,
 }
 
@@ -134,7 +139,7 @@ pub struct PalpateSpaceInfo {
 pub struct PalpateForce {
     /// h, the force by the tool on the body, N.
     pub reaction_n: [f32; 3],
-    /// The data behind it.
+    /// The data behind the force.
     pub coverage: PalpateCoverage,
 }
 
@@ -146,27 +151,27 @@ pub struct PalpateEstimate {
     pub reaction_n: [f32; 3],
     /// dh_i/dd_j as rows i, N/m.
     pub stiffness_n_m: [[f32; 3]; 3],
-    /// W, J, where `has_energy`.
+    /// W, J; valid if `has_energy` is set.
     pub energy_j: f32,
-    /// Whether the force is the gradient of an energy here.
+    /// Whether the force is the gradient of an energy at this displacement.
     pub has_energy: bool,
-    /// The data behind it.
+    /// The data behind the force.
     pub coverage: PalpateCoverage,
 }
 
-/// The surface at rest, inside the blob.
+/// The surface at rest, as pointers into the blob.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct PalpateSurface {
-    /// x of every vertex, model frame, m.
+    /// x of each vertex, model frame, m.
     pub x_m: *const f32,
-    /// y of every vertex.
+    /// y of each vertex.
     pub y_m: *const f32,
-    /// z of every vertex.
+    /// z of each vertex.
     pub z_m: *const f32,
-    /// Three vertices a triangle, counter-clockwise seen from outside.
+    /// Three vertices per triangle, counter-clockwise seen from outside.
     pub triangles: *const [u32; 3],
-    /// 1 where a vertex is fixed.
+    /// 1 where the vertex is fixed, else 0.
     pub fixed: *const u8,
     /// Number of vertices.
     pub vertices: u32,
@@ -174,19 +179,22 @@ pub struct PalpateSurface {
     pub triangle_count: u32,
 }
 
-/// Bytes that an organ needs.
+/// Number of bytes of memory that an organ needs.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_organ_size() -> usize {
     size_of::<PalpateOrgan>()
 }
 
-/// Checks a blob once, and opens it where it lies. `memory` has at least palpate_organ_size() bytes, aligned to PALPATE_ALIGNMENT; the
-/// blob starts at an address divisible by 8. Both must stay, and the blob unchanged, as long as the organ is used. `problem` may be
-/// null. Not for the haptic loop: reads every byte of the blob.
+/// Verifies a blob and opens it in place.
+///
+/// `memory` has at least palpate_organ_size() bytes, aligned to PALPATE_ALIGNMENT; the blob starts at an
+/// address divisible by 8. Both must exist, and the blob must not change, as long as the organ is used.
+/// `problem` may be null. For start-up, not for the haptic loop: every byte of the blob is read.
 ///
 /// # Safety
 ///
-/// Pointers that are not null point to as many bytes as is said with them, which stay as this function leaves them.
+/// Each pointer that is not null is valid for the number of bytes given with it, and only this library
+/// changes `memory` afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn palpate_organ_open(
     memory: *mut u8,
@@ -196,7 +204,7 @@ pub unsafe extern "C" fn palpate_organ_open(
     organ: Option<&mut MaybeUninit<*const PalpateOrgan>>,
     problem: Option<&mut MaybeUninit<PalpateProblem>>,
 ) -> PalpateStatus {
-    // SAFETY: the same promise.
+    // SAFETY: the caller has the same obligation.
     let opened = unsafe { open(memory, memory_len, blob, blob_len) };
     let handle = opened.as_ref().map_or(core::ptr::null(), |opened| core::ptr::from_ref(*opened));
     match organ {
@@ -215,18 +223,18 @@ unsafe fn open(
     blob_len: usize,
 ) -> Result<&'static PalpateOrgan, PalpateProblem> {
     let too_small = PalpateProblem::of(PalpateStatus::Memory);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's obligation.
     let blob =
         unsafe { memory::bytes(blob, blob_len) }.ok_or(PalpateProblem::of(PalpateStatus::NullArgument))?;
-    // In place: on the stack it would be large.
-    // SAFETY: the caller's promise.
+    // In place, because an organ is large for the stack.
+    // SAFETY: the caller's obligation.
     let opened = unsafe { memory::place(memory, memory_len, PalpateOrgan { organ: Organ::empty() }) }
         .ok_or(too_small)?;
     opened.organ.load(blob, &LIMITS)?;
     Ok(opened)
 }
 
-/// The status of a result, with its problem where the caller wants to know.
+/// The status of a result; writes the problem if the caller asks for it.
 pub(crate) fn told<T>(
     result: Result<T, PalpateProblem>,
     problem: Option<&mut MaybeUninit<PalpateProblem>>,
@@ -238,7 +246,7 @@ pub(crate) fn told<T>(
     told.status
 }
 
-/// What an organ is.
+/// Writes the properties of an organ.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_organ_info(
     organ: Option<&PalpateOrgan>,
@@ -261,14 +269,14 @@ pub extern "C" fn palpate_organ_info(
 
 fn c_string(text: &str) -> [c_char; PALPATE_NAME_LEN] {
     let mut name = [0; PALPATE_NAME_LEN];
-    // One byte fewer: the last stays zero.
+    // One byte less than the length: the last byte stays zero.
     for (to, byte) in name.iter_mut().zip(text.bytes().take(PALPATE_NAME_LEN.saturating_sub(1))) {
         *to = byte as c_char;
     }
     name
 }
 
-/// What a space is.
+/// Writes the properties of a space.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_space_info(
     organ: Option<&PalpateOrgan>,
@@ -301,7 +309,8 @@ impl PalpateOrgan {
     }
 }
 
-/// Reaction force of a space at a displacement of its node. Any displacement is answered; a call that fails writes zero.
+/// Reaction force of a space at a displacement of its node, m. Every displacement has an answer; a call that
+/// fails writes zero.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_force(
     organ: Option<&PalpateOrgan>,
@@ -321,7 +330,8 @@ pub extern "C" fn palpate_force(
     status
 }
 
-/// Force, stiffness and energy of a space at a displacement of its node. A few times as dear as palpate_force.
+/// Force, stiffness and energy of a space at a displacement of its node, m. Costs a few times as much as
+/// palpate_force.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_estimate(
     organ: Option<&PalpateOrgan>,
@@ -373,7 +383,7 @@ fn asked<'o>(
     Ok((space, method, *displacement_m))
 }
 
-/// The surface at rest: pointers into the blob.
+/// Writes pointers to the surface at rest, which lies in the blob.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_surface(
     organ: Option<&PalpateOrgan>,
@@ -395,8 +405,9 @@ pub extern "C" fn palpate_surface(
     PalpateStatus::Ok
 }
 
-/// Displacement of every vertex of the surface, m, at a displacement of a space's node. For the picture, 30 times a second; `out_m` has
-/// room for `vertices` points, which are made zero where there is no answer.
+/// Displacement of each vertex of the surface, m, at a displacement of the node of a space, m.
+///
+/// For pictures at 30 Hz. `out_m` has room for `vertices` points; a call that fails sets them to zero.
 ///
 /// # Safety
 ///
@@ -409,7 +420,7 @@ pub unsafe extern "C" fn palpate_displacements(
     out_m: *mut [f32; 3],
     vertices: usize,
 ) -> PalpateStatus {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's obligation.
     let Some(out_m) = (unsafe { memory::points(out_m, vertices) }) else {
         return PalpateStatus::NullArgument;
     };

@@ -1,4 +1,4 @@
-//! What a call says, and what stood in its way.
+//! The status of a call, and the details of a refusal.
 
 use core::ffi::{CStr, c_char};
 
@@ -9,49 +9,49 @@ use palpate_core::{BlobError, ControllerError};
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PalpateStatus {
-    /// Done.
+    /// Success.
     Ok = 0,
-    /// A pointer that must not be null was, or one was not aligned for what it points to.
+    /// A required pointer is null or not aligned for its type.
     NullArgument = 1,
     /// The memory for an organ or a controller is null, too small, or not aligned to PALPATE_ALIGNMENT.
     Memory = 2,
-    /// No space of this number.
+    /// The organ has no space with this number.
     NoSuchSpace = 3,
-    /// No method of this number.
+    /// There is no method with this number.
     NoSuchMethod = 4,
     /// The blob has no table for the method: pack it with `--method`.
     MissingMethod = 5,
-    /// The blob holds no displacements for the eye.
+    /// The blob has no surface displacements.
     NoDisplacements = 6,
-    /// A number of the configuration is not finite or not above zero; `what` names it.
+    /// A number of the configuration is not finite or not positive; `what` names it.
     Config = 7,
-    /// Too short for a blob.
+    /// Shorter than any blob.
     TooShort = 8,
     /// The blob does not start at an address divisible by 8.
     Misaligned = 9,
-    /// Not a blob.
+    /// The first bytes are not those of a blob.
     BadMagic = 10,
-    /// The blob ends before its own length (`have`, `need`).
+    /// The blob is shorter than the length it states (`have`, `need`).
     Truncated = 11,
-    /// The blob goes on after its own length (`have`, `need`).
+    /// The blob is longer than the length it states (`have`, `need`).
     TooLong = 12,
     /// The bytes are not those that were written.
     Checksum = 13,
-    /// Written by a newer version (`need`) than this library reads (`have`).
+    /// The layout version (`need`) is newer than this library supports (`have`).
     NewerVersion = 14,
-    /// A layout version that never was (`have`).
+    /// The layout version (`have`) is older than any supported one.
     UnknownVersion = 15,
     /// The header cannot be decoded.
     Header = 16,
-    /// The blob has more of `what` (`need`) than this library holds (`have`).
+    /// The blob has more of `what` (`need`) than the capacity of this library (`have`).
     Capacity = 17,
-    /// A number in the header is not what it must be; `what` names it.
+    /// A number in the header is out of its range; `what` names it.
     Value = 18,
-    /// The grid of a space is not one.
+    /// The grid of a space is not valid.
     Lattice = 19,
-    /// A plane of the blob is wrong; `what` names it.
+    /// A plane of the blob is not valid; `what` names it.
     Plane = 20,
-    /// The rest point of a space is not solved or not at rest.
+    /// The rest point of a space is not solved or not free of force.
     RestPoint = 21,
 }
 
@@ -64,18 +64,18 @@ pub const PALPATE_WHAT_LEN: usize = 32;
 pub struct PalpateProblem {
     /// The status that was returned.
     pub status: PalpateStatus,
-    /// The space it is about, or -1.
+    /// The space concerned, or -1.
     pub space: i32,
-    /// How many there are, or fit.
+    /// The number found, or the largest number that fits.
     pub have: u64,
-    /// How many are needed.
+    /// The number needed.
     pub need: u64,
-    /// The field or plane it is about, a C string; empty if it is about none.
+    /// Name of the field or plane concerned, a C string; empty if there is none.
     pub what: [c_char; PALPATE_WHAT_LEN],
 }
 
 impl PalpateProblem {
-    /// Nothing but a status.
+    /// A status without further details.
     pub(crate) const fn of(status: PalpateStatus) -> Self {
         Self { status, space: -1, have: 0, need: 0, what: [0; PALPATE_WHAT_LEN] }
     }
@@ -140,7 +140,8 @@ impl From<ControllerError> for PalpateProblem {
     }
 }
 
-/// One line for a log: what a status means and how to mend it. Never null; not to be freed. Takes any number.
+/// One line for a log: the meaning of a status and the fix. Never null, not to be freed. Any number is
+/// accepted.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_status_text(status: i32) -> *const c_char {
     text(status).as_ptr()
@@ -176,5 +177,5 @@ fn text(status: i32) -> &'static CStr {
         (Status::RestPoint, c"the rest point of a space must be solved and without force: pack it again"),
     ];
     let found = TEXTS.iter().find(|(of, _)| *of as i32 == status);
-    found.map_or(c"no status of this library", |(_, text)| text)
+    found.map_or(c"this number is not a status of this library", |(_, text)| text)
 }

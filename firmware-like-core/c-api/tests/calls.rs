@@ -1,4 +1,4 @@
-//! Every call from the other side: what is good works, what is not is a status and no force.
+//! Every function called as from C: valid arguments succeed, invalid ones give a status and zero force.
 
 use std::ffi::CStr;
 use std::mem::MaybeUninit;
@@ -6,7 +6,7 @@ use std::ptr;
 
 use palpate_c::*;
 
-/// Memory that C would bring, aligned to 16.
+/// Memory as a C program provides it, aligned to 16 bytes.
 fn memory(bytes: usize) -> &'static mut [u8] {
     bytemuck::cast_slice_mut(vec![0x5a5a_u128; bytes.div_ceil(16)].leak())
 }
@@ -20,7 +20,7 @@ fn golden() -> &'static mut [u8] {
 
 fn open(place: &mut [u8], blob: &[u8]) -> Result<&'static PalpateOrgan, PalpateProblem> {
     let (mut organ, mut problem) = (MaybeUninit::new(ptr::dangling()), MaybeUninit::uninit());
-    // SAFETY: slices are as long as they say.
+    // SAFETY: each pointer and length belong to one slice.
     let status = unsafe {
         palpate_organ_open(
             place.as_mut_ptr(),
@@ -31,7 +31,7 @@ fn open(place: &mut [u8], blob: &[u8]) -> Result<&'static PalpateOrgan, PalpateP
             Some(&mut problem),
         )
     };
-    // SAFETY: both were written, whatever came of it; the organ lies in leaked memory.
+    // SAFETY: the call writes both, whatever its status; the organ lies in leaked memory.
     let (organ, problem) = unsafe { (organ.assume_init().as_ref(), problem.assume_init()) };
     assert_eq!(problem.status, status);
     assert_eq!(organ.is_some(), status == PalpateStatus::Ok);
@@ -42,15 +42,15 @@ fn organ() -> &'static PalpateOrgan {
     open(memory(palpate_organ_size()), golden()).expect("the golden blob is good")
 }
 
-/// What a call wrote.
+/// The status of a call and the value that it wrote.
 fn written<T>(call: impl FnOnce(&mut MaybeUninit<T>) -> PalpateStatus) -> (PalpateStatus, T) {
     let mut out = MaybeUninit::uninit();
     let status = call(&mut out);
-    // SAFETY: every call below writes its result, a failed one too.
+    // SAFETY: every call below writes its result, also if it fails.
     (status, unsafe { out.assume_init() })
 }
 
-/// Every call makes one of its own.
+/// Opens a controller in leaked memory of its own.
 #[allow(clippy::mut_from_ref, reason = "in memory of its own, not in the organ's")]
 fn controller(
     organ: &'static PalpateOrgan,
@@ -58,7 +58,7 @@ fn controller(
 ) -> Result<&'static mut PalpateController, PalpateStatus> {
     let place = memory(palpate_controller_size());
     let mut controller = MaybeUninit::uninit();
-    // SAFETY: a slice is as long as it says.
+    // SAFETY: the pointer and the length belong to one slice.
     let status = unsafe {
         palpate_controller_open(
             place.as_mut_ptr(),
@@ -69,7 +69,7 @@ fn controller(
             None,
         )
     };
-    // SAFETY: written, and in leaked memory.
+    // SAFETY: the call has written it, and it lies in leaked memory.
     unsafe { controller.assume_init().as_mut() }.ok_or(status)
 }
 
@@ -94,12 +94,12 @@ fn blobs_are_refused_with_their_reason() {
     let shifted = memory(blob.len() + 16);
     shifted[4..4 + blob.len()].copy_from_slice(golden());
     assert_eq!(refused(place, &shifted[4..4 + blob.len()]).status, PalpateStatus::Misaligned);
-    // SAFETY: null is no promise.
+    // SAFETY: null pointers are permitted.
     let nothing = unsafe {
         palpate_organ_open(place.as_mut_ptr(), size, ptr::null(), 10, Some(&mut MaybeUninit::uninit()), None)
     };
     assert_eq!(nothing, PalpateStatus::NullArgument);
-    // SAFETY: null is no promise, and slices are as long as they say.
+    // SAFETY: null pointers are permitted, and the other pointers belong to slices of these lengths.
     let nowhere = unsafe { palpate_organ_open(ptr::null_mut(), size, blob.as_ptr(), blob.len(), None, None) };
     assert_eq!(nowhere, PalpateStatus::NullArgument);
 }
@@ -137,10 +137,10 @@ fn queries_answer_or_say_why_not() {
     let (_, surface) = written(|out| palpate_surface(Some(organ), Some(out)));
     assert_eq!((surface.vertices, info.vertices), (347, 347));
     let mut moved = vec![[1.0_f32; 3]; 347];
-    // SAFETY: a slice is as long as it says.
+    // SAFETY: the pointer and the length belong to one slice.
     let none = unsafe { palpate_displacements(Some(organ), 0, Some(&d), moved.as_mut_ptr(), moved.len()) };
     assert_eq!((none, moved.iter().all(|u| *u == [0.0; 3])), (PalpateStatus::NoDisplacements, true));
-    // SAFETY: null is no promise.
+    // SAFETY: null pointers are permitted.
     let nowhere = unsafe { palpate_displacements(Some(organ), 0, Some(&d), ptr::null_mut(), 3) };
     assert_eq!(nowhere, PalpateStatus::NullArgument);
 }
@@ -164,7 +164,7 @@ fn a_controller_presses_faults_and_is_reset() {
     let mut bad = MaybeUninit::uninit();
     let place = memory(palpate_controller_size());
     let negative = PalpateConfig { max_slew_n_per_s: -1.0, ..config };
-    // SAFETY: a slice is as long as it says.
+    // SAFETY: the pointer and the length belong to one slice.
     unsafe {
         palpate_controller_open(
             place.as_mut_ptr(),
@@ -175,7 +175,7 @@ fn a_controller_presses_faults_and_is_reset() {
             Some(&mut bad),
         );
     }
-    // SAFETY: a problem that is asked for is written.
+    // SAFETY: the call writes the problem if it is asked for.
     assert_eq!(what(unsafe { bad.assume_init_ref() }), "max_slew_n_per_s");
 
     let controller = controller(organ, &config).expect("a good configuration");
@@ -191,7 +191,7 @@ fn a_controller_presses_faults_and_is_reset() {
     };
     let words = vec![0; palpate_surface_words(Some(organ))].leak();
     assert!(words.len() > 1000 && palpate_surface_words(None) == 0);
-    // SAFETY: slices are as long as they say; null is no promise.
+    // SAFETY: the pointers belong to slices of these lengths; null is permitted.
     let tried = unsafe {
         [
             palpate_controller_on_surface(None, words.as_mut_ptr(), words.len()),

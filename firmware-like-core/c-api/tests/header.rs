@@ -1,4 +1,4 @@
-//! `include/palpate.h` is what cbindgen makes of this crate.
+//! `include/palpate.h` is identical to the output of cbindgen for this crate.
 
 use std::path::Path;
 
@@ -18,6 +18,6 @@ fn the_header_is_that_of_the_code() {
     let kept = std::fs::read(&path).unwrap_or_default();
     assert!(
         kept == text,
-        "palpate.h is not that of the code: PALPATE_WRITE_HEADER=1 cargo test -p palpate-c --test header"
+        "palpate.h differs from the code: PALPATE_WRITE_HEADER=1 cargo test -p palpate-c --test header"
     );
 }

@@ -1,8 +1,9 @@
-/* How much stack the library needs: each call runs on a painted stack of its own, and the lowest byte that changed is looked up.
+/* Stack that the library needs: each call runs on its own stack filled with a pattern; the lowest byte that
+ * changed gives the high-water mark.
  *
  *     stack FILE.blob TICKS LIMIT_BYTES
  *
- * Exits 1 if a tick needs more than the limit. */
+ * Exits with 1 if a tick needs more than the limit. */
 #include <math.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -43,7 +44,7 @@ static void *open_controller(void *unused)
     return unused;
 }
 
-/* Presses, pulls, jumps about, forgets samples and is reset after faults. */
+/* Samples that press, pull and jump, with missing samples, and a reset after each fault. */
 static void *tick(void *unused)
 {
     PalpateCommand command;
@@ -67,7 +68,7 @@ static void *tick(void *unused)
     return unused;
 }
 
-/* Bytes of stack that a thread needed which does nothing but this. */
+/* Bytes of stack that a thread needs for one function alone. */
 static size_t used(void *(*what)(void *))
 {
     uint8_t *stack = mmap(NULL, STACK, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
