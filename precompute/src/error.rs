@@ -1,4 +1,4 @@
-//! A bad input, said in one line: which file, which line, what is wrong, and the mend.
+//! A bad input, said in one line: which file, which line, what is wrong, and the fix.
 //!
 //! Everything a person hands to Palpate (a scene, a mesh, a set of nodes) fails through [`InputError`], so that the
 //! command line has one thing to print before it exits 2. Numerical trouble inside a solve is not an input error:
@@ -7,9 +7,9 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What is wrong with an input, where, and how to mend it.
+/// What is wrong with an input, where, and how to fix it.
 ///
-/// `Display` is one line, `file:line: what; mend`, whatever the parts hold: line breaks inside a part (a TOML
+/// `Display` is one line, `file:line: what; fix`, whatever the parts hold: line breaks inside a part (a TOML
 /// excerpt, a file name) become blanks, because scripts read the error line by line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputError {
@@ -20,28 +20,28 @@ pub struct InputError {
     /// What is wrong, naming the key, node or element.
     pub what: String,
     /// What the reader of the message should do about it.
-    pub mend: String,
+    pub fix: String,
 }
 
 impl InputError {
     /// An error of a whole file, without a line.
-    pub fn new(file: &Path, what: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { file: file.to_path_buf(), line: None, what: what.into(), mend: mend.into() }
+    pub fn new(file: &Path, what: impl Into<String>, fix: impl Into<String>) -> Self {
+        Self { file: file.to_path_buf(), line: None, what: what.into(), fix: fix.into() }
     }
 
     /// An error at a 1-based line of a file.
-    pub fn at(file: &Path, line: usize, what: impl Into<String>, mend: impl Into<String>) -> Self {
-        Self { line: Some(line), ..Self::new(file, what, mend) }
+    pub fn at(file: &Path, line: usize, what: impl Into<String>, fix: impl Into<String>) -> Self {
+        Self { line: Some(line), ..Self::new(file, what, fix) }
     }
 
     /// A file that cannot be opened or read: says why in the operating system's words.
     pub fn unreadable(file: &Path, error: &std::io::Error) -> Self {
-        let mend = match error.kind() {
+        let fix = match error.kind() {
             std::io::ErrorKind::NotFound => "check the path (it is relative to the scene file)",
             std::io::ErrorKind::PermissionDenied => "make the file readable for this user",
             _ => "check that it is a readable file",
         };
-        Self::new(file, format!("cannot read the file ({error})"), mend)
+        Self::new(file, format!("cannot read the file ({error})"), fix)
     }
 }
 
@@ -51,7 +51,7 @@ impl fmt::Display for InputError {
         if let Some(line) = self.line {
             text.push_str(&format!(":{line}"));
         }
-        text.push_str(&format!(": {}; {}", self.what, self.mend));
+        text.push_str(&format!(": {}; {}", self.what, self.fix));
         f.write_str(&text.replace(['\n', '\r'], " "))
     }
 }
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn display_is_one_line_with_file_line_what_and_mend() {
+    fn display_is_one_line_with_file_line_what_and_fix() {
         let error = InputError::at(Path::new("dir/liver.toml"), 7, "unknown\nkey `x`", "remove it");
         assert_eq!(error.to_string(), "dir/liver.toml:7: unknown key `x`; remove it");
         let whole = InputError::new(Path::new("a\r\nb.msh"), "empty", "save it again");

@@ -1,7 +1,7 @@
 //! The scene: which body, of what, held where, touched where, on which grid.
 //!
 //! [`Scene::load`] reads the TOML file, [`Scene::resolve`] loads the mesh and turns every name, box and group into node
-//! and tet indices. Both stop at the first thing wrong with one line that names file, line and mend; what is odd but
+//! and tet indices. Both stop at the first thing wrong with one line that names file, line and fix; what is odd but
 //! can be solved becomes a warning of the [`ResolvedScene`]. Unknown keys are errors: a key that is silently ignored
 //! is a body that is not the one its author meant.
 
@@ -148,7 +148,7 @@ impl Scene {
     /// Reads a scene file. Nothing it refers to is opened yet.
     pub fn load(path: &Path) -> Result<Self, InputError> {
         let bytes = std::fs::read(path).map_err(|e| InputError {
-            mend: "check the path of the scene file".into(),
+            fix: "check the path of the scene file".into(),
             ..InputError::unreadable(path, &e)
         })?;
         let text = String::from_utf8(bytes).map_err(|e| {

@@ -18,7 +18,7 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// Bad input, in one line that names the culprit and the mend.
+    /// Bad input, in one line that names the culprit and the fix.
     pub(crate) fn input(message: impl std::fmt::Display) -> Self {
         Self::Input(anyhow::anyhow!("{message}"))
     }

@@ -39,7 +39,7 @@ impl Verdict {
 pub struct Reason {
     /// How loudly.
     pub verdict: Verdict,
-    /// What, and how to mend it.
+    /// What, and how to fix it.
     pub what: String,
 }
 

@@ -130,11 +130,7 @@ pub struct DegenerateElement {
 
 impl std::fmt::Display for DegenerateElement {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "tetrahedron {} has no positive volume; reorder its vertices or mend the mesh",
-            self.element
-        )
+        write!(f, "tetrahedron {} has no positive volume; reorder its vertices or fix the mesh", self.element)
     }
 }
 

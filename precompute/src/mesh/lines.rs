@@ -61,8 +61,8 @@ pub(crate) struct Line<'a> {
 
 impl<'a> Line<'a> {
     /// An error at this line.
-    pub(crate) fn error(&self, what: impl Into<String>, mend: impl Into<String>) -> InputError {
-        InputError::at(self.file, self.number, what, mend)
+    pub(crate) fn error(&self, what: impl Into<String>, fix: impl Into<String>) -> InputError {
+        InputError::at(self.file, self.number, what, fix)
     }
 
     /// The words of the line, to be taken one after the other.

@@ -69,7 +69,7 @@ impl RawMesh {
         let vertices = self.tets[tet];
         let middles = self.in_order_of_edges(tet);
         let tag = |node: u32| self.node_origins[node as usize].tag;
-        let at = |what: String, mend: &str| Err(self.at_tet(tet as u32, what, mend));
+        let at = |what: String, fix: &str| Err(self.at_tet(tet as u32, what, fix));
         for (edge, &middle) in middles.iter().enumerate() {
             let ends = [vertices[EDGES[edge].0], vertices[EDGES[edge].1]];
             let name = format!("{}-{}", tag(ends[0]), tag(ends[1]));

@@ -79,7 +79,7 @@ impl LengthUnit {
 /// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (either name finds the other).
 ///
 /// Tets have four nodes, or ten with straight edges, of which the vertices are kept. The content decides where it is distinctive, the extension otherwise. Errors name the file, the line or the
-/// element with the file's own tag, and the mend.
+/// element with the file's own tag, and the fix.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if matches!(extension.as_str(), "node" | "ele") {
@@ -138,9 +138,9 @@ mod tests {
         std::fs::write(&path, "solid x").expect("written");
         let error = read(&path, LengthUnit::Metre).unwrap_err();
         assert!(error.to_string().contains("body.stl: the mesh format is not known"), "{error}");
-        assert!(error.mend.contains("Gmsh .msh"), "{error}");
+        assert!(error.fix.contains("Gmsh .msh"), "{error}");
         let missing = read(&dir.path().join("none.msh"), LengthUnit::Metre).unwrap_err();
         assert!(missing.to_string().contains("none.msh: cannot read the file"), "{missing}");
-        assert!(missing.mend.contains("check the path"), "{missing}");
+        assert!(missing.fix.contains("check the path"), "{missing}");
     }
 }

@@ -117,16 +117,16 @@ impl RawMesh {
                 "remove it or move a vertex out of the plane of the others, or mesh the body again",
             ),
             MeshFault::Negative { tet, volume, of_all } => {
-                let mend = "reorder its vertices (swap any two) or export the mesh again";
+                let fix = "reorder its vertices (swap any two) or export the mesh again";
                 let volume = format!("has negative volume {volume:.3e} m3");
                 match of_all {
-                    1 => self.at_tet(tet, volume, mend),
+                    1 => self.at_tet(tet, volume, fix),
                     _ if of_all as usize == self.tet_origins.len() => self.at_tet(
                         tet,
                         format!("{volume}, and so has every other tet"),
                         "the file uses the opposite vertex order: swap the first two vertices of every tet",
                     ),
-                    _ => self.at_tet(tet, format!("{volume} (as have {} others)", of_all - 1), mend),
+                    _ => self.at_tet(tet, format!("{volume} (as have {} others)", of_all - 1), fix),
                 }
             }
             MeshFault::Repeated { tet, first } => self.at_tet(
@@ -148,19 +148,19 @@ impl RawMesh {
         }
     }
 
-    fn at_node(&self, node: u32, what: impl AsRef<str>, mend: &str) -> InputError {
+    fn at_node(&self, node: u32, what: impl AsRef<str>, fix: &str) -> InputError {
         let Origin { tag, line } = self.node_origins[node as usize];
         let what = format!("node {tag} {}", what.as_ref());
-        InputError { file: self.node_file.clone(), line, what, mend: mend.into() }
+        InputError { file: self.node_file.clone(), line, what, fix: fix.into() }
     }
 
-    pub(super) fn at_tet(&self, tet: u32, what: String, mend: &str) -> InputError {
+    pub(super) fn at_tet(&self, tet: u32, what: String, fix: &str) -> InputError {
         let Origin { tag, line } = self.tet_origins[tet as usize];
         InputError {
             file: self.tet_file.clone(),
             line,
             what: format!("element {tag} {what}"),
-            mend: mend.into(),
+            fix: fix.into(),
         }
     }
 }

@@ -24,7 +24,7 @@ pub(super) fn read(path: &Path) -> Result<RawMesh, InputError> {
     let text_of = |file: &Path| match std::fs::read(file) {
         Ok(bytes) => Ok(String::from_utf8_lossy(&bytes).into_owned()),
         Err(error) => Err(InputError {
-            mend: "keep the .node and the .ele file of a mesh side by side".into(),
+            fix: "keep the .node and the .ele file of a mesh side by side".into(),
             ..InputError::unreadable(file, &error)
         }),
     };
@@ -165,11 +165,11 @@ mod tests {
     }
 
     #[track_caller]
-    fn assert_says(result: Result<TetMesh, String>, place: &str, what: &str, mend: &str) {
+    fn assert_says(result: Result<TetMesh, String>, place: &str, what: &str, fix: &str) {
         let error = result.expect_err("planted fault");
         assert!(error.starts_with(place), "{error}");
-        let (said, mended) = error.split_once("; ").expect("a what and a mend");
-        assert!(said.contains(what) && mended.contains(mend), "{error}");
+        let (problem, remedy) = error.split_once("; ").expect("a problem and a fix");
+        assert!(problem.contains(what) && remedy.contains(fix), "{error}");
     }
 
     #[test]

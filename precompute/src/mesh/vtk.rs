@@ -50,7 +50,7 @@ impl Cells {
         let mut start = 0;
         for (index, (&cell_type, &end)) in self.types.iter().zip(&self.ends).enumerate() {
             let line = self.lines.as_ref().map(|lines| lines[index]);
-            let error = |what: String, mend: &str| InputError { line, ..InputError::new(file, what, mend) };
+            let error = |what: String, fix: &str| InputError { line, ..InputError::new(file, what, fix) };
             let nodes = self
                 .nodes
                 .get(start..end)
@@ -75,9 +75,9 @@ impl Cells {
                     let what = format!(
                         "cell {index} is of an order or shape that is not read (VTK type {cell_type})"
                     );
-                    let mend =
+                    let fix =
                         "mesh the body with tetrahedra only, and save with order 1 or as quadratic tetras";
-                    return Err(error(what, mend));
+                    return Err(error(what, fix));
                 }
                 other => {
                     let what = format!("cell {index} is a {} (VTK type {other})", shape(other));
@@ -173,9 +173,9 @@ struct Cursor<'a> {
 
 impl Cursor<'_> {
     /// An error here: with the line in a text file; a binary file has none.
-    fn error(&self, what: impl Into<String>, mend: &str) -> InputError {
+    fn error(&self, what: impl Into<String>, fix: &str) -> InputError {
         let line = (!self.binary).then(|| self.line_number(self.at));
-        InputError { line, ..InputError::new(self.file, what, mend) }
+        InputError { line, ..InputError::new(self.file, what, fix) }
     }
 
     /// 1-based line of the last character before `at`.

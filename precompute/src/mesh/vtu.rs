@@ -85,8 +85,8 @@ impl<'a> Vtu<'a, '_> {
         self.document.text_pos_at(node.range().start).row as usize
     }
 
-    fn error(&self, node: Node<'_, '_>, what: impl Into<String>, mend: &str) -> InputError {
-        InputError::at(self.file, self.row(node), what, mend)
+    fn error(&self, node: Node<'_, '_>, what: impl Into<String>, fix: &str) -> InputError {
+        InputError::at(self.file, self.row(node), what, fix)
     }
 
     fn child<'n>(&self, node: Node<'n, 'n>, name: &str) -> Result<Node<'n, 'n>, InputError> {

@@ -28,8 +28,8 @@ pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) 
     let named = profile.as_ref().map(|name| of_profile(place, name).map(|force_n| (name, force_n)));
     match (max_force_n, named.transpose()?) {
         (None, None) => {
-            let mend = "add `max_force_n`, or the `profile` of a device";
-            Err(place.error(device.span(), "`max_force_n` is missing", mend))
+            let fix = "add `max_force_n`, or the `profile` of a device";
+            Err(place.error(device.span(), "`max_force_n` is missing", fix))
         }
         (None, Some((_, force_n))) => Ok(force_n),
         (Some(given), named) => {
@@ -40,8 +40,8 @@ pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) 
                         "`max_force_n` = {given_n} is beyond the {force_n} N of \"{}\"",
                         name.get_ref()
                     );
-                    let mend = format!("give {force_n} or less, or leave it out");
-                    Err(place.error(given.span(), what, mend))
+                    let fix = format!("give {force_n} or less, or leave it out");
+                    Err(place.error(given.span(), what, fix))
                 }
                 _ => Ok(given_n),
             }
@@ -65,9 +65,9 @@ fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> 
     let Some((_, text)) = bundled else {
         let names = palpate_devices::PROFILES.map(|(known, _)| known);
         let guess = nearest_word(word, names).map(|guess| format!("did you mean \"{guess}\"? "));
-        let mend =
+        let fix =
             format!("{}({}, or a file that ends in .toml)", guess.unwrap_or_default(), names.join(", "));
-        return Err(place.error(name.span(), format!("no device profile \"{word}\""), mend));
+        return Err(place.error(name.span(), format!("no device profile \"{word}\""), fix));
     };
     force_in(Place { path: Path::new(word).to_path_buf(), text: text.to_owned() })
 }

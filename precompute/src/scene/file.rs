@@ -242,9 +242,9 @@ impl Place {
         &self,
         span: Range<usize>,
         what: impl Into<String>,
-        mend: impl Into<String>,
+        fix: impl Into<String>,
     ) -> InputError {
-        InputError::at(&self.path, self.line(span.start), what, mend)
+        InputError::at(&self.path, self.line(span.start), what, fix)
     }
 
     fn line(&self, offset: usize) -> usize {
@@ -277,7 +277,7 @@ impl Place {
     pub(super) fn explain(&self, error: &toml::de::Error) -> InputError {
         let message = error.message();
         let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-        let (what, mend) = if message.starts_with("unknown field") {
+        let (what, fix) = if message.starts_with("unknown field") {
             let (key, allowed) = quoted.split_first().map_or(("", &[][..]), |(key, rest)| (*key, rest));
             let guess = match nearest_word(key, allowed.iter().copied()) {
                 Some(guess) => format!("did you mean `{guess}`?"),
@@ -299,8 +299,8 @@ impl Place {
             (format!("not valid TOML ({message})"), "correct the syntax".into())
         };
         match error.span() {
-            Some(span) => self.error(span, what, mend),
-            None => InputError::at(&self.path, 1, what, mend),
+            Some(span) => self.error(span, what, fix),
+            None => InputError::at(&self.path, 1, what, fix),
         }
     }
 }

@@ -39,8 +39,8 @@ impl Lookup<'_> {
         }
         if let Some(corner) = &table.workspace_min_m {
             let what = "a lattice is solved whole: it has no workspace";
-            let mend = "give `cannot_be_felt` or a tolerance instead of the spacing, or a smaller `radius_m`";
-            return Err(self.place.error(corner.span(), what, mend));
+            let fix = "give `cannot_be_felt` or a tolerance instead of the spacing, or a smaller `radius_m`";
+            return Err(self.place.error(corner.span(), what, fix));
         }
         if only_push {
             let what = "contact = \"push\" prunes positions only where a tolerance drives the sampling: the lattice is solved all round";
@@ -119,8 +119,8 @@ impl Lookup<'_> {
         ];
         if let Some((span, other)) = lattice.into_iter().flatten().next() {
             let what = format!("[grid] has both `{other}` and `{key}`");
-            let mend = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
-            return Err(self.place.error(span, what, mend));
+            let fix = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
+            return Err(self.place.error(span, what, fix));
         }
         let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
         match (felt, other) {

@@ -35,11 +35,11 @@ pub(super) fn law(
         }
         "holzapfel-gasser-ogden" => table.holzapfel()?,
         unknown => {
-            let mend = match nearest_word(unknown, LAWS) {
+            let fix = match nearest_word(unknown, LAWS) {
                 Some(guess) => format!("did you mean \"{guess}\"? (laws: {})", LAWS.join(", ")),
                 None => format!("choose one of {}", LAWS.join(", ")),
             };
-            return Err(place.error(name.span(), format!("unknown law \"{unknown}\""), mend));
+            return Err(place.error(name.span(), format!("unknown law \"{unknown}\""), fix));
         }
     };
     let bulk_modulus_pa = table.bulk(&law)?;
@@ -111,8 +111,8 @@ impl Parameters<'_> {
         Ok(found.map(|value| value.expect("every key was found above")))
     }
 
-    fn wrong(&self, key: &str, value: &Spanned<f64>, rule: &str, mend: &str) -> InputError {
-        self.place.error(value.span(), format!("`{key}` = {} {rule}", value.get_ref()), mend)
+    fn wrong(&self, key: &str, value: &Spanned<f64>, rule: &str, fix: &str) -> InputError {
+        self.place.error(value.span(), format!("`{key}` = {} {rule}", value.get_ref()), fix)
     }
 
     fn mooney_rivlin(&self, warnings: &mut Vec<String>) -> Result<(f64, f64), InputError> {
@@ -145,8 +145,8 @@ impl Parameters<'_> {
             None => 0.0,
             Some(value) if (0.0..=1.0 / 3.0).contains(value.get_ref()) => *value.get_ref(),
             Some(value) => {
-                let mend = "0 is all fibres parallel, 0.3333 is isotropic";
-                return Err(self.wrong("dispersion", value, "must be from 0 to 1/3", mend));
+                let fix = "0 is all fibres parallel, 0.3333 is isotropic";
+                return Err(self.wrong("dispersion", value, "must be from 0 to 1/3", fix));
             }
         };
         let Some(fibre) = &self.material.table.fibre else {
@@ -181,8 +181,8 @@ impl Parameters<'_> {
         }
         let bulk = *value.get_ref();
         if !(bulk.is_finite() && bulk > 0.0) {
-            let mend = "give the bulk modulus in pascals, or leave it out for exact incompressibility";
-            return Err(self.wrong("bulk_pa", value, "must be a positive number", mend));
+            let fix = "give the bulk modulus in pascals, or leave it out for exact incompressibility";
+            return Err(self.wrong("bulk_pa", value, "must be a positive number", fix));
         }
         Ok(Some(bulk))
     }
@@ -204,9 +204,9 @@ impl Parameters<'_> {
                 ));
             }
             if !(-1.0 < nu && nu < 0.5) {
-                let mend =
+                let fix =
                     "give a ratio below 0.5 (0.49 is nearly incompressible), or take an incompressible law";
-                return Err(self.wrong("poisson", poisson, "must be above -1 and below 0.5", mend));
+                return Err(self.wrong("poisson", poisson, "must be above -1 and below 0.5", fix));
             }
             return Ok(Lame::from_young_poisson(e, nu));
         }

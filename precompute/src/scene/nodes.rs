@@ -21,8 +21,8 @@ impl Lookup<'_> {
         let n = self.mesh.nodes_m.len();
         u32::try_from(*node.get_ref()).ok().filter(|&node| (node as usize) < n).ok_or_else(|| {
             let what = format!("node {} is out of range: the mesh has {}", node.get_ref(), count(n, "node"));
-            let mend = format!("use 0 to {} (0-based, in file order)", n - 1);
-            self.place.error(node.span(), what, mend)
+            let fix = format!("use 0 to {} (0-based, in file order)", n - 1);
+            self.place.error(node.span(), what, fix)
         })
     }
 
@@ -65,12 +65,12 @@ impl Lookup<'_> {
         fixed.sort_unstable();
         fixed.dedup();
         if fixed.is_empty() {
-            let mut mend = "select at least three nodes".to_owned();
+            let mut fix = "select at least three nodes".to_owned();
             if in_box.is_some() {
                 let (low, high) = self.mesh.bounding_box_m();
-                mend = format!("the body spans {low:?} to {high:?} in metres: enlarge or move the box");
+                fix = format!("the body spans {low:?} to {high:?} in metres: enlarge or move the box");
             }
-            return Err(self.place.error(span, "the fixed set is empty", mend));
+            return Err(self.place.error(span, "the fixed set is empty", fix));
         }
         Ok(fixed)
     }

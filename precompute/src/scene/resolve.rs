@@ -287,13 +287,13 @@ impl Lookup<'_> {
             return Ok(members);
         }
         let known: Vec<&str> = groups.keys().map(String::as_str).collect();
-        let mend = match nearest_word(name.get_ref(), known.iter().copied()) {
+        let fix = match nearest_word(name.get_ref(), known.iter().copied()) {
             _ if known.is_empty() => "the mesh has none: add a physical group in the mesh generator".into(),
             Some(guess) => format!("did you mean \"{guess}\"? (groups: {})", known.join(", ")),
             None => format!("use one of: {}", known.join(", ")),
         };
         let what = format!("the mesh has no group of {of} named \"{}\"", name.get_ref());
-        Err(self.place.error(name.span(), what, mend))
+        Err(self.place.error(name.span(), what, fix))
     }
 
     /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.

@@ -76,15 +76,15 @@ impl Bench {
         self.resolve(&SCENE.replacen(from, to, 1))
     }
 
-    /// The replaced scene is refused at `place`, with words of what is wrong and of the mend.
+    /// The replaced scene is refused at `place`, with words of what is wrong and of the fix.
     #[track_caller]
-    fn refuses(&self, from: &str, to: &str, place: &str, what: &str, mend: &str) {
+    fn refuses(&self, from: &str, to: &str, place: &str, what: &str, fix: &str) {
         let error = self.with(from, to).expect_err("planted fault").to_string();
         let error = error.replace(&format!("{}/", self.dir.path().display()), "");
         assert!(error.starts_with(&format!("{place}: ")), "{error}");
-        let (said, mended) = error.split_once("; ").expect("a what and a mend");
-        assert!(said.contains(what), "{error}");
-        assert!(mended.contains(mend), "{error}");
+        let (problem, remedy) = error.split_once("; ").expect("a problem and a fix");
+        assert!(problem.contains(what), "{error}");
+        assert!(remedy.contains(fix), "{error}");
         assert!(!error.contains('\n'), "{error}");
     }
 }
@@ -183,8 +183,8 @@ fn the_bound_of_the_displacements_is_the_scene_s() {
     };
     assert_eq!(of("displacement_rms_mm = 0.25"), (2.5e-4, 1e-3));
     assert_eq!(of("displacement_max_mm = 2\ndisplacement_rms_mm = 0.01"), (1e-5, 2e-3));
-    let refuses = |keys: &str, place: &str, what: &str, mend: &str| {
-        bench.refuses("visual = false", &format!("visual = true\n{keys}"), place, what, mend);
+    let refuses = |keys: &str, place: &str, what: &str, fix: &str| {
+        bench.refuses("visual = false", &format!("visual = true\n{keys}"), place, what, fix);
     };
     refuses(
         "displacement_rms_mm = 0.001",
@@ -214,7 +214,7 @@ fn the_scene_file_itself_is_read_and_refused_by_line() {
 #[test]
 fn wrong_keys_and_syntax_name_the_key_and_what_is_allowed() {
     let bench = Bench::new();
-    let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
+    let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);
     refuses(
         "radius_m = 0.05",
         "radius = 0.05",
@@ -254,7 +254,7 @@ fn wrong_keys_and_syntax_name_the_key_and_what_is_allowed() {
 #[test]
 fn wrong_meshes_name_the_scene_or_the_mesh_file() {
     let bench = Bench::new();
-    let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
+    let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);
     refuses("cube.msh", "cub.msh", "block.toml:3", "cannot open the mesh", "relative to the scene file");
     refuses("\"cm\"", "\"inch\"", "block.toml:4", "unknown unit \"inch\"", "\"m\", \"cm\" or \"mm\"");
     refuses("order = 1", "order = 3", "block.toml:5", "`order` = 3 is neither 1 nor 2", "`order = 1`");

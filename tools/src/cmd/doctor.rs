@@ -1,4 +1,4 @@
-//! `palpate doctor`: what of this PC stands in the way of 1 kHz, and how to mend it.
+//! `palpate doctor`: checks this PC for 1 kHz operation and prints how to fix what it finds.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,7 +17,7 @@ use crate::summary::percentiles;
 use crate::timing::Timing;
 use crate::{hardware, output};
 
-/// What of this PC stands in the way of 1 kHz, and how to mend it.
+/// Checks this PC for 1 kHz operation and prints how to fix what it finds.
 ///
 /// Looks at kernel, rights, CPUs and ports, in order of importance, starts a supervisor without a device, changes nothing, and measures how late the loop wakes with what this
 /// user is granted. Exit code 0 also where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.

@@ -94,11 +94,11 @@ fn broken(text: &str, from: &str, to: &str) -> String {
 }
 
 #[track_caller]
-fn assert_says(error: &str, place: &str, what: &str, mend: &str) {
+fn assert_says(error: &str, place: &str, what: &str, fix: &str) {
     assert!(error.starts_with(&format!("{place}: ")), "{error}");
-    let (said, mended) = error.split_once("; ").expect("a what and a mend");
-    assert!(said.contains(what), "{error}");
-    assert!(mended.contains(mend), "{error}");
+    let (problem, remedy) = error.split_once("; ").expect("a problem and a fix");
+    assert!(problem.contains(what), "{error}");
+    assert!(remedy.contains(fix), "{error}");
     assert!(!error.contains('\n'));
 }
 

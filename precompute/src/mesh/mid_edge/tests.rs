@@ -411,7 +411,7 @@ fn rubbish_and_truncation_never_panic() {
             std::fs::write(&path, bytes).expect("written");
             match crate::mesh::read(&path, LengthUnit::Metre) {
                 Ok(mesh) => mesh.check().expect("what is read is sound"),
-                Err(error) => assert!(!error.to_string().contains('\n') && !error.mend.is_empty()),
+                Err(error) => assert!(!error.to_string().contains('\n') && !error.fix.is_empty()),
             }
         };
         for at in 0..sound.len() {

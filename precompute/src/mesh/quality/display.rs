@@ -11,7 +11,7 @@ const BAR: usize = 50;
 const MOST_ON_SURFACE: f64 = 0.9;
 
 impl MeshReport {
-    /// What the report has to complain of, each in one line with the mend.
+    /// What the report has to complain of, each in one line with the fix.
     pub fn warnings(&self) -> Vec<String> {
         let mut said = Vec::new();
         let has = |n: usize| if n == 1 { "has" } else { "have" };

@@ -97,13 +97,13 @@ fn text_and_binary_old_and_new_give_the_same_mesh() {
 }
 
 #[track_caller]
-fn assert_says(from: &str, to: &str, place: &str, what: &str, mend: &str) {
+fn assert_says(from: &str, to: &str, place: &str, what: &str, fix: &str) {
     let text = if OLD.contains(from) { OLD } else { NEW };
     assert!(text.contains(from), "nothing to break: {from:?}");
     let error = read(text.replacen(from, to, 1).as_bytes()).expect_err("planted fault").to_string();
     assert!(error.starts_with(&format!("{place}: ")), "{error}");
-    let (said, mended) = error.split_once("; ").expect("a what and a mend");
-    assert!(said.contains(what) && mended.contains(mend), "{error}");
+    let (problem, remedy) = error.split_once("; ").expect("a problem and a fix");
+    assert!(problem.contains(what) && remedy.contains(fix), "{error}");
 }
 
 #[test]

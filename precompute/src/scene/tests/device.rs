@@ -18,8 +18,8 @@ fn a_device_profile_gives_the_force_limit() {
     ] {
         assert_eq!(device(lines).expect("sound").max_force_n, force_n, "{lines}");
     }
-    let refuses = |to: &str, place: &str, what: &str, mend: &str| {
-        bench.refuses("max_force_n = 8", to, place, what, mend);
+    let refuses = |to: &str, place: &str, what: &str, fix: &str| {
+        bench.refuses("max_force_n = 8", to, place, what, fix);
     };
     refuses(
         "profile = \"falcom\"",

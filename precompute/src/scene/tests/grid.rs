@@ -24,8 +24,8 @@ fn sampling_driven_by_the_error_is_read() {
         push.grid
     );
 
-    let refuses = |keys: &str, line: usize, what: &str, mend: &str| {
-        bench.refuses("spacing_m = 0.01", keys, &format!("block.toml:{line}"), what, mend);
+    let refuses = |keys: &str, line: usize, what: &str, fix: &str| {
+        bench.refuses("spacing_m = 0.01", keys, &format!("block.toml:{line}"), what, fix);
     };
     refuses("spacing_m = 0.01\ntolerance_n = 0.1", 21, "both `spacing_m` and `tolerance_n`", "for a lattice");
     refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "a tolerance of its own", "keep it, or");
@@ -53,9 +53,9 @@ fn a_workspace_leaves_nodes_out_and_is_refused_where_it_means_nothing() {
         matches!(half.grid, Some(GridSpec::Scattered(s)) if s.workspace_m == Some([[0.0, -0.1, -0.1], [0.35, 0.4, 0.15]]))
     );
 
-    let refuses = |text: String, what: &str, mend: &str| {
+    let refuses = |text: String, what: &str, fix: &str| {
         let error = bench.resolve(&text).expect_err("planted fault").to_string();
-        assert!(error.contains(what) && error.contains(mend), "{error}");
+        assert!(error.contains(what) && error.contains(fix), "{error}");
     };
     let with = |min, max| felt.replacen("[device]", &of(min, max), 1);
     refuses(with("[0.0, 0.0, 0.0]", "[0.1, 0.1, 0.1]"), "is outside the workspace", "enlarge it");
@@ -90,7 +90,7 @@ fn grids_in_every_way() {
             })
         );
     }
-    let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
+    let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);
     refuses(
         "spacing_m = 0.01",
         "points = 515",

@@ -21,8 +21,8 @@ fn every_law_is_read_with_its_parameters() {
     let region = material(&format!("law = \"{law}\"\n{fibres}\ndispersion = 0.1"));
     assert_eq!(region.material.parameters(), [1e3, 2e3, 1.5, 0.1, 0.0, 0.6, 0.8]);
 
-    let refuses = |to: &str, line: usize, what, mend| {
-        bench.refuses(from, to, &format!("block.toml:{line}"), what, mend);
+    let refuses = |to: &str, line: usize, what, fix| {
+        bench.refuses(from, to, &format!("block.toml:{line}"), what, fix);
     };
     refuses(&format!("law = \"{law}\"\nc10_pa = 1\nk1_pa = 1\nk2 = 1"), 7, "lacks `fibre`", "direction");
     let zero = fibres.replace("[0.0, 3.0, 4.0]", "[0.0, 0.0, 0.0]");
@@ -36,7 +36,7 @@ fn every_law_is_read_with_its_parameters() {
 #[test]
 fn material_parameters_must_make_sense() {
     let bench = Bench::new();
-    let refuses = |from, to, place, what, mend| bench.refuses(from, to, place, what, mend);
+    let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);
     refuses(
         "\"mooney-rivlin\"",
         "\"mooney rivlin\"",
@@ -69,10 +69,10 @@ fn material_parameters_must_make_sense() {
         "`c10_pa` and",
     );
 
-    let elastic = |lines: &str, line: usize, what: &str, mend: &str| {
+    let elastic = |lines: &str, line: usize, what: &str, fix: &str| {
         let from = "\"mooney-rivlin\"\nc10_pa = 1300.0\nc01_pa = 1280.0";
         let to = format!("\"st-venant-kirchhoff\"\n{lines}");
-        bench.refuses(from, &to, &format!("block.toml:{line}"), what, mend);
+        bench.refuses(from, &to, &format!("block.toml:{line}"), what, fix);
     };
     elastic(
         "young_pa = 0\npoisson = 0.3",

@@ -10,7 +10,7 @@ fn fixed_nodes_in_every_way() {
     assert_eq!(fixed("box = { min = [-1, -1, 0.29], max = [0.01, 1, 1] }"), [3, 7, 11, 15]);
     assert_eq!(fixed("file = \"sets.json\"\nkey = \"F1\""), [0, 1, 2, 3, 5]);
 
-    let refuses = |to, place, what, mend| bench.refuses("group = \"left\"", to, place, what, mend);
+    let refuses = |to, place, what, fix| bench.refuses("group = \"left\"", to, place, what, fix);
     refuses("", "block.toml:11", "does not say which nodes", "`nodes`, `group`, `box`, or `file`");
     refuses("nodes = [1]\ngroup = \"left\"", "block.toml:11", "in several ways", "keep one of");
     refuses("nodes = []", "block.toml:12", "the fixed set is empty", "at least three");
@@ -89,7 +89,7 @@ fn active_nodes_in_every_way() {
     let single = single.replacen("nearest = [0.31, 0.1, 0.1]", "", 1);
     assert_eq!(bench.resolve(&single).expect("one table will do").active.len(), 1);
 
-    let refuses = |to, place, what, mend| bench.refuses("node = 63", to, place, what, mend);
+    let refuses = |to, place, what, fix| bench.refuses("node = 63", to, place, what, fix);
     refuses("node = 64", "block.toml:15", "node 64 is out of range", "0 to 63");
     refuses("node = 5", "block.toml:15", "\"A1\" (node 5) is in the fixed set", "choose a free node");
     refuses("node = 21", "block.toml:15", "(node 21) is inside the body", "`nearest` = [0.1");

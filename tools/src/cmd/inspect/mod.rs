@@ -35,7 +35,7 @@ use crate::output;
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
 /// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their smallest
-/// dihedral angles, and warnings with the mend.
+/// dihedral angles, and warnings with the fix.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The file
