@@ -2,7 +2,7 @@
 //
 //     haptic_callback FILE.blob
 //
-// The device here is a simulated hand that leans on the organ. A driver of a real device has the same functions.
+// The device here is a simulated hand that leans on the organ. A real device has the same functions.
 #include <algorithm>
 #include <array>
 #include <atomic>

@@ -1,6 +1,6 @@
-//! Frames of the device link per second on one core.
+//! Measures the frames of the device link per second on one core.
 //!
-//! `cargo run --release -p palpate-core --example link_speed`
+//! `cargo run --release -p palpate-link --example speed`
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,7 +10,7 @@ use palpate_link::{DeviceMessage, FrameReader, HostMessage, MAX_FRAME, encode};
 const FRAMES: u32 = 2_000_000;
 const REPEATS: usize = 5;
 
-/// The median of a few runs.
+/// Prints the median time of several runs.
 fn measure(what: &str, mut frame: impl FnMut() -> bool) {
     let mut times: Vec<f64> = (0..REPEATS)
         .map(|_| {

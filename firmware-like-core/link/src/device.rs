@@ -12,19 +12,22 @@
 //!     any but Faulted -- Hello of another version --> Idle
 //! ```
 //!
-//! The torque is zero except in Enabled, where it is that of the newest command while that is valid. The rules:
+//! The torque is zero except in Enabled. There it is the torque of the newest command while that command is
+//! valid. The rules:
 //!
-//! - a command has an effect if the device is enabled, the session is the current one, the number is newer than all previous
-//!   ones, and its lateness is less than its validity;
-//! - in Enabled, no such command for the time of the watchdog is a fault. A command without effect does not reset the
-//!   watchdog;
-//! - a fault is latched; later faults do not replace it. `Hello` clears it and leaves the device disabled, so that nothing
-//!   moves before a complete handshake and `Enable`. No message only clears a fault: a host that has not received the fault
-//!   must not be able to continue;
-//! - messages of other sessions are not answered: their sender is gone, and the answer could be matched to another request.
+//! - A command has an effect if the device is enabled, the session is the current one, the sequence number is
+//!   newer than all previous ones, and the lateness of the command is less than its validity.
+//! - In Enabled it is a fault if no such command arrives within the watchdog time. A command without effect
+//!   does not reset the watchdog.
+//! - A fault is latched; later faults do not replace it. `Hello` clears it and leaves the device disabled, so
+//!   nothing moves before a complete handshake and `Enable`. No message only clears a fault: a host that has
+//!   not received the fault must not be able to continue.
+//! - Messages of other sessions are not answered: their sender is gone, and the answer could be matched to
+//!   another request.
 //!
-//! The firmware calls [`Device::step`] in its control loop, a few thousand times per second, and [`Device::receive`] for
-//! each message; both with its own clock. The emulated device of the tests does the same with a simulated clock.
+//! The firmware calls [`Device::step`] in its control loop, a few thousand times per second, and
+//! [`Device::receive`] for each message. Both take the time of the firmware's clock. The emulated device of
+//! the tests makes the same calls with a simulated clock.
 
 use core::fmt;
 
@@ -37,11 +40,12 @@ use super::message::{
 /// Constants of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceProfile {
-    /// The properties that the host is told.
+    /// The properties that the host receives in the handshake.
     pub info: DeviceInfo,
-    /// Speed of an axis that is a fault while enabled, counts per second; at least 1000.
+    /// Speed of an axis above which an enabled device faults, counts per second; at least 1000.
     pub max_speed_counts_per_s: u32,
-    /// A number that differs between starts of the firmware, if the hardware has one, so that sessions do not repeat.
+    /// A number that differs between starts of the firmware, if the hardware provides one, so that sessions
+    /// do not repeat.
     pub boot: u32,
 }
 
@@ -104,8 +108,8 @@ pub struct Inputs {
 pub struct Outputs {
     /// Torque of each axis, micro-newton-metres.
     pub torque_unm: [i32; 3],
-    /// Perform the homing procedure, or wait until the user has moved the handle home. From the next reading on
-    /// [`Inputs::homed`] refers to this procedure, not to an earlier one.
+    /// Perform the homing procedure, or wait until the user has moved the handle home. From the next reading
+    /// on [`Inputs::homed`] refers to this procedure, not to an earlier one.
     pub home: bool,
 }
 
@@ -177,7 +181,7 @@ impl Device {
         &self.profile
     }
 
-    /// Takes one reading of the hardware; returns the outputs until the next one.
+    /// Processes one reading of the hardware; returns the outputs until the next one.
     pub fn step(&mut self, now_us: u64, inputs: &Inputs) -> Outputs {
         self.advance(now_us);
         self.inputs = *inputs;
@@ -206,7 +210,7 @@ impl Device {
         Outputs { torque_unm, home: self.phase == Phase::Homing }
     }
 
-    /// Takes one message; returns the answer. Torque changes with the next [`Device::step`].
+    /// Processes one message; returns the answer. The torque changes with the next [`Device::step`].
     pub fn receive(&mut self, now_us: u64, message: &HostMessage) -> Option<DeviceMessage> {
         self.advance(now_us);
         let (session, seq) = match *message {
@@ -272,8 +276,8 @@ impl Device {
         DeviceMessage::HelloAck { version: VERSION, nonce, session, info: self.profile.info }
     }
 
-    /// A session number other than 0 and the last one, which depends on the nonce and on the start of the firmware. It
-    /// protects against stray frames, not against attackers.
+    /// A session number other than 0 and the last one; it depends on the nonce and on the start of the
+    /// firmware. It protects against stray frames, not against attackers.
     fn new_session(&mut self, nonce: u32) -> u32 {
         self.sessions = self.sessions.wrapping_add(1);
         let seed = nonce ^ self.profile.boot.rotate_left(16);
@@ -332,7 +336,7 @@ impl Device {
         self.home_asked = false;
     }
 
-    /// The answer with the state of the device; `done` tells whether the request had an effect.
+    /// The answer with the state of the device; `done` states whether the request had an effect.
     fn state(&self, done: bool) -> DeviceMessage {
         let flags = [
             (HOMED, self.inputs.homed),

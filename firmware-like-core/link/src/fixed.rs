@@ -1,8 +1,8 @@
 //! Integers as little-endian bytes of fixed length: `#[serde(with = "fixed")]`.
 //!
-//! The integers of postcard are varints. With integers of fixed length all frames of a kind are equally long, so their time
-//! on the wire is known, and a firmware in C can read them as a packed struct. For the torques and times of a session
-//! they need no additional byte. `postcard::fixint` does the same, but not for arrays.
+//! The integers of postcard are varints. With integers of fixed length all frames of a kind are equally long,
+//! so their time on the wire is known, and a firmware in C can read them as a packed struct. For the torques
+//! and times of a session they need no additional byte. `postcard::fixint` does the same, but not for arrays.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

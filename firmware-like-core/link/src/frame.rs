@@ -4,12 +4,13 @@
 //! frame = COBS( message in postcard, CRC-32 of it, little-endian )  00
 //! ```
 //!
-//! COBS leaves no 00 in a frame except the last byte, so a reader is synchronised after one 00. An additional 00 between two
-//! frames has no meaning; a host sends one before it repeats a request, so that a truncated frame does not corrupt the
-//! next one.
+//! COBS leaves no 00 in a frame except the last byte, so a reader is synchronised after one 00. An additional
+//! 00 between two frames has no meaning; a host sends one before it repeats a request, so that a truncated
+//! frame does not corrupt the next one.
 //!
-//! The implementation of COBS is the crate `cobs`, which postcard uses too. The framing of postcard is not used: its
-//! encoder writes through `IndexMut`, which may panic, and its decoder needs the whole frame at once.
+//! The implementation of COBS is the crate `cobs`, which postcard uses too. The framing of postcard is not
+//! used: its encoder writes through `IndexMut`, which may panic, and its decoder needs the whole frame at
+//! once.
 
 use core::fmt;
 use core::marker::PhantomData;
@@ -173,7 +174,7 @@ impl<T> FrameReader<T> {
 }
 
 impl<T: Message> FrameReader<T> {
-    /// Takes one byte. After the last byte of a frame returns its message, or why there is none.
+    /// Processes one byte. At the last byte of a frame returns its message, or the reason why there is none.
     ///
     /// Cost: a few instructions; at the end of a frame the checksum and the decoding of at most 50 bytes.
     pub fn push(&mut self, byte: u8) -> Option<Result<T, FrameError>> {
@@ -195,7 +196,8 @@ impl<T: Message> FrameReader<T> {
         Some(outcome)
     }
 
-    /// Takes bytes up to the end of the next frame and leaves the others; `None` when all are taken.
+    /// Processes bytes up to the end of the next frame and leaves the others; `None` if all bytes are
+    /// consumed.
     pub fn read(&mut self, bytes: &mut &[u8]) -> Option<Result<T, FrameError>> {
         while let Some((&byte, rest)) = bytes.split_first() {
             *bytes = rest;

@@ -1,17 +1,19 @@
 //! Checks of commands and of the motion of a device, applied in order by [`super::device`].
 
-/// Whether a sequence number follows another one, by less than half of all numbers, so that they may wrap.
+/// Whether a sequence number is newer than another one. Numbers may wrap: newer means ahead by less than half
+/// of all numbers.
 pub const fn is_newer(seq: u32, than: u32) -> bool {
     matches!(seq.wrapping_sub(than), 1..=0x7fff_ffff)
 }
 
-/// Limits a torque to the limits of the axes, micro-newton-metres. The second value is true if the torque was changed.
+/// Limits a torque to the limits of the axes, micro-newton-metres. The second value is true if the torque was
+/// changed.
 ///
-/// All axes are scaled by the same factor, so that the direction is kept, and rounded towards zero, so that no axis exceeds
-/// its limit. An axis whose limit is zero gets no torque and does not reduce the others.
+/// All axes are scaled by the same factor, which keeps the direction, and rounded towards zero, so that no
+/// axis exceeds its limit. An axis whose limit is zero gets no torque and does not reduce the others.
 pub fn clamp_torque(torque_unm: [i32; 3], limit_unm: [u32; 3]) -> ([i32; 3], bool) {
-    // The factor is the smallest quotient limit / asked of all axes, as a fraction: no rounding, and no floats in a
-    // firmware without a floating-point unit.
+    // The factor is the smallest quotient limit / asked of all axes, kept as a fraction. It has no rounding
+    // and needs no floating-point unit.
     let (mut limit, mut asked) = (1_u64, 1_u64);
     for (torque, axis_limit) in torque_unm.into_iter().zip(limit_unm) {
         let (torque, axis_limit) = (u64::from(torque.unsigned_abs()), u64::from(axis_limit));
@@ -34,9 +36,9 @@ pub fn clamp_torque(torque_unm: [i32; 3], limit_unm: [u32; 3]) -> ([i32; 3], boo
 
 /// The lateness of commands, without a common clock.
 ///
-/// The difference of the two clocks as a command shows it is the true one plus the transport time. Its minimum stands for
-/// a command without delay; the excess over the minimum is lateness, time spent in a buffer. The lateness of the first
-/// command cannot be detected.
+/// For each command the difference of the two clocks is the true difference plus the transport time. The
+/// minimum of these values stands for a command without delay; the excess over it is the lateness, the time
+/// spent in a buffer. The lateness of the first command cannot be detected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Lateness {
     /// Smallest difference, and when it was observed.
@@ -44,7 +46,8 @@ pub(super) struct Lateness {
 }
 
 impl Lateness {
-    /// The clocks may drift by one part in this many, 244 us per second: a bound for any pair of quartz clocks.
+    /// The clocks may drift by one part in this many, 244 us per second: a bound for any pair of quartz
+    /// clocks.
     const DRIFT: u64 = 4096;
 
     /// Before the first command.
@@ -69,8 +72,8 @@ impl Lateness {
 
 /// Detection of axes that exceed their speed, and of encoders that jump.
 ///
-/// The counts moved are compared with the largest speed times the time since the start of a window of at least one
-/// millisecond. In a shorter window a single count would exceed the speed.
+/// The counts moved are compared with the largest speed times the time since the start of a window. A window
+/// lasts at least one millisecond, because in a shorter one a single count would exceed the speed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct SpeedWatch {
     start: Option<(u64, [i32; 3])>,
@@ -90,7 +93,7 @@ impl SpeedWatch {
         self.start = Some((now_us, encoders));
     }
 
-    /// Takes one reading; true if one of the first `dof` axes is too fast. A jump is detected at once.
+    /// Processes one reading; true if one of the first `dof` axes is too fast. A jump is detected at once.
     pub(super) fn is_too_fast(
         &mut self,
         now_us: u64,
@@ -128,13 +131,13 @@ mod tests {
                 watch.is_too_fast(now_us, [0, count, i32::MAX.wrapping_sub(count)], 2, 20_000)
             })
         };
-        assert!(!watch(&[(0, 5)]), "the first reading has nothing before it");
-        assert!(!watch(&[(0, 0), (10, 1), (11, 2), (11, 3)]), "counts close together are no speed");
+        assert!(!watch(&[(0, 5)]), "the first reading has no predecessor");
+        assert!(!watch(&[(0, 0), (10, 1), (11, 2), (11, 3)]), "single counts in a short time are no speed");
         assert!(!watch(&[(0, 0), (100, 20)]) && watch(&[(0, 0), (100, 21)]) && watch(&[(0, 0), (100, -21)]));
         assert!(!watch(&[(0, 0), (2000, 40)]) && watch(&[(0, 0), (2000, 41)]));
-        assert!(watch(&[(0, 0), (500, 15), (900, 21)]), "creeping within the window");
+        assert!(watch(&[(0, 0), (500, 15), (900, 21)]), "too fast over several readings");
         assert!(!watch(&[(0, 0), (1000, 20), (1100, 40)]) && watch(&[(0, 0), (999, 20), (1099, 40)]));
-        assert!(!watch(&[(0, i32::MAX), (100, i32::MIN)]), "counts wrap round");
+        assert!(!watch(&[(0, i32::MAX), (100, i32::MIN)]), "counts may wrap");
         assert!(watch(&[(0, 0), (100, i32::MIN)]));
         assert!(!watch(&[(0, 0), (u64::MAX, i32::MAX)]));
     }
@@ -144,7 +147,7 @@ mod tests {
         let mut lateness = Lateness::new();
         let (first_us, ticks) = (1_u64 << 40, 600_000_u64);
         for tick in 0..ticks {
-            // Ten minutes with a host's clock that is slow by 200 parts in a million.
+            // Ten minutes with a host clock that is slow by 200 ppm.
             let now_us = first_us + tick * 1000;
             let late_us = lateness.judge(now_us, (tick * 1000 - tick / 5) as u32);
             assert!(late_us <= 1, "{late_us} us at {tick} ms");

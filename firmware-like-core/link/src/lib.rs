@@ -1,7 +1,7 @@
 //! The device link: the protocol between a host and a microcontroller that drives a haptic mechanism.
 //!
 //! ```text
-//! HostMessage -> encode -> frame -> wire -> FrameReader -> Device::receive -> DeviceMessage -> back in the same way
+//! HostMessage -> encode -> frame -> wire -> FrameReader -> Device::receive -> DeviceMessage -> back
 //! encoders, buttons -> Device::step -> torque for the motors
 //! ```
 //!
@@ -16,14 +16,15 @@
 //! # Ok::<(), palpate_link::EncodeError>(())
 //! ```
 //!
-//! Both ends are here: the codec, and the state machine of a device. A firmware links [`Device`] and [`FrameReader`], as
-//! the emulated device does with which the host is tested. Section 7 of `docs/formats.md` lists the bytes.
+//! The crate contains both ends: the codec of the frames, and the state machine of a device. A firmware links
+//! [`Device`] and [`FrameReader`]; so does the emulated device with which the host is tested. Section 7 of
+//! `docs/formats.md` lists the bytes.
 //!
 //! - [`message`]: the messages; `frame`: their bytes on the wire;
 //! - `device`: the state machine of the device; `guard`: its checks of commands and of its own motion.
 //!
-//! Nothing allocates, panics, waits or reads a clock. The crate depends on no other of the workspace, so that the firmware
-//! of a device contains neither interpolation nor blobs.
+//! No function allocates, panics, waits or reads a clock. The crate depends on no other of the workspace, so
+//! that the firmware of a device contains neither interpolation nor blobs.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 

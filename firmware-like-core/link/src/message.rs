@@ -7,11 +7,12 @@
 //! Command{seq, torque}         -> State{seq_echo, encoders, flags}, or Fault{code}
 //! ```
 //!
-//! The host sends requests, and the device answers each one once. The transitions of the device are in
-//! [`crate::Device`].
+//! The host sends requests, and the device answers each one once. [`crate::Device`] defines the transitions
+//! of the device.
 //!
-//! Every message after the handshake has the session and a sequence number that only increases, so that neither a repeated
-//! frame nor one of an earlier session has an effect. The answer repeats the number, so that the host can match it.
+//! Every message after the handshake has the session and an increasing sequence number, so that neither a
+//! repeated frame nor one of an earlier session has an effect. The answer repeats the number, so that the
+//! host can match it.
 
 use core::fmt;
 
@@ -20,13 +21,13 @@ use serde::{Deserialize, Serialize};
 
 use super::fixed;
 
-/// Version of the protocol. `Hello` and the first two fields of `HelloAck` are the same in all versions, so that ends with
-/// different versions can detect it.
+/// Version of the protocol. `Hello` and the first two fields of `HelloAck` are the same in all versions, so
+/// that two ends with different versions can detect the difference.
 pub const VERSION: u16 = 1;
 
 /// Shortest watchdog of a device, microseconds: the jitter of an ordinary PC would trip a shorter one.
 pub const MIN_WATCHDOG_US: u16 = 5_000;
-/// Longest watchdog of a device, microseconds: after a longer one the hand feels the force of a host that has stopped.
+/// Longest watchdog of a device, microseconds: a longer one would keep the force of a host that has stopped.
 pub const MAX_WATCHDOG_US: u16 = 20_000;
 
 /// Length in bytes of the longest message, a `HelloAck`.
@@ -38,7 +39,8 @@ pub const HOMED: u8 = 1;
 pub const HOMING: u8 = 2;
 /// [`DeviceMessage::State`] flag: commands have an effect.
 pub const ENABLED: u8 = 4;
-/// [`DeviceMessage::State`] flag: the request had no effect: not enabled, not homed, an old number, or too late.
+/// [`DeviceMessage::State`] flag: the request had no effect: not enabled, not homed, an old number, or too
+/// late.
 pub const REFUSED: u8 = 8;
 /// [`DeviceMessage::State`] flag: the torque exceeded a limit and was reduced.
 pub const CLAMPED: u8 = 16;
@@ -47,8 +49,8 @@ pub const CLAMPED: u8 = 16;
 pub trait Message: Serialize + DeserializeOwned {
     /// Length in postcard, bytes; the same for all messages of a kind.
     ///
-    /// A reader requires this length. The tags of kinds and faults are varints, of which postcard also accepts longer
-    /// encodings (`80 00` for `00`); a frame with such an encoding is refused.
+    /// A reader requires this length. The tags of kinds and faults are varints, of which postcard also
+    /// accepts longer encodings (`80 00` for `00`); a frame with such an encoding is refused.
     fn encoded_len(&self) -> usize;
 }
 
@@ -73,7 +75,7 @@ pub enum HostMessage {
         #[serde(with = "fixed")]
         seq: u32,
     },
-    /// Sets the torque to zero. Has its effect with an old number too.
+    /// Sets the torque to zero, also with an old sequence number.
     Disable {
         /// Session of the `HelloAck`.
         #[serde(with = "fixed")]
@@ -105,7 +107,8 @@ pub enum HostMessage {
         /// Torque of each axis, micro-newton-metres.
         #[serde(with = "fixed")]
         torque_unm: [i32; 3],
-        /// Largest duration of its effect, microseconds; 0 for no effect. No torque lasts longer than the watchdog.
+        /// Largest duration of its effect, microseconds; 0 for no effect. No torque lasts longer than the
+        /// watchdog.
         #[serde(with = "fixed")]
         valid_for_us: u16,
     },
@@ -225,7 +228,8 @@ pub struct DeviceInfo {
 }
 
 impl DeviceInfo {
-    /// Checks the range of the numbers. A device does not start, and a host does not enable a device, if it fails.
+    /// Checks the range of the numbers. A device does not start, and a host does not enable a device, if it
+    /// fails.
     pub fn check(&self) -> Result<(), InfoError> {
         if !(1..=3).contains(&self.dof) {
             return Err(InfoError::Dof { dof: self.dof });

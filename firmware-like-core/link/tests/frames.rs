@@ -1,4 +1,4 @@
-//! Frames of the device link: golden bytes, and nothing but what was sent is ever read.
+//! Frames of the device link: golden bytes, and a reader that returns only messages that were sent.
 
 use palpate_link::{
     DeviceFault, DeviceInfo, DeviceMessage, FrameCounts, FrameError, FrameReader, HostMessage, InfoError,
@@ -17,13 +17,13 @@ fn frame(message: &impl Serialize) -> Vec<u8> {
     encode(message, &mut [0; MAX_FRAME]).expect("it fits").to_vec()
 }
 
-/// A frame round any bytes, with a right checksum.
+/// A frame round any bytes, with a correct checksum.
 fn signed(message: &[u8]) -> Vec<u8> {
     let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(message).to_le_bytes();
     stuffed(&[message, &checksum].concat())
 }
 
-/// COBS as its paper has it, apart from the crate that is used.
+/// COBS as defined in its paper, independent of the crate that is used.
 fn stuffed(body: &[u8]) -> Vec<u8> {
     assert!(body.len() < 254);
     let mut out = Vec::new();
@@ -88,7 +88,7 @@ fn device_messages() -> [DeviceMessage; 3] {
     ]
 }
 
-/// Written down from an encoder of COBS, CRC-32 (zlib) and the layout in Python, not from this one.
+/// From an independent encoder in Python: COBS, CRC-32 (zlib) and the layout.
 #[test]
 fn golden_frames() {
     let host = [
@@ -159,10 +159,10 @@ fn every_truncation_is_refused_and_the_next_frame_read() {
             let (found, counts) = read_all::<HostMessage>(&[&good[..cut], &[0], &good[..]].concat());
             assert!(matches!(found[..], [Err(_), Ok(read)] if read == message), "{cut}: {found:?}");
             assert_eq!((counts.good, counts.bad()), (1, 1));
-            // Without the 00 it takes one frame along, never two.
+            // Without the 00 the truncated frame destroys one following frame, never two.
             let (found, _) = read_all::<HostMessage>(&[&good[..cut], &good[..], &good[..]].concat());
             assert!(matches!(found[..], [Err(_), Ok(read)] if read == message), "{cut}: {found:?}");
-            // A lost beginning.
+            // The beginning is missing.
             let (found, _) = read_all::<HostMessage>(&[&good[cut..], &good[..]].concat());
             assert!(matches!(found[..], [Err(_), Ok(read)] if read == message), "{cut}: {found:?}");
         }
@@ -178,7 +178,7 @@ fn every_corrupted_byte_is_refused_and_the_next_frame_read() {
                 let mut bad = good.clone();
                 bad[index] = value;
                 let (found, counts) = read_all::<T>(&[&bad[..], &[0], &good[..]].concat());
-                let (last, before) = found.split_last().expect("the good one");
+                let (last, before) = found.split_last().expect("the good frame");
                 assert_eq!(last.as_ref(), Ok(message), "byte {index}, value {value}");
                 assert!(before.iter().all(Result::is_err), "byte {index}, value {value}: {before:?}");
                 assert_eq!((counts.good, counts.bad() as usize), (1, before.len()));
@@ -189,7 +189,7 @@ fn every_corrupted_byte_is_refused_and_the_next_frame_read() {
     device_messages().iter().for_each(check);
 }
 
-/// Each reason, from a frame that has nothing else wrong, and its count.
+/// Each reason, from a frame with no other error, and its count.
 #[test]
 fn every_reason_is_named_and_counted() {
     let ok = [3, 1, 2, 3, 4, 5, 6, 7, 8];
@@ -215,10 +215,10 @@ fn every_reason_is_named_and_counted() {
     assert_eq!(fault(&[1, 0]), (FrameError::TooShort, one(|c| c.too_short = 1)));
     assert_eq!(fault(&nothing), (FrameError::TooShort, one(|c| c.too_short = 1)));
     assert_eq!(fault(&unsigned), (FrameError::Checksum, one(|c| c.checksum = 1)));
-    assert_eq!(fault(&signed(&[5])), (FrameError::Message, one(|c| c.message = 1)), "no such kind");
+    assert_eq!(fault(&signed(&[5])), (FrameError::Message, one(|c| c.message = 1)), "an unknown kind");
     assert_eq!(fault(&signed(&ok[..8])), (FrameError::Message, one(|c| c.message = 1)), "ends early");
     assert_eq!(fault(&trailing), (FrameError::Trailing, one(|c| c.trailing = 1)));
-    assert_eq!(read_all::<DeviceMessage>(&signed(&[2, 5])).0, [Err(FrameError::Message)], "no such fault");
+    assert_eq!(read_all::<DeviceMessage>(&signed(&[2, 5])).0, [Err(FrameError::Message)], "an unknown fault");
     let longer = [&[0x83, 0][..], &ok[1..]].concat();
     assert_eq!(fault(&signed(&longer)), (FrameError::Message, one(|c| c.message = 1)), "a longer tag");
     assert_eq!(
@@ -266,7 +266,7 @@ fn noise_is_no_message() {
     assert!(counts.good == 0 && counts.too_long > 1000 && counts.cobs > 100, "{counts:?}");
     let (_, counts) = read_all::<DeviceMessage>(&bytes);
     assert_eq!(counts.good, 0);
-    // Well stuffed, so that all of it meets the checksum.
+    // Correct COBS, so that all of it reaches the checksum.
     let mut reader = FrameReader::<HostMessage>::new();
     for _ in 0..100_000 {
         let mut body = vec![4];
@@ -332,14 +332,14 @@ proptest! {
         prop_assert_eq!(read_in_pieces(&stream, piece), device.into_iter().map(Ok).collect::<Vec<_>>());
     }
 
-    /// A cable that leads back: no end takes its own words for the other's.
+    /// A looped-back cable: no end accepts its own messages as those of the other end.
     #[test]
     fn an_echo_is_no_message(host in any_host(), device in any_device()) {
         prop_assert!(read_all::<DeviceMessage>(&frame(&host)).0[0].is_err());
         prop_assert!(read_all::<HostMessage>(&frame(&device)).0[0].is_err());
     }
 
-    /// Behind a right checksum: any bytes are refused or the one encoding of a message.
+    /// With a correct checksum any bytes are refused, or are the one encoding of a message.
     #[test]
     fn signed_bytes_are_one_message_or_none(kind in 0..6_u8, mut bytes in prop::collection::vec(any::<u8>(), 0..46)) {
         bytes.insert(0, kind);

@@ -1,4 +1,4 @@
-//! The fuzz target of the device link on its kept inputs, on its first inputs, and on mutations of both.
+//! The fuzz target of the device link on the inputs of the corpus, on its seeds, and on mutations of both.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ fn frames_are_refused_or_executed_safely() {
     replay(&kept(&corpus()), 50, |line| _ = bodies::frames(line));
 }
 
-/// First inputs: conversations of a driver with a device.
+/// Seeds: conversations of a driver with a device.
 fn conversations() -> Vec<Vec<u8>> {
     let session = 0x1234_5678;
     let torque_unm = [1, -2, i32::MAX];
@@ -53,7 +53,8 @@ fn conversations() -> Vec<Vec<u8>> {
         framed.push(bytes.len() as u8);
         framed.extend(bytes);
     }
-    // The last commands with 9 ms each: the watchdog trips. Then the messages that must not enable the device again.
+    // The last commands last 9 ms each, so that the watchdog fires. The messages after them must not enable
+    // the device.
     let with_len = |line: &mut Vec<u8>, messages: &[HostMessage], time: u8| {
         for message in messages {
             let bytes = postcard::to_allocvec(message).expect("encoded");
@@ -86,7 +87,7 @@ fn the_seeds_of_frames_reach_a_torque() {
 }
 
 #[test]
-#[ignore = "writes the first inputs of check-fuzz: by hand, after a change of the protocol"]
+#[ignore = "writes the seeds of check-fuzz: run by hand after a change of the protocol"]
 fn write_the_first_inputs() {
     write_seeds(&corpus(), &conversations());
 }

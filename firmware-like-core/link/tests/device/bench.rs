@@ -1,4 +1,4 @@
-//! A device on the bench, and a host that keeps its books.
+//! A device under test, and a host that records sessions and sequence numbers.
 
 use palpate_link::{
     Device, DeviceFault, DeviceInfo, DeviceMessage, DeviceProfile, HostMessage, Inputs, Outputs, Phase,
@@ -24,7 +24,7 @@ pub(crate) fn profile() -> DeviceProfile {
     }
 }
 
-/// A device, and a host that keeps its books.
+/// A device under test, and a host that records sessions and sequence numbers.
 pub(crate) struct Bench {
     pub(crate) device: Device,
     pub(crate) now_us: u64,
@@ -121,7 +121,8 @@ impl Bench {
         self.receive(command)
     }
 
-    /// Whether the answer is the state with the newest number, and says that the request was done, or refused.
+    /// Whether the answer is the state with the newest number, and its flags report the request as done or
+    /// refused.
     pub(crate) fn answer_is(&self, answer: Option<DeviceMessage>, done: bool) -> bool {
         matches!(answer, Some(DeviceMessage::State { seq_echo, flags, .. })
             if seq_echo == self.seq && (flags & message::REFUSED == 0) == done)

@@ -1,4 +1,5 @@
-//! The device's side of the link: torque only where every rule is kept, and never again after a fault without a handshake.
+//! The device's side of the link: a torque acts only if every rule holds, and after a fault only after a new
+//! handshake.
 
 mod bench;
 mod mechanism;

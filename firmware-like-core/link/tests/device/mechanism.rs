@@ -1,4 +1,4 @@
-//! What the mechanism may do, and what a torque may be.
+//! Limits of the motion and of the torque.
 
 use palpate_link::clamp_torque;
 use palpate_link::{

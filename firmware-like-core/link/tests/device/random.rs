@@ -1,4 +1,4 @@
-//! Random hosts, wires and mechanisms: what must hold whatever happens.
+//! Random hosts, wires and mechanisms: invariants for any input.
 
 use palpate_link::clamp_torque;
 use palpate_link::{DeviceMessage, HostMessage, Outputs, Phase, VERSION};
@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use crate::bench::{Bench, LIMIT_UNM};
 
-/// What a host, a wire and a mechanism can do to a device.
+/// The possible actions of a host, a wire and a mechanism.
 #[derive(Debug, Clone)]
 enum Act {
     Hello(u16),
@@ -49,11 +49,11 @@ fn any_act() -> impl Strategy<Value = Act> {
     prop_oneof![1 => hello, 8 => send, 10 => step]
 }
 
-/// Plays acts on a device and checks after each what must always hold. Returns how often a torque acted and a fault latched.
+/// Applies actions and checks the invariants after each. Returns the number of torques and of latched faults.
 fn play(acts: &[Act]) -> (u32, u32) {
     let mut bench = Bench::new();
     let (mut torques, mut faults) = (0, 0);
-    // What a person has allowed: enabling, in a session without a fault.
+    // Whether the user has permitted a torque: the device is enabled, in a session without a fault.
     let mut allowed = false;
     for act in acts {
         let before = bench.device.phase();
@@ -146,7 +146,7 @@ proptest! {
     }
 }
 
-/// The random acts above are worth something only if they enable, move and fault.
+/// The random actions must enable, move and fault the device, otherwise they would prove nothing.
 #[test]
 fn the_random_acts_meet_torques_and_faults() {
     use proptest::strategy::ValueTree;

@@ -1,4 +1,4 @@
-//! Sessions: none comes twice, none outlives another, and one whole over the wire.
+//! Sessions: none repeats, none outlives another; and one complete session over frames.
 
 use palpate_link::{
     Device, DeviceMessage, DeviceProfile, FrameReader, HostMessage, MAX_FRAME, VERSION, encode,
@@ -21,7 +21,7 @@ fn no_session_comes_twice_in_a_row() {
     assert!(!seen.contains(&other.session), "another start of the firmware");
 }
 
-/// The nonces for which the hash is that of the session before, and zero.
+/// The nonces for which the hash equals the previous session, or zero.
 #[test]
 fn no_nonce_gives_a_session_that_is_known() {
     const PER_SESSION: u32 = 0x9e37_79b9;
@@ -47,7 +47,7 @@ fn a_hello_of_another_version_ends_the_session() {
     assert_eq!(bench.enable(), None);
 }
 
-/// Both codecs and the device, as they will stand at the two ends of a wire.
+/// Both codecs and the device, as at the two ends of a wire.
 #[test]
 fn a_session_over_frames() {
     let mut bench = Bench::new();

@@ -159,20 +159,24 @@ fn every_state_meets_every_event() {
 
 #[test]
 fn homing_is_asked_for_and_waited_for() {
-    // The hardware still says homed, from an earlier search, when the request is new.
+    // When Home arrives, the hardware still reports homed from an earlier procedure.
     let mut bench = Bench::enabled();
     bench.command(TORQUE_UNM, 3000);
     assert_eq!(bench.step(100).torque_unm, TORQUE_UNM);
     let (session, seq) = bench.next();
     let answer = bench.receive(HostMessage::Home { session, seq });
     assert!(bench.answer_is(answer, true));
-    assert_eq!(bench.step(100), Outputs { torque_unm: [0; 3], home: true }, "this reading is older");
+    assert_eq!(
+        bench.step(100),
+        Outputs { torque_unm: [0; 3], home: true },
+        "this reading precedes the request"
+    );
     bench.inputs.homed = false;
     assert_eq!(bench.step(100), Outputs { torque_unm: [0; 3], home: true });
     let answer = bench.enable();
     assert!(bench.answer_is(answer, false), "not homed");
     bench.inputs.homed = true;
-    // Coordinates begin anew: no fault, nothing is enabled.
+    // The counts start from zero: no fault, and the device stays disabled.
     bench.inputs.encoders = [0; 3];
     assert_eq!(bench.step(100), Outputs::default());
     assert_eq!(bench.device.phase(), Phase::Linked);
@@ -180,7 +184,7 @@ fn homing_is_asked_for_and_waited_for() {
     assert!(bench.answer_is(answer, true));
     bench.step(100);
     assert_eq!(bench.device.phase(), Phase::Enabled);
-    // And once more in the same session.
+    // A second homing in the same session.
     let (session, seq) = bench.next();
     bench.receive(HostMessage::Home { session, seq });
     assert!(bench.step(100).home && !bench.step(100).home);

@@ -1,4 +1,4 @@
-//! How long a torque acts, when the watchdog bites, and what the two clocks may do.
+//! The duration of a torque, the time of the watchdog, and wrapping or drifting clocks.
 
 use palpate_link::is_newer;
 use palpate_link::{DeviceFault, DeviceMessage, HostMessage, Outputs, Phase, message};
@@ -14,14 +14,14 @@ fn the_torque_acts_for_as_long_as_it_is_valid() {
     assert_eq!(bench.step(0).torque_unm, TORQUE_UNM);
     assert_eq!(bench.step(2999).torque_unm, TORQUE_UNM);
     assert_eq!(bench.step(1).torque_unm, [0; 3]);
-    // Not a fault yet: the next one acts.
+    // No fault yet: the next command has an effect.
     bench.command([1, 2, 3], 3000);
     assert_eq!(bench.step(0).torque_unm, [1, 2, 3]);
     let (session, seq) = bench.next();
     bench.receive(HostMessage::Disable { session, seq });
     assert_eq!(bench.step(0).torque_unm, [0; 3]);
     bench.enable();
-    assert_eq!(bench.step(0).torque_unm, [0; 3], "the torque before does not come back");
+    assert_eq!(bench.step(0).torque_unm, [0; 3], "the earlier torque does not return");
 }
 
 #[test]
@@ -33,14 +33,14 @@ fn the_watchdog_is_exact_to_the_microsecond() {
     let mut late = bench.device.clone();
     assert_eq!(bench.step(1), Outputs::default());
     assert_eq!(bench.device.phase(), Phase::Faulted(DeviceFault::Watchdog));
-    // A command at that very microsecond comes too late, even if no reading was taken before it.
+    // A command in the microsecond of the fault is too late, even if no reading precedes it.
     let command = bench.command_of(TORQUE_UNM, 3000);
     let fault = DeviceMessage::Fault { code: DeviceFault::Watchdog };
     assert_eq!(late.receive(bench.now_us, &command), Some(fault));
     assert_eq!(late.step(bench.now_us, &bench.inputs), Outputs::default());
 }
 
-/// Replays, late commands, repeated enabling, and what belongs to another session.
+/// Repeated and late commands, a repeated Enable, and messages of another session do not reset the watchdog.
 #[test]
 fn only_a_command_that_acts_feeds_the_watchdog() {
     type Feed = (bool, fn(&mut Bench));
@@ -59,7 +59,7 @@ fn only_a_command_that_acts_feeds_the_watchdog() {
         }),
         (false, |b| {
             let (session, seq) = b.next();
-            // A microsecond is forgiven as drift of the clocks.
+            // One microsecond is within the drift of the clocks.
             let t_host_us = (b.now_us - 3002) as u32;
             b.receive(HostMessage::Command {
                 session,
@@ -151,7 +151,7 @@ fn time_on_the_way_counts() {
     let mut send = |late_us: u32, valid_for_us| {
         bench.now_us += 1000;
         let (session, seq) = bench.next();
-        // The host's clock is far ahead; the way takes 400 us.
+        // The host's clock is far ahead; the transport takes 400 us.
         let t_host_us = (bench.now_us as u32 - 400 - late_us).wrapping_add(3_000_000_000);
         let torque_unm = [late_us as i32 + 1, 0, 0];
         let answer =
