@@ -6,7 +6,7 @@ use std::io::{BufWriter, Write};
 use std::process::ExitCode;
 
 #[path = "../cortex-m/src/comparison.rs"]
-#[allow(unreachable_pub, reason = "public in the other crate")]
+#[allow(unreachable_pub, reason = "public in the crate of the firmware")]
 mod comparison;
 
 use comparison::{Bench, Failed, Line};
@@ -40,7 +40,10 @@ fn main() -> ExitCode {
     match comparison::run(&mut bench, &AlignedBytes::from(&bytes)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failed) => {
-            eprintln!("{}: no blob, or without spaces: make one with `palpate pack`", path.display());
+            eprintln!(
+                "{}: not a blob, or a blob without spaces: make one with `palpate pack`",
+                path.display()
+            );
             ExitCode::FAILURE
         }
     }

@@ -1,4 +1,4 @@
-//! A hand presses into the first active node of an organ, a tick per millisecond: depth and force.
+//! A hand presses into the first active node of an organ, one tick per millisecond; prints depth and force.
 //!
 //! `cargo run --release -p palpate-core --example tick -- firmware-like-core/golden/organ-514.blob`
 
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         // From 1 mm above the surface to 10 mm below it and back.
         let height_m = 1e-3 - 1.1e-2 * (std::f32::consts::PI * tick as f32 * 1e-3).sin();
         let position_m = vec3::add(node.rest_position_m, vec3::scale(node.outward_normal, height_m));
-        // A device gives the position and takes the force.
+        // In a program the device provides the position and receives the force.
         let sample = Sample { t_us: 1_000 * tick, position_m, buttons: 0 };
         let command = controller.tick(&mut state, sample.t_us, Some(&sample));
         if tick % 100 == 0 {

@@ -33,7 +33,7 @@ impl Noise {
         (self.next() >> 7) as f32 / 8_388_608.0 - 1.0
     }
 
-    /// One of these.
+    /// One element of a slice.
     fn pick<T: Copy>(&mut self, of: &[T]) -> T {
         of[self.next() as usize % of.len()]
     }
@@ -77,7 +77,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     let organ: Organ<'_> = Organ::read(&blob).map_err(|error| format!("{path}: {error}"))?;
     let space = organ.spaces.first().ok_or("no space")?;
     let mut config = Config::new(Method::from_name(method).ok_or_else(|| format!("no method {method}"))?);
-    // Jumps of the position are wanted here and no fault.
+    // Jumps of the position are intended here and must not fault.
     config.limits.max_speed_m_s = f32::MAX;
     config.limits.max_position_m = f32::MAX;
     config.contact.grasp_slip = f32::MAX;
@@ -85,7 +85,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
     config.passivity.fault_j = f32::INFINITY;
     let controller = Controller::new(&organ, config).map_err(|error| error.to_string())?;
 
-    // Made in advance, so that little happens between two ticks.
+    // Computed in advance, so that few instructions lie between two ticks.
     let mut noise = Noise(1);
     let samples: Vec<Option<Sample>> = (1..=ticks).map(|tick| sample(&mut noise, space, tick)).collect();
     let (mut state, mut engaged, mut faults) = (State::new(), 0_u64, 0_u64);
@@ -99,7 +99,7 @@ fn run(path: &str, method: &str, ticks: u64) -> Result<(), String> {
             state.arm();
         }
     }
-    println!("{method}: {ticks} ticks, {engaged} of them in touch, {faults} faults");
+    println!("{method}: {ticks} ticks, {engaged} of them in contact, {faults} faults");
     Ok(())
 }
 

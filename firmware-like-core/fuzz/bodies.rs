@@ -1,5 +1,5 @@
-//! What the fuzzer runs on the core, and `tests/fuzz_replay.rs` on the kept inputs: any bytes, and what must hold for
-//! them.
+//! The bodies of the fuzz targets of the core, also run by `tests/fuzz_replay.rs`: arbitrary bytes and the
+//! invariants that must hold for them.
 
 use std::sync::LazyLock;
 
@@ -10,8 +10,8 @@ use palpate_core::{
     flags, vec3,
 };
 
-/// A blob whose length and checksum are corrected, so that the checks behind them are reached: it is refused, or every
-/// query has a finite answer.
+/// A blob whose length and checksum are corrected, so that the later checks are reached: it is refused, or
+/// every query has a finite answer.
 pub(crate) fn blob(data: &[u8]) {
     let mut bytes = AlignedBytes::from(data);
     if let Some(end) = bytes.len().checked_sub(4).filter(|end| *end >= 24) {
@@ -85,11 +85,12 @@ fn ask(space: &Space<'_>, method: Method) {
 static BYTES: LazyLock<AlignedBytes> =
     LazyLock::new(|| AlignedBytes::from(include_bytes!("../golden/organ-514.blob")));
 
-/// The golden organ: holes, folds, every method of a lattice.
+/// The golden organ: unsolved points, folds, and every method of a lattice.
 static GOLDEN: LazyLock<Box<PcOrgan<'static>>> =
     LazyLock::new(|| Box::new(PcOrgan::read(&BYTES).expect("the golden blob is good")));
 
-/// The golden organ with its space at the 200 surface vertices nearest to it, so that the tool slides.
+/// The golden organ with its space repeated at the 200 surface vertices nearest to its node, so that the tool
+/// slides.
 static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = LazyLock::new(|| {
     let mut organ = GOLDEN.clone();
     let one = organ.spaces[0].clone();
@@ -110,7 +111,8 @@ static EVERYWHERE: LazyLock<(Box<PcOrgan<'static>>, TouchSurface<'static>)> = La
     (organ, surface)
 });
 
-/// Any samples at any times: the command is finite and within the limit, and zero after a fault until reset and armed.
+/// Arbitrary samples at arbitrary times. The command is finite and within the limit, and zero after a fault
+/// until reset and armed.
 pub(crate) fn tick(data: &[u8]) {
     let (everywhere, surface) = &*EVERYWHERE;
     let Some((&[method, contact], mut rest)) = data.split_first_chunk::<2>() else { return };

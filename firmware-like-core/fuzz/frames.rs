@@ -1,5 +1,5 @@
-//! What the fuzzer runs on the device link, and `link/tests/fuzz_replay.rs` on the kept inputs: any bytes, and what must
-//! hold for them.
+//! The body of the fuzz target of the device link, also run by `link/tests/fuzz_replay.rs`: arbitrary bytes
+//! and the invariants that must hold for them.
 
 use palpate_link::message::{ENABLED, REFUSED};
 use palpate_link::{
@@ -7,11 +7,12 @@ use palpate_link::{
     Phase, encode,
 };
 
-/// Any bytes on the line of a device and at the reader of a host: torque only while enabled and within the limits, a fault
-/// latched until a handshake, and every message unchanged by a round trip. Returns whether there was a torque.
+/// Arbitrary bytes as input of a device and of the reader of a host. The device gives a torque only while
+/// enabled and within the limits; a fault is latched until a handshake; every message is unchanged by a round
+/// trip. Returns whether there was a torque.
 ///
-/// After an odd first byte the rest are messages, each after its length; they get a checksum and a frame, which a fuzzer
-/// would not guess, and session 1 stands for the current one.
+/// If the first byte is odd, the rest are messages, each after its length. They get a checksum and a frame,
+/// which a fuzzer would not guess, and session 1 stands for the current one.
 pub(crate) fn frames(data: &[u8]) -> bool {
     let Some((kind, mut rest)) = data.split_first() else { return false };
     let mut line = Line::new();
@@ -23,8 +24,8 @@ pub(crate) fn frames(data: &[u8]) -> bool {
         let (message, next) = after.split_at(usize::from(len % 64).min(after.len()));
         rest = next;
         framed(message).iter().for_each(|byte| line.push(*byte));
-        // A length of 63 with no bytes left stands for a hardware fault, which ends with the next message. The upper bits of
-        // the length are a time.
+        // A length of 63 with no bytes left stands for a hardware fault, which ends with the next message.
+        // The upper bits of the length encode a time.
         line.inputs.fault = len % 64 == 63 && after.is_empty();
         line.wait(u64::from(len >> 6) * 3000);
     }

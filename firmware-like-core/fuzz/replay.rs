@@ -1,4 +1,4 @@
-//! Replays of the kept inputs of the fuzzer and of seeded mutations of them, for the tests: a short run of the fuzzer.
+//! Replays the fuzzer's corpus and seeded mutations of it, for the tests: a short run of the fuzzer.
 
 use std::path::{Path, PathBuf};
 
@@ -48,7 +48,7 @@ fn mutated(input: &[u8], random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// Writes the first inputs of a target; by hand, after a change of its format.
+/// Writes the seeds of a target; run by hand after a change of its format.
 pub(crate) fn write_seeds(folder: &Path, seeds: &[Vec<u8>]) {
     std::fs::create_dir_all(folder).expect("a folder");
     for (number, seed) in seeds.iter().enumerate() {
@@ -56,7 +56,7 @@ pub(crate) fn write_seeds(folder: &Path, seeds: &[Vec<u8>]) {
     }
 }
 
-/// Runs a target on inputs and on so many mutations of each.
+/// Runs a target on each input and on `mutations` mutations of it.
 pub(crate) fn replay(inputs: &[Vec<u8>], mutations: usize, body: fn(&[u8])) {
     let mut random = Random(7);
     for input in inputs {

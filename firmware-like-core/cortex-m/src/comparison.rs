@@ -1,4 +1,4 @@
-//! The comparison of a Cortex-M with the host; this file is compiled into both.
+//! Comparison of a Cortex-M with the host; this file is compiled into both.
 //!
 //! Lines that begin with `answer` or `tick` must be equal on both; the others report costs.
 
@@ -13,7 +13,7 @@ pub trait Bench {
     fn clock(&self) -> u32;
 }
 
-/// There is nothing to compare.
+/// The blob was refused, or a line could not be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Failed;
 
@@ -118,7 +118,8 @@ const ODD: [Vec3; 8] = [
     [1.0, 0.0, 0.0],
 ];
 
-/// The extreme displacements, then uniform ones in a cube slightly larger than the ball; the same in every run.
+/// The extreme displacements, then uniform ones in a cube slightly larger than the ball; the same in every
+/// run.
 pub fn queries(radius_m: f32) -> impl Iterator<Item = Vec3> {
     let mut bits = 12_345_u32;
     let mut next = move || {

@@ -4,8 +4,8 @@
 //! golden blob in flash -> palpate-core -> semihosting: bits, instructions, stack
 //! ```
 //!
-//! These are the parts that a firmware adds to the core: the location of the blob, and its hardware. `answers` compares the
-//! core with that of the host; `device` is a device of the device link.
+//! These are the parts that a firmware adds to the core: the location of the blob, and its hardware.
+//! `answers` compares the core with that of the host; `device` is a device of the device link.
 #![no_std]
 #![deny(unsafe_code)]
 

@@ -14,8 +14,8 @@ unsafe extern "C" {
 pub fn high_water_bytes() -> u32 {
     let (low, high) = (&raw const _stack_end, &raw const _stack_start);
     let mut word = low;
-    // SAFETY: both are aligned addresses of the same RAM, and every word between them may be read; words above the stack
-    // pointer are only compared. Volatile because the fill value was not written by Rust.
+    // SAFETY: both are aligned addresses of the same RAM, and every word between them may be read; words
+    // above the stack pointer are only compared. Volatile because the fill value was not written by Rust.
     while word < high && unsafe { word.read_volatile() } == PAINT {
         word = word.wrapping_add(1);
     }

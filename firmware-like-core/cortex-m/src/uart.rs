@@ -1,4 +1,5 @@
-//! The UART of ARM's Cortex-M System Design Kit, as in QEMU's mps2 boards: polled, one byte in each direction.
+//! The UART of ARM's Cortex-M System Design Kit, as in QEMU's mps2 boards: polled, one byte in each
+//! direction.
 #![allow(unsafe_code, reason = "registers are addresses that no variable owns")]
 
 use core::ptr;
@@ -21,9 +22,10 @@ pub struct Uart(());
 impl Uart {
     /// Enables the port at 1.5625 Mbaud with a 25 MHz clock; QEMU ignores the rate.
     ///
-    /// The peripherals of the processor exist once and prove that this is the only port.
+    /// The processor's peripherals exist only once, so a reference to them proves that this is the only port.
     pub fn new(_: &cortex_m::Peripherals) -> Self {
-        // SAFETY: two registers of UART 0 of this board, aligned, written as in the manual. The same holds below.
+        // SAFETY: two registers of UART 0 of this board, aligned, written as in the manual. The same holds
+        // below.
         unsafe {
             ptr::write_volatile(DIVISOR, 16);
             ptr::write_volatile(CONTROL, TX_AND_RX);
@@ -31,13 +33,13 @@ impl Uart {
         Self(())
     }
 
-    /// A byte, if one has arrived.
+    /// The next byte, or `None` if none has arrived.
     pub fn read(&mut self) -> Option<u8> {
         // SAFETY: see `new`.
         unsafe { (ptr::read_volatile(STATE) & RX_FULL != 0).then(|| ptr::read_volatile(DATA) as u8) }
     }
 
-    /// Returns whether the byte was accepted, which it is not while the previous one is being sent.
+    /// Sends a byte. Returns false, without effect, while the previous byte is being sent.
     pub fn write(&mut self, byte: u8) -> bool {
         // SAFETY: see `new`.
         unsafe {

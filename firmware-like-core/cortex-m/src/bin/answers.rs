@@ -1,6 +1,7 @@
 //! Reads the golden blob from flash, evaluates every method, and reports bits, instructions and stack.
 //!
-//! In QEMU with `-icount shift=6` an instruction takes 64 ns and SysTick counts 40 ns: instructions = ticks * 5 / 8.
+//! In QEMU with `-icount shift=6` an instruction takes 64 ns and SysTick counts 40 ns: instructions = ticks *
+//! 5 / 8.
 #![no_std]
 #![no_main]
 
@@ -43,12 +44,12 @@ impl Bench for Machine {
     }
 
     fn clock(&self) -> u32 {
-        // It counts down.
+        // SysTick counts down.
         0_u32.wrapping_sub(SYST::get_current())
     }
 }
 
-/// Never called: `check-cortex-m` searches the linked firmware for calls.
+/// Never called: `check-cortex-m` searches the linked firmware for panics.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {

@@ -5,8 +5,8 @@
 //! encoders, buttons   -> Device::step    -> torque -> motors, every millisecond
 //! ```
 //!
-//! Protocol and safety rules are those of `palpate-link`; this file has the parts of a specific firmware: a clock, a port,
-//! and the mechanism, here three simulated motors.
+//! `palpate-link` defines the protocol and the safety rules. This file adds the parts of a specific firmware:
+//! a clock, a port, and the mechanism, here three simulated motors.
 #![no_std]
 #![no_main]
 
@@ -42,7 +42,7 @@ fn main() -> ! {
         let uart = Uart::new(&peripherals);
         serve(uart, Clock::new(peripherals.SYST), device);
     }
-    // Without its hardware or a valid profile a device does nothing.
+    // Without its peripherals or a valid profile the device does nothing.
     loop {
         cortex_m::asm::wfi();
     }
@@ -100,7 +100,7 @@ impl Clock {
     }
 
     fn now_us(&mut self) -> u64 {
-        // It counts down.
+        // SysTick counts down.
         let count = SYST::get_current();
         self.cycles += u64::from(self.last.wrapping_sub(count) & 0x00ff_ffff);
         self.last = count;
@@ -131,7 +131,7 @@ impl Motor {
     }
 }
 
-/// Never called: `check-cortex-m` searches the linked firmware for calls.
+/// Never called: `check-cortex-m` searches the linked firmware for panics.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     loop {}
