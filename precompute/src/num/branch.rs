@@ -1,17 +1,18 @@
-//! Whether two solutions lie on one smooth branch of the condensed potential.
+//! Test whether two solutions lie on one smooth branch of the condensed potential.
 //!
-//! Along the edge d from a to b, with W, h = dW/dd and S = dh/dd at both ends, the quintic through the data of W and the cubic
-//! through those of h leave
+//! The edge d leads from a to b, with W, h = dW/dd and S = dh/dd given at both ends. The residuals of the
+//! quintic Hermite interpolation of W and of the cubic one of h are
 //!
 //! rho   = |W_b - W_a - (h_a + h_b).d/2 + d.(S_b - S_a).d/12| / |d|,
 //!
-//! rho_h = |h_b - h_a - (S_a + S_b) d/2|,
+//! rho_h = |h_b - h_a - (S_a + S_b) d/2|.
 //!
-//! both of higher order in |d| on a smooth branch, and of the order of the jump across a fold, a change of branch or a wrong
-//! solution. rho is blind to a jump of h at mid-edge, where its energy cancels; rho_h sees it. No counterpart in the paper.
+//! Both are of higher order in |d| on a smooth branch. At a fold, a branch jump or a wrong solution they are
+//! of the order of the jump. rho does not detect a jump of h at mid-edge, where the jump's energy cancels;
+//! rho_h detects it. The paper has no counterpart.
 //!
-//! Where the third derivatives T are at hand too, one order more on either side tells curvature from jumps on cells as large as the
-//! table's: the quintic Hermite of W and the quintic of h leave
+//! If the third derivatives T are given too, both residuals gain one order. They then distinguish curvature
+//! from jumps on cells as large as those of the table:
 //!
 //! rho   = |W_b - W_a - (h_a + h_b).d/2 + d.(S_b - S_a).d/10 - (T_a + T_b)[d, d, d]/120| / |d|,
 //!
@@ -21,25 +22,25 @@ use nalgebra::Vector3;
 
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
-/// Excess over the smooth law beyond which there is a jump, N ...
+/// Absolute part of the residual's limit, N.
 pub const LEAST_N: f64 = 0.1;
-/// ... and as a share of the larger |h| of the two. A jump smaller than the just noticeable difference of force, some 7 %,
-/// is hardly one for the hand.
+/// Relative part of the limit, as a share of the larger |h|. A jump below the just noticeable difference of
+/// force (about 7 %) is hardly perceptible.
 pub const SHARE: f64 = 0.1;
 
-/// How far two solutions are from one smooth branch.
+/// Residuals of two solutions against one smooth branch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Excess {
-    /// Excess of the energy over its quintic, by length, N.
+    /// Residual rho of the energy, divided by the length of the edge, N.
     pub rho_n: f64,
-    /// Excess of the force over its trapezium, N.
+    /// Residual rho_h of the force, N.
     pub rho_h_n: f64,
-    /// Beyond this either is a jump, N.
+    /// A residual above this limit is a jump, N.
     limit_n: f64,
 }
 
 impl Excess {
-    /// Excess between two solutions at different displacements.
+    /// Residuals of two solutions at different controls, without third derivatives.
     pub fn between(a: &EnergyJet, b: &EnergyJet) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
         let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
@@ -51,7 +52,7 @@ impl Excess {
         }
     }
 
-    /// The same with the third derivatives of both, one order finer.
+    /// Residuals with the third derivatives of both solutions, one order finer.
     pub fn with_thirds(a: &EnergyJet, b: &EnergyJet) -> Self {
         let d = Vector3::from(b.control_m) - Vector3::from(a.control_m);
         let (ha, hb) = (Vector3::from(a.force_n), Vector3::from(b.force_n));
@@ -65,9 +66,9 @@ impl Excess {
         }
     }
 
-    /// Whether the two lie on different branches, as far as the data tell.
+    /// Whether a residual exceeds the limit or is NaN.
     pub fn is_jump(&self) -> bool {
-        // A NaN is no smooth branch either.
+        // The negated comparison is also true for NaN.
         !(self.rho_n <= self.limit_n && self.rho_h_n <= self.limit_n)
     }
 }
@@ -77,7 +78,7 @@ fn twice_along(third: &SymmetricThird, d: Vector3<f64>) -> Vector3<f64> {
     let mut sum = Vector3::zeros();
     for (triple, value) in THIRD_INDICES.iter().zip(third) {
         let [i, j, k] = *triple;
-        // Every different order of the triple, once.
+        // Each distinct permutation of the triple counts once.
         let mut orders = [[i, j, k], [i, k, j], [j, i, k], [j, k, i], [k, i, j], [k, j, i]];
         orders.sort_unstable();
         for (n, [p, q, r]) in orders.iter().enumerate() {
@@ -95,7 +96,7 @@ mod tests {
 
     use super::*;
 
-    /// W = c cosh(u . x): any derivative of it.
+    /// W = c cosh(u . x) and its derivatives.
     fn steep(x: Vector3<f64>) -> EnergyJet {
         let (u, c) = (Vector3::new(40.0, -25.0, 30.0), 0.03);
         let (cosh, sinh) = (u.dot(&x).cosh(), u.dot(&x).sinh());
@@ -120,7 +121,7 @@ mod tests {
         assert!((jump.rho_h_n - 2.0).abs() < fine.rho_h_n + 1e-9, "{jump:?}");
     }
 
-    /// Halving the edge takes the excess of the force by 2^5 and that of the energy, by length, by 2^6.
+    /// Half the edge divides the force residual by 2^5 and the energy residual (per length) by 2^6.
     #[test]
     fn thirds_take_the_order_up() {
         let at = |d: f64| {
@@ -134,7 +135,7 @@ mod tests {
         assert!((orders[0] - 5.0).abs() < 0.2 && (orders[1] - 6.0).abs() < 0.3, "{orders:?}");
     }
 
-    /// W = k d^2/2 + c d^4/4 along x, and the same with a jump of the force by `jump` N beyond `at_m`.
+    /// W = k d^2/2 + c d^4/4 along x, with a force jump of `jump` N beyond `at_m`.
     fn sample(x: f64, at_m: f64, jump: f64) -> EnergyJet {
         let (k, c) = (300.0, 4e4);
         let beyond = (x - at_m).max(0.0);

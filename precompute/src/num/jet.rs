@@ -1,9 +1,10 @@
-//! The condensed energy at a point, with its derivatives: what the solver hands to every fit.
+//! The condensed energy and its derivatives at one point: the datum that the solver passes to every fit.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Index pairs (i <= j) of the components of a symmetric second-order tensor, in the order of every file and table.
+/// Index pairs (i <= j) of the components of a symmetric second-order tensor, in the order of all files and
+/// tables.
 pub const SECOND_INDICES: [[usize; 2]; 6] = [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]];
 
 /// Components of a symmetric third-order tensor in three directions, in the order of [`THIRD_INDICES`].
@@ -41,7 +42,7 @@ pub struct EnergyJet {
 }
 
 impl EnergyJet {
-    /// W, h, S (order of [`SECOND_INDICES`]) and W_ijk (order of [`THIRD_INDICES`]): the order of files and of fits.
+    /// W, h, S (order of [`SECOND_INDICES`]) and W_ijk (order of [`THIRD_INDICES`]), as in files and fits.
     pub fn numbers(&self) -> [f64; 20] {
         let mut numbers = [0.0; 20];
         numbers[0] = self.energy_j;
@@ -51,7 +52,7 @@ impl EnergyJet {
         numbers
     }
 
-    /// The jet at `control_m` with these [`Self::numbers`].
+    /// The jet at `control_m` with the values of [`Self::numbers`].
     pub fn from_numbers(control_m: [f64; 3], numbers: &[f64; 20]) -> Self {
         let [energy_j, hx, hy, hz, xx, xy, xz, yy, yz, zz, third @ ..] = *numbers;
         Self {
@@ -63,7 +64,8 @@ impl EnergyJet {
         }
     }
 
-    /// The same without energy and force: rest has neither by its definition, and what the solver leaves there is rounding.
+    /// The same jet with zero energy and force. Both vanish at rest by definition; the solver's values there
+    /// are rounding errors.
     #[must_use]
     pub fn as_rest(self) -> Self {
         Self { energy_j: 0.0, force_n: [0.0; 3], ..self }
@@ -74,12 +76,13 @@ impl EnergyJet {
         self.numbers().iter().all(|x| x.is_finite())
     }
 
-    /// Force at another control by the Taylor series of third order, N.
+    /// Force at another control by the third-order Taylor series, N.
     pub fn taylor_force_n(&self, control_m: [f64; 3]) -> [f64; 3] {
         let d = Vector3::from(control_m) - Vector3::from(self.control_m);
         let mut force = Vector3::from(self.force_n) + self.stiffness_n_m * d;
         for (triple, value) in THIRD_INDICES.iter().zip(self.third_n_m2) {
-            // d(W_ijk d_i d_j d_k / 6)/dd with as many orders of the triple as there are.
+            // Derivative of W_ijk d_i d_j d_k / 6 with respect to d; each distinct permutation of the triple
+            // contributes one term.
             let [i, j, k] = *triple;
             let orders = if i == k {
                 1.0

@@ -1,4 +1,5 @@
-//! Numbers that know nothing of meshes or bodies: lanes of f64, tensors of them, symmetric third derivatives.
+//! Numerical types that are independent of meshes and bodies: SIMD lanes of f64, tensors, symmetric third
+//! derivatives.
 
 pub mod branch;
 pub mod jet;

@@ -1,4 +1,4 @@
-//! Vectors of three numbers as plain arrays.
+//! Operations on vectors stored as arrays of three numbers.
 
 /// |a|
 pub fn norm(a: [f64; 3]) -> f64 {
