@@ -1,13 +1,13 @@
-//! How far the packed displacements may be from the solver's.
+//! The error bound of the packed displacements.
 
 use serde::{Deserialize, Serialize};
 
-/// How far the packed displacements of a configuration may be from the solver's.
+/// Largest difference between the packed displacements of a configuration and the solver's.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DisplacementBound {
     /// Root mean square over the surface nodes, m.
     pub rms_m: f64,
-    /// At any of them, m.
+    /// Maximum over the surface nodes, m.
     pub max_m: f64,
 }
 
@@ -18,11 +18,11 @@ impl Default for DisplacementBound {
 }
 
 impl DisplacementBound {
-    /// The smallest bound there is, m: the step of an outlier's int16 is 3 um where it moves by 0.1 m.
+    /// The smallest bound, m. The int16 of an outlier has a step of 3 um if the node moves by 0.1 m.
     pub const LEAST_M: f64 = 1e-5;
 
-    /// What is left of it for the points of a fit's table, for its modes and slopes alike: its cells are as wide as the energy allows, and what
-    /// lies between the points errs too.
+    /// Part of the bound for the points of a fit's table, shared by the modes and the slopes. The rest covers
+    /// the interpolation error between the points, because the cells are as large as the energy allows.
     #[must_use]
     pub fn at_points_of_a_fit(self) -> Self {
         const SHARE: f64 = 0.7;

@@ -1,4 +1,4 @@
-//! The points of one space and who may be solved from whom.
+//! The lattice points of one space and the transitions between them.
 
 use std::collections::HashMap;
 
@@ -6,25 +6,26 @@ use super::{GridIndex, SpaceGrid};
 
 /// Points to solve and the transitions between them, shared by all active nodes of a scene.
 ///
-/// The ball holds the lattice points within the radius: the paper's grid. The shell holds the corners outside the ball of the
-/// cells that reach into it: with them every cell in which a tool within the radius can be has its eight corners. Transitions
-/// start in the ball only, and a shell point is solved only from a point that shares such a cell with it.
+/// The ball consists of the lattice points within the radius: the paper's grid. The shell consists of the
+/// corners outside the ball of those cells that intersect it. With the shell, each cell that contains a
+/// reachable tool position has eight solved corners. Transitions start only in the ball. A shell point is
+/// solved only from a point that shares such a cell with it.
 #[derive(Debug)]
 pub struct Domain {
     points: Vec<GridIndex>,
     ball: usize,
     position: HashMap<GridIndex, u32>,
-    /// Points from which each may be solved, best first.
+    /// Start points of the transitions to each point, best first.
     parents: Vec<Vec<u32>>,
-    /// The same links the other way.
+    /// The same transitions in the opposite direction.
     children: Vec<Vec<u32>>,
 }
 
-/// The point at rest is always the first.
+/// Index of the point at rest.
 pub(crate) const REST: u32 = 0;
 
 impl Domain {
-    /// Points of `grid`; the shell too with `complete_cells`.
+    /// Points of `grid`, with the shell if `complete_cells`.
     pub fn new(grid: &SpaceGrid, complete_cells: bool) -> Self {
         let mut points = vec![[0; 3]];
         points.extend(grid.lattice.points());
@@ -53,7 +54,7 @@ impl Domain {
                     .filter(|&(_, other)| i < ball || share_a_cell(point, other, &cells))
                     .map(|(distance, other)| (distance, squared(other), other))
                     .collect();
-                // The nearest, then the one closest to rest, then by index.
+                // Order: the nearest first, then the one closest to rest, then by index.
                 from.sort_unstable();
                 from.into_iter().map(|(.., other)| position[&other]).collect()
             })
@@ -67,22 +68,22 @@ impl Domain {
         Self { points, ball, position, parents, children }
     }
 
-    /// All points, the one at rest among them.
+    /// Number of points, including the point at rest.
     pub fn len(&self) -> usize {
         self.points.len()
     }
 
-    /// All points, that at rest first.
+    /// All points, the point at rest first.
     pub fn points(&self) -> impl Iterator<Item = GridIndex> + '_ {
         self.points.iter().copied()
     }
 
-    /// Never: the point at rest is always there.
+    /// Always false, because the point at rest exists.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
 
-    /// Whether a point may be a parent.
+    /// Whether a point is in the ball, that is, whether transitions may start from it.
     pub(crate) fn in_ball(&self, point: u32) -> bool {
         (point as usize) < self.ball
     }
@@ -104,11 +105,11 @@ impl Domain {
     }
 }
 
-/// Low corners of the cells whose inside meets the ball. No cell crosses a coordinate plane, so its point nearest to rest is
-/// a corner.
+/// Low corners of the cells whose interior intersects the ball. No cell crosses a coordinate plane, so its
+/// point closest to rest is a corner.
 fn cells_in_reach(grid: &SpaceGrid) -> Vec<GridIndex> {
     let cells = grid.radius_m / grid.spacing_m;
-    // A radius of a whole number of cells, divided in floating point, may come out a little above it.
+    // The quotient of a radius of a whole number of cells can exceed that number by rounding.
     let strictly_inside = cells * cells * (1.0 - 1e-6);
     let reach = grid.lattice.reach();
     let mut found = Vec::new();
@@ -126,7 +127,7 @@ fn cells_in_reach(grid: &SpaceGrid) -> Vec<GridIndex> {
 }
 
 fn share_a_cell(a: GridIndex, b: GridIndex, cells: &std::collections::HashSet<GridIndex>) -> bool {
-    // Low corners of the cells that have both: one below the smaller index at most, on axes where they are equal.
+    // Low corners of the cells that contain both points: on axes where the two are equal, also one below.
     let low: GridIndex = std::array::from_fn(|axis| a[axis].min(b[axis]));
     corners([0; 3]).into_iter().any(|shift| {
         let fits = (0..3).all(|axis| shift[axis] == 0 || a[axis] == b[axis]);
@@ -140,7 +141,7 @@ fn corners(cell: GridIndex) -> [GridIndex; 8] {
     })
 }
 
-/// The 26 offsets to a lattice point's neighbours.
+/// Offsets to the 26 neighbours of a lattice point.
 pub fn neighbours() -> impl Iterator<Item = GridIndex> {
     (0..27).filter(|&code| code != 13).map(|code| [code / 9 - 1, code / 3 % 3 - 1, code % 3 - 1])
 }
@@ -202,7 +203,7 @@ mod tests {
                 assert!((0..3).all(|axis| (a[axis] - b[axis]).abs() <= 1));
             }
         }
-        // Nearest first: a face neighbour in the ball before an edge neighbour.
+        // Nearest first: a face neighbour in the ball precedes an edge neighbour.
         let first = domain.parents(domain.position([2, 0, 0]).unwrap())[0];
         assert_eq!(domain.index(first), [1, 0, 0]);
     }

@@ -1,4 +1,4 @@
-//! Points of a configuration space: integer triples on the paper's lattice, or on one of a micrometre.
+//! Points of a configuration space as integer triples, in cells of the paper's lattice or in micrometres.
 
 use palpate_core::{BallLattice, LatticeError};
 
@@ -8,16 +8,16 @@ pub type GridIndex = [i32; 3];
 /// The uniform grid G_A of one space (paper, Eq. 11), in f64.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpaceGrid {
-    /// Distance of neighbouring points, m.
+    /// Distance between neighbouring points, m.
     pub spacing_m: f64,
     /// Radius r_G of the ball, m.
     pub radius_m: f64,
-    /// Index arithmetic, shared with the core so that both ends number the slots alike.
+    /// Index arithmetic; the core uses the same, so both number the slots alike.
     pub lattice: BallLattice,
 }
 
 impl SpaceGrid {
-    /// Grid of `spacing_m` within `radius_m`.
+    /// The grid with this spacing and radius, both in m.
     pub fn new(spacing_m: f64, radius_m: f64) -> Result<Self, LatticeError> {
         Ok(Self { spacing_m, radius_m, lattice: BallLattice::new(spacing_m as f32, radius_m as f32)? })
     }
@@ -28,15 +28,15 @@ impl SpaceGrid {
     }
 }
 
-/// What scattered positions are counted in, m: far below what anybody resolves.
+/// Unit of the indices of scattered positions, m; far below the resolution of any device.
 pub const UNIT_M: f64 = 1e-6;
 
-/// Displacement of a point, m.
+/// Displacement of a scattered point, m.
 pub fn displacement_m(index: GridIndex) -> [f64; 3] {
     index.map(|n| f64::from(n) * UNIT_M)
 }
 
-/// The point nearest to a displacement.
+/// The scattered point nearest to a displacement in m.
 pub fn nearest_index(displacement_m: [f64; 3]) -> GridIndex {
     displacement_m.map(|x| (x / UNIT_M).round() as i32)
 }

@@ -1,4 +1,4 @@
-//! What is asked of a space: where it is sampled, how exactly, and how it is packed. No number of it depends on a body.
+//! Specification of a space: sampling, tolerance, workspace and bounds. It is independent of the body.
 
 mod bounds;
 mod domain;

@@ -1,49 +1,50 @@
-//! Which positions a space is made of.
+//! The positions at which a space is sampled.
 
 use serde::{Deserialize, Serialize};
 
 use super::{GridIndex, SpaceGrid};
 use crate::spec::{Tolerance, Wanted, Workspace};
 
-/// Which positions the space of every active node of a scene is made of.
+/// The positions at which the space of each active node of a scene is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sampling {
-    /// Every point of a lattice within reach.
+    /// All points of a lattice within the radius.
     Lattice(Lattice),
-    /// As few scattered ones as the error needs.
+    /// Adaptive sampling: as few scattered positions as the tolerance needs.
     Scattered(Scattered),
 }
 
-/// A lattice and how it is solved.
+/// A lattice and its solution options.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lattice {
-    /// The points.
+    /// The lattice points.
     pub grid: SpaceGrid,
-    /// Whether the corners outside the ball of the cells that reach into it are solved.
+    /// Whether to solve also the outer corners of the cells that intersect the ball.
     pub complete_cells: bool,
-    /// Equal parts in which every transition is made and kept, if the scene asks for it.
+    /// Number of equal increments of each transition whose states are stored, if the scene requests it.
     pub increments: Option<u32>,
 }
 
-/// What scattered positions are to give.
+/// Parameters of adaptive sampling.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Scattered {
     /// Largest displacement r_G, m.
     pub radius_m: f64,
-    /// What an error of the force may be.
+    /// Tolerance of the force error.
     pub tolerance: Tolerance,
-    /// Whether the tool only pushes: positions where it would have to pull are not reached.
+    /// Whether the tool only pushes. Positions at which it would have to pull are then not sampled.
     pub only_push: bool,
-    /// The box that the tool stays in, in the model's frame, m; none where it may be anywhere.
+    /// Workspace of the tool in the model's frame, m; `None` means unbounded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub workspace_m: Option<Workspace>,
 }
 
-/// Configurations of a scattered space at most: the fit takes the cube of them.
+/// Maximum number of configurations of a scattered space: the cost of the fit grows with the cube of the
+/// number.
 const MOST: usize = 160;
 
 impl Scattered {
-    /// What is wanted of the active node that rests here, m, with this outward normal.
+    /// Requirements of the active node at rest position `rest_m`, m, with this outward normal.
     pub fn wanted(&self, max_force_n: f64, rest_m: [f64; 3], normal: [f64; 3]) -> Wanted {
         let push = self.only_push.then_some(normal);
         let workspace_m = self.workspace_of(rest_m);
@@ -57,7 +58,7 @@ impl Scattered {
         }
     }
 
-    /// The workspace in displacements of the node that rests here, m.
+    /// The workspace as displacements of the node at rest position `rest_m`, m.
     pub fn workspace_of(&self, rest_m: [f64; 3]) -> Option<Workspace> {
         let from_rest = |corner: [f64; 3]| std::array::from_fn(|axis| corner[axis] - rest_m[axis]);
         self.workspace_m.map(|corners| corners.map(from_rest))
@@ -73,7 +74,7 @@ impl Sampling {
         }
     }
 
-    /// What grid indices count, m.
+    /// Unit of the grid indices, m.
     pub fn unit_m(&self) -> f64 {
         match self {
             Self::Lattice(lattice) => lattice.grid.spacing_m,
@@ -86,7 +87,7 @@ impl Sampling {
         index.map(|n| f64::from(n) * self.unit_m())
     }
 
-    /// Equal parts in which every transition is made and kept.
+    /// Number of equal increments of each transition whose states are stored.
     pub fn increments(&self) -> Option<u32> {
         match self {
             Self::Lattice(lattice) => lattice.increments,
@@ -94,7 +95,7 @@ impl Sampling {
         }
     }
 
-    /// What is wanted of scattered positions, if they are.
+    /// The parameters of adaptive sampling, or `None` for a lattice.
     pub fn scattered(&self) -> Option<&Scattered> {
         match self {
             Self::Lattice(_) => None,
@@ -102,7 +103,7 @@ impl Sampling {
         }
     }
 
-    /// The lattice, if it is one.
+    /// The lattice, or `None` for adaptive sampling.
     pub fn lattice(&self) -> Option<&Lattice> {
         match self {
             Self::Lattice(lattice) => Some(lattice),

@@ -1,22 +1,22 @@
-//! How large an error of the force may be.
+//! Tolerance of the force error.
 
 use crate::num::vector::norm;
 use serde::{Deserialize, Serialize};
 
-/// What an error may be: beside the larger of the two it is within tolerance.
+/// Tolerance of the force error: the larger of the relative and the absolute part.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Tolerance {
-    /// Share of |h|.
+    /// Relative part, as a share of |h|.
     pub relative: f64,
-    /// N.
+    /// Absolute part, N.
     pub absolute_n: f64,
 }
 
 impl Tolerance {
-    /// Half the just noticeable difference of force, 7 % of it, and never less than what a finger tells from nothing.
+    /// Half the just noticeable difference of force (7 %), and at least the detection threshold of a finger.
     pub const CANNOT_BE_FELT: Self = Self { relative: 0.035, absolute_n: 0.02 };
 
-    /// What an error may be where the force is `force_n`, N.
+    /// Largest permitted error at the force `force_n`, N.
     pub fn at(&self, force_n: [f64; 3]) -> f64 {
         (self.relative * norm(force_n)).max(self.absolute_n)
     }
