@@ -23,14 +23,15 @@ pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
     Ok(unfinished)
 }
 
-/// Uniform positions of a blob of many nodes, all together: without a failure they certify 99.5 % with 95 % confidence.
+/// Total number of uniform positions of a blob of many nodes. If none fails, they certify 99.5 % with 95 %
+/// confidence.
 const TOGETHER: u32 = 600;
-/// Fewer than this say nothing about a node.
+/// Minimum number of uniform positions of one node.
 const MIN_UNIFORM: u32 = 3;
-/// More nodes than this are certified together.
+/// Blobs with more nodes are certified for all nodes together.
 const FEW: usize = 8;
 
-/// Uniform positions of a node, where the caller does not choose.
+/// Default number of uniform positions of a node.
 fn default_uniform(nodes: usize) -> u32 {
     if nodes <= FEW {
         return Draw::PAPER.uniform;
@@ -38,16 +39,17 @@ fn default_uniform(nodes: usize) -> u32 {
     TOGETHER.div_ceil(u32::try_from(nodes).unwrap_or(u32::MAX)).max(MIN_UNIFORM)
 }
 
-/// Uniform positions are solved in at most this many rounds: how many of them lie at branch jumps is known only
-/// afterwards.
+/// Maximum number of rounds in which uniform positions are solved. The number of positions at branch jumps is
+/// known only after each round.
 const MAX_ROUNDS: u32 = 4;
 
-/// Solves uniform positions of every active node, until as many as `uniform` are away from branch jumps or more would
-/// not help, and keeps them in the `.space` file. With `None`: 299 of each of up to eight nodes, 600 of all nodes together
-/// beyond that. Returns how many were solved now.
+/// Solves uniform positions of every active node and stores them in the `.space` file. It ends when `uniform`
+/// of them lie away from branch jumps, or when more positions would not help. With `None` it solves 299 for
+/// each of up to eight nodes, or 600 in total for more nodes. Returns the number of positions solved by this
+/// call.
 ///
-/// Only nodes with branch jumps are asked for more. Of many nodes that are certified together none is: the others make up
-/// for it.
+/// Only nodes with branch jumps get more positions. If many nodes are certified together, no node gets more,
+/// because the positions of the other nodes suffice.
 pub fn solve_truth(
     space: &Path,
     uniform: Option<u32>,
@@ -77,8 +79,8 @@ pub fn solve_truth(
     Ok(solved)
 }
 
-/// Solves what is missing of `wanted` uniform positions of these active nodes. Returns how many were solved now, and
-/// whether all of them are there.
+/// Solves the missing ones of `wanted` uniform positions of these active nodes. Returns how many it solved,
+/// and whether all of them exist.
 fn solve_uniform(
     space: &Path,
     actives: &[usize],
@@ -105,7 +107,7 @@ fn solve_uniform(
     Ok((solved, lacking_uniform(&store, &actives, wanted)?.is_empty()))
 }
 
-/// Active nodes that have a space but fewer uniform positions.
+/// Active nodes that have a space but fewer than `wanted` uniform positions.
 fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<usize>, PipelineError> {
     let mut lacking = Vec::new();
     for &active in actives {
@@ -118,7 +120,8 @@ fn lacking_uniform(store: &Store, actives: &[usize], wanted: u32) -> Result<Vec<
     Ok(lacking)
 }
 
-/// Fits the tables of a space and measures them at its held-out positions, with the very bytes that the loop reads.
+/// Fits the tables of a space and measures their errors at the held-out positions. The measurement reads the
+/// bytes of the blob, as the haptic loop does.
 pub fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Certificate), PipelineError> {
     let mut packed = pack(store, options)?;
     let bytes = AlignedBytes::from(&packed.bytes()?[..]);
@@ -128,8 +131,9 @@ pub fn certified(store: &Store, options: &PackOptions<'_>) -> Result<(Packed, Ce
     Ok((packed, certificate))
 }
 
-/// Adds ledgers to a certificate: what the blob leaves out, and with `positions` above zero what element order and mesh do.
-/// `began` is told the name of each node before its positions are solved.
+/// Adds the error ledgers to a certificate: the effects that the blob omits and, with `positions` above zero,
+/// the effects of element order and mesh. Calls `began` with the name of each node before its positions are
+/// solved.
 pub fn add_ledgers(
     store: &Store,
     (packed, certificate): (&mut Packed, &mut Certificate),

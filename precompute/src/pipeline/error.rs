@@ -1,4 +1,4 @@
-//! Why a step of the pipeline failed, and the one line that says it.
+//! Errors of the pipeline.
 
 use std::path::PathBuf;
 
@@ -10,10 +10,10 @@ use crate::pack::PackError;
 use crate::scene::BodyError;
 use crate::space::{ExpansionError, StoreError};
 
-/// Why a step of the pipeline failed: one line that names the file, what is wrong and the fix.
+/// An error of a step of the pipeline. `Display` is one line with the file, the problem and the fix.
 #[derive(Debug)]
 pub enum PipelineError {
-    /// The scene or its mesh.
+    /// The scene or its mesh is invalid.
     Input(InputError),
     /// The body cannot be built.
     Body {
@@ -22,19 +22,19 @@ pub enum PipelineError {
         /// Why.
         error: BodyError,
     },
-    /// The scene does not say where to solve.
+    /// The scene has no grid.
     NoGrid {
         /// The scene.
         path: PathBuf,
     },
-    /// The grid of the scene is not possible.
+    /// The grid of the scene is invalid.
     Grid {
         /// The scene.
         path: PathBuf,
         /// Why.
         error: LatticeError,
     },
-    /// A lattice is needed, and the scene asks for scattered positions.
+    /// The step needs a lattice, and the scene requests adaptive sampling.
     NotALattice {
         /// The scene.
         path: PathBuf,
@@ -48,22 +48,22 @@ pub enum PipelineError {
         /// Names of the active nodes.
         known: Vec<String>,
     },
-    /// The scene kept in a space is not the one that was solved.
+    /// The space was solved for a different scene than the one stored in it.
     OtherScene {
         /// The space.
         path: PathBuf,
     },
-    /// An active node has positions that are still to be solved.
+    /// An active node has unsolved positions.
     Unfinished(Unfinished),
-    /// The space.
+    /// The space cannot be read or written.
     Store(StoreError),
-    /// The solve of the configurations.
+    /// The configurations cannot be solved.
     Expansion(ExpansionError),
-    /// The solve of held-out positions.
+    /// The held-out positions cannot be solved.
     HeldOut(HeldOutError),
-    /// The tables.
+    /// The tables cannot be packed.
     Pack(PackError),
-    /// The packed blob is not one that the core reads.
+    /// The core refuses the packed blob.
     Blob(BlobError),
     /// The certificate cannot be written as JSON.
     Certificate(serde_json::Error),
@@ -71,14 +71,14 @@ pub enum PipelineError {
     Interrupted,
 }
 
-/// An active node that is not finished.
+/// An active node with unsolved positions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unfinished {
     /// The space.
     pub path: PathBuf,
     /// Name of the active node.
     pub active: String,
-    /// Positions that are still to be solved, at least.
+    /// Number of unsolved positions, a lower bound.
     pub open: usize,
 }
 
@@ -94,7 +94,7 @@ impl std::fmt::Display for Unfinished {
 }
 
 impl PipelineError {
-    /// Whether the caller's input is at fault, rather than the work or the machine.
+    /// Whether the caller's input caused the error, and not the computation or the machine.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         match self {

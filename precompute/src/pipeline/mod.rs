@@ -27,17 +27,17 @@ use crate::space::{
 };
 use crate::spec::{Lattice, Sampling};
 
-/// How a long step runs.
+/// Execution options of a long step.
 #[derive(Debug, Clone, Copy)]
 pub struct Run<'s> {
-    /// Threads, one at least. The results do not depend on it.
+    /// Number of threads, at least one. The results do not depend on it.
     pub threads: usize,
-    /// Raised to end the step in good order; what is solved by then is kept.
+    /// Stop flag of the caller. A stopped step keeps what is solved by then.
     pub stop: &'s AtomicBool,
 }
 
 impl Run<'static> {
-    /// On all cores, to the end.
+    /// Options for a run on all cores without interruption.
     #[must_use]
     pub fn to_the_end() -> Self {
         static NEVER: AtomicBool = AtomicBool::new(false);
@@ -45,10 +45,10 @@ impl Run<'static> {
     }
 }
 
-/// A scene with its body: everything that a solve needs.
+/// A scene with its body: the input of a solve.
 #[derive(Debug)]
 pub struct Analysis {
-    /// The file that messages name.
+    /// Path of the scene for error messages.
     pub path: PathBuf,
     /// The scene.
     pub scene: ResolvedScene,
@@ -57,19 +57,19 @@ pub struct Analysis {
 }
 
 impl Analysis {
-    /// Loads a scene file and its mesh, and builds the body. What is odd about the scene but can be solved is in
-    /// [`ResolvedScene::warnings`].
+    /// Loads a scene file and its mesh, and builds the body. [`ResolvedScene::warnings`] lists unusual but
+    /// solvable properties of the scene.
     pub fn load(path: &Path) -> Result<Self, PipelineError> {
         Self::of_scene(path, Scene::load(path)?.resolve()?)
     }
 
-    /// Builds the body of a scene; `path` is the file that messages name.
+    /// Builds the body of a scene; error messages name `path`.
     pub fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Self, PipelineError> {
         let body = scene.body().map_err(|error| PipelineError::Body { path: path.to_path_buf(), error })?;
         Ok(Self { path: path.to_path_buf(), scene, body: Arc::new(body) })
     }
 
-    /// The scene that a space was solved for, from the space alone.
+    /// Restores the scene of a space from the space alone.
     pub fn of_store(store: &Store) -> Result<Self, PipelineError> {
         let (mesh, fixed) = store.body()?;
         let identity = store.identity()?;
@@ -93,7 +93,7 @@ impl Analysis {
         })
     }
 
-    /// The equilibrium problem with this active node prescribed.
+    /// The equilibrium problem of this active node's grasp.
     #[must_use]
     pub fn problem(&self, active: &ActiveNode) -> Arc<Problem> {
         self.problem_of()(active)
@@ -109,27 +109,27 @@ impl Analysis {
         }
     }
 
-    /// The positions that the scene asks for.
+    /// The positions that the scene requests.
     pub fn sampling(&self) -> Result<Sampling, PipelineError> {
         let path = || self.path.clone();
         let grid = self.scene.grid.ok_or_else(|| PipelineError::NoGrid { path: path() })?;
         grid.sampling().map_err(|error| PipelineError::Grid { path: path(), error })
     }
 
-    /// The lattice that the scene asks for.
+    /// The lattice that the scene requests.
     pub fn lattice(&self) -> Result<Lattice, PipelineError> {
         let not = || PipelineError::NotALattice { path: self.path.clone() };
         self.sampling()?.lattice().copied().ok_or_else(not)
     }
 
-    /// Opens the `.space` file of this scene for solving, or creates it. A file that was solved for another
-    /// scene is refused.
+    /// Opens the `.space` file of this scene for solving, or creates it. Fails if the file belongs to another
+    /// scene.
     pub fn store(&self, path: &Path) -> Result<Store, PipelineError> {
         let (identity, active) = (self.identity()?, self.active_nodes());
         Ok(Store::create_or_resume(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
     }
 
-    /// [`Self::store`] of what is intact in a damaged file.
+    /// Like [`Self::store`], with the intact records of a damaged file.
     pub fn salvage(&self, path: &Path) -> Result<(Store, Salvaged), PipelineError> {
         let (identity, active) = (self.identity()?, self.active_nodes());
         Ok(Store::salvage(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
@@ -154,15 +154,15 @@ impl Analysis {
         self.scene.active.iter().map(|active| (active.name.clone(), active.node)).collect()
     }
 
-    /// What workers need to solve this scene.
+    /// The data that workers need to solve this scene.
     pub fn workshop(&self) -> Result<Arc<Workshop>, PipelineError> {
         let (problem_of, nodes) = (self.problem_of(), self.scene.active.clone());
         let problem = move |active: usize| problem_of(&nodes[active]);
         Ok(Arc::new(Workshop::new(problem, self.sampling()?, self.scene.max_force_n)))
     }
 
-    /// Solves the spaces of these active nodes (indices into [`ResolvedScene::active`]) and keeps them in `store`.
-    /// Returns how the positions of each ended.
+    /// Solves the spaces of these active nodes (indices into [`ResolvedScene::active`]) and stores them in
+    /// `store`. Returns the number of positions per tag for each node.
     pub fn solve(
         &self,
         actives: Vec<usize>,
@@ -176,7 +176,8 @@ impl Analysis {
         Ok(solved?)
     }
 
-    /// Solves the spaces of all active nodes into the `.space` file at `path`, which an earlier run may have begun.
+    /// Solves the spaces of all active nodes into the `.space` file at `path`. Continues the file of an
+    /// earlier run.
     pub fn solve_all(&self, path: &Path, run: Run<'_>) -> Result<Vec<TagCounts>, PipelineError> {
         self.solve((0..self.scene.active.len()).collect(), &self.store(path)?, run, |_| {})
     }
@@ -186,14 +187,14 @@ impl Analysis {
         Ok(store.identity()?.content_hash == hex(&self.scene.content_hash()))
     }
 
-    /// Positions and paths of these active nodes that no fit uses.
+    /// Held-out positions and paths of these active nodes, which no fit uses.
     pub fn held_out(&self, actives: &[usize], draw: Draw) -> Result<HeldOut, PipelineError> {
         let named = actives.iter().map(|&active| (active, self.scene.active[active].name.clone()));
         let (sampling, keep_displacements) = (self.sampling()?, self.scene.visual);
         Ok(HeldOut { actives: named.collect(), sampling, draw, keep_displacements })
     }
 
-    /// Solves those, and keeps them in `store`.
+    /// Solves these positions and stores them in `store`.
     pub fn solve_held_out(
         &self,
         held_out: &HeldOut,
