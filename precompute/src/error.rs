@@ -1,25 +1,25 @@
-//! A bad input, said in one line: which file, which line, what is wrong, and the fix.
+//! The error of bad input: one line with the file, the line, the problem and the fix.
 //!
-//! Everything a person hands to Palpate (a scene, a mesh, a set of nodes) fails through [`InputError`], so that the
-//! command line has one thing to print before it exits 2. Numerical trouble inside a solve is not an input error:
-//! that is data (a configuration tag), see the solver.
+//! Every error in a user's input (a scene, a mesh, a set of nodes) is an [`InputError`]. The command line
+//! prints it and exits with code 2. A solve that does not converge is no input error: the solver stores it as
+//! a configuration tag.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What is wrong with an input, where, and how to fix it.
+/// A problem in an input, its position and its fix.
 ///
-/// `Display` is one line, `file:line: what; fix`, whatever the parts hold: line breaks inside a part (a TOML
-/// excerpt, a file name) become blanks, because scripts read the error line by line.
+/// `Display` is one line, `file:line: what; fix`. Line breaks inside a part (a TOML excerpt, a file name)
+/// become blanks, because scripts read the error line by line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputError {
-    /// The file that is at fault.
+    /// The file with the problem.
     pub file: PathBuf,
-    /// 1-based line in `file`, where the format has lines and the fault has a place.
+    /// 1-based line in `file`, if the format has lines and the problem has a position.
     pub line: Option<usize>,
-    /// What is wrong, naming the key, node or element.
+    /// The problem; names the key, node or element.
     pub what: String,
-    /// What the reader of the message should do about it.
+    /// What the user should do.
     pub fix: String,
 }
 
@@ -34,7 +34,7 @@ impl InputError {
         Self { line: Some(line), ..Self::new(file, what, fix) }
     }
 
-    /// A file that cannot be opened or read: says why in the operating system's words.
+    /// A file that cannot be opened or read; contains the operating system's message.
     pub fn unreadable(file: &Path, error: &std::io::Error) -> Self {
         let fix = match error.kind() {
             std::io::ErrorKind::NotFound => "check the path (it is relative to the scene file)",
@@ -58,15 +58,16 @@ impl fmt::Display for InputError {
 
 impl std::error::Error for InputError {}
 
-/// `1 node`, `2 nodes`: counts in messages read as a person would write them.
+/// A count with its noun: `1 node`, `2 nodes`.
 pub(crate) fn count(n: usize, noun: &str) -> String {
     if n == 1 { format!("1 {noun}") } else { format!("{n} {noun}s") }
 }
 
-/// The word of `known` that `word` most likely misspells, if any is near enough to be worth suggesting.
+/// The word of `known` that `word` most likely misspells, or `None` if no word is close enough.
 ///
-/// Edit distance (insert, delete, replace), at most a third of the longer word's letters; ties go to the first.
-/// A word that only lost its unit (`radius` for `radius_m`) is always near enough.
+/// The measure is the edit distance (insert, delete, replace). The largest accepted distance is a third of
+/// the longer word's letters; the first of equal candidates is returned. A word that only lacks its unit
+/// (`radius` for `radius_m`) is always accepted.
 pub(crate) fn nearest_word<'k>(word: &str, known: impl IntoIterator<Item = &'k str>) -> Option<&'k str> {
     known
         .into_iter()

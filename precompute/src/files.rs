@@ -1,9 +1,12 @@
-//! Files that are written whole or not at all.
+//! Atomic writing of files.
 
 use std::path::Path;
 
-/// Writes a whole file under a temporary name in the same folder, then renames it: never a half-written file. A link is
-/// followed, and what is no regular file (a device, a pipe) is written to as it is: renaming would put a file in its place.
+/// Writes a temporary file in the same folder and renames it, so that a partial file never has the final
+/// name.
+///
+/// A symbolic link is followed. A path that is no regular file (a device, a pipe) is written directly,
+/// because a rename would replace it by a file.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let path = &path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
     if path.metadata().is_ok_and(|there| !there.is_file()) {
@@ -14,7 +17,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let temporary = path.with_file_name(name);
     let written = std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, path));
     if written.is_err() {
-        // The error that matters is the first one.
+        // The write error is returned; an error of the removal is ignored.
         let _ = std::fs::remove_file(&temporary);
     }
     written
