@@ -26,7 +26,7 @@ use crate::fem::material::Material;
 use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{SolveFailure, settle};
-use crate::mesh::{Coarsened, Kept, Refined, TetMesh};
+use crate::mesh::{Refined, TetMesh};
 use crate::spec::{DisplacementBound, FormNeeds, Lattice, Sampling, Scattered, SpaceGrid};
 use file::{Place, SceneFile};
 pub use reach::Unreachable;
@@ -265,30 +265,6 @@ impl ResolvedScene {
         }
         scene.mesh = finer.mesh;
         scene
-    }
-
-    /// The same scene with one active node only, on a mesh that is as fine as it was round that node and grows coarse away from it
-    /// ([`Coarsened`]): edges grow to `grade` times their distance.
-    #[must_use]
-    pub fn coarsened(&self, active: usize, grade: f64) -> Self {
-        let node = &self.active[active];
-        let region_of_tet = self.model().region_of_tet;
-        let kept =
-            Kept { centre: node.node, nodes: &node.patch, fixed: &self.fixed, region_of_tet: &region_of_tet };
-        let coarser = Coarsened::of(&self.mesh, kept, grade);
-        let patch = coarser.nodes(&node.patch);
-        let node = ActiveNode { node: coarser.nodes(&[node.node])[0], patch, ..node.clone() };
-        let region = |region: &MaterialRegion| MaterialRegion {
-            tets: region.tets.as_deref().map(|tets| coarser.tets(tets)),
-            ..region.clone()
-        };
-        Self {
-            fixed: coarser.nodes(&self.fixed),
-            active: vec![node],
-            materials: self.materials.iter().map(region).collect(),
-            mesh: coarser.mesh,
-            ..self.clone()
-        }
     }
 
     /// What the scene says of the body, for [`Body::new`].

@@ -1,10 +1,7 @@
-//! A search by one solver in memory: for measurements, and for a cheaper body beneath another.
-
-use std::sync::Arc;
+//! A search by one solver in memory, for measurements.
 
 use super::{Found, Search, Step, Verdict};
 use crate::fem::solve::{Seed, SolveFailure, Solver};
-use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
 use crate::spec::Wanted;
@@ -28,14 +25,10 @@ pub fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
     Ok((rest.jet().as_rest(), rest.seed))
 }
 
-/// Searches with one solver to the end, over the energy of a cheaper body if there is one.
-pub fn alone(
-    solver: &mut Solver,
-    wanted: Wanted,
-    under: Option<Arc<KernelFit>>,
-) -> Result<Alone, SolveFailure> {
+/// Searches with one solver to the end.
+pub fn alone(solver: &mut Solver, wanted: Wanted) -> Result<Alone, SolveFailure> {
     let (rest, seed) = at_rest(solver)?;
-    let mut search = Search::over(under, wanted, &rest);
+    let mut search = Search::new(wanted, &rest);
     let (mut seeds, mut solved) = (vec![([0.0; 3], seed)], 1);
     loop {
         let targets = match search.step() {

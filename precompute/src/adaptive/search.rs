@@ -15,8 +15,6 @@
 //! Beside the fit the linear body is tested, at no cost. Where every prediction of it, ten at least, is within the tolerance too, it is what is
 //! stored: the cheapest model within tolerance wins.
 
-use std::sync::Arc;
-
 use nalgebra::{Matrix3, Vector3};
 
 use super::Resampled;
@@ -167,11 +165,6 @@ impl Candidate {
 impl Search {
     /// A search that knows the configuration at rest.
     pub fn new(wanted: Wanted, rest: &EnergyJet) -> Self {
-        Self::over(None, wanted, rest)
-    }
-
-    /// A search for the difference from a cheaper body, whose energy `under` is.
-    pub fn over(under: Option<Arc<KernelFit>>, wanted: Wanted, rest: &EnergyJet) -> Self {
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
@@ -183,10 +176,7 @@ impl Search {
         let fits = LENGTHS
             .iter()
             .filter_map(|share| {
-                let mut fit = match &under {
-                    Some(under) => KernelFit::over(under.clone(), share * reach, stiffness),
-                    None => KernelFit::new(share * reach, stiffness),
-                };
+                let mut fit = KernelFit::new(share * reach, stiffness);
                 fit.add(&[*rest]).ok()?;
                 Some(Candidate { fit, left_out: Vec::new() })
             })

@@ -21,8 +21,6 @@
 
 mod cross_validation;
 
-use std::sync::Arc;
-
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Mat, MatRef, Par, Side};
 use nalgebra::{Matrix3, Vector3};
@@ -76,17 +74,6 @@ impl EnergyJet {
         };
         beside.numbers()
     }
-
-    /// The sum with so many times another energy.
-    fn with(&self, other: &Self, times: f64) -> Self {
-        Self {
-            control_m: self.control_m,
-            energy_j: self.energy_j + times * other.energy_j,
-            force_n: std::array::from_fn(|i| self.force_n[i] + times * other.force_n[i]),
-            stiffness_n_m: self.stiffness_n_m + times * other.stiffness_n_m,
-            third_n_m2: std::array::from_fn(|i| self.third_n_m2[i] + times * other.third_n_m2[i]),
-        }
-    }
 }
 
 /// Two configurations so close that the kernel cannot tell them apart.
@@ -106,8 +93,6 @@ impl std::error::Error for Indistinct {}
 pub struct KernelFit {
     length_m: f64,
     base: Matrix3<f64>,
-    /// The energy of a cheaper body, from which this one differs by what the fit learns.
-    under: Option<Arc<KernelFit>>,
     /// Displacements in units of the length.
     centres: Vec<[f64; 3]>,
     /// Lower Cholesky factor of the scaled matrix.
@@ -126,19 +111,12 @@ impl KernelFit {
         Self {
             length_m,
             base: rest_stiffness_n_m,
-            under: None,
             centres: Vec::new(),
             factor: Mat::zeros(0, 0),
             forward: Mat::zeros(0, 1),
             inverse: Vec::new(),
             weights: Vec::new(),
         }
-    }
-
-    /// An empty fit that learns by how much the energy differs from that of a cheaper body.
-    pub fn over(under: Arc<Self>, length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
-        let base = rest_stiffness_n_m - under.jet([0.0; 3]).stiffness_n_m;
-        Self { under: Some(under), ..Self::new(length_m, base) }
     }
 
     /// The kernel's length l, m.
@@ -149,11 +127,6 @@ impl KernelFit {
     /// The stiffness at rest, N/m.
     pub fn base_n_m(&self) -> &Matrix3<f64> {
         &self.base
-    }
-
-    /// The fit of a cheaper body beneath it.
-    pub fn under(&self) -> Option<&Self> {
-        self.under.as_deref()
     }
 
     /// Displacements in lengths, and the weights of their Gaussian's derivatives in the order of [`DATA`], J.
@@ -181,10 +154,10 @@ impl KernelFit {
     /// The same fit without what it grows by, which is most of its memory: it answers alike and takes nothing in.
     #[must_use]
     pub fn as_it_is(&self) -> Self {
-        let Self { length_m, base, ref under, ref centres, ref weights, .. } = *self;
-        let (under, centres, weights) = (under.clone(), centres.clone(), weights.clone());
+        let Self { length_m, base, ref centres, ref weights, .. } = *self;
+        let (centres, weights) = (centres.clone(), weights.clone());
         let (factor, forward) = (Mat::zeros(0, 0), Mat::zeros(0, 1));
-        Self { length_m, base, under, centres, factor, forward, inverse: Vec::new(), weights }
+        Self { length_m, base, centres, factor, forward, inverse: Vec::new(), weights }
     }
 
     /// Takes configurations in. The fit stays as it was if one of them is too close to another.
@@ -227,11 +200,7 @@ impl KernelFit {
         // Data in the same scale: derivatives by x = p / l.
         let mut right = Mat::<f64>::zeros(more, 1);
         for (m, jet) in jets.iter().enumerate() {
-            let values = match &self.under {
-                Some(under) => jet.with(&under.jet(jet.control_m), -1.0).beside(&self.base),
-                None => jet.beside(&self.base),
-            };
-            for ((a, orders), value) in DATA.iter().enumerate().zip(values) {
+            for ((a, orders), value) in DATA.iter().enumerate().zip(jet.beside(&self.base)) {
                 let order = orders.iter().sum::<usize>() as i32;
                 right[(DATA.len() * m + a, 0)] = scale[a] * value * self.length_m.powi(order);
             }
@@ -297,8 +266,7 @@ impl KernelFit {
             }
         }
         let p = Vector3::from(displacement_m);
-        let under = self.under.as_ref().map_or([0.0; 3], |under| under.force_n(displacement_m));
-        (self.base * p + Vector3::from(sum) / self.length_m + Vector3::from(under)).into()
+        (self.base * p + Vector3::from(sum) / self.length_m).into()
     }
 
     /// W and its derivatives up to the third order, as a configuration gives them.
@@ -316,13 +284,12 @@ impl KernelFit {
         }
         let p = Vector3::from(displacement_m);
         let (slope, beside) = (self.base * p, EnergyJet::from_numbers(displacement_m, &sum));
-        let own = EnergyJet {
+        EnergyJet {
             energy_j: beside.energy_j + 0.5 * p.dot(&slope),
             force_n: (Vector3::from(beside.force_n) + slope).into(),
             stiffness_n_m: beside.stiffness_n_m + self.base,
             ..beside
-        };
-        self.under.as_ref().map_or(own, |under| own.with(&under.jet(displacement_m), 1.0))
+        }
     }
 
     /// All derivatives of W up to the second along each axis.
@@ -355,12 +322,6 @@ impl KernelFit {
                     *value *= self.length_m.powi(-((a + b + c) as i32));
                 }
             }
-        }
-        if let Some(under) = &self.under {
-            let under = under.derivatives(displacement_m);
-            let both =
-                sum.as_flattened_mut().as_flattened_mut().iter_mut().zip(under.as_flattened().as_flattened());
-            both.for_each(|(sum, under)| *sum += under);
         }
         let p = Vector3::from(displacement_m);
         let (s, slope) = (&self.base, self.base * p);
@@ -493,33 +454,6 @@ mod tests {
                 );
             }
         }
-    }
-
-    /// Over the fit of a body that is nearly the same, what is left to learn is small, and the sum is still one energy.
-    #[test]
-    fn over_a_cheaper_body_fewer_are_enough() {
-        let softer = |p: [f64; 3]| jet(p).with(&jet(p), -0.1);
-        let mut under = KernelFit::new(0.04, softer([0.0; 3]).stiffness_n_m);
-        under.add(&[softer([0.0; 3])]).expect("the first");
-        (1..40).for_each(|n| under.add(&[softer(spread(n, 0.05))]).expect("apart"));
-        let mut over = KernelFit::over(Arc::new(under.as_it_is()), 0.04, jet([0.0; 3]).stiffness_n_m);
-        over.add(&[jet([0.0; 3])]).expect("the first");
-        (1..6).for_each(|n| over.add(&[jet(spread(n, 0.05))]).expect("apart"));
-        let (own, both) = (worst_n(&fit(6, 0.04)), worst_n(&over));
-        println!("{own} N alone, {both} N over the other");
-        assert!(both < 0.3 * own, "{both} {own}");
-        // What was given is met, and every answer is of one function.
-        let given = jet(spread(3, 0.05));
-        assert!(apart(over.force_n(given.control_m), given.force_n) < 1e-4);
-        let at = [0.012, -0.008, 0.019];
-        let (jet, all) = (over.as_it_is().jet(at), over.derivatives(at));
-        assert!(apart(jet.force_n, over.force_n(at)) < 1e-9);
-        assert!(apart([all[1][0][0], all[0][1][0], all[0][0][1]], jet.force_n) < 1e-9);
-        assert!(
-            (all[1][0][1] - jet.stiffness_n_m[(0, 2)]).abs() < 1e-8
-                && (all[0][0][0] - jet.energy_j).abs() < 1e-12
-        );
-        assert!((all[1][1][1] - jet.third_n_m2[4]).abs() < 1e-9 * all[1][1][1].abs());
     }
 
     #[test]

@@ -29,14 +29,10 @@ pub struct KernelPlanes {
 
 impl KernelPlanes {
     /// The planes of a fit that knows something where `knows` says so, in a ball of `radius_m`. `None` where the core would not hold them:
-    /// more than [`MAX_CENTRES`] configurations, one farther than [`MAX_DISTANCE`] lengths, or a fit over another.
+    /// more than [`MAX_CENTRES`] configurations, or one farther than [`MAX_DISTANCE`] lengths.
     pub fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
         let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
-        if fit.under().is_some()
-            || fit.is_empty()
-            || fit.len() > MAX_CENTRES
-            || fit.centres().any(|(x, _)| far(x))
-        {
+        if fit.is_empty() || fit.len() > MAX_CENTRES || fit.centres().any(|(x, _)| far(x)) {
             return None;
         }
         let length_m = fit.length_m();

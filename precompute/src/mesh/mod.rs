@@ -7,7 +7,6 @@
 //! Files of ten-node tets are read if they are straight-sided. The mid-edge nodes are checked and dropped: a
 //! [`TetMesh`] has vertices only, and node indices (in scenes too) count the vertices in file order.
 
-pub mod coarsen;
 pub mod quality;
 pub mod refine;
 pub mod surface;
@@ -27,7 +26,6 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
-pub use coarsen::{Coarsened, Kept};
 pub use quality::{MeshReport, PressureDoubts, doubtful_for_pressure};
 pub use refine::Refined;
 pub use surface::Surface;

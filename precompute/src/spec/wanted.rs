@@ -6,9 +6,6 @@ use crate::num::vector::norm;
 
 /// Largest ratio of pull to |h| at which a lattice still continues from a configuration.
 const ALL_BUT_PRESSES: f64 = 0.25;
-/// Factor on the force limit for a cheaper body; `FINER` is the factor on its tolerance.
-const BENEATH: f64 = 1.1;
-const FINER: f64 = 0.3;
 
 /// Requirements of the sampling of one space.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,15 +25,6 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    /// Requirements of the cheaper body of a two-body fit. That body can be softer or stiffer, and its range
-    /// must cover the range of this one.
-    #[must_use]
-    pub fn of_a_cheaper_body(&self) -> Self {
-        let Tolerance { relative, absolute_n } = self.tolerance;
-        let tolerance = Tolerance { relative: FINER * relative, absolute_n: FINER * absolute_n };
-        Self { tolerance, max_force_n: BENEATH * self.max_force_n, ..*self }
-    }
-
     /// Whether pushing or the workspace limits the tool in addition to radius and force.
     pub fn is_kept_in(&self) -> bool {
         self.push.is_some() || self.workspace_m.is_some()

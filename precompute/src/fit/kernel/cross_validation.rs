@@ -97,8 +97,6 @@ impl KernelFit {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::super::super::made_up::{jet, spread};
     use super::super::{EnergyJet, NUGGET};
     use super::*;
@@ -111,48 +109,39 @@ mod tests {
         std::iter::once([0.0; 3]).chain((1..count).map(|n| spread(n, 0.05))).map(jet).collect()
     }
 
-    /// However the configurations came, and over another body too.
+    /// However the configurations came.
     #[test]
     fn what_the_others_say_is_what_a_fit_without_it_says() {
         let jets = jets(14);
-        let mut under = KernelFit::new(0.05, jets[0].stiffness_n_m * 0.8);
-        under.add(&jets[..4]).expect("apart");
-        let under = Arc::new(under.as_it_is());
-        for over in [false, true] {
-            let empty = || match over {
-                true => KernelFit::over(under.clone(), 0.03, jets[0].stiffness_n_m),
-                false => KernelFit::new(0.03, jets[0].stiffness_n_m),
-            };
-            let mut whole = empty();
-            for batch in [&jets[..1], &jets[1..5], &jets[5..6], &jets[6..]] {
-                whole.add(batch).expect("apart");
-            }
-            let (left_out, mut largest): (Vec<_>, f64) = (whole.left_out().collect(), 0.0);
-            let mut shares = Vec::new();
-            assert_eq!(left_out.len(), jets.len());
-            for (left, (missed, variance)) in left_out.into_iter().enumerate() {
-                let mut fit = empty();
-                let others: Vec<EnergyJet> =
-                    (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
-                fit.add(&others).expect("apart");
-                let at = jets[left].control_m;
-                let (truth, said) = (jets[left].force_n, fit.force_n(at));
-                let expected: [f64; 3] = std::array::from_fn(|i| truth[i] - said[i]);
-                let size = apart(expected, [0.0; 3]);
-                assert!(apart(missed, expected) < 1e-6 + 1e-4 * size, "{left}: {missed:?} {expected:?}");
-                largest = size.max(largest);
-                shares.push(size * size / variance);
-                // The left-out datum carries its own nugget, which nobody else's variance has.
-                let [others, own] = [fit.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
-                let nugget = 3.0 * NUGGET[1];
-                assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
-            }
-            assert!(largest > 0.01, "nothing is missed: {largest} N");
-            // Far from all data the deviation is that of the process, whose scale these errors make, without that of rest.
-            let process_n = (shares[1..].iter().sum::<f64>() / (shares.len() - 1) as f64 * 3.0).sqrt() / 0.03;
-            let far_n = whole.deviation_n(&[[0.5; 3]])[0];
-            assert!((far_n / process_n - 1.0).abs() < 1e-3, "{far_n} {process_n} N");
+        let empty = || KernelFit::new(0.03, jets[0].stiffness_n_m);
+        let mut whole = empty();
+        for batch in [&jets[..1], &jets[1..5], &jets[5..6], &jets[6..]] {
+            whole.add(batch).expect("apart");
         }
+        let (left_out, mut largest): (Vec<_>, f64) = (whole.left_out().collect(), 0.0);
+        let mut shares = Vec::new();
+        assert_eq!(left_out.len(), jets.len());
+        for (left, (missed, variance)) in left_out.into_iter().enumerate() {
+            let mut fit = empty();
+            let others: Vec<EnergyJet> = (0..jets.len()).filter(|&m| m != left).map(|m| jets[m]).collect();
+            fit.add(&others).expect("apart");
+            let at = jets[left].control_m;
+            let (truth, said) = (jets[left].force_n, fit.force_n(at));
+            let expected: [f64; 3] = std::array::from_fn(|i| truth[i] - said[i]);
+            let size = apart(expected, [0.0; 3]);
+            assert!(apart(missed, expected) < 1e-6 + 1e-4 * size, "{left}: {missed:?} {expected:?}");
+            largest = size.max(largest);
+            shares.push(size * size / variance);
+            // The left-out datum carries its own nugget, which nobody else's variance has.
+            let [others, own] = [fit.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
+            let nugget = 3.0 * NUGGET[1];
+            assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
+        }
+        assert!(largest > 0.01, "nothing is missed: {largest} N");
+        // Far from all data the deviation is that of the process, whose scale these errors make, without that of rest.
+        let process_n = (shares[1..].iter().sum::<f64>() / (shares.len() - 1) as f64 * 3.0).sqrt() / 0.03;
+        let far_n = whole.deviation_n(&[[0.5; 3]])[0];
+        assert!((far_n / process_n - 1.0).abs() < 1e-3, "{far_n} {process_n} N");
     }
 
     /// Beyond all data it is that of the process, and the more is known the less it is.

@@ -4,7 +4,6 @@ mod common;
 mod core;
 mod devices;
 mod fem;
-mod fidelity;
 pub(super) mod forms;
 mod replay;
 mod sampling;
@@ -31,7 +30,6 @@ enum What {
     Devices(devices::Args),
     Forms(forms::Args),
     Fem(fem::Args),
-    Fidelity(fidelity::Args),
     FemSizes(sizes::Args),
     Sampling(sampling::Args),
     Space(space::Args),
@@ -45,7 +43,6 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         What::Core(args) => core::run(args),
         What::Devices(args) => devices::run(args),
         What::Forms(args) => forms::run(args),
-        What::Fidelity(args) => fidelity::run(args),
         What::Fem(args) => fem::run(args),
         What::FemSizes(args) => sizes::run(args),
         What::Sampling(args) => sampling::run(args),

@@ -129,7 +129,7 @@ impl Case<'_> {
     }
 
     fn searched(&self, wanted: Wanted) -> Result<Alone, Failure> {
-        alone(&mut self.solver(), wanted, None).map_err(Failure::work)
+        alone(&mut self.solver(), wanted).map_err(Failure::work)
     }
 
     fn measured(&self, args: &Args) -> Result<Row, Failure> {
