@@ -27,7 +27,7 @@ use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{SolveFailure, settle};
 use crate::mesh::{Refined, TetMesh};
-use crate::spec::{DisplacementBound, FormNeeds, Lattice, Sampling, Scattered, SpaceGrid};
+use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered, SpaceGrid};
 use file::{Place, SceneFile};
 pub use reach::Unreachable;
 
@@ -74,8 +74,6 @@ pub struct ResolvedScene {
     pub visual: bool,
     /// How far those may be from the solver's.
     pub displacement_bound: DisplacementBound,
-    /// In which form the energy is packed.
-    pub form: FormNeeds,
     /// The scene as TOML with sorted keys and without comments, for the store and for people.
     pub text: String,
     /// What is odd about the scene, one line each.

@@ -29,7 +29,6 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         sampling,
         visual: false,
         displacement_bound: scene.displacement_bound,
-        form: scene.form,
     };
     let folder = tempfile::tempdir().expect("a temporary folder");
     let active: Vec<(String, u32)> =

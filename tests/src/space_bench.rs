@@ -9,7 +9,7 @@ use palpate_precompute::space::{
     Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop,
     still_to_solve, with_threads,
 };
-use palpate_precompute::spec::{DisplacementBound, FormNeeds, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
 
 use crate::{mooney_rivlin, soft_beam};
 
@@ -44,7 +44,6 @@ impl SpaceBench {
             sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
             visual: true,
             displacement_bound: DisplacementBound::default(),
-            form: FormNeeds::default(),
         };
         Self { problem: Arc::new(Problem::new(body, active)), mesh, fixed, active, grid, identity }
     }

@@ -9,9 +9,9 @@ use palpate_host::BlobFile;
 use palpate_precompute::adaptive::{PASSES, Verdict};
 use palpate_precompute::certificate::{MethodCertificate, SpaceCertificate, answers, certify};
 use palpate_precompute::held_out::{Draw, HeldOut};
-use palpate_precompute::pack::{PackError, PackOptions, method_for, pack};
+use palpate_precompute::pack::{PackOptions, pack};
 use palpate_precompute::space::{ExpansionError, Kind, Plans, SpacePlan, Store, planned, with_threads};
-use palpate_precompute::spec::{Form, FormNeeds, Sampling, Scattered, Tolerance};
+use palpate_precompute::spec::{Sampling, Scattered, Tolerance};
 use palpate_tests::space_bench::SpaceBench;
 
 const TOLERANCE: Tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
@@ -196,7 +196,6 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     assert!(20 * kernel.uniform.covered >= 19 * kernel.uniform.count, "{:?}", kernel.uniform);
     assert!(kernel.probe.rounding_n < 1e-5, "{:?}", kernel.probe);
     kernel_is_the_fit(&one, &organ);
-    needs_choose_the_form(&one);
     let displacement = space.displacement.as_ref().expect("displacements");
     assert!(displacement.uniform.rms_max_mm < 0.2, "{displacement:?}");
 }
@@ -226,25 +225,4 @@ fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
     }
     println!("{compared} positions, {worst_n:.2e} N from the fit; residual at rest {rest:?} N");
     assert!(compared > 500 && worst_n < 1e-6, "{compared} {worst_n}");
-}
-
-/// No limit: the cheapest tick. A limit that only the smaller one fits: that one. One that nothing fits: said with its size.
-fn needs_choose_the_form(store: &Store) {
-    let size = |method| {
-        let options = PackOptions { methods: &[method], intermediate: false, threads: 1 };
-        pack(store, &options).expect("the space packs").bytes().expect("bytes").len() as u64
-    };
-    let (node, kernel) = (size(Method::Energy), size(Method::Kernel));
-    println!("blobs: node {node} bytes, kernel {kernel} bytes");
-    assert!(kernel < node);
-    let chosen = |form, most_bytes| {
-        method_for(store, FormNeeds { form, most_bytes }, 1).map_err(|error| error.to_string())
-    };
-    assert_eq!(chosen(Form::Auto, None), Ok(Method::Energy));
-    assert_eq!(chosen(Form::Auto, Some(node)), Ok(Method::Energy));
-    assert_eq!(chosen(Form::Auto, Some(node - 1)), Ok(Method::Kernel));
-    assert_eq!(chosen(Form::Kernel, None), Ok(Method::Kernel));
-    let over = |smallest, most_bytes| Err(PackError::OverLimit { smallest, most_bytes }.to_string());
-    assert_eq!(chosen(Form::Auto, Some(kernel - 1)), over(kernel, kernel - 1));
-    assert_eq!(chosen(Form::Node, Some(node - 1)), over(node, node - 1));
 }

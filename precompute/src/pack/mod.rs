@@ -1,9 +1,6 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
 mod fitted;
-mod form;
-
-pub use form::{method_for, needed_method};
 
 use bytemuck::Pod;
 use palpate_core::Method;
@@ -47,13 +44,6 @@ pub enum PackError {
         /// Its name.
         active: String,
     },
-    /// No form is small enough.
-    OverLimit {
-        /// Bytes of the smallest.
-        smallest: u64,
-        /// Bytes that the scene allows.
-        most_bytes: u64,
-    },
     /// No space holds a configuration yet.
     Empty,
     /// A part does not fit in the layout.
@@ -79,11 +69,6 @@ impl std::fmt::Display for PackError {
             Self::NoKernel { active } => write!(
                 f,
                 "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
-            ),
-            Self::OverLimit { smallest, most_bytes } => write!(
-                f,
-                "the smallest blob takes {smallest} bytes without its certificate, the scene allows {most_bytes}; raise `blob_bytes` under \
-                 [needs], or leave out what it shows with `visual = false`"
             ),
             Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
             Self::TooLarge(what) => {
@@ -143,6 +128,14 @@ impl Packed {
     /// The file's bytes.
     pub fn bytes(&self) -> Result<Vec<u8>, PackError> {
         assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
+    }
+
+    /// Refuses a blob in which a node has no kernel though its method is what the blob is for.
+    pub fn expect_kernels(&self) -> Result<(), PackError> {
+        match self.without_kernel.first() {
+            None => Ok(()),
+            Some(active) => Err(PackError::NoKernel { active: active.clone() }),
+        }
     }
 
     /// Adds a certificate of the tables, as JSON, in place of an earlier one. They keep their bits.

@@ -146,7 +146,6 @@ impl Analysis {
             sampling: self.sampling()?,
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
-            form: self.scene.form,
         })
     }
 

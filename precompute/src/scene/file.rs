@@ -157,22 +157,11 @@ pub(super) struct NeedsTable {
     /// How far packed displacements may be from the solver's, over the surface and at any node of it.
     pub(super) displacement_rms_mm: Option<Spanned<f64>>,
     pub(super) displacement_max_mm: Option<Spanned<f64>>,
-    /// auto | node | kernel
-    pub(super) form: Option<Spanned<String>>,
-    /// Largest blob.
-    pub(super) blob_bytes: Option<Spanned<u64>>,
 }
 
 impl Default for NeedsTable {
     fn default() -> Self {
-        Self {
-            visual: true,
-            contact: None,
-            displacement_rms_mm: None,
-            displacement_max_mm: None,
-            form: None,
-            blob_bytes: None,
-        }
+        Self { visual: true, contact: None, displacement_rms_mm: None, displacement_max_mm: None }
     }
 }
 

@@ -13,7 +13,7 @@ use crate::fem::boundary::Constraints;
 use crate::fem::pressure::PressurePair;
 use crate::mesh::tetrahedral::{cross, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
-use crate::spec::{DisplacementBound, Form, FormNeeds};
+use crate::spec::DisplacementBound;
 
 /// `kept`: mesh and fixed nodes, if they are known already.
 pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
@@ -56,7 +56,6 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     }
     let visual = file.needs.visual;
     let displacement_bound = displacement_bound(place, &file.needs)?;
-    let form = form(place, &file.needs, grid.as_ref())?;
     let text = place.canonical(max_force_n);
     Ok(ResolvedScene {
         name,
@@ -74,7 +73,6 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
         reject_inverted: file.solver.reject_inverted,
         visual,
         displacement_bound,
-        form,
         text,
         warnings,
     })
@@ -112,37 +110,6 @@ fn displacement_bound(place: &Place, table: &NeedsTable) -> Result<DisplacementB
         rms_m: metres("displacement_rms_mm", &table.displacement_rms_mm, default.rms_m)?,
         max_m: metres("displacement_max_mm", &table.displacement_max_mm, default.max_m)?,
     })
-}
-
-/// In which form the energy is packed. The kernel is that of a fit, which a lattice has none of.
-fn form(place: &Place, table: &NeedsTable, grid: Option<&GridSpec>) -> Result<FormNeeds, InputError> {
-    let form = match &table.form {
-        None => Form::default(),
-        Some(word) => word.get_ref().parse().map_err(|()| {
-            let what = format!("unknown form \"{}\"", word.get_ref());
-            place.error(word.span(), what, "use \"auto\", \"node\" or \"kernel\"")
-        })?,
-    };
-    if let (Some(word), Form::Kernel, Some(GridSpec::Lattice { .. })) = (&table.form, form, grid) {
-        let what = "a lattice has no kernel";
-        return Err(place.error(
-            word.span(),
-            what,
-            "give [grid] a tolerance instead of points, or use \"node\"",
-        ));
-    }
-    let most_bytes = match &table.blob_bytes {
-        None => None,
-        Some(bytes) if *bytes.get_ref() > 0 => Some(*bytes.get_ref()),
-        Some(bytes) => {
-            return Err(place.error(
-                bytes.span(),
-                "blob_bytes = 0 leaves nothing",
-                "give the size of the store in bytes",
-            ));
-        }
-    };
-    Ok(FormNeeds { form, most_bytes })
 }
 
 /// Force per volume, given as such or as weight.

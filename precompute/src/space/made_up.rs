@@ -14,7 +14,7 @@ use super::{
 };
 use crate::mesh::TetMesh;
 use crate::space::{Truth, WalkJob, WalkOutcome};
-use crate::spec::{DisplacementBound, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
+use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
 const SPACING_M: f64 = 0.01;
 /// The fold is the plane halfway between the grid points of i = 1 and those of i = 2.
@@ -134,7 +134,6 @@ impl MadeUp {
             sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
             visual: false,
             displacement_bound: DisplacementBound::default(),
-            form: FormNeeds::default(),
         }
     }
 

@@ -2,7 +2,6 @@
 
 mod bounds;
 mod domain;
-mod form;
 mod grid;
 mod sampling;
 mod tolerance;
@@ -14,7 +13,6 @@ pub(crate) use domain::REST;
 #[cfg(test)]
 pub(crate) use domain::squared;
 pub use domain::{Domain, neighbours, plus};
-pub use form::{Form, FormNeeds};
 pub use grid::{GridIndex, SpaceGrid, UNIT_M, displacement_m, nearest_index};
 pub use sampling::{Lattice, Sampling, Scattered};
 pub use tolerance::Tolerance;

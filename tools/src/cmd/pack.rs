@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
-use palpate_precompute::pack::{PackError, PackOptions, needed_method, pack};
+use palpate_precompute::pack::{PackError, PackOptions, pack};
 use palpate_precompute::pipeline::{PipelineError, Run, add_ledgers, certified, solve_truth, unfinished};
 use palpate_precompute::space::{Store, planned};
 
@@ -26,9 +26,9 @@ pub(crate) struct Args {
     /// The .space file
     space: PathBuf,
     /// Methods to pack, separated by commas: trilinear, tricubic, hybrid, rbf-linear, rbf-cubic, hermite, energy, kernel. Methods of one
-    /// table come together: the first three, and hermite and energy; kernel is the fit of scattered positions itself. If not given the
-    /// scene's needs choose between energy and kernel (`form` and `blob_bytes` under [needs]); without any it is energy
-    #[arg(long = "method", value_delimiter = ',', value_parser = method)]
+    /// table come together: the first three, and hermite and energy; kernel is the fit of scattered positions itself, a smaller blob
+    /// with slower queries than energy
+    #[arg(long = "method", value_delimiter = ',', value_parser = method, default_value = "energy")]
     methods: Vec<Method>,
     /// The .blob file to write
     #[arg(long)]
@@ -79,8 +79,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let store = Store::open(&args.space)?;
     let finished = check_finished(&store, args)?;
     let threads = threads(args.threads);
-    let needed = if args.methods.is_empty() { vec![needed_method(&store, threads)?] } else { Vec::new() };
-    let methods = if args.methods.is_empty() { &needed } else { &args.methods };
+    let methods = &args.methods;
     let options = PackOptions { methods, intermediate: !args.grid_only, threads };
     if methods.contains(&Method::Kernel) {
         expect_kernels(&store)?;

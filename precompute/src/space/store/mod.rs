@@ -27,7 +27,7 @@ use super::record::{Record, StoredSeed};
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
-use crate::spec::{DisplacementBound, Form, FormNeeds, GridIndex, Lattice, Sampling, SpaceGrid};
+use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file; a store of another layout is refused.
 pub(super) const LAYOUT: &str = "4";
@@ -58,8 +58,6 @@ pub struct StoreIdentity {
     pub visual: bool,
     /// How far those may be from the solver's.
     pub displacement_bound: DisplacementBound,
-    /// In which form the energy is packed.
-    pub form: FormNeeds,
 }
 
 /// Work is committed at most this long after it is done.
@@ -175,8 +173,6 @@ impl Store {
             ("visual", identity.visual.to_string()),
             ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
             ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-            ("form", identity.form.form.name().into()),
-            ("blob_bytes", identity.form.most_bytes.unwrap_or(0).to_string()),
             ("complete_cells", identity.sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
             ("increments", identity.sampling.increments().map_or(String::new(), |n| n.to_string())),
             ("scattered", scattered),
@@ -211,8 +207,6 @@ impl Store {
             ("visual", identity.visual.to_string()),
             ("displacement_rms_m", format!("{:?}", identity.displacement_bound.rms_m)),
             ("displacement_max_m", format!("{:?}", identity.displacement_bound.max_m)),
-            ("form", identity.form.form.name().into()),
-            ("blob_bytes", identity.form.most_bytes.unwrap_or(0).to_string()),
         ];
         for (key, value) in current {
             let sql = "INSERT INTO meta VALUES (?1, ?2) ON CONFLICT (key) DO UPDATE SET value = ?2 WHERE value <> ?2";
@@ -301,10 +295,6 @@ impl Store {
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed_or("displacement_rms_m", DisplacementBound::default().rms_m)?,
                 max_m: self.parsed_or("displacement_max_m", DisplacementBound::default().max_m)?,
-            },
-            form: FormNeeds {
-                form: self.parsed_or("form", Form::default())?,
-                most_bytes: Some(self.parsed_or("blob_bytes", 0)?).filter(|bytes| *bytes > 0),
             },
         })
     }

@@ -60,17 +60,7 @@ fn entries(text: &str) -> Vec<Entry<'_>> {
         let key = line.split(" =").next().unwrap_or(line);
         if line.starts_with('[') {
             table = line;
-        } else if ![
-            "name",
-            "file",
-            "visual",
-            "displacement_rms_mm",
-            "displacement_max_mm",
-            "form",
-            "blob_bytes",
-        ]
-        .contains(&key)
-        {
+        } else if !["name", "file", "visual", "displacement_rms_mm", "displacement_max_mm"].contains(&key) {
             entries.push((table, line));
         }
     }

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use clap::Args as ClapArgs;
 use palpate_precompute::mesh::TetMesh;
 use palpate_precompute::space::{Crew, Expansion, Store, StoreIdentity};
-use palpate_precompute::spec::{DisplacementBound, Domain, FormNeeds, Lattice, Sampling, SpaceGrid};
+use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
 
 use super::common::Out;
@@ -180,7 +180,6 @@ fn scratch(path: &Path, grid: &SpaceGrid, complete_cells: bool, actives: usize) 
         sampling: Sampling::Lattice(Lattice { grid: *grid, complete_cells, increments: None }),
         visual: false,
         displacement_bound: DisplacementBound::default(),
-        form: FormNeeds::default(),
     };
     let active: Vec<(String, u32)> = (0..actives).map(|i| (format!("A{i}"), 0)).collect();
     Ok(Store::create_or_resume(path, &identity, &mesh, &[], &active)?)

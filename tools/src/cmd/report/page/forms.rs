@@ -50,7 +50,7 @@ pub(super) fn section(report: &Report) -> String {
         "setting",
         &format!(
             "{scene}, node {}, sampled until no error can be felt: {} configurations, and one fit of their energies. A blob holds the derivatives at \
-             nodes or the fit, as the scene\u{2019}s [needs] say (form, blob_bytes); a polynomial a cell is measured beside them. Errors are at {} \
+             nodes or the fit, by the method it is packed for; a polynomial a cell is measured beside them. Errors are at {} \
              held-out positions away from folds; \u{201c}off the fit\u{201d} is the largest distance from the fit in f64. Flags and displacements come on top of all bytes.",
             first.active,
             count(first.configurations),
