@@ -303,7 +303,6 @@ impl ResolvedScene {
             Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m })) => {
                 digest.numbers(&[2.0, radius_m, tolerance.relative, tolerance.absolute_n]);
                 digest.count(usize::from(only_push));
-                // Without one the hash is that of before there were any.
                 if let Some(corners) = workspace_m {
                     digest.numbers(corners.as_flattened());
                 }

@@ -67,7 +67,6 @@ pub struct Health {
     /// Whether the blind loop came within tolerance, where there was one.
     pub loop_passed: Option<bool>,
     /// Whether its predictions did not fall, so that a lattice took over.
-    #[serde(default)]
     pub loop_stalled: bool,
 }
 

@@ -59,7 +59,6 @@ pub struct Origin {
     /// Whether the corners outside the ball were solved.
     pub complete_cells: bool,
     /// What was wanted, where positions are scattered.
-    #[serde(default)]
     pub scattered: Option<Scattered>,
 }
 
@@ -77,24 +76,18 @@ pub struct SpaceCertificate {
     /// Share of the ball's volume within a cell of such a pair; of the part in reach, where a workspace or pushing alone limits it.
     pub folded_volume: f64,
     /// Points where two stable solutions were found.
-    #[serde(default)]
     pub two_solutions: TwoSolutions,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
     /// The surface for the eye, if it was packed.
-    #[serde(default)]
     pub displacement: Option<DisplacementCertificate>,
     /// Spacing of the lattice that took over where the predictions of the blind loop did not fall, m; none where it did not.
-    #[serde(default)]
     pub switched_to_spacing_m: Option<f64>,
     /// That the linear body is what is packed, and how well it predicted; none where it would not do.
-    #[serde(default)]
     pub linear: Option<LinearSuits>,
     /// What speaks against its numbers; none in blobs that were packed before it was asked.
-    #[serde(default)]
     pub health: Option<Health>,
     /// What is left out, and what that changes and saves; where it was asked for.
-    #[serde(default)]
     pub ledger: Option<Ledger>,
 }
 
@@ -164,7 +157,6 @@ pub struct MethodCertificate {
     /// Share of positions whose error a hand does not feel, with 95 % confidence, from the uniform ones away from folds.
     pub not_felt_certified: f64,
     /// The same positions against the tolerance that the scene names itself; none where it names none but what a hand feels.
-    #[serde(default)]
     pub tolerated: Option<Within>,
     /// Regular paths within the grid and f_max, points of the grid left out, away from folds.
     pub regular: Errors,

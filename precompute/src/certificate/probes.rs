@@ -20,7 +20,6 @@ pub struct Probe {
     /// Largest difference of the tick's arithmetic from f64, N.
     pub rounding_n: f64,
     /// What that difference stays within, N: twice the largest that was seen.
-    #[serde(default)]
     pub rounding_bound_n: f64,
     /// Median time of a query, ns, on the machine that packed the blob.
     pub nanoseconds: f64,

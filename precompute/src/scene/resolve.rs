@@ -7,7 +7,7 @@ use palpate_core::blob::format::SCENE_NAME_LEN;
 use toml::Spanned;
 
 use super::file::{BodyForceTable, NeedsTable, Place, SolverTable, Tables};
-use super::{ActiveNode, GridSpec, MaterialRegion, ResolvedScene, Scene, device, material, reach};
+use super::{ActiveNode, MaterialRegion, ResolvedScene, Scene, device, material, reach};
 use crate::error::{InputError, count, nearest_word};
 use crate::fem::boundary::Constraints;
 use crate::fem::pressure::PressurePair;

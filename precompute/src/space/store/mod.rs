@@ -248,23 +248,19 @@ impl Store {
 
     /// Value of a `meta` key.
     pub fn meta(&self, key: &str) -> Result<String, StoreError> {
-        let found: Option<String> = self.wrap(
-            self.connection
-                .query_row("SELECT value FROM meta WHERE key = ?1", [key], |row| row.get(0))
-                .optional(),
-        )?;
-        found.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
+        self.optional(key)?.ok_or_else(|| self.corrupt(format!("no `{key}` in its meta table")))
     }
 
-    /// A key that stores of an earlier revision do not have.
-    fn parsed_or<T: std::str::FromStr>(&self, key: &str, default: T) -> Result<T, StoreError> {
-        let sql = "SELECT count(*) FROM meta WHERE key = ?1";
-        let there: i64 = self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)))?;
-        if there == 0 { Ok(default) } else { self.parsed(key) }
+    fn optional(&self, key: &str) -> Result<Option<String>, StoreError> {
+        let sql = "SELECT value FROM meta WHERE key = ?1";
+        self.wrap(self.connection.query_row(sql, [key], |row| row.get(0)).optional())
     }
 
     fn parsed<T: std::str::FromStr>(&self, key: &str) -> Result<T, StoreError> {
-        let text = self.meta(key)?;
+        self.parse(key, &self.meta(key)?)
+    }
+
+    fn parse<T: std::str::FromStr>(&self, key: &str, text: &str) -> Result<T, StoreError> {
         text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
     }
 
@@ -277,7 +273,7 @@ impl Store {
 
     /// Largest memory of the runs that filled it, bytes, where it was noted.
     pub fn peak(&self) -> Result<Option<u64>, StoreError> {
-        Ok(Some(self.parsed_or("peak_bytes", 0)?).filter(|bytes| *bytes > 0))
+        self.optional("peak_bytes")?.map(|text| self.parse("peak_bytes", &text)).transpose()
     }
 
     /// What the store was made of.
@@ -293,15 +289,15 @@ impl Store {
             sampling: self.sampling()?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
-                rms_m: self.parsed_or("displacement_rms_m", DisplacementBound::default().rms_m)?,
-                max_m: self.parsed_or("displacement_max_m", DisplacementBound::default().max_m)?,
+                rms_m: self.parsed("displacement_rms_m")?,
+                max_m: self.parsed("displacement_max_m")?,
             },
         })
     }
 
     /// Which positions are solved.
     fn sampling(&self) -> Result<Sampling, StoreError> {
-        let scattered: String = self.parsed_or("scattered", String::new())?;
+        let scattered = self.meta("scattered")?;
         if !scattered.is_empty() {
             let read = serde_json::from_str(&scattered).map(Sampling::Scattered);
             return read.map_err(|_| self.corrupt(format!("its scattered positions are `{scattered}`")));
