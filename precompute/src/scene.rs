@@ -290,9 +290,9 @@ impl ResolvedScene {
     ///
     /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
     /// name, `visual`, the bound of the packed displacements and the warnings are not.
-    pub fn content_hash(&self) -> [u8; 32] {
+    pub fn content_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate scene v3");
-        digest.bytes(&self.model_hash());
+        digest.bytes(self.model_hash().as_bytes());
         digest.count(self.active.len());
         for active in &self.active {
             digest.text(&active.name);
@@ -321,7 +321,7 @@ impl ResolvedScene {
 
     /// BLAKE3 of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the same model hash
     /// give the same force for the same displacement of the same node.
-    pub fn model_hash(&self) -> [u8; 32] {
+    pub fn model_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate model v2");
         digest.bytes(&self.mesh.content_hash());
         digest.count(usize::from(self.order));
@@ -387,8 +387,8 @@ impl Digest {
         }
     }
 
-    fn finish(self) -> [u8; 32] {
-        *self.0.finalize().as_bytes()
+    fn finish(self) -> blake3::Hash {
+        self.0.finalize()
     }
 }
 

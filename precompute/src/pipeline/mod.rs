@@ -139,7 +139,7 @@ impl Analysis {
         Ok(StoreIdentity {
             scene_name: self.scene.name.clone(),
             scene: self.scene.text.clone(),
-            content_hash: hex(&self.scene.content_hash()),
+            content_hash: self.scene.content_hash().to_string(),
             mesh_hash: self.scene.mesh.content_hash(),
             law: self.body.law_names(),
             max_force_n: self.scene.max_force_n,
@@ -183,7 +183,7 @@ impl Analysis {
 
     /// Whether a space was solved for this scene.
     pub fn is_of(&self, store: &Store) -> Result<bool, PipelineError> {
-        Ok(store.identity()?.content_hash == hex(&self.scene.content_hash()))
+        Ok(store.identity()?.content_hash == self.scene.content_hash().to_string())
     }
 
     /// Held-out positions and paths of these active nodes, which no fit uses.
@@ -206,9 +206,4 @@ impl Analysis {
         });
         Ok(solved?)
     }
-}
-
-/// Bytes as hexadecimal digits.
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -57,12 +57,13 @@ pub(super) struct Basis {
 impl Basis {
     /// What this process would work on.
     pub(super) fn of(bench: &Analysis) -> Self {
-        Self { content: bench.scene.content_hash(), solver: solver_version() }
+        Self { content: bench.scene.content_hash().into(), solver: solver_version() }
     }
 
     /// Why a rank with basis `other` cannot work for one with this basis; `None` if it can.
     pub(super) fn objection(&self, other: &Self) -> Option<String> {
-        let short = |hash: &[u8; 32]| hash[..4].iter().map(|b| format!("{b:02x}")).collect::<String>();
+        let short =
+            |hash: &[u8; 32]| format!("{:08x}", u32::from_be_bytes([hash[0], hash[1], hash[2], hash[3]]));
         if self.solver != other.solver {
             let (theirs, ours) = (&other.solver, &self.solver);
             Some(format!("solves with {theirs}, rank 0 with {ours}; use one build on processors of one kind"))

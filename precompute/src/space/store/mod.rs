@@ -165,7 +165,7 @@ impl Store {
             ("scene_name", identity.scene_name.clone()),
             ("scene", identity.scene.clone()),
             ("content_hash", identity.content_hash.clone()),
-            ("mesh_hash", hex(&identity.mesh_hash)),
+            ("mesh_hash", blake3::Hash::from_bytes(identity.mesh_hash).to_string()),
             ("law", identity.law.clone()),
             ("max_force_n", format!("{:?}", identity.max_force_n)),
             ("spacing_m", format!("{:?}", identity.sampling.unit_m())),
@@ -282,8 +282,9 @@ impl Store {
             scene_name: self.meta("scene_name")?,
             scene: self.meta("scene")?,
             content_hash: self.meta("content_hash")?,
-            mesh_hash: unhex(&self.meta("mesh_hash")?)
-                .ok_or_else(|| self.corrupt("mesh_hash is not a hash"))?,
+            mesh_hash: *blake3::Hash::from_hex(self.meta("mesh_hash")?)
+                .map_err(|_| self.corrupt("mesh_hash is not a hash"))?
+                .as_bytes(),
             law: self.meta("law")?,
             max_force_n: self.parsed("max_force_n")?,
             sampling: self.sampling()?,
@@ -558,16 +559,4 @@ fn instruction_set() -> String {
         }
     }
     std::env::consts::ARCH.into()
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
-fn unhex(text: &str) -> Option<[u8; 32]> {
-    let mut bytes = [0; 32];
-    for (byte, pair) in bytes.iter_mut().zip(text.as_bytes().as_chunks::<2>().0) {
-        *byte = u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok()?;
-    }
-    (text.len() == 64).then_some(bytes)
 }

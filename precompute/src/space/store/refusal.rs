@@ -1,6 +1,6 @@
 //! What exactly differs between a store and the scene it is to go on with.
 
-use super::{Store, StoreError, StoreIdentity, hex};
+use super::{Store, StoreError, StoreIdentity};
 
 impl Store {
     /// Refuses a store of another scene or mesh, and names the first thing that differs.
@@ -22,7 +22,7 @@ impl Store {
 
     fn first_difference(&self, identity: &StoreIdentity) -> Result<Option<(String, String)>, StoreError> {
         let stored = self.meta("mesh_hash")?;
-        let wanted = hex(&identity.mesh_hash);
+        let wanted = blake3::Hash::from_bytes(identity.mesh_hash).to_string();
         if stored != wanted {
             let mesh = |hash: &str| format!("mesh {}", hash.chars().take(8).collect::<String>());
             return Ok(Some((mesh(&stored), mesh(&wanted))));

@@ -171,7 +171,7 @@ fn compare(one: &Solved, finest: &BTreeMap<usize, ([f64; 3], f64)>) -> BodyRow {
 
 /// The six directions along the axes, each in steps from rest; kept in a file.
 fn solve(plan: &Plan, bench: &Analysis, radius_m: f64, steps: &Steps) -> Result<Solved, Failure> {
-    let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
+    let hash = bench.scene.model_hash().to_hex();
     let node = &bench.scene.active[0];
     let key = format!("{hash} {} {:?} {radius_m:?} {SHARES:?} {}", node.node, node.patch, solver_version());
     let file = plan.work.file(&format!("forces-{}-{}.json", &hash[..16], node.patch.len()));

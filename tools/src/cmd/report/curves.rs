@@ -73,7 +73,7 @@ fn curve(
     let along = |d: &[f64; 3]| -> f64 { d.iter().zip(outward).map(|(a, b)| a * b).sum() };
     let direction = regular_directions().max_by(|a, b| along(a).total_cmp(&along(b))).unwrap_or(outward);
     let radius_m = family.radius_m();
-    let hash: String = bench.scene.model_hash().iter().map(|b| format!("{b:02x}")).collect();
+    let hash = bench.scene.model_hash().to_hex();
     let key = format!("{hash} {} {:?} {radius_m:?} {STEPS} {}", node.node, node.patch, solver_version());
     let file = plan.work.file(&format!("curve-{}-{}.json", &hash[..16], node.node));
     let points = kept(&file, key, || {
