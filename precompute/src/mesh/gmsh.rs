@@ -1,13 +1,15 @@
-//! Gmsh `.msh`, versions 2.2 and 4.1, ASCII.
+//! Reader of Gmsh `.msh` files, versions 2.2 and 4.1, ASCII.
 //!
-//! Own reader: errors must name the line, and one file must do for both versions. Sections that hold no mesh
-//! (`$Periodic`, `$NodeData`, ..., whatever comes) are skipped up to their `$End...`, as the format asks of readers.
+//! No crate reads both versions and reports the line of an error. Sections without a mesh (`$Periodic`,
+//! `$NodeData`, ...) are skipped up to their `$End...`, as the format requires.
 //!
-//! Elements: tets of 4 nodes, or all of 10 with straight edges, whose mid-edge nodes are dropped (see `mid_edge.rs`:
-//! node indices count vertices only). Of points, lines and triangles of either order the vertices count for groups.
+//! Elements: tets of 4 nodes, or of 10 nodes with straight edges, whose mid-edge nodes are dropped (see
+//! `mid_edge.rs`: node indices count vertices only). Points, lines and triangles of either order contribute
+//! their vertices to groups.
 //!
-//! Groups: every physical group becomes a group of its name; one without a name is called `point 7`, `curve 7`,
-//! `surface 7` or `volume 7` by its tag. Groups of different dimension with one name are joined.
+//! Groups: every physical group becomes a group of the same name. A group without a name is called `point 7`,
+//! `curve 7`, `surface 7` or `volume 7` by its tag. Groups with the same name and different dimensions are
+//! merged.
 
 mod kind;
 
@@ -25,9 +27,9 @@ const SAVE_ASCII: &str = "save it as ASCII, version 4.1 or 2.2 (Gmsh: `-format m
 const DAMAGED: &str = "the file is damaged or its counts do not match: export it again";
 const DIMENSION_NAMES: [&str; 4] = ["point", "curve", "surface", "volume"];
 
-/// Reads a whole file; the shared checks come with [`RawMesh::finish`].
+/// Reads a whole file. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
-    // Group names in another encoding must not keep a mesh from being read.
+    // A group name in another encoding must not prevent reading the mesh.
     let text = String::from_utf8_lossy(bytes);
     let mut lines = Lines::new(file, &text, None);
     let version = read_format(file, &mut lines)?;
@@ -117,10 +119,10 @@ struct Reader<'a> {
     raw: RawMesh,
     file: &'a Path,
     names: HashMap<(usize, i64), String>,
-    /// Physical groups of each entity (4.1): (dimension, entity tag) -> physical tags.
+    /// Physical groups of each entity (version 4.1): (dimension, entity tag) -> physical tags.
     entities: HashMap<(usize, i64), Vec<i64>>,
     node_of_tag: HashMap<u64, u32>,
-    /// First tet with these vertices: version 2.2 repeats an element for each physical group it is in.
+    /// First tet with these vertices. Version 2.2 repeats an element for each of its physical groups.
     tet_of_vertices: HashMap<[u32; 4], (u32, Vec<String>)>,
     seen_nodes: bool,
     seen_elements: bool,
@@ -161,7 +163,7 @@ impl<'a> Reader<'a> {
             let mut words = line.words();
             let dimension = dimension(&mut words)?;
             let tag: i64 = words.number("a physical tag")?;
-            // The name may hold blanks, so it is cut by its quotes and not by words.
+            // The name can contain blanks, so the quotes delimit it.
             let name =
                 line.text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"')).map(|(name, _)| name);
             let name = name.ok_or_else(|| line.error("a physical name stands in no quotes", DAMAGED))?;
@@ -170,7 +172,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Only the physical groups of each entity matter here; geometry is skipped.
+    /// Reads the physical groups of each entity; the geometry is skipped.
     fn entities(&mut self, lines: &mut Lines<'_>) -> Result<(), InputError> {
         let counts: Vec<usize> =
             lines.expect_line("the entity counts")?.words().exactly(4, "an entity count")?;
@@ -179,7 +181,7 @@ impl<'a> Reader<'a> {
                 let line = lines.expect_line("an entity")?;
                 let mut words = line.words();
                 let tag: i64 = words.number("an entity tag")?;
-                // A point has its position, the others their bounding box.
+                // A point has a position; the other entities have a bounding box.
                 for _ in 0..if dimension == 0 { 3 } else { 6 } {
                     words.number::<f64>("a coordinate of the entity")?;
                 }
@@ -239,7 +241,7 @@ impl<'a> Reader<'a> {
             let line = lines.expect_line("a node's coordinates")?;
             let mut words = line.words();
             let position = words.position()?;
-            // Parametric coordinates on the entity may follow: u, v, w up to its dimension.
+            // Parametric coordinates u, v, w (as many as the entity's dimension) can follow.
             if parametric == 0 || words.left() != dimension {
                 words.end()?;
             }
@@ -291,7 +293,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// tag, type, number of tags, tags (the first is the physical group, 0 for none), vertices.
+    /// An element: tag, type, number of tags, tags (the first is the physical group, 0 for none), vertices.
     fn element_22(&mut self, line: Line<'_>) -> Result<(), InputError> {
         let mut words = line.words();
         let tag = words.number("an element tag")?;
@@ -400,7 +402,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// A negative tag is the same group with its orientation reversed.
+    /// A negative tag denotes the same group with reversed orientation.
     fn group_names(&self, dimension: usize, physical: &[i64]) -> Vec<String> {
         let name = |tag: i64| match self.names.get(&(dimension, tag)) {
             Some(name) => name.clone(),
@@ -427,7 +429,7 @@ fn dimension(words: &mut Words<'_>) -> Result<usize, InputError> {
     Ok(dimension)
 }
 
-/// The header of a 4.1 section: number of blocks, number of items, lowest and highest tag.
+/// Reads the header of a 4.1 section: number of blocks, number of items, lowest and highest tag.
 fn counts(header: Line<'_>, noun: &str) -> Result<[usize; 2], InputError> {
     let wanted = format!("the counts of {noun} blocks and {noun}s");
     let numbers: Vec<usize> = header.words().exactly(4, &wanted)?;

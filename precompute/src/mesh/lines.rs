@@ -1,14 +1,14 @@
-//! Line by line through a text file, remembering the line for the error.
+//! Reads a text file line by line and keeps the line number for errors.
 //!
-//! Mesh formats are read one record per line, as every writer emits them, rather than as a stream of words: a line
-//! with a number missing is then reported on that line and not where the stream first makes no sense.
+//! All writers put one record on a line. The readers therefore read lines and not a stream of words: an error
+//! about a missing number then names the right line.
 
 use std::path::Path;
 use std::str::{FromStr, SplitWhitespace};
 
 use crate::error::{InputError, count};
 
-/// Non-empty lines of a text, comments cut off, numbered from 1.
+/// Non-empty lines of a text without comments, numbered from 1.
 pub(crate) struct Lines<'a> {
     file: &'a Path,
     lines: std::iter::Enumerate<std::str::Lines<'a>>,
@@ -17,12 +17,13 @@ pub(crate) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// `comment` starts a remark that runs to the end of the line, where the format has such.
+    /// `comment` is the character that starts a comment up to the end of the line, if the format has
+    /// comments.
     pub(crate) fn new(file: &'a Path, text: &'a str, comment: Option<char>) -> Self {
         Self { file, lines: text.lines().enumerate(), comment, last: 0 }
     }
 
-    /// The next line with anything on it.
+    /// The next non-empty line.
     pub(crate) fn next_line(&mut self) -> Option<Line<'a>> {
         for (index, text) in self.lines.by_ref() {
             self.last = index + 1;
@@ -35,7 +36,7 @@ impl<'a> Lines<'a> {
         None
     }
 
-    /// The next line, or the error that the file ends before `wanted`.
+    /// The next line; an error at the end of the file names `wanted`.
     pub(crate) fn expect_line(&mut self, wanted: &str) -> Result<Line<'a>, InputError> {
         let last = self.last.max(1);
         self.next_line().ok_or_else(|| {
@@ -53,7 +54,7 @@ impl<'a> Lines<'a> {
 #[derive(Clone, Copy)]
 pub(crate) struct Line<'a> {
     file: &'a Path,
-    /// 1-based.
+    /// 1-based line number.
     pub(crate) number: usize,
     /// Without surrounding blanks and comments; never empty.
     pub(crate) text: &'a str,
@@ -65,12 +66,12 @@ impl<'a> Line<'a> {
         InputError::at(self.file, self.number, what, fix)
     }
 
-    /// The words of the line, to be taken one after the other.
+    /// Iterates over the words of the line.
     pub(crate) fn words(self) -> Words<'a> {
         Words { line: self, words: self.text.split_whitespace() }
     }
 
-    /// Start of the line for a message; a line of binary rubbish is not repeated at full length.
+    /// Start of the line for a message. Limits the length, because the line can be binary data.
     pub(crate) fn excerpt(&self) -> String {
         excerpt(self.text)
     }
@@ -95,19 +96,19 @@ impl Words<'_> {
             .map_err(|_| self.line.error(format!("expected {wanted}, found `{}`", excerpt(word)), DAMAGED))
     }
 
-    /// Three coordinates.
+    /// The next three numbers as coordinates.
     pub(crate) fn position(&mut self) -> Result<[f64; 3], InputError> {
         Ok([self.number("x")?, self.number("y")?, self.number("z")?])
     }
 
-    /// As many numbers as are left, which must be `n`.
+    /// The rest of the line as numbers; an error unless there are `n` of them.
     pub(crate) fn exactly<T: FromStr>(&mut self, n: usize, wanted: &str) -> Result<Vec<T>, InputError> {
         let numbers = (0..n).map(|_| self.number(wanted)).collect::<Result<_, _>>()?;
         self.end()?;
         Ok(numbers)
     }
 
-    /// Nothing may be left.
+    /// An error if words are left on the line.
     pub(crate) fn end(&mut self) -> Result<(), InputError> {
         match self.words.by_ref().count() {
             0 => Ok(()),
@@ -115,7 +116,7 @@ impl Words<'_> {
         }
     }
 
-    /// How many words are left.
+    /// Number of words left.
     pub(crate) fn left(&self) -> usize {
         self.words.clone().count()
     }

@@ -1,27 +1,28 @@
-//! Ten-node tetrahedra: the mid-edge nodes are checked to be where a straight edge has its middle, then dropped.
+//! Checks the mid-edge nodes of ten-node tetrahedra and drops them.
 //!
-//! The second-order elements of the solver are straight-sided and make mid-edge nodes of their own, so a file's would
-//! say nothing new; a curved edge would be straightened behind the user's back, and is refused instead. What stays are
-//! the vertices in file order. **Node indices count vertices only**: where mid-edge nodes stand between vertices in the
-//! file, node 5 of a scene is the sixth vertex, not the sixth node. A group keeps its vertices; one of mid-edge nodes
-//! only vanishes.
+//! The solver's second-order elements are straight-sided and create their own mid-edge nodes, so mid-edge
+//! nodes in the middle of their edges carry no information. A curved edge is refused, because the solver
+//! would straighten it. The vertices remain, in file order. **Node indices count vertices only**: if mid-edge
+//! nodes precede or separate vertices in the file, node 5 of a scene is the sixth vertex and not the sixth
+//! node. A group keeps its vertices; a group that has only mid-edge nodes is removed.
 
 use super::MeshFault;
 use super::raw::RawMesh;
 use super::tetrahedral::{EDGES, distance};
 use crate::error::InputError;
 
-/// How far from the middle of its edge a mid-edge node may lie, as a share of the edge's length.
+/// Largest distance of a mid-edge node from the middle of its edge, as a share of the edge's length.
 const STRAIGHT_SHARE: f64 = 1e-6;
 
 const EXPORT_STRAIGHT: &str = "export it straight-sided (Gmsh: Mesh.SecondOrderLinear = 1 before setOrder(2), and no \
                                high-order optimisation) and with all digits, or with order 1";
 
-/// Where a format's ten-node tet has the mid-edge node of each of [`EDGES`], counted from the fifth node.
+/// Position of the mid-edge node of each of [`EDGES`] in a format's ten-node tet, counted from the fifth
+/// node.
 ///
 /// VTK lists the edges 01 12 02 03 13 23.
 pub(super) const VTK_ORDER: [usize; 6] = [0, 2, 3, 1, 4, 5];
-/// Gmsh lists the edges 01 12 02 03 23 13: VTK's with the last two swapped.
+/// Gmsh lists the edges 01 12 02 03 23 13: as VTK, with the last two exchanged.
 pub(super) const GMSH_ORDER: [usize; 6] = [0, 2, 3, 1, 5, 4];
 
 /// The vertices of a ten-node tet, and the node at the middle of each of [`EDGES`].
@@ -30,7 +31,7 @@ pub(super) fn split(nodes: [u32; 10], order: [usize; 6]) -> ([u32; 4], [u32; 6])
 }
 
 impl RawMesh {
-    /// Checks the mid-edge nodes and takes them out of nodes and groups; nothing to do for four-node tets.
+    /// Checks the mid-edge nodes and removes them from nodes and groups. Does nothing for four-node tets.
     pub(super) fn drop_mid_edge_nodes(&mut self) -> Result<(), InputError> {
         if self.mid_edges.is_empty() {
             return Ok(());
@@ -107,8 +108,8 @@ impl RawMesh {
         Ok(())
     }
 
-    /// The mid-edge nodes as the file orders them, or, where the format fixes no order, each with the edge whose
-    /// middle it is nearest to.
+    /// The mid-edge nodes in the order of [`EDGES`]. If the format defines no order, each node is assigned to
+    /// the edge with the nearest middle.
     fn in_order_of_edges(&self, tet: usize) -> [u32; 6] {
         let mut middles = self.mid_edges[tet];
         if self.mid_edges_in_any_order {
@@ -137,17 +138,18 @@ impl RawMesh {
         distance(&self.nodes[node as usize], &middle)
     }
 
-    /// [`STRAIGHT_SHARE`] of the edge, and what the rounding of three stored points can add to it.
+    /// The tolerance: [`STRAIGHT_SHARE`] of the edge plus the rounding error of three stored points.
     fn allowed(&self, vertices: [u32; 4], edge: usize, node: u32) -> f64 {
         let [a, b] = self.ends(vertices, edge);
         let length = distance(&a, &b);
         let largest =
             [a, b, self.nodes[node as usize]].into_iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-        // Each axis is off by one rounding of the node and the mean of two of the ends; sqrt(3) for the three axes.
+        // Per axis, the rounding of the node and of the mean of the two ends; a factor of sqrt(3) for the
+        // three axes.
         STRAIGHT_SHARE * length + 4.0 * self.rounding * largest
     }
 
-    /// Takes nodes out; everything that names nodes follows.
+    /// Removes nodes and renumbers all references to nodes.
     fn keep_nodes(&mut self, dropped: &[bool]) {
         let mut kept = 0;
         let new_index: Vec<Option<u32>> = dropped

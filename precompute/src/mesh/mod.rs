@@ -1,11 +1,11 @@
-//! Meshes: what a body looks like before anything pulls at it.
+//! Tetrahedral meshes: readers, quality, surface and output.
 //!
-//! A reader per file format fills a `RawMesh`, which remembers the tag and line of every node and element, so
-//! that the checks every format shares can name the culprit the way the file does. What leaves this module is a
-//! [`TetMesh`]: metres, 0-based file order, every tet with positive volume.
+//! A reader for each file format fills a `RawMesh` with the tag and the line of every node and element, so
+//! that the shared checks can report them. The result is a [`TetMesh`]: metres, 0-based file order, positive
+//! volumes.
 //!
-//! Files of ten-node tets are read if they are straight-sided. The mid-edge nodes are checked and dropped: a
-//! [`TetMesh`] has vertices only, and node indices (in scenes too) count the vertices in file order.
+//! Files of straight-sided ten-node tets are accepted. The mid-edge nodes are checked and dropped: a
+//! [`TetMesh`] has vertices only, and node indices (also in scenes) count the vertices in file order.
 
 pub mod quality;
 pub mod refine;
@@ -31,7 +31,7 @@ pub use refine::Refined;
 pub use surface::Surface;
 pub use tetrahedral::{MeshFault, TetMesh};
 
-/// The unit of length a mesh file is written in; inside everything is metres.
+/// Unit of length of a mesh file. Internally all lengths are in metres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum LengthUnit {
     /// Metres.
@@ -47,7 +47,7 @@ impl LengthUnit {
     /// Every unit.
     pub const ALL: [Self; 3] = [Self::Metre, Self::Centimetre, Self::Millimetre];
 
-    /// The word of the scene file: `m`, `cm` or `mm`.
+    /// The unit's symbol in the scene file: `m`, `cm` or `mm`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Metre => "m",
@@ -56,15 +56,15 @@ impl LengthUnit {
         }
     }
 
-    /// The unit of a scene file's word.
+    /// The unit with this symbol.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|unit| unit.name() == name)
     }
 
-    /// How many of the unit make a metre.
+    /// Number of units in a metre.
     ///
-    /// Lengths are divided by this whole number and not multiplied by its inverse: 1e-3 is itself not exact, so the
-    /// product would be rounded twice.
+    /// A reader divides lengths by this integer. A multiplication by its inverse would round twice, because
+    /// 1e-3 is not exact.
     pub fn per_metre(self) -> f64 {
         match self {
             Self::Metre => 1.0,
@@ -74,10 +74,12 @@ impl LengthUnit {
     }
 }
 
-/// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (either name finds the other).
+/// Reads a mesh file: Gmsh 2.2 or 4.1 ASCII, VTK legacy, VTU, or TetGen .node/.ele (`path` can be either
+/// file).
 ///
-/// Tets have four nodes, or ten with straight edges, of which the vertices are kept. The content decides where it is distinctive, the extension otherwise. Errors name the file, the line or the
-/// element with the file's own tag, and the fix.
+/// Tets have four nodes, or ten with straight edges, of which the vertices are kept. The content determines
+/// the format if it is distinctive, otherwise the extension. An error names the file, the line or the element
+/// with the file's own tag, and the fix.
 pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if matches!(extension.as_str(), "node" | "ele") {
@@ -106,12 +108,12 @@ pub fn read(path: &Path, unit: LengthUnit) -> Result<TetMesh, InputError> {
 pub(crate) mod testing {
     use super::TetMesh;
 
-    /// The tet of the origin and the three unit points.
+    /// A tet with vertices at the origin and at the three unit points.
     pub(crate) fn unit_tet() -> (Vec<[f64; 3]>, Vec<[u32; 4]>) {
         (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], vec![[0, 1, 2, 3]])
     }
 
-    /// A cube of `side_m` with `cells`^3 little cubes of six tets each.
+    /// A cube of side `side_m`, divided into `cells`^3 cubes of six tets each.
     pub(crate) fn cube(cells: usize, side_m: f64) -> TetMesh {
         TetMesh::cuboid([cells; 3], side_m / cells as f64)
     }

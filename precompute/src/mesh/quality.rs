@@ -1,4 +1,4 @@
-//! How good a mesh is for finite elements, in the figures an engineer looks at first.
+//! Quality measures of a mesh for finite elements.
 
 use std::collections::HashMap;
 
@@ -15,123 +15,125 @@ mod display;
 mod pressure;
 mod shape;
 
-/// Width of a bin of [`MeshReport::dihedral_histogram`] in degrees.
+/// Width of a bin of [`MeshReport::dihedral_histogram`], degrees.
 pub const BIN_DEG: f64 = 10.0;
 const BINS: usize = 18;
-/// Width of a bin of [`MeshReport::min_dihedral_histogram`] in degrees.
+/// Width of a bin of [`MeshReport::min_dihedral_histogram`], degrees.
 pub const MIN_BIN_DEG: f64 = 5.0;
-/// No tet's smallest dihedral angle is above the regular one's 70.53 degrees.
+/// The smallest dihedral angle of a tet is at most 70.53 degrees, the angle of the regular tet.
 const MIN_BINS: usize = 15;
 /// A tet with a dihedral angle below this is a sliver.
 pub const SLIVER_DEG: f64 = 5.0;
-/// Neighbours whose volumes are further apart than this are a jump in size.
+/// Neighbouring tets with a larger volume ratio form a size jump.
 pub const SIZE_JUMP: f64 = 100.0;
 
-/// Size, shape and topology of a mesh. `Display` is the human table, `Serialize` the JSON.
+/// Size, shape and topology of a mesh. `Display` is a table for users, `Serialize` gives JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeshReport {
     /// Number of nodes.
     pub nodes: usize,
     /// Number of tets.
     pub tets: usize,
-    /// Edges: the mid-edge nodes that order 2 adds.
+    /// Number of edges, that is, of the mid-edge nodes that order 2 adds.
     pub edges: usize,
-    /// Separate pieces of the body; more than one is seldom meant.
+    /// Number of separate pieces; more than one is usually a mistake.
     pub pieces: usize,
-    /// Share of the volume that the largest piece has.
+    /// Share of the largest piece in the volume.
     pub largest_piece_share: f64,
-    /// Low corner of the bounding box.
+    /// Low corner of the bounding box, m.
     pub low_m: [f64; 3],
-    /// High corner of the bounding box.
+    /// High corner of the bounding box, m.
     pub high_m: [f64; 3],
-    /// Volume of the body.
+    /// Volume of the body, m^3.
     pub volume_m3: f64,
-    /// Volume of the smallest and the largest tet.
+    /// Volumes of the tets, m^3.
     pub tet_volume_m3: Range,
-    /// Lengths of the edges, each edge once.
+    /// Lengths of the edges, each edge once, m.
     pub edge_m: Range,
-    /// Angles between the faces of each tet, six per tet; 70.5 in a regular one. Small ones make stiff, ill-conditioned
-    /// elements, large ones spoil the gradients.
+    /// Dihedral angles, six per tet, degrees; 70.5 in a regular tet. Small angles make elements stiff and
+    /// ill-conditioned, large angles increase the error of the gradients.
     pub dihedral_deg: Range,
-    /// The tet with the smallest dihedral angle, 0-based.
+    /// 0-based index of the tet with the smallest dihedral angle.
     pub worst_tet: usize,
-    /// Dihedral angles counted in bins of [`BIN_DEG`] from 0 to 180.
+    /// Number of dihedral angles in each bin of [`BIN_DEG`] from 0 to 180.
     pub dihedral_histogram: [usize; BINS],
-    /// The smallest dihedral angle of each tet.
+    /// Smallest dihedral angle of each tet, degrees.
     pub min_dihedral_deg: Range,
-    /// Tets counted by their smallest dihedral angle in bins of [`MIN_BIN_DEG`] from 0 to 75.
+    /// Number of tets by their smallest dihedral angle, in bins of [`MIN_BIN_DEG`] from 0 to 75.
     pub min_dihedral_histogram: [usize; MIN_BINS],
     /// Tets with a very small dihedral angle.
     pub slivers: Slivers,
-    /// Longest edge over the diameter of the inscribed sphere; 1 in a regular tet.
+    /// Ratio of the longest edge to the diameter of the inscribed sphere, scaled to 1 for a regular tet.
     pub aspect: Range,
-    /// Neighbours of very different volume.
+    /// Neighbouring tets of very different volume.
     pub size_jumps: SizeJumps,
-    /// Tets with 0, 1, 2, 3 and 4 faces on the surface; three leave one face to hang by.
+    /// Number of tets with 0, 1, 2, 3 and 4 faces on the surface. A tet with three such faces is connected by
+    /// one face only.
     pub tets_by_free_faces: [usize; 5],
-    /// Tets with all four vertices on the surface. Second-order elements with a pressure at the vertices want none.
+    /// Tets with all four vertices on the surface. Second-order elements with vertex pressures should have
+    /// none.
     pub tets_without_interior_vertex: usize,
-    /// Figures of the surface.
+    /// Measures of the surface.
     pub surface: SurfaceReport,
-    /// Named groups: nodes and, for groups of volumes, tets.
+    /// Named groups: number of nodes and, for groups of volumes, of tets.
     pub groups: Vec<GroupReport>,
 }
 
 /// Tets with a very small dihedral angle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Slivers {
-    /// Below 5 degrees, those below 1 included.
+    /// Number below 5 degrees, including those below 1 degree.
     pub below_5_deg: usize,
-    /// Below 1 degree.
+    /// Number below 1 degree.
     pub below_1_deg: usize,
 }
 
-/// Neighbouring tets (with a common face) of very different volume.
+/// Pairs of tets with a common face and very different volumes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SizeJumps {
-    /// Pairs further apart than [`SIZE_JUMP`].
+    /// Number of pairs with a ratio above [`SIZE_JUMP`].
     pub pairs: usize,
-    /// The largest ratio of neighbours' volumes; 1 if there are no neighbours.
+    /// The largest volume ratio of neighbours; 1 without neighbours.
     pub worst_ratio: f64,
-    /// The two tets of that ratio, 0-based.
+    /// 0-based indices of the two tets with that ratio.
     pub worst_pair: [usize; 2],
 }
 
-/// Lowest, middle and highest value.
+/// Statistics of a set of values.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Range {
-    /// Lowest.
+    /// Minimum.
     pub min: f64,
-    /// Half of the values are below it; the lower one of two in the middle.
+    /// Median; the lower of the two middle values for an even number.
     pub median: f64,
     /// Arithmetic mean.
     pub mean: f64,
-    /// Highest.
+    /// Maximum.
     pub max: f64,
 }
 
-/// Figures of the surface.
+/// Measures of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SurfaceReport {
-    /// Nodes on it.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Share of the body's nodes that are on it.
+    /// Share of the body's nodes.
     pub node_share: f64,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Area.
+    /// Area, m^2.
     pub area_m2: f64,
-    /// Whether it is a closed manifold.
+    /// Whether the surface is a closed manifold.
     pub manifold: bool,
-    /// Edges with more than two triangles.
+    /// Number of edges with more than two triangles.
     pub non_manifold_edges: usize,
-    /// Nodes where sheets touch in a point only.
+    /// Number of nodes where parts of the surface touch in one point only.
     pub non_manifold_nodes: usize,
-    /// Faces with three or more tets.
+    /// Number of faces with three or more tets.
     pub overlapping_faces: usize,
-    /// 2 for a body without handles and cavities.
+    /// Euler characteristic; 2 for a body without handles and cavities.
     pub euler_characteristic: i64,
-    /// Closed surfaces: one, and one more for each cavity.
+    /// Number of closed surfaces: one, plus one for each cavity.
     pub pieces: usize,
 }
 
@@ -140,14 +142,14 @@ pub struct SurfaceReport {
 pub struct GroupReport {
     /// Its name.
     pub name: String,
-    /// Its nodes.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Its tets.
+    /// Number of tets.
     pub tets: usize,
 }
 
 impl MeshReport {
-    /// Measures a mesh.
+    /// Computes the measures of a mesh.
     pub fn of(mesh: &TetMesh) -> Self {
         let skin = Surface::of(mesh);
         let (low_m, high_m) = mesh.bounding_box_m();
@@ -215,7 +217,7 @@ impl MeshReport {
 impl Range {
     fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut values: Vec<f64> = values.collect();
-        // Summed before the sort, in file order.
+        // Summed in file order, before the sort.
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         values.sort_unstable_by(f64::total_cmp);
         let at = |index: usize| values.get(index).copied().unwrap_or(f64::NAN);
@@ -224,7 +226,7 @@ impl Range {
     }
 }
 
-/// Number of pieces, and the largest one's share of the volume.
+/// Number of pieces, and the share of the largest in the volume.
 fn pieces(mesh: &TetMesh) -> (usize, f64) {
     let piece_of = surface::pieces(mesh);
     let mut volumes = vec![0.0; piece_of.iter().max().map_or(0, |&last| last as usize + 1)];
@@ -234,7 +236,7 @@ fn pieces(mesh: &TetMesh) -> (usize, f64) {
     (volumes.len(), volumes.iter().copied().fold(0.0, f64::max) / volumes.iter().sum::<f64>())
 }
 
-/// Goes over the faces: jumps of volume across them, and the tets by how many of theirs are free.
+/// Size jumps across the inner faces, and the number of tets by their number of free faces.
 fn neighbours(mesh: &TetMesh) -> (SizeJumps, [usize; 5]) {
     let mut other: HashMap<[u32; 3], usize> = HashMap::with_capacity(2 * mesh.tets.len() + 2);
     let mut free = vec![4usize; mesh.tets.len()];

@@ -1,4 +1,4 @@
-//! What a reader found, each node and element with its tag and line, and the checks every format shares.
+//! Unchecked content of a mesh file with tags and lines, and the checks that all formats share.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -6,33 +6,33 @@ use std::path::PathBuf;
 use super::{LengthUnit, MeshFault, TetMesh};
 use crate::error::{InputError, count};
 
-/// Where in the file a node or element stands.
+/// Position of a node or element in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Origin {
-    /// What the file calls it.
+    /// Its tag in the file.
     pub(crate) tag: u64,
-    /// 1-based line, where the format has lines.
+    /// 1-based line, if the format has lines.
     pub(crate) line: Option<usize>,
 }
 
-/// Nodes, tets and groups as found in a file, not yet checked, in the file's unit.
+/// Nodes, tets and groups of a file before the checks, in the file's unit.
 #[derive(Debug, Default)]
 pub(crate) struct RawMesh {
-    /// File that holds the nodes.
+    /// The file with the nodes.
     pub(crate) node_file: PathBuf,
-    /// File that holds the tets (TetGen has two files).
+    /// The file with the tets (TetGen has two files).
     pub(crate) tet_file: PathBuf,
     pub(crate) nodes: Vec<[f64; 3]>,
     pub(crate) node_origins: Vec<Origin>,
     pub(crate) tets: Vec<[u32; 4]>,
     pub(crate) tet_origins: Vec<Origin>,
-    /// Of ten-node tets: the node at the middle of each of `EDGES`, a row per tet; empty for four-node tets.
+    /// Mid-edge nodes of ten-node tets in the order of `EDGES`, one row per tet; empty for four-node tets.
     pub(crate) mid_edges: Vec<[u32; 6]>,
-    /// Whether the rows of `mid_edges` follow no order (TetGen's versions differ).
+    /// Whether the order of the rows of `mid_edges` is undefined (TetGen's versions differ).
     pub(crate) mid_edges_in_any_order: bool,
-    /// Relative rounding of the coordinates in the file: that of singles if it holds singles, else none.
+    /// Relative rounding error of the coordinates: that of f32 if the file stores f32, otherwise zero.
     pub(crate) rounding: f64,
-    /// Unsorted, with repeats; `finish` tidies.
+    /// Unsorted and with repetitions; `finish` sorts and deduplicates.
     pub(crate) node_groups: BTreeMap<String, Vec<u32>>,
     pub(crate) tet_groups: BTreeMap<String, Vec<u32>>,
 }
@@ -42,9 +42,9 @@ impl RawMesh {
         Self { node_file: node_file.into(), tet_file: tet_file.into(), ..Self::default() }
     }
 
-    /// Adds a tet and, for each group it is in, the group's tets and nodes.
+    /// Adds a tet, and adds it and its nodes to each of its groups.
     ///
-    /// All tets have four nodes or all have ten: `mid_edges` in the order of `EDGES`.
+    /// All tets of a mesh have four nodes, or all have ten; `mid_edges` is in the order of `EDGES`.
     pub(crate) fn push_tet(
         &mut self,
         nodes: [u32; 4],
@@ -68,7 +68,7 @@ impl RawMesh {
         Ok(())
     }
 
-    /// Drops mid-edge nodes, scales to metres, tidies the groups and checks the mesh.
+    /// Drops mid-edge nodes, converts to metres, sorts the groups and checks the mesh.
     pub(crate) fn finish(mut self, unit: LengthUnit) -> Result<TetMesh, InputError> {
         self.drop_mid_edge_nodes()?;
         for x in self.nodes.iter_mut().flatten() {
@@ -90,7 +90,7 @@ impl RawMesh {
         }
     }
 
-    /// The fault in the file's own words: tags and lines instead of indices.
+    /// Converts a fault to an input error with the tags and lines of the file.
     pub(super) fn explain(&self, fault: MeshFault) -> InputError {
         match fault {
             MeshFault::Empty => InputError::new(

@@ -1,26 +1,29 @@
-//! Regular refinement: each tet becomes eight of the same shape or nearly so, and the body stays what it was (Bey 1995).
+//! Regular refinement (Bey 1995): each tet is divided into eight of the same or nearly the same shape. The
+//! domain does not change.
 //!
-//! Four children stand in the corners; the octahedron between them is cut along its shortest diagonal, as every choice fits its
-//! neighbours: the diagonal is inside.
+//! Four children lie at the corners. The octahedron between them is divided along its shortest diagonal. The
+//! mesh stays conforming for each choice of the diagonal, because the diagonal lies inside the parent.
 
 use std::collections::BTreeMap;
 
 use super::TetMesh;
 use super::tetrahedral::{distance, six_volume};
 
-/// A mesh of eight times as many tets; its nodes are those of the coarser one, then a node in the middle of every edge.
+/// A refined mesh with eight times as many tets. Its nodes are the coarse nodes, followed by the midpoints of
+/// all edges.
 #[derive(Debug, Clone)]
 pub struct Refined {
-    /// The finer mesh; children of tet `t` are `8 t .. 8 t + 8`. A group of nodes has the middle of an edge whose both ends are in it.
+    /// The fine mesh. The children of tet `t` are `8 t .. 8 t + 8`. A midpoint belongs to a node group if
+    /// both ends of its edge do.
     pub mesh: TetMesh,
-    /// Ends of each edge, by its node in the middle less the number of nodes that were there before.
+    /// Ends of each edge; the index is the midpoint's node index minus the number of coarse nodes.
     edges: Vec<[u32; 2]>,
     coarse_nodes: u32,
 }
 
-/// Pairs of a tet's vertices, in the order of its mid-edge nodes here.
+/// Pairs of a tet's vertices, in the order of its midpoints.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-/// Opposite edges: the octahedron's diagonals.
+/// Pairs of opposite edges: their midpoints are the ends of the octahedron's diagonals.
 const DIAGONALS: [[usize; 2]; 3] = [[0, 5], [1, 4], [2, 3]];
 
 impl Refined {
@@ -49,7 +52,7 @@ impl Refined {
         refined
     }
 
-    /// These nodes, and the middles of edges between two of them. Ascending.
+    /// These nodes and the midpoints of the edges between them, in ascending order.
     pub fn nodes(&self, coarse: &[u32]) -> Vec<u32> {
         let mut nodes = coarse.to_vec();
         nodes.sort_unstable();
@@ -78,7 +81,7 @@ fn named(
 
 fn children(tet: &[u32; 4], middle: [u32; 6], nodes_m: &[[f64; 3]]) -> [[u32; 4]; 8] {
     let corner = |vertex: usize| {
-        // The vertex, and the middles of its edges.
+        // The vertex and the midpoints of its edges.
         let mut child = [tet[vertex]; 4];
         let own = EDGES.iter().zip(middle).filter(|(ends, _)| ends.contains(&vertex));
         for (place, (_, middle)) in child[1..].iter_mut().zip(own) {
@@ -90,7 +93,7 @@ fn children(tet: &[u32; 4], middle: [u32; 6], nodes_m: &[[f64; 3]]) -> [[u32; 4]
     let diagonal =
         DIAGONALS.into_iter().min_by(|a, b| length(*a).total_cmp(&length(*b))).unwrap_or(DIAGONALS[0]);
     let others: Vec<[usize; 2]> = DIAGONALS.into_iter().filter(|d| *d != diagonal).collect();
-    // Round the diagonal: each of the four has it and one of either other diagonal.
+    // The four tets around the diagonal: each contains it and one end of each of the other diagonals.
     let round = |one: usize, other: usize| {
         [diagonal[0], diagonal[1], others[0][one], others[1][other]].map(|edge| middle[edge])
     };
@@ -113,7 +116,7 @@ mod tests {
     #[test]
     fn a_finer_mesh_is_the_same_body_with_the_same_shapes() {
         let mut coarse = TetMesh::cuboid([2, 1, 1], 0.1);
-        // Nothing regular about it.
+        // Perturb the nodes so that no tet is regular.
         for (n, node) in coarse.nodes_m.iter_mut().enumerate() {
             node[n % 3] += 0.003 * ((n * 7 % 5) as f64 - 2.0);
         }
@@ -131,7 +134,7 @@ mod tests {
             }
         }
         assert_eq!(finer.tet_groups["first"], (0..8).chain(24..32).collect::<Vec<u32>>());
-        // Four triangles for each: no hanging node, no hole.
+        // Four triangles for each coarse triangle: no hanging node and no hole.
         assert_eq!(Surface::of(&finer).triangles.len(), 4 * Surface::of(&coarse).triangles.len());
         let on_low = |node: &u32| {
             let ends = |end: u32| coarse.node_groups["low"].contains(&end);

@@ -1,56 +1,57 @@
-//! The skin of a body: boundary triangles turned outward, their nodes and normals, and whether it is a closed surface.
+//! The surface of a body: boundary triangles with outward orientation, nodes, normals and topology.
 
 use std::collections::HashMap;
 
 use super::TetMesh;
 use super::tetrahedral::{cross, dot, norm, sorted, sub};
 
-/// The four faces of a tet of positive volume, each counter-clockwise seen from outside.
+/// The four faces of a tet of positive volume, counter-clockwise seen from outside.
 pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 
 /// Boundary of a tetrahedral mesh.
 ///
-/// `triangles` name mesh nodes; their order follows the tets' order, so it is the same every time.
+/// `triangles` contains mesh nodes. The order of the triangles follows the order of the tets and is thus
+/// deterministic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    /// Faces that belong to one tet only, counter-clockwise seen from outside.
+    /// Faces that belong to exactly one tet, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Nodes of the triangles, ascending.
     pub nodes: Vec<u32>,
-    /// Unit outward normal at each of `nodes`: the mean of its triangles' normals weighted by area.
+    /// Unit outward normal at each of `nodes`: the area-weighted mean of the normals of its triangles.
     ///
-    /// Zero where the weighted sum vanishes (a node where two sheets touch back to back).
+    /// Zero if the weighted sum vanishes (a node where two parts of the surface touch back to back).
     pub normals: Vec<[f64; 3]>,
-    /// What is wrong with the surface as a closed manifold.
+    /// Defects of the surface as a closed manifold.
     pub topology: Topology,
 }
 
-/// Counts that say whether the boundary is one closed surface round one body.
+/// Counts that show whether the boundary is one closed surface around one body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topology {
-    /// Edges of the boundary.
+    /// Number of boundary edges.
     pub edges: usize,
-    /// Edges with more than two boundary triangles: parts of the body hinge there.
+    /// Number of edges with more than two boundary triangles: parts of the body can rotate about them.
     pub non_manifold_edges: usize,
-    /// Nodes where boundary sheets touch in a point only.
+    /// Number of nodes where parts of the boundary touch in one point only.
     pub non_manifold_nodes: usize,
-    /// Faces with three or more tets: tets overlap there.
+    /// Number of faces with three or more tets: tets overlap there.
     pub overlapping_faces: usize,
     /// Vertices - edges + triangles: 2 for each closed surface without handles.
     pub euler_characteristic: i64,
-    /// Connected pieces of the boundary (a cavity is one of its own).
+    /// Number of connected pieces of the boundary (each cavity is one).
     pub pieces: usize,
 }
 
 impl Topology {
-    /// Every edge has two triangles, every node one fan of them, and no face more than two tets.
+    /// Whether every edge has two triangles, every node one fan of triangles, and no face more than two tets.
     pub fn is_manifold(&self) -> bool {
         self.non_manifold_edges == 0 && self.non_manifold_nodes == 0 && self.overlapping_faces == 0
     }
 }
 
 impl Surface {
-    /// Extracts the boundary: the faces that one tet only has.
+    /// Extracts the boundary: the faces that belong to exactly one tet.
     pub fn of(mesh: &TetMesh) -> Self {
         let mut uses: HashMap<[u32; 3], u32> = HashMap::with_capacity(2 * mesh.tets.len() + 2);
         for tet in &mesh.tets {
@@ -76,7 +77,7 @@ impl Surface {
         Self { triangles, nodes, normals, topology }
     }
 
-    /// What can be seen of it: without the walls of cavities.
+    /// The surface without the walls of cavities.
     #[must_use]
     pub fn seen(self, mesh: &TetMesh) -> Self {
         let mut walls = UnionFind::new(self.triangles.len());
@@ -86,7 +87,8 @@ impl Surface {
                 walls.join(index, *first_of.entry(sorted(edge)).or_insert(index));
             }
         }
-        // Turned outward, the triangles of a body's outside enclose a positive volume, and those of a cavity a negative one.
+        // With outward orientation, the outer surface of a body encloses a positive volume and a cavity a
+        // negative one.
         let mut volumes = vec![0.0; self.triangles.len()];
         for (index, triangle) in self.triangles.iter().enumerate() {
             let [a, b, c] = triangle.map(|node| mesh.nodes_m[node as usize]);
@@ -110,13 +112,13 @@ impl Surface {
         self.nodes.binary_search(&node).ok().map(|at| self.normals[at])
     }
 
-    /// Area in m^2.
+    /// Area, m^2.
     pub fn area_m2(&self, mesh: &TetMesh) -> f64 {
         self.triangles.iter().map(|t| 0.5 * norm(&twice_area(mesh, t))).sum()
     }
 }
 
-/// Area vector times two: its length weights the vertex normals by area for nothing.
+/// Twice the area vector. Its length weights the vertex normals by area.
 fn twice_area(mesh: &TetMesh, triangle: &[u32; 3]) -> [f64; 3] {
     let [a, b, c] = triangle.map(|node| mesh.nodes_m[node as usize]);
     cross(&sub(&b, &a), &sub(&c, &a))
@@ -150,7 +152,7 @@ fn topology(triangles: &[[u32; 3]], nodes: &[u32], overlapping_faces: usize) -> 
         }
     }
     let mut pieces = UnionFind::new(triangles.len());
-    // Fans: the corner c of triangle t is item 3t + c; corners at one node join across shared edges.
+    // Fans: corner c of triangle t is item 3t + c. Corners at one node are joined across shared edges.
     let mut fans = UnionFind::new(3 * triangles.len());
     let corner = |triangle: u32, node: u32| {
         let at =
@@ -180,9 +182,9 @@ fn topology(triangles: &[[u32; 3]], nodes: &[u32], overlapping_faces: usize) -> 
     }
 }
 
-/// Connected pieces of the body: the piece number of each node, pieces numbered by their lowest node.
+/// Connected pieces of the body: the piece index of each node. Pieces are numbered by their lowest node.
 ///
-/// Pieces hang together by shared nodes, which is what carries force in the finite-element model.
+/// Tets with a shared node belong to one piece, because the node transmits force in the finite-element model.
 pub fn pieces(mesh: &TetMesh) -> Vec<u32> {
     let mut sets = UnionFind::new(mesh.nodes_m.len());
     for tet in &mesh.tets {
@@ -205,12 +207,12 @@ pub(crate) struct UnionFind {
 }
 
 impl UnionFind {
-    /// Every item a set of its own.
+    /// `n` sets of one item each.
     pub(crate) fn new(n: usize) -> Self {
         Self { parent: (0..n).collect() }
     }
 
-    /// The set an item is in, named by one of its members.
+    /// The representative item of the set that contains `item`.
     pub(crate) fn root(&mut self, mut item: usize) -> usize {
         while self.parent[item] != item {
             self.parent[item] = self.parent[self.parent[item]];
@@ -219,10 +221,10 @@ impl UnionFind {
         item
     }
 
-    /// Makes one set of two.
+    /// Joins the sets of `a` and `b`.
     pub(crate) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
-        // The lower index becomes the root, so the outcome does not depend on the order of the joins.
+        // The lower index becomes the root, so that the result is independent of the order of the joins.
         self.parent[a.max(b)] = a.min(b);
     }
 
@@ -239,7 +241,8 @@ mod tests {
 
     #[test]
     fn every_triangle_looks_outward() {
-        // Divergence theorem: the sum of x . n dA / 3 over an outward surface is the volume, over an inward one minus it.
+        // Divergence theorem: the integral of x . n / 3 is the volume for outward normals, minus the volume
+        // for inward ones.
         let mesh = cube(3, 0.5);
         let surface = Surface::of(&mesh);
         let flux: f64 = surface
@@ -276,12 +279,12 @@ mod tests {
     fn normals_are_weighted_by_area() {
         let (nodes, tets) = unit_tet();
         let surface = Surface::of(&TetMesh::new(nodes, tets).expect("sound"));
-        // At the origin three right triangles of equal area meet.
+        // Three right triangles of equal area meet at the origin.
         let third = -(1.0 / 3.0f64).sqrt();
         for c in surface.normal(0).expect("on the surface") {
             assert!((c - third).abs() < 1e-15);
         }
-        // At (1,0,0) the slanted face's area vector (1,1,1)/2 meets (0,-1,0)/2 and (0,0,-1)/2: (1,0,0) remains.
+        // At (1,0,0), the area vectors (1,1,1)/2, (0,-1,0)/2 and (0,0,-1)/2 add up to (1,0,0)/2.
         assert_eq!(surface.normal(1), Some([1.0, 0.0, 0.0]));
     }
 

@@ -1,12 +1,12 @@
-//! TetGen's `.node` and `.ele` pair.
+//! Reader of TetGen's `.node` and `.ele` files.
 //!
-//! Numbers start at 0 or 1: the first node's number decides, as TetGen itself has it. A node's boundary marker m
-//! becomes the node group `marker m`, a tet's region attribute r the group `region r`; 0 means none.
+//! Numbers start at 0 or 1; the number of the first node decides, as in TetGen. A boundary marker m of a node
+//! becomes the node group `marker m`, and a region attribute r of a tet the group `region r`; 0 means none.
 //!
-//! Ten-node tets (`-o2`) are read if their edges are straight, and their mid-edge nodes dropped (see `mid_edge.rs`: node
-//! indices count vertices only). Each goes to the edge whose middle it is nearest to: TetGen (as in the Python package
-//! tetgen 0.8.4) writes the edges in the order 23 03 01 12 13 02, which is nobody else's, and other writers of the format
-//! have orders of their own.
+//! Ten-node tets (`-o2`) are accepted if their edges are straight; their mid-edge nodes are dropped (see
+//! `mid_edge.rs`: node indices count vertices only). Each mid-edge node is assigned to the edge with the
+//! nearest middle, because the order of the edges differs between writers: TetGen (in the Python package
+//! tetgen 0.8.4) writes 23 03 01 12 13 02.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use crate::error::InputError;
 
 const RENUMBER: &str = "number the lines one after the other from 0 or 1, or export again";
 
-/// Reads both files; `path` may name either.
+/// Reads both files; `path` is either of them.
 pub(super) fn read(path: &Path) -> Result<RawMesh, InputError> {
     let node_file = path.with_extension("node");
     let tet_file = path.with_extension("ele");
@@ -35,7 +35,8 @@ pub(super) fn read(path: &Path) -> Result<RawMesh, InputError> {
     Ok(raw)
 }
 
-/// Header: number of points, dimension, attributes, whether markers follow. Returns the first node's number.
+/// Header: number of points, dimension, number of attributes, marker flag. Returns the number of the first
+/// node.
 fn nodes(raw: &mut RawMesh, mut lines: Lines<'_>) -> Result<u64, InputError> {
     let header = lines.expect_line("the number of nodes")?;
     let mut words = header.words();
@@ -76,7 +77,7 @@ fn nodes(raw: &mut RawMesh, mut lines: Lines<'_>) -> Result<u64, InputError> {
     Ok(base)
 }
 
-/// Header: number of tets, nodes per tet, whether a region attribute follows.
+/// Header: number of tets, nodes per tet, attribute flag.
 fn tets(raw: &mut RawMesh, mut lines: Lines<'_>, base: u64) -> Result<(), InputError> {
     let header = lines.expect_line("the number of tetrahedra")?;
     let mut words = header.words();

@@ -1,56 +1,56 @@
-//! The body: nodes, linear tetrahedra and the named groups of both.
+//! The mesh: nodes, linear tetrahedra and named groups of both.
 //!
-//! Invariants of a [`TetMesh`] that came from [`TetMesh::new`] or a reader: every coordinate is finite, every index is
-//! in range, every tet has positive volume, no tet stands there twice, and every node belongs to a tet. The solver
-//! relies on all of them: a node without a tet is a zero row, a repeated tet counts its stiffness twice.
+//! [`TetMesh::new`] and the readers ensure these invariants: all coordinates are finite, all indices are in
+//! range, all tets have positive volume, no tet occurs twice, and each node belongs to a tet. The solver
+//! relies on them: a node without a tet gives a zero row, and a repeated tet counts its stiffness twice.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A tetrahedral mesh in metres. Node i is the i-th node of the file, whatever tag the file gave it.
+/// A tetrahedral mesh in metres. Node i is the i-th node of the file, independent of its tag there.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct TetMesh {
     /// Node positions in metres, in file order.
     pub nodes_m: Vec<[f64; 3]>,
     /// Vertices of each tet, in file order; det[x1-x0, x2-x0, x3-x0] > 0.
     pub tets: Vec<[u32; 4]>,
-    /// Nodes of each named group, whatever its dimension; sorted, each once.
+    /// Nodes of each named group of any dimension; sorted and unique.
     pub node_groups: BTreeMap<String, Vec<u32>>,
-    /// Tets of each named group of volumes; sorted, each once.
+    /// Tets of each named group of volumes; sorted and unique.
     pub tet_groups: BTreeMap<String, Vec<u32>>,
 }
 
-/// Why nodes and tets are not a mesh that can be solved. Indices are 0-based, in file order.
+/// A violated invariant of a mesh. Indices are 0-based, in file order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MeshFault {
-    /// No tet at all.
+    /// The mesh has no tet.
     Empty,
     /// A coordinate is NaN or infinite.
     NotFinite {
         /// The node.
         node: u32,
     },
-    /// A tet names a node that is not there.
+    /// A tet refers to a node that does not exist.
     NoSuchNode {
         /// The tet.
         tet: u32,
-        /// What it names.
+        /// The node index.
         node: u32,
     },
-    /// A tet has no volume: two vertices are one node, or all four lie in a plane.
+    /// A tet has zero volume: two vertices coincide, or all four lie in a plane.
     Flat {
         /// The tet.
         tet: u32,
     },
-    /// A tet is inside out.
+    /// A tet has negative volume.
     Negative {
         /// The tet.
         tet: u32,
-        /// Its signed volume in m^3 (or the file's unit cubed, before scaling).
+        /// Signed volume, m^3 (before scaling: in the cubed unit of the file).
         volume: f64,
-        /// How many tets of the mesh are inside out.
+        /// Number of tets with negative volume.
         of_all: u32,
     },
     /// Two tets have the same four vertices.
@@ -64,7 +64,7 @@ pub enum MeshFault {
     Isolated {
         /// The node.
         node: u32,
-        /// How many nodes belong to no tet.
+        /// Number of nodes without a tet.
         of_all: u32,
     },
 }
@@ -85,23 +85,23 @@ impl fmt::Display for MeshFault {
 
 impl std::error::Error for MeshFault {}
 
-/// Below this share of (longest edge)^3 the six-fold volume is rounding, not shape.
+/// Below this share of (longest edge)^3, six times the volume is rounding error.
 ///
-/// The determinant of three differences of f64 coordinates is good to a few 1e-16 of (longest edge)^3 when the body
-/// is near the origin; 1e-12 leaves room for a body 1000 edge lengths away and is still a far flatter tet (height
-/// over edge) than any mesh generator hands out.
+/// The determinant of three differences of f64 coordinates has an error of a few 1e-16 of (longest edge)^3 if
+/// the body is near the origin. 1e-12 also allows a body 1000 edge lengths away from it. A tet of this volume
+/// is far flatter (height over edge) than the tets of any mesh generator.
 const FLAT_SHARE: f64 = 1e-12;
 
 impl TetMesh {
-    /// A mesh without groups from nodes in metres and tets; checked.
+    /// A checked mesh without groups; nodes in metres.
     pub fn new(nodes_m: Vec<[f64; 3]>, tets: Vec<[u32; 4]>) -> Result<Self, MeshFault> {
         let mesh = Self { nodes_m, tets, ..Self::default() };
         mesh.check()?;
         Ok(mesh)
     }
 
-    /// A box of `cells` cubes of edge `edge_m` with a corner at the origin, each cube split into six tets that share its main
-    /// diagonal (Kuhn). Node (i, j, k) has the index (i (ny + 1) + j)(nz + 1) + k.
+    /// A box of `cells` cubes of edge `edge_m` with a corner at the origin. Each cube is divided into six
+    /// tets that share its main diagonal (Kuhn). Node (i, j, k) has the index (i (ny + 1) + j)(nz + 1) + k.
     pub fn cuboid(cells: [usize; 3], edge_m: f64) -> Self {
         let [nx, ny, nz] = cells;
         let node = |[i, j, k]: [usize; 3]| ((i * (ny + 1) + j) * (nz + 1) + k) as u32;
@@ -114,7 +114,8 @@ impl TetMesh {
         for cell in 0..nx * ny * nz {
             let low = [cell / (ny * nz), cell / nz % ny, cell % nz];
             for order in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]] {
-                // Walk from the low to the high corner, one axis at a time; an odd order of axes is a mirror image.
+                // Paths from the low to the high corner along the axes; an odd permutation of the axes gives
+                // a mirror image.
                 let mut corner = low;
                 let mut tet = [node(low); 4];
                 for (step, axis) in order.into_iter().enumerate() {
@@ -130,22 +131,22 @@ impl TetMesh {
         mesh
     }
 
-    /// Signed volume of a tet in m^3: det[x1-x0, x2-x0, x3-x0] / 6.
+    /// Signed volume of a tet, m^3: det[x1-x0, x2-x0, x3-x0] / 6.
     pub fn signed_volume_m3(&self, tet: usize) -> f64 {
         six_volume(&self.vertices_m(tet)) / 6.0
     }
 
-    /// Volume of the body in m^3. Summed in file order, so it is the same bits every time.
+    /// Volume of the body, m^3. The sum runs in file order, so that its bits are reproducible.
     pub fn volume_m3(&self) -> f64 {
         (0..self.tets.len()).map(|tet| self.signed_volume_m3(tet)).sum()
     }
 
-    /// Positions of a tet's four vertices.
+    /// Positions of a tet's four vertices, m.
     pub fn vertices_m(&self, tet: usize) -> [[f64; 3]; 4] {
         self.tets[tet].map(|node| self.nodes_m[node as usize])
     }
 
-    /// Low and high corner of the axis-aligned box round the body.
+    /// Low and high corner of the axis-aligned bounding box, m.
     pub fn bounding_box_m(&self) -> ([f64; 3], [f64; 3]) {
         let mut low = [f64::INFINITY; 3];
         let mut high = [f64::NEG_INFINITY; 3];
@@ -158,14 +159,14 @@ impl TetMesh {
         (low, high)
     }
 
-    /// Length of the bounding box's diagonal: the size of the body in one number.
+    /// Length of the bounding box's diagonal, m: a measure of the body's size.
     pub fn diagonal_m(&self) -> f64 {
         let (low, high) = self.bounding_box_m();
         distance(&low, &high)
     }
 
-    /// BLAKE3 of coordinates (bit patterns) and connectivity. Groups are left out: they change no number by
-    /// themselves, only through what the scene selects with them.
+    /// BLAKE3 hash of coordinates (bit patterns) and connectivity. Groups are excluded, because they affect
+    /// results only through the selections of the scene.
     pub fn content_hash(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new_derive_key("palpate tetrahedral mesh v1");
         hasher.update(&(self.nodes_m.len() as u64).to_le_bytes());
@@ -179,7 +180,7 @@ impl TetMesh {
         *hasher.finalize().as_bytes()
     }
 
-    /// Checks every invariant in the module's doc comment; the first fault in file order is returned.
+    /// Checks the invariants of the module's doc comment; returns the first fault in file order.
     pub fn check(&self) -> Result<(), MeshFault> {
         if self.tets.is_empty() {
             return Err(MeshFault::Empty);
@@ -238,7 +239,7 @@ impl TetMesh {
     }
 }
 
-/// The same corners in ascending order: the identity of an element whatever its orientation.
+/// The node indices in ascending order: identifies an element independent of its orientation.
 pub(crate) fn sorted<const N: usize>(mut nodes: [u32; N]) -> [u32; N] {
     nodes.sort_unstable();
     nodes
@@ -320,7 +321,7 @@ mod tests {
 
     #[test]
     fn flatness_is_judged_by_shape_not_by_size() {
-        // A micrometre tet has a volume of 1e-19 m^3 and is perfectly good.
+        // A tet with edges of a micrometre has a volume of 1e-19 m^3 and is valid.
         let (nodes, tets) = unit_tet();
         let small: Vec<_> = nodes.iter().map(|x| x.map(|c| c * 1e-6)).collect();
         assert!(TetMesh::new(small, tets.clone()).is_ok());

@@ -1,10 +1,10 @@
-//! VTK legacy files (`.vtk`), ASCII and binary, and what they share with `.vtu`: the cells.
+//! Reader of VTK legacy files (`.vtk`), ASCII and binary; the cells are shared with the reader of `.vtu`.
 //!
-//! Own reader, not the crate vtkio: its legacy parser stops at attributes it does not know (a mesh needs none), its
-//! XML parser panics on a piece without points and cannot read raw appended data, which is what ParaView writes, and
-//! neither can name a line. Tets are type 10, or all type 24 (ten nodes) with straight edges, whose mid-edge nodes are
-//! dropped (see `mid_edge.rs`: node indices count vertices only). Reading stops after CELL_TYPES: point and cell data
-//! are not the mesh's business.
+//! The crate vtkio is not used: its legacy parser stops at unknown attributes, its XML parser panics on a
+//! piece without points and cannot read raw appended data, which ParaView writes, and neither reports the
+//! line of an error. Tets have type 10, or all have type 24 (ten nodes) with straight edges; their mid-edge
+//! nodes are dropped (see `mid_edge.rs`: node indices count vertices only). Reading stops after CELL_TYPES;
+//! point and cell data are ignored.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -15,7 +15,7 @@ use crate::error::InputError;
 
 const DAMAGED: &str = "the file is damaged or truncated: export it again";
 
-/// Points of either format, with the relative rounding of the type they are stored in.
+/// Points of either format, with the relative rounding error of their number type.
 pub(super) struct Points {
     points: Vec<[f64; 3]>,
     rounding: f64,
@@ -29,11 +29,11 @@ impl Points {
     }
 }
 
-/// Cells as both VTK formats hold them once their encodings are undone.
+/// Decoded cells of either VTK format.
 pub(super) struct Cells {
     /// VTK cell types.
     pub(super) types: Vec<u8>,
-    /// End of each cell's nodes in `nodes`.
+    /// End index of each cell in `nodes`.
     pub(super) ends: Vec<usize>,
     pub(super) nodes: Vec<u32>,
     /// Line of each cell in an ASCII file.
@@ -41,7 +41,7 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// The tets of the cells; lower dimensions carry no group in VTK and are dropped.
+    /// The tets of the cells. Cells of lower dimension are dropped, because VTK has no groups.
     pub(super) fn into_raw(self, file: &Path, points: Points) -> Result<RawMesh, InputError> {
         let Points { points, rounding } = points;
         let mut raw = RawMesh { rounding, ..RawMesh::new(file, file) };
@@ -103,7 +103,7 @@ fn shape(cell_type: u8) -> &'static str {
     }
 }
 
-/// Reads a legacy file; the shared checks come with [`RawMesh::finish`].
+/// Reads a legacy file. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
     let mut cursor = Cursor { file, bytes, at: 0, binary: false };
     let version = cursor.line("the version")?;
@@ -142,7 +142,7 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
                     let what = format!("{n} cell types for {} cells", cells.ends.len());
                     return Err(cursor.error(what, DAMAGED));
                 }
-                // Types beyond a byte do not exist; 255 is refused by name like any unknown one.
+                // Types above 255 do not exist; 255 is refused as an unknown type.
                 cells.types = types.into_iter().map(|t| u8::try_from(t).unwrap_or(u8::MAX)).collect();
                 return cells.into_raw(file, points);
             }
@@ -172,7 +172,7 @@ struct Cursor<'a> {
 }
 
 impl Cursor<'_> {
-    /// An error here: with the line in a text file; a binary file has none.
+    /// An error at the current position, with the line in an ASCII file.
     fn error(&self, what: impl Into<String>, fix: &str) -> InputError {
         let line = (!self.binary).then(|| self.line_number(self.at));
         InputError { line, ..InputError::new(self.file, what, fix) }
@@ -184,7 +184,7 @@ impl Cursor<'_> {
         1 + before.iter().rev().skip(1).filter(|&&b| b == b'\n').count()
     }
 
-    /// Up to the next line break, blank or not.
+    /// Text up to the next line break; can be empty.
     fn raw_line(&mut self) -> String {
         let rest = &self.bytes[self.at..];
         let end = rest.iter().position(|&b| b == b'\n').map_or(rest.len(), |end| end + 1);
@@ -192,7 +192,7 @@ impl Cursor<'_> {
         String::from_utf8_lossy(&rest[..end]).into_owned()
     }
 
-    /// The next line with anything on it, trimmed.
+    /// The next non-empty line, trimmed.
     fn line(&mut self, wanted: &str) -> Result<String, InputError> {
         while self.at < self.bytes.len() {
             let line = self.raw_line();
@@ -204,7 +204,7 @@ impl Cursor<'_> {
     }
 
     fn count(&self, word: &str) -> Result<usize, InputError> {
-        // Node indices are 32 bits wide; more is damage, and would be a vast allocation.
+        // Node indices have 32 bits. A larger count is an error and would cause a huge allocation.
         let n: Option<u32> = word.parse().ok();
         n.map(|n| n as usize)
             .ok_or_else(|| self.error(format!("expected a count, found `{}`", excerpt(word)), DAMAGED))
@@ -216,7 +216,7 @@ impl Cursor<'_> {
         Ok(Points::new(&coordinates, Scalar::from_legacy(scalar).expect("numbers of this type were read")))
     }
 
-    /// Both layouts: `n v0 .. vn` per cell, and since version 5.1 OFFSETS and CONNECTIVITY.
+    /// Both layouts: `n v0 .. vn` per cell and, since version 5.1, OFFSETS and CONNECTIVITY.
     fn cells(&mut self, n: &str, size: &str) -> Result<Cells, InputError> {
         let (n, size) = (self.count(n)?, self.count(size)?);
         let mark = self.at;
@@ -230,7 +230,7 @@ impl Cursor<'_> {
                 );
             };
             let nodes = self.indices(size, scalar)?;
-            // The first offset is 0, so there is one more than cells.
+            // The first offset is 0, so there is one offset more than cells.
             let ends =
                 offsets.iter().skip(1).map(|&end| usize::try_from(end).unwrap_or(usize::MAX)).collect();
             return Ok(Cells { types: Vec::new(), ends, nodes, lines: None });
@@ -266,7 +266,8 @@ impl Cursor<'_> {
         numbers.into_iter().map(index).collect()
     }
 
-    /// name, components, tuples, type; then the data. Remarks on the array before may stand in between.
+    /// Skips an array: name, components, tuples and type, then the data. METADATA of the preceding array can
+    /// come first.
     fn skip_field(&mut self) -> Result<(), InputError> {
         let mut header = self.line("a field array")?;
         while header.to_uppercase().starts_with("METADATA") {
@@ -283,7 +284,8 @@ impl Cursor<'_> {
         self.numbers::<f64>(n, scalar, "a field value").map(drop)
     }
 
-    /// A line of text; in binary a length of 6, 14, 30 or 62 bits, told by the two bits above it, and the bytes.
+    /// Skips a string: a line of text; in binary files the length in 6, 14, 30 or 62 bits (the two highest
+    /// bits give its size), then the bytes.
     fn skip_string(&mut self) -> Result<(), InputError> {
         if !self.binary {
             return self.line("a string").map(drop);
@@ -302,7 +304,7 @@ impl Cursor<'_> {
         Ok(())
     }
 
-    /// `n` numbers of a VTK type: words in a text file, big-endian bytes in a binary one.
+    /// Reads `n` numbers of a VTK type: words in an ASCII file, big-endian bytes in a binary file.
     fn numbers<T: Number>(&mut self, n: usize, scalar: &str, wanted: &str) -> Result<Vec<T>, InputError> {
         let Some(scalar) = Scalar::from_legacy(scalar) else {
             return Err(self.error(format!("unknown number type `{}`", excerpt(scalar)), DAMAGED));
@@ -331,7 +333,7 @@ impl Cursor<'_> {
     }
 }
 
-/// Line numbers on the way through a text, each byte looked at once.
+/// Incremental count of line breaks: each byte is examined once.
 struct Lines {
     at: usize,
     number: usize,
@@ -345,7 +347,7 @@ impl Lines {
     }
 }
 
-/// What numbers are read as: coordinates as f64, indices as i64.
+/// Target types of numbers: f64 for coordinates, i64 for indices.
 pub(super) trait Number: FromStr + Copy {
     fn from_f64(value: f64) -> Self;
     fn from_i64(value: i64) -> Self;
@@ -361,7 +363,7 @@ impl Number for f64 {
 }
 
 impl Number for i64 {
-    /// An index stored as a float is none: -1 is refused wherever an index is looked up.
+    /// A float is no valid index; -1 is refused wherever an index is used.
     fn from_f64(value: f64) -> Self {
         if value.fract() == 0.0 { value as i64 } else { -1 }
     }
@@ -378,8 +380,8 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// Type names of legacy files. `long` is 8 bytes, as every 64-bit VTK but Windows' writes it; `vtkIdType` is
-    /// written as a 4-byte int whatever its size in memory.
+    /// Type names of legacy files. `long` has 8 bytes, as on every 64-bit platform except Windows.
+    /// `vtkIdType` is written as a 4-byte integer, independent of its size in memory.
     fn from_legacy(name: &str) -> Option<Self> {
         let name = name.to_lowercase();
         let signed = !name.starts_with("unsigned_");
@@ -412,7 +414,7 @@ impl Scalar {
         }
     }
 
-    /// One number from its `size()` bytes.
+    /// Decodes a number from its `size()` bytes.
     pub(super) fn decode<T: Number>(self, bytes: &[u8], little_endian: bool) -> T {
         let mut word = [0u8; 8];
         let size = self.size();
@@ -426,7 +428,7 @@ impl Scalar {
             Self::Float { .. } => T::from_f64(f64::from_bits(bits)),
             Self::Int { signed: false, .. } => T::from_i64(i64::try_from(bits).unwrap_or(i64::MAX)),
             Self::Int { size, .. } => {
-                // Moves the sign bit to the top and back, which fills the upper bits with it.
+                // The two shifts extend the sign bit to the upper bits.
                 let unused = 64 - 8 * size as u32;
                 T::from_i64((bits << unused) as i64 >> unused)
             }

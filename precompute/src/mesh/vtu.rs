@@ -1,6 +1,8 @@
-//! VTU: VTK's XML file of an unstructured grid, with data as text, base64 or raw appended bytes, plain or zlib.
+//! Reader of VTU, VTK's XML format of an unstructured grid, with text, base64 or raw appended data, plain or
+//! zlib.
 //!
-//! Cells are those of `vtk.rs`, ten-node tets with straight edges among them (node indices count vertices only).
+//! The cells are those of `vtk.rs`, including ten-node tets with straight edges (node indices count vertices
+//! only).
 
 use std::io::Read;
 use std::path::Path;
@@ -15,7 +17,7 @@ use crate::error::InputError;
 
 const DAMAGED: &str = "the file is damaged or truncated: export it again";
 
-/// Reads a file with one piece; the shared checks come with [`RawMesh::finish`].
+/// Reads a file with one piece. [`RawMesh::finish`] does the checks that all formats share.
 pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
     let (xml, appended) = split_appended(bytes);
     let text = std::str::from_utf8(&xml)
@@ -54,14 +56,14 @@ pub(super) fn read(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputError> {
     vtu.piece(piece)
 }
 
-/// Cuts the bytes of `AppendedData` out, because raw ones are not XML.
+/// Separates the bytes of `AppendedData`, because raw data are not XML.
 fn split_appended(bytes: &[u8]) -> (Vec<u8>, Option<&[u8]>) {
     let find = |needle: &[u8]| bytes.windows(needle.len()).position(|window| window == needle);
     let find_last = |needle: &[u8]| bytes.windows(needle.len()).rposition(|window| window == needle);
     let (Some(tag), Some(end)) = (find(b"<AppendedData"), find_last(b"</AppendedData")) else {
         return (bytes.to_vec(), None);
     };
-    // The data start after the first underscore of the element's content.
+    // The data start after the first underscore in the element's content.
     let content = bytes[tag..].iter().position(|&b| b == b'>').map_or(end, |at| tag + at + 1);
     let Some(start) = bytes.get(content..end).and_then(|data| data.iter().position(|&b| b == b'_')) else {
         return (bytes.to_vec(), None);
@@ -75,7 +77,7 @@ struct Vtu<'a, 'x> {
     document: &'a Document<'x>,
     appended: Option<&'a [u8]>,
     little_endian: bool,
-    /// Bytes of the integers in front of binary data.
+    /// Number of bytes of the header integers of binary data.
     header_size: usize,
     compressed: bool,
 }
@@ -96,7 +98,7 @@ impl<'a> Vtu<'a, '_> {
     }
 
     fn count(&self, node: Node<'_, '_>, attribute: &str) -> Result<usize, InputError> {
-        // Node indices are 32 bits wide; more is damage.
+        // Node indices have 32 bits; a larger count is an error.
         let n: Option<u32> = node.attribute(attribute).and_then(|n| n.trim().parse().ok());
         n.map(|n| n as usize)
             .ok_or_else(|| self.error(node, format!("`{attribute}` is not a count"), DAMAGED))
@@ -133,7 +135,7 @@ impl<'a> Vtu<'a, '_> {
         Cells { types, ends, nodes, lines: None }.into_raw(self.file, points)
     }
 
-    /// The `n` numbers of a `DataArray`.
+    /// Reads the `n` numbers of a `DataArray`.
     fn numbers<T: Number>(&self, array: Node<'_, '_>, n: usize) -> Result<Vec<T>, InputError> {
         let name = array.attribute("Name").unwrap_or("Points");
         let type_name = array.attribute("type").unwrap_or_default();
@@ -182,8 +184,8 @@ impl<'a> Vtu<'a, '_> {
         Ok(numbers)
     }
 
-    /// Plain: byte count, data. Compressed: number of blocks, their size, the last one's size if it is a partial one,
-    /// the compressed size of each; then the blocks.
+    /// Plain data: number of bytes, data. Compressed data: number of blocks, their size, the size of the last
+    /// one if it is partial, the compressed size of each block; then the blocks.
     fn binary<T: Number>(
         &self,
         array: Node<'_, '_>,
@@ -198,7 +200,7 @@ impl<'a> Vtu<'a, '_> {
             let bytes = source.take(self.header_size).ok_or_else(short)?;
             Ok(usize::try_from(header.decode::<i64>(&bytes, self.little_endian)).unwrap_or(usize::MAX))
         };
-        // What the file must hold; nothing longer is ever allocated for it.
+        // Required number of bytes; limits the allocation.
         let due = n.saturating_mul(scalar.size());
         let bytes = if self.compressed {
             let blocks = count(&mut source)?;
@@ -237,7 +239,7 @@ enum Source<'a> {
 }
 
 impl Source<'_> {
-    /// The next `n` bytes, if there are as many.
+    /// The next `n` bytes, or `None` if fewer are left.
     fn take(&mut self, n: usize) -> Option<Vec<u8>> {
         match self {
             Self::Raw(data) => {
@@ -250,8 +252,8 @@ impl Source<'_> {
     }
 }
 
-/// Base64 four characters at a time, so that padding inside the text does not matter: a header and its data may be
-/// one stream or two, and appended arrays follow each other without a mark.
+/// Decodes base64 in groups of four characters, so that padding inside the text is accepted: header and data
+/// can be one stream or two, and appended arrays follow each other without a separator.
 struct Quads<'a> {
     text: &'a [u8],
     decoded: Vec<u8>,

@@ -1,10 +1,11 @@
 //! Element types of the Gmsh format by their number.
 
-/// What an element type of the format means to this reader.
+/// Treatment of an element type by this reader.
 pub(super) enum Kind {
     Tet,
     TenNodeTet,
-    /// Points, lines and triangles: kept for the vertices of their groups. The vertices are the first of the nodes.
+    /// Points, lines and triangles: their vertices become members of groups. The vertices are the first
+    /// nodes.
     Lower {
         dimension: usize,
         vertices: usize,

@@ -1,17 +1,17 @@
-//! A mesh report as people read it: at most 80 columns but for group names and warnings.
+//! Text form of a mesh report, at most 80 columns wide except for group names and warnings.
 
 use std::fmt;
 
 use super::{MIN_BIN_DEG, MeshReport, Range, SIZE_JUMP, SLIVER_DEG};
 use crate::error::count;
 
-/// Marks of the histogram's longest bar.
+/// Number of marks of the histogram's longest bar.
 const BAR: usize = 50;
-/// Above this share of nodes on the surface a body has hardly anything inside that could deform.
+/// Above this share of nodes on the surface, the body has too few inner nodes to deform well.
 const MOST_ON_SURFACE: f64 = 0.9;
 
 impl MeshReport {
-    /// What the report has to complain of, each in one line with the fix.
+    /// Defects of the mesh, one line each with the fix.
     pub fn warnings(&self) -> Vec<String> {
         let mut said = Vec::new();
         let has = |n: usize| if n == 1 { "has" } else { "have" };
@@ -141,7 +141,7 @@ impl fmt::Display for MeshReport {
         let most = self.min_dihedral_histogram.iter().copied().max().unwrap_or(1).max(1);
         for (bin, &n) in self.min_dihedral_histogram.iter().enumerate() {
             let from = MIN_BIN_DEG * bin as f64;
-            // A bin with anything in it shows at least one mark: the rare bad tets are what one looks for.
+            // A bin that is not empty has at least one mark, because the rare bad tets matter most.
             let bar = "#".repeat((BAR * n).div_ceil(most));
             let row = format!("  {from:>2.0} - {:>2.0} {n:>9} |{bar}", from + MIN_BIN_DEG);
             writeln!(f, "{row}")?;

@@ -1,4 +1,4 @@
-//! What of a mesh makes the pressures of a mixed method doubtful.
+//! Properties of a mesh that reduce the accuracy of the pressures of a mixed method.
 
 use serde::Serialize;
 
@@ -7,22 +7,24 @@ use crate::mesh::{Surface, TetMesh};
 use super::SLIVER_DEG;
 use super::shape::smallest_dihedral_deg;
 
-/// Places where an incompressible law's pressures (P2/P1 above all) may be poor, or not determined at all.
+/// Number of places where an incompressible law's pressures (above all P2/P1) can be inaccurate or
+/// undetermined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct PressureDoubts {
-    /// All tets, to see the others in proportion.
+    /// Number of all tets, for comparison.
     pub tets: usize,
-    /// Tets with all four vertices on the surface. The proofs that P2/P1 is stable want one vertex of each tet inside.
+    /// Tets with all four vertices on the surface. The stability proofs of P2/P1 assume one interior vertex
+    /// per tet.
     pub without_interior_vertex: usize,
-    /// Tets with a dihedral angle below [`SLIVER_DEG`]: the stability constant goes with the worst shape.
+    /// Tets with a dihedral angle below [`SLIVER_DEG`]: the worst shape determines the stability constant.
     pub slivers_below_5_deg: usize,
-    /// Tets with all four vertices fixed: rigid, they ask their pressures for nothing.
+    /// Tets with all four vertices fixed. They are rigid and contribute no equation to their pressures.
     pub all_fixed: usize,
-    /// Nodes all of whose tets are `all_fixed`: no equation holds the pressure there, and the matrix is singular.
+    /// Nodes whose tets are all fixed: no equation determines their pressure, and the matrix is singular.
     pub undetermined_pressures: usize,
 }
 
-/// Looks for what makes pressures doubtful, given the fixed nodes.
+/// Counts these places for the given fixed nodes.
 pub fn doubtful_for_pressure(mesh: &TetMesh, fixed: &[u32]) -> PressureDoubts {
     let mut on_surface = vec![false; mesh.nodes_m.len()];
     for node in Surface::of(mesh).nodes {
@@ -50,7 +52,7 @@ pub fn doubtful_for_pressure(mesh: &TetMesh, fixed: &[u32]) -> PressureDoubts {
 }
 
 impl PressureDoubts {
-    /// One line for the user, if there is any doubt.
+    /// The warning in one line, or `None` without such places.
     pub fn warning(&self) -> Option<String> {
         let parts = [
             (self.without_interior_vertex, "have no vertex inside the body"),

@@ -1,4 +1,4 @@
-//! The shape of single tets, and the lengths of edges.
+//! Shape measures of a tet, and edge lengths.
 
 use std::collections::HashSet;
 
@@ -6,10 +6,11 @@ use crate::mesh::TetMesh;
 use crate::mesh::surface::FACES;
 use crate::mesh::tetrahedral::{EDGES, cross, distance, dot, norm, six_volume, sorted, sub};
 
-/// The angles between faces at the six edges, in the order of [`EDGES`].
+/// The dihedral angles at the six edges, in the order of [`EDGES`], degrees.
 ///
-/// At the edge from a to b with the other vertices c, d: the angle between (b-a) x (c-a) and (b-a) x (d-a), by
-/// atan2, which is good near 0 and 180 degrees where acos loses half its digits.
+/// The angle at the edge from a to b, with the other vertices c and d, is the angle between (b-a) x (c-a) and
+/// (b-a) x (d-a). It is computed by atan2, which is accurate near 0 and 180 degrees; acos loses half its
+/// digits there.
 pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
     // EDGES[5 - e] is the edge opposite to EDGES[e].
     std::array::from_fn(|e| {
@@ -21,7 +22,7 @@ pub(super) fn dihedral_angles_deg(x: &[[f64; 3]; 4]) -> [f64; 6] {
     })
 }
 
-/// Length of each edge once, in order of first appearance.
+/// Length of each edge, in order of first appearance.
 pub(super) fn edge_lengths(mesh: &TetMesh) -> Vec<f64> {
     let mut seen = HashSet::with_capacity(2 * mesh.tets.len());
     let mut lengths = Vec::new();

@@ -1,4 +1,4 @@
-//! Figures that can be worked out by hand, and each warning provoked.
+//! Measures with known exact values, and a mesh for each warning.
 
 use super::shape::dihedral_angles_deg;
 use super::*;
@@ -30,11 +30,11 @@ fn a_cube_reports_what_can_be_counted_by_hand() {
     assert!((report.tet_volume_m3.min - 1e-3 / 6.0).abs() < 1e-17);
     assert!((report.edge_m.min - 0.1).abs() < 1e-16);
     assert!((report.edge_m.max - 0.1 * 3f64.sqrt()).abs() < 1e-16);
-    // Kuhn's tets have two dihedral angles of 45 degrees, one of 60 and three of 90.
+    // Kuhn tets have two dihedral angles of 45 degrees, one of 60 and three of 90.
     assert!((report.dihedral_deg.min - 45.0).abs() < 1e-10);
     assert!((report.dihedral_deg.max - 90.0).abs() < 1e-10);
     assert_eq!(report.dihedral_histogram.iter().sum::<usize>(), 6 * 48);
-    // Every cell's main diagonal either ends in the one interior node or joins two surface nodes.
+    // The main diagonal of each cell ends in the only interior node or connects two surface nodes.
     let centre = 13;
     let without = mesh.tets.iter().filter(|tet| !tet.contains(&centre)).count();
     assert_eq!(report.tets_without_interior_vertex, without);
@@ -43,7 +43,7 @@ fn a_cube_reports_what_can_be_counted_by_hand() {
     assert_eq!(report.edges, 27 + (4 * 48 + 48) / 2 - 48 - 1);
     assert_eq!(report.pieces, 1);
     assert_eq!(report.largest_piece_share, 1.0);
-    // Six tets a cell, each with the outer faces of the cell's sides: 48 triangles in all.
+    // Each side of the cube has 8 outer faces: 48 triangles.
     let free: usize = report.tets_by_free_faces.iter().enumerate().map(|(n, tets)| n * tets).sum();
     assert_eq!((free, report.tets_by_free_faces.iter().sum::<usize>()), (48, 48));
     assert_eq!(report.min_dihedral_histogram[9], 48, "45 degrees, all of them: {report:?}");
@@ -71,7 +71,7 @@ fn aspect_is_one_in_a_regular_tet_and_known_in_the_corner() {
     assert!((aspect(&[nodes[0], nodes[1], nodes[2], nodes[3]]) - expected).abs() < 1e-14);
 }
 
-/// Two tets on one triangle, their tips at the given heights over and under its point (1/4, 1/4).
+/// Two tets on one triangle; their tips lie at these heights above and below its point (1/4, 1/4).
 fn kite(top: f64, bottom: f64) -> TetMesh {
     let (mut nodes, tets) = unit_tet();
     nodes[3] = [0.25, 0.25, top];
@@ -89,7 +89,8 @@ fn assert_warns(mesh: &TetMesh, words: &[&str]) {
 
 #[test]
 fn slivers_and_jumps_of_size_are_counted_at_their_bounds() {
-    // Over the foot (1/4, 1/4) the slanted edge of the triangle is the furthest, 1/sqrt(8) away: its angle is the smallest.
+    // Seen from (1/4, 1/4), the hypotenuse is the farthest edge, at a distance of 1/sqrt(8): its angle is the
+    // smallest.
     let at_slant = |deg: f64| deg.to_radians().tan() / 8f64.sqrt();
     let slivers = |deg: f64| {
         let slivers = MeshReport::of(&kite(at_slant(deg), 1.0)).slivers;
@@ -120,7 +121,7 @@ fn pieces_bad_surfaces_and_hanging_tets_are_told() {
     for word in ["pieces", "manifold", "hang", "sliver", "apart"] {
         assert_silent(&one, word);
     }
-    // Beside the cube a tet of its own, then one that touches it in a node.
+    // A separate tet next to the cube, then a tet that shares one node with the cube.
     let beside = |corner: [f64; 3], shared: Option<u32>| {
         let mut mesh = one.clone();
         let n = mesh.nodes_m.len() as u32;
@@ -167,7 +168,7 @@ fn doubts_about_pressures_follow_surface_shape_and_fixed_nodes() {
     let without = MeshReport::of(&mesh).tets_without_interior_vertex;
     let counted = |d: PressureDoubts| (d.without_interior_vertex, d.all_fixed, d.undetermined_pressures);
     assert_eq!((none.tets, counted(none), none.slivers_below_5_deg), (48, (without, 0, 0), 0));
-    // The low cell's eight corners: its six tets are rigid; the low corner itself has no other tet.
+    // The eight corners of the low cell: its six tets are rigid, and the low corner belongs to no other tet.
     let cell = [0, 1, 3, 4, 9, 10, 12, 13];
     assert_eq!(counted(doubtful_for_pressure(&mesh, &cell)), (without, 6, 1));
     let all: Vec<u32> = (0..27).collect();
@@ -178,7 +179,7 @@ fn doubts_about_pressures_follow_surface_shape_and_fixed_nodes() {
     assert!(!warning.contains('\n') && !warning.contains("dihedral"), "{warning}");
     let flat = doubtful_for_pressure(&kite(0.01, 1.0), &[]);
     assert_eq!((flat.slivers_below_5_deg, flat.without_interior_vertex), (1, 2));
-    // In a finer cube by hand: nodes with all three indices 1 to 3 are inside.
+    // In a finer cube, the nodes with all three indices from 1 to 3 are inside.
     let fine = cube(4, 0.1);
     let inside = |node: &u32| [node / 25, node / 5 % 5, node % 5].iter().all(|c| (1..4).contains(c));
     let without = fine.tets.iter().filter(|tet| !tet.iter().any(inside)).count();

@@ -1,6 +1,7 @@
-//! Solved states as files for other programs: VTU for one state, PVD for a series of them (ParaView, VisIt, PyVista).
+//! Output of solved states for other programs (ParaView, VisIt, PyVista): VTU for one state, PVD for a
+//! series.
 //!
-//! Every file is written under a temporary name and renamed, so that a reader never sees half of one.
+//! Each file is written under a temporary name and renamed, so that a reader never sees a partial file.
 
 pub mod series;
 pub mod vtu;
@@ -8,7 +9,7 @@ pub mod vtu;
 pub use series::Series;
 pub use vtu::{Cells, Field, Grid};
 
-/// A text as the value of an XML attribute.
+/// Escapes a text for an XML attribute.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -17,7 +18,7 @@ fn escaped(text: &str) -> String {
             '<' => out.push_str("&lt;"),
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
-            // XML 1.0 has no way to write most control characters.
+            // XML 1.0 cannot represent most control characters.
             c if c.is_control() => out.push('?'),
             c => out.push(c),
         }

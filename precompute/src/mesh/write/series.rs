@@ -1,4 +1,4 @@
-//! PVD: a list of VTU files and the times they belong to, which ParaView plays as an animation.
+//! PVD: a list of VTU files with their times, which ParaView shows as an animation.
 
 use std::path::{Path, PathBuf};
 
@@ -8,8 +8,8 @@ use crate::files::write_atomically;
 
 /// A growing series: `NAME.pvd`, and `NAME/step_0000.vtu`, `NAME/step_0001.vtu`, ...
 ///
-/// The list is written again after each step, so a run that is killed leaves a series of the steps so far. Files of an
-/// earlier, longer run of the same name stay in the folder, but are not in the list.
+/// The list is rewritten after each step, so that an interrupted run leaves a valid series. Files of an
+/// earlier, longer run of the same name remain in the folder but are not in the list.
 #[derive(Debug)]
 pub struct Series {
     path: PathBuf,
@@ -18,9 +18,10 @@ pub struct Series {
 }
 
 impl Series {
-    /// Starts a series; an older list of the same name is replaced by an empty one.
+    /// Starts a series and replaces an existing list by an empty one.
     ///
-    /// `path` is the list's; it must have an extension, since the folder goes by the name without it.
+    /// `path` is the path of the list. It must have an extension, because the folder's name is `path` without
+    /// it.
     pub fn create(path: &Path) -> std::io::Result<Self> {
         if path.extension().is_none() {
             let what = "the name of a series needs its extension .pvd";
@@ -37,12 +38,12 @@ impl Series {
         self.path.with_extension("")
     }
 
-    /// Writes the next step and, once it is whole, the list with it.
+    /// Writes the next step, then the list that includes it.
     pub fn add(&mut self, time: f64, grid: &Grid<'_>) -> Result<(), WriteError> {
         let file = format!("step_{:04}.vtu", self.steps);
         let folder = self.folder();
         vtu::write(&folder.join(&file), grid)?;
-        // Relative to the list, so that both can be moved together.
+        // Relative to the list, so that list and folder can be moved together.
         let folder = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
         self.entries.push_str(&format!(
             "<DataSet timestep=\"{time:?}\" part=\"0\" file=\"{}/{file}\"/>\n",
@@ -109,7 +110,7 @@ mod tests {
             series.add(time, &grid).expect("added");
             expected.push((time, format!("a & b/step_000{step}.vtu")));
             assert_eq!(list(&path), expected);
-            // What cannot be written is not listed.
+            // A step that cannot be written is not listed.
             let broken = [Field { name: "u", components: 3, values: &[0.0] }];
             assert!(series.add(9.0, &Grid { point_data: &broken, ..grid }).is_err());
             assert_eq!(list(&path), expected);

@@ -1,7 +1,7 @@
-//! VTU: one state of a body as VTK's XML file of an unstructured grid.
+//! Writer of VTU, VTK's XML format of an unstructured grid, for one state of a body.
 //!
-//! Data are inline base64 with 64-bit headers: unlike raw appended bytes that is well-formed XML, which any XML tool can
-//! read, for a third more space. A grid that does not fit together is refused and nothing is written.
+//! Data are inline base64 with 64-bit headers: well-formed XML that any XML tool can read, a third larger
+//! than raw appended bytes. An inconsistent grid is refused before a file is written.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -13,14 +13,14 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use super::escaped;
 use crate::files::write_atomically;
 
-/// The cells of a grid: tets of one order, or none but its points.
+/// The cells of a grid: tets of one order, or isolated points.
 #[derive(Debug, Clone, Copy)]
 pub enum Cells<'a> {
     /// Four vertices (VTK type 10).
     Tet4(&'a [[u32; 4]]),
-    /// Four vertices, then the middles of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
+    /// Four vertices, then the midpoints of the edges 01, 12, 02, 03, 13, 23 (VTK type 24).
     Tet10(&'a [[u32; 10]]),
-    /// So many points, each a cell of its own (VTK type 1).
+    /// This number of points, each a cell (VTK type 1).
     Vertices(usize),
 }
 
@@ -41,7 +41,7 @@ impl Cells<'_> {
         }
     }
 
-    /// Nodes per cell and VTK type.
+    /// Number of nodes per cell, and the VTK type.
     fn shape(&self) -> (usize, u8) {
         match self {
             Self::Tet4(_) => (4, 10),
@@ -51,51 +51,51 @@ impl Cells<'_> {
     }
 }
 
-/// A named array: `components` numbers per point, cell or tuple, the components of one together.
+/// A named array with `components` numbers per point, cell or tuple, stored tuple by tuple.
 #[derive(Debug, Clone, Copy)]
 pub struct Field<'a> {
-    /// Shown by the viewer; with its unit, as in `displacement_m`.
+    /// Name with unit, as in `displacement_m`; viewers display it.
     pub name: &'a str,
-    /// Numbers per point or cell: 1 scalar, 3 vector.
+    /// Numbers per point or cell: 1 for a scalar, 3 for a vector.
     pub components: usize,
-    /// The numbers.
+    /// Values, tuple by tuple.
     pub values: &'a [f64],
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid<'a> {
-    /// Rest positions.
+    /// Node positions at rest, m.
     pub nodes_m: &'a [[f64; 3]],
     /// Cells.
     pub cells: Cells<'a>,
-    /// Per node.
+    /// Data per node.
     pub point_data: &'a [Field<'a>],
-    /// Per cell.
+    /// Data per cell.
     pub cell_data: &'a [Field<'a>],
-    /// Of the whole state: one tuple each.
+    /// Data of the whole state: one tuple each.
     pub field_data: &'a [Field<'a>],
 }
 
-/// Why a grid was not written.
+/// Error of writing a grid.
 #[derive(Debug)]
 pub enum WriteError {
     /// The file could not be written.
     Io(std::io::Error),
-    /// A cell names a node that is not there.
+    /// A cell refers to a node that does not exist.
     NoSuchNode {
         /// Index of the cell.
         cell: usize,
-        /// What it names.
+        /// The node index.
         node: u32,
     },
-    /// A field has another number of values than the grid's points, cells or one tuple ask for.
+    /// The length of a field does not match the number of points or cells, or one tuple.
     FieldLength {
-        /// Its name.
+        /// Name of the field.
         field: String,
-        /// Values it has.
+        /// Number of values.
         found: usize,
-        /// Values it should have.
+        /// Required number of values.
         due: usize,
     },
 }
@@ -120,12 +120,12 @@ impl From<std::io::Error> for WriteError {
     }
 }
 
-/// Writes a grid, replacing a file of the same name at once or not at all.
+/// Writes a grid atomically; an existing file is replaced.
 pub(super) fn write(path: &Path, grid: &Grid<'_>) -> Result<(), WriteError> {
     Ok(write_atomically(path, encode(grid)?.as_bytes())?)
 }
 
-/// A grid as the text of a VTU file.
+/// The text of a VTU file.
 pub fn encode(grid: &Grid<'_>) -> Result<String, WriteError> {
     let (points, cells) = (grid.nodes_m.len(), grid.cells.len());
     let (per_cell, vtk_type) = grid.cells.shape();
@@ -176,7 +176,7 @@ fn push_floats(out: &mut String, name: &str, components: usize, more: &str, valu
     push_array(out, "Float64", name, &more, values.iter().flat_map(|value| value.to_le_bytes()));
 }
 
-/// Header (byte count) and data are one base64 stream, as VTK has it for uncompressed data.
+/// Header (number of bytes) and data form one base64 stream, as VTK requires for uncompressed data.
 fn push_array(out: &mut String, scalar: &str, name: &str, more: &str, data: impl Iterator<Item = u8>) {
     let mut bytes = vec![0; 8];
     bytes.extend(data);
@@ -221,7 +221,7 @@ mod tests {
         (mesh, std::fs::read_to_string(&path).expect("it is text"))
     }
 
-    /// The values of a named array, decoded here and not by the reader.
+    /// Values of a named array, decoded independently of the reader.
     fn floats(document: &Document<'_>, parent: &str, name: &str) -> (u32, Vec<f64>) {
         let is = |node: &Node<'_, '_>| {
             node.attribute("Name") == Some(name)
@@ -269,7 +269,7 @@ mod tests {
         let tets = [[0, 1, 2, 3, 4, 5, 6, 7, 8, 9]];
         let none = TetMesh::default();
         let grid = Grid { nodes_m: &all, cells: Cells::Tet10(&tets), ..grid(&none) };
-        // The reader checks that every mid-edge node is at the middle of its edge.
+        // The reader checks that each mid-edge node is in the middle of its edge.
         let (back, text) = read_back(&grid);
         assert_eq!((back.nodes_m, back.tets), (nodes.to_vec(), vec![[0, 1, 2, 3]]));
         let document = Document::parse(&text).expect("well-formed XML");
