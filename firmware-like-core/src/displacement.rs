@@ -1,19 +1,22 @@
 //! Surface displacements: a few modes of the whole surface, and the coefficients of each configuration.
 //!
-//! u(p) = sum_k c_k(p) phi_k + sum_corners w e,   c_k = s_k sum_corners (v a_k + g_x a_k,x + g_y a_k,y + g_z a_k,z)
+//! u(p) = sum_k c_k(p) phi_k + sum_corners w e
 //!
-//! The modes phi_k, the coefficients a_k and their slopes along the axes of the grid are int16; s_k is the product of
-//! both units. e is the residual of an outlier, a configuration that the modes do not represent well; w are the
-//! tri-linear weights.
+//! c_k = s_k sum_corners (v a_k + g_x a_k,x + g_y a_k,y + g_z a_k,z)
+//!
+//! The modes phi_k, the coefficients a_k and their slopes along the axes of the grid are int16; s_k is the
+//! product of both units. e is the residual of an outlier, a configuration that the modes do not represent
+//! well; w are the tri-linear weights.
 //!
 //! - Without slopes v = w: tri-linear, with an error of order spacing^2.
-//! - With slopes v = H L L + L H L + L L H - 2 w, g_x = G L L, and so on: cubic Hermite along each axis (H weights values,
-//!   G slopes) and linear across it (L). Every cubic is reproduced, so the error is of order spacing^4 as that of the
-//!   tensor cubic, but no mixed derivative is needed. On a face everything depends on its four corners: u is continuous,
-//!   though not C1. The slopes fade out towards a fold, as in the method `energy`.
+//! - With slopes v = H L L + L H L + L L H - 2 w, g_x = G L L, and so on: cubic Hermite along each axis (H
+//!   weights values, G slopes) and linear across it (L). Every cubic is reproduced, so the error is of order
+//!   spacing^4, as for the tensor cubic, but without mixed derivatives. On a face everything depends on its
+//!   four corners: u is continuous, though not C1. The slopes fade out towards a fold, as in the method
+//!   `energy`.
 //!
-//! The modes are sorted by size, and only as many of the first have slopes as the packer found useful. The table is for
-//! pictures at 30 Hz and is not evaluated by the tick.
+//! The modes are sorted by size; only the first [`DisplacementPlanes::slopes`] have slopes, a number that the
+//! packer selects. The table is for pictures at 30 Hz; the tick does not evaluate it.
 
 use crate::grid::flags::{self, FOLD, SMOOTH};
 use crate::grid::{BallLattice, corner_slots, corner_weights};
@@ -70,7 +73,8 @@ struct Part<'a> {
 }
 
 impl<'a> DisplacementTable<'a> {
-    /// Checks that every slot has a row, that rows, modes and outliers are complete, and that no sum can overflow.
+    /// Checks that every slot has a row, that rows, modes and outliers are complete, and that no sum can
+    /// overflow.
     ///
     /// Errors: [`PlaneError`] with the name of the plane.
     pub fn new(
@@ -108,7 +112,7 @@ impl<'a> DisplacementTable<'a> {
         &self.planes
     }
 
-    /// The same table, interpolated without its slopes: the reference for their benefit.
+    /// The same table, interpolated without its slopes: the reference that shows their benefit.
     #[must_use]
     pub const fn without_slopes(mut self) -> Self {
         self.used = 0;
@@ -117,9 +121,9 @@ impl<'a> DisplacementTable<'a> {
 
     /// Displacement of the surface where the active node is displaced by `displacement_m`; both in metres.
     ///
-    /// Shapes: `out` has one entry per surface vertex; surplus entries are set to zero, missing ones are skipped.
-    /// `flags` are those of the space. Outside the ball the result is that at the rim; for a displacement that is not
-    /// finite it is that at rest.
+    /// Shapes: `out` has one entry per surface vertex; surplus entries are set to zero, missing ones are
+    /// skipped. `flags` are those of the space. Outside the ball the result equals that at the rim. A
+    /// displacement that is not finite gives the result at rest.
     pub fn displacement_into(
         &self,
         lattice: &BallLattice,
@@ -215,7 +219,8 @@ fn add_block(out: &mut [f32], [a, b, c, d]: [&[i16]; BLOCK], [fa, fb, fc, fd]: [
 
 /// Weights of the values and slopes at the corners, in the order of [`crate::grid::CORNERS`].
 fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
-    // Of the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the slope.
+    // Of the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the
+    // slope.
     let [x, y, z] = t.map(|t| {
         let s = 1.0 - t;
         [(s, (1.0 + 2.0 * t) * s * s, t * s * s), (t, (3.0 - 2.0 * t) * t * t, -s * t * t)]

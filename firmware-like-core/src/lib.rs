@@ -1,7 +1,8 @@
-//! The controller core: reads an organ blob, finds contact, interpolates the reaction force and limits it, at 1 kHz.
+//! The controller core: reads an organ blob, finds contact, interpolates the reaction force and limits it, at
+//! 1 kHz.
 //!
 //! ```text
-//! blob (planes, CRC) -> Organ::read -> Space (lattice, tables) -> contact -> interpolate -> limit -> force for the hand
+//! blob (planes, CRC) -> Organ::read -> Space (lattice, tables) -> contact -> interpolate -> limit -> force
 //! ```
 //!
 //! From the bytes of a blob to a command:
@@ -28,18 +29,21 @@
 //! ```
 //!
 //! Strata, lowest first; a module imports only from those before it (a test of the workspace asserts it):
-//! [`mod@vec3`] and [`lanes`] (numbers), [`plane`] (checks of arrays), [`grid`], [`method`] (the interpolants, behind one
-//! trait), [`displacement`] (the surface for pictures), [`space`], [`blob`], [`touch`] (contact), [`guard`] (limits),
-//! [`controller`].
+//! [`mod@vec3`] and [`lanes`] (numbers), [`plane`] (checks of arrays), [`grid`], [`method`] (the
+//! interpolants, behind one trait), [`displacement`] (the surface for pictures), [`space`], [`blob`],
+//! [`touch`] (contact), [`guard`] (limits), [`controller`].
 //!
 //! Invariants:
-//! - no allocation, no `unsafe`, no panic, no unbounded loop, no clock and no I/O in a tick: time is an argument;
-//! - what [`Organ::read`] accepts can be queried without a further check, and every result is finite;
-//! - h is the force by the tool ON the body. The hand is given -h, and whatever is meant for it is named `hand_*`;
+//! - a tick has no allocation, no `unsafe`, no panic, no unbounded loop, no clock and no I/O: time is an
+//!   argument;
+//! - an organ that [`Organ::read`] accepts can be queried without a further check, and every result is
+//!   finite;
+//! - h is the force by the tool ON the body. The hand is given -h; quantities for the hand are named
+//!   `hand_*`;
 //! - positions are in the model frame, displacements relative to the active node at rest; SI units.
 //!
-//! Features, none by default: `std` uses the hardware square root, with the same bits, and implies `alloc`, which adds
-//! [`AlignedBytes`]. This crate depends on no other of the workspace.
+//! Features, none by default: `std` uses the hardware square root, with the same bits, and implies `alloc`,
+//! which adds [`AlignedBytes`]. This crate depends on no other of the workspace.
 #![cfg_attr(not(any(test, feature = "std")), no_std)]
 #![forbid(unsafe_code)]
 

@@ -2,8 +2,8 @@
 
 use core::fmt;
 
-/// Largest absolute value that a force or a position may have, newtons or metres: far beyond any organ, and small
-/// enough that no interpolation of such values overflows.
+/// Largest absolute value that a force or a position may have, newtons or metres: far beyond any organ, and
+/// small enough that no interpolation of such values overflows.
 pub(crate) const LARGEST_VALUE: f32 = 1e9;
 
 /// Why a plane was refused.

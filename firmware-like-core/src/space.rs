@@ -1,7 +1,8 @@
-//! One configuration space: an active node, the grid of its displacements, and the tables of the packed methods.
+//! One configuration space: an active node, the grid of its displacements, and the tables of the packed
+//! methods.
 //!
-//! Tables are checked views of planes: lengths, indices and values are verified when the space is built, so a query can
-//! neither fail nor return a number that is not finite.
+//! Tables are checked views of planes: lengths, indices and values are verified when the space is built, so a
+//! query can neither fail nor return a number that is not finite.
 
 use heapless::String;
 
@@ -34,7 +35,8 @@ pub struct ActiveNode {
     pub outward_normal: Vec3,
 }
 
-/// Planes of one space. Every plane but the flags belongs to a method, or to the pictures, and may be absent.
+/// Planes of one space. All planes except the flags are optional: each belongs to a method or to the
+/// pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SpacePlanes<'a> {
     /// One byte per slot of the box, see [`crate::flags`].
@@ -70,8 +72,8 @@ pub struct Space<'a> {
 impl<'a> Space<'a> {
     /// Checks the planes. `vertices` is the number of surface vertices that the displacements refer to.
     ///
-    /// Errors: [`PlaneError`] with the name of the first plane that does not fit the lattice or the other planes, or
-    /// has values that are not finite. The numbers of the active node are the caller's.
+    /// Errors: [`PlaneError`] with the name of the first plane that does not fit the lattice or the other
+    /// planes, or has values that are not finite. The active node is not checked.
     pub fn new(
         active: ActiveNode,
         lattice: BallLattice,
@@ -139,7 +141,7 @@ impl<'a> Space<'a> {
         self.displacement.as_ref()
     }
 
-    /// All planes, for an evaluation by other means.
+    /// All planes, for example for a reference evaluation.
     pub fn planes(&self) -> SpacePlanes<'a> {
         SpacePlanes {
             flags: self.flags,
@@ -159,8 +161,9 @@ impl<'a> Space<'a> {
 
     /// Reaction force h at a displacement of the active node, metres in and newtons out.
     ///
-    /// `None` only if the planes of the method are absent. Outside the domain of the method the force is continued from
-    /// the rim, for a displacement that is not finite it is that at rest; both are `Extrapolated`.
+    /// `None` only if the planes of the method are absent. Outside the domain of the method the force is
+    /// continued from the rim. A displacement that is not finite gives the force at rest. Both are
+    /// `Extrapolated`.
     pub fn force(&self, method: Method, displacement_m: Vec3) -> Option<ForceSample> {
         self.force_on(Baseline, method, displacement_m)
     }
@@ -175,12 +178,12 @@ impl<'a> Space<'a> {
     ) -> Option<ForceSample> {
         match self.ask(method, Inside { machine, displacement_m: &displacement_m })? {
             Ok(sample) => Some(sample),
-            // Not as an array, which would have to be in memory.
+            // Passed as components, because an array would have to be in memory.
             Err([x, y, z]) => self.force_outside(method, x, y, z),
         }
     }
 
-    /// Not inlined, so that the usual path of the tick is short.
+    /// Not inlined, so that the common path of the tick is short.
     #[cold]
     #[inline(never)]
     fn force_outside(&self, method: Method, x: f32, y: f32, z: f32) -> Option<ForceSample> {
@@ -194,7 +197,8 @@ impl<'a> Space<'a> {
         self.ask(method, Everything { displacement_m })
     }
 
-    /// Surface displacement at a displacement of the active node, see [`DisplacementTable::displacement_into`].
+    /// Surface displacement at a displacement of the active node, see
+    /// [`DisplacementTable::displacement_into`].
     ///
     /// Returns false, and sets `out` to zero, where the space has no surface displacements.
     pub fn displacement_into(&self, displacement_m: Vec3, out: &mut [Vec3]) -> bool {
@@ -205,7 +209,7 @@ impl<'a> Space<'a> {
         self.displacement.is_some()
     }
 
-    /// Evaluates a question with the interpolant of a method; `None` if its planes are absent.
+    /// Evaluates a query with the interpolant of a method; `None` if its planes are absent.
     #[inline(always)]
     fn ask<Q: Question>(&self, method: Method, question: Q) -> Option<Q::Answer> {
         let ball = Ball { lattice: &self.lattice, flags: self.flags };
@@ -225,7 +229,7 @@ impl<'a> Space<'a> {
     }
 }
 
-/// What is asked of a method, whichever it is: a closure that is generic in the interpolant.
+/// A query to the interpolant of any method: a closure that is generic in the interpolant.
 trait Question {
     type Answer;
     fn of<I: Interpolant>(self, method: I) -> Self::Answer;

@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What is known of one grid point's configuration.
+/// State of the configuration at one grid point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ConfigTag {
     /// Not solved yet.
     Unknown,
-    /// Solved, and its neighbours may be reached from it.
+    /// Solved; its neighbours may be solved from it.
     Expandable,
-    /// Solved, but the reaction is beyond the device's force: the expansion stops here.
+    /// Solved, but the reaction exceeds the force of the device: the expansion stops here.
     Terminating,
-    /// Newton did not converge from its parent. Expected physics, not an error.
+    /// Newton's method did not converge from its parent. This is expected physics, not an error.
     Failed,
 }
 
@@ -29,12 +29,12 @@ impl ConfigTag {
         }
     }
 
-    /// Reads back [`ConfigTag::name`].
+    /// The tag with this [`ConfigTag::name`].
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|tag| tag.name() == name)
     }
 
-    /// Whether a converged solution stands behind this tag.
+    /// Whether the configuration has a converged solution.
     pub const fn is_solved(self) -> bool {
         matches!(self, Self::Expandable | Self::Terminating)
     }

@@ -191,7 +191,7 @@ typedef struct PalpateConfig {
   float workspace_scale;
   // Resolution of the positions, metres of the model; 0 if unlimited.
   float position_step_m;
-  // Time that a force takes to the motors, us.
+  // Delay from sending a force to its effect at the motors, us.
   uint32_t force_delay_us;
   // Number of ticks without a fresh sample in which the last command is held; after them the force is
   // zero.

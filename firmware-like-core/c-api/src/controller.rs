@@ -66,7 +66,7 @@ pub struct PalpateConfig {
     pub workspace_scale: f32,
     /// Resolution of the positions, metres of the model; 0 if unlimited.
     pub position_step_m: f32,
-    /// Time that a force takes to the motors, us.
+    /// Delay from sending a force to its effect at the motors, us.
     pub force_delay_us: u32,
     /// Number of ticks without a fresh sample in which the last command is held; after them the force is
     /// zero.

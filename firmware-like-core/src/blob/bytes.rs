@@ -1,4 +1,4 @@
-//! Bytes at an address that a blob may start at: the planes of a blob are used in place, and f64 needs alignment.
+//! Aligned bytes: the planes of a blob are used in place, and those of f64 need an address divisible by 8.
 
 #[cfg(feature = "alloc")]
 use alloc::vec::Vec;
@@ -18,7 +18,8 @@ use core::ops::{Deref, DerefMut};
 #[derive(Debug, Clone, Copy)]
 pub struct Aligned<T: ?Sized>(pub T);
 
-/// Bytes on the heap at an address divisible by 8, for a blob that is read at run time. Needs the feature `alloc`.
+/// Bytes on the heap at an address divisible by 8, for a blob that is read at run time. Needs the feature
+/// `alloc`.
 #[cfg(feature = "alloc")]
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct AlignedBytes {
@@ -28,7 +29,7 @@ pub struct AlignedBytes {
 
 #[cfg(feature = "alloc")]
 impl AlignedBytes {
-    /// `len` zeros, to be overwritten.
+    /// `len` bytes, all zero, for the caller to overwrite.
     pub fn zeroed(len: usize) -> Self {
         Self { words: alloc::vec![0; len.div_ceil(8)], len }
     }

@@ -56,9 +56,9 @@ pub enum BlobError {
     Header,
     /// The blob exceeds a capacity of this build of the core, see [`crate::Limits`].
     Capacity {
-        /// What there is too much of.
+        /// The quantity that exceeds its limit.
         what: &'static str,
-        /// Its space, or `None` for the organ.
+        /// Index of the space concerned, or `None` for the organ.
         space: Option<u16>,
         /// The number in the blob.
         need: usize,
@@ -69,21 +69,21 @@ pub enum BlobError {
     Value {
         /// The field.
         what: &'static str,
-        /// Its space, or `None` for the organ.
+        /// Index of the space concerned, or `None` for the organ.
         space: Option<u16>,
     },
     /// The grid of a space was refused.
     Lattice {
-        /// The space.
+        /// Index of the space.
         space: u16,
-        /// Why.
+        /// The reason.
         error: LatticeError,
     },
     /// A plane of the surface or of a space was refused.
     Plane {
-        /// The space, or `None` for the surface.
+        /// Index of the space, or `None` for the surface.
         space: Option<u16>,
-        /// Why.
+        /// The reason.
         error: PlaneError,
     },
 }
@@ -105,14 +105,17 @@ impl fmt::Display for BlobError {
         const AGAIN: &str = "make it again with `palpate pack`";
         match self {
             Self::TooShort { have, need } => {
-                write!(f, "{have} bytes are no organ blob (the smallest has {need}): is this the right file?")
+                write!(
+                    f,
+                    "{have} bytes are not an organ blob (the smallest has {need}): is this the right file?"
+                )
             }
             Self::Misaligned => f.write_str(
                 "the buffer must start at an address divisible by 8: load it into an array of u64",
             ),
-            Self::BadMagic => {
-                f.write_str("this is no organ blob (it does not start with PALPATE): is this the right file?")
-            }
+            Self::BadMagic => f.write_str(
+                "this is not an organ blob (it does not start with PALPATE): is this the right file?",
+            ),
             Self::Truncated { have, need } => {
                 write!(f, "the file is cut short ({have} of {need} bytes): copy it again, or {AGAIN}")
             }

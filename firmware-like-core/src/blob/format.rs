@@ -6,16 +6,17 @@
 //! 8               4            u32 version = 3, or 4 where a space has a kernel
 //! 12              4            u32 header_len
 //! 16              8            u64 total_len: the whole file, checksum included
-//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard); in version 4
-//!                              as many Option<KernelHeader> after them
+//! 24              header_len   header: one Preamble, then Preamble::space_count SpaceHeaders (postcard);
+//!                              in version 4 as many Option<KernelHeader> after them
 //! ..              ..           zero padding to the next multiple of 64: here the plane area starts
 //! plane area      ..           planes, each at a multiple of 64 bytes, zero padding between them
 //! total_len - 4   4            u32 CRC-32 (ISO-HDLC) of all bytes before it
 //! ```
 //!
-//! A [`PlaneRef`] counts its offset from the start of the plane area, not of the file. The integers of postcard have a
-//! length that depends on their value, so offsets from the start of the file would depend on themselves. The bulk data
-//! is not in postcard, which decodes element by element; planes are used where they lie.
+//! A [`PlaneRef`] counts its offset from the start of the plane area, not of the file. The integers of
+//! postcard have a length that depends on their value, so offsets from the start of the file would depend on
+//! themselves. The bulk data is not in postcard, which decodes element by element; planes are used where they
+//! lie.
 //!
 //! The writer in `palpate-precompute` serialises the types that the reader here decodes.
 
@@ -52,7 +53,8 @@ pub(crate) const LAW_NAME_LEN: usize = 48;
 /// The checksum of a blob.
 pub const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
-/// Offset of the plane area in the file for a header of this length; `None` beyond the end of the address space.
+/// Offset of the plane area in the file for a header of this length; `None` beyond the end of the address
+/// space.
 pub(crate) const fn plane_area_start(header_len: usize) -> Option<usize> {
     match PREFIX_LEN.checked_add(header_len) {
         Some(end) => end.checked_next_multiple_of(ALIGNMENT),
@@ -60,9 +62,9 @@ pub(crate) const fn plane_area_start(header_len: usize) -> Option<usize> {
     }
 }
 
-/// Emits a blob from its serialised header and its plane area, in pieces: everything round them, checksum included.
+/// Emits a blob in pieces: prefix, serialised header, padding, plane area and checksum.
 ///
-/// `None` if the header is longer than its length field can state; then nothing is emitted.
+/// Returns `None` if the header is longer than its length field can state; then nothing is emitted.
 pub fn write(version: u32, header: &[u8], planes: &[u8], mut emit: impl FnMut(&[u8])) -> Option<()> {
     let header_len = u32::try_from(header.len()).ok()?;
     let start = plane_area_start(header.len())?;
@@ -79,7 +81,8 @@ pub fn write(version: u32, header: &[u8], planes: &[u8], mut emit: impl FnMut(&[
     Some(())
 }
 
-/// Location of a plane, an array of equal elements. Their type follows from the field that contains the reference.
+/// Location of a plane, an array of equal elements. Their type follows from the field that contains the
+/// reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct PlaneRef {
     /// Bytes from the start of the plane area; a multiple of [`ALIGNMENT`].
@@ -101,7 +104,8 @@ pub struct Preamble {
     pub mesh_hash: [u8; 32],
     /// Surface of the body.
     pub surface: SurfaceHeader,
-    /// u8: the certificate as JSON (UTF-8), for people and tools; the core does not read it. Always the last plane.
+    /// u8: the certificate as JSON (UTF-8), for people and tools; the core does not read it. Always the last
+    /// plane.
     pub certificate: Option<PlaneRef>,
     /// Number of [`SpaceHeader`]s that follow.
     pub space_count: u32,
@@ -135,7 +139,8 @@ pub struct SpaceHeader {
     pub spacing_m: f32,
     /// Grid radius, metres.
     pub radius_m: f32,
-    /// u8 per slot of the box, see [`crate::flags`]; the derived bits are those of [`crate::flags::derive()`].
+    /// u8 per slot of the box, see [`crate::flags`]; the derived bits are those of
+    /// [`crate::flags::derive()`].
     pub flags: PlaneRef,
     /// `[f32; 3]` per slot: h in newtons, finite in every slot (extrapolated where unsolved), 0 at rest.
     pub force_n: Option<PlaneRef>,
@@ -169,7 +174,8 @@ pub struct KernelHeader {
     pub reach: PlaneRef,
 }
 
-/// Planes of one set of radial basis functions, padded to a multiple of [`crate::method::baseline::rbf::LANES`].
+/// Planes of one set of radial basis functions, padded to a multiple of
+/// [`crate::method::baseline::rbf::LANES`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct RbfHeader {
     /// x, y, z of the centres, in cells.

@@ -1,7 +1,8 @@
 //! Capacities of a build of the core: the one place where they are defined.
 //!
-//! Tables are used where they lie, so the number of spaces alone costs memory; the other limits bound the time of a tick,
-//! of a picture and of the check at the start. A blob that exceeds a limit is refused with [`crate::BlobError::Capacity`].
+//! Tables are used in place, so memory depends only on the number of spaces; the other limits bound the time
+//! of a tick, of a picture and of the check at the start. A blob that exceeds a limit is refused with
+//! [`crate::BlobError::Capacity`].
 
 use super::Organ;
 
@@ -21,13 +22,14 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// A real-time PC: the largest sets that are fitted, twice the paper's finest grid (14,146 points), and 50 times the
-    /// bundled surface.
+    /// A real-time PC: the largest sets that are fitted, twice the paper's finest grid (14,146 points), and
+    /// 50 times the bundled surface.
     pub const PC: Self =
         Self { slots: 255 * 255 * 255, centres: 32_768, vertices: 100_000, triangles: 200_000, modes: 1_024 };
 
-    /// A microcontroller: grids of up to 5 cells and forces only; the surface may lie in flash, unused. The paper's
-    /// coarsest grid has 5 cells: 514 points, 1,015 with rest and the corners that complete the cells at the rim.
+    /// A microcontroller: grids of up to 5 cells and forces only; the surface may lie in flash, unused. The
+    /// paper's coarsest grid has 5 cells: 514 points, 1,015 with rest and the corners that complete the cells
+    /// at the rim.
     pub const MICROCONTROLLER: Self =
         Self { slots: 13 * 13 * 13, centres: 1_024, vertices: 2_000, triangles: 4_000, modes: 0 };
 }

@@ -1,8 +1,8 @@
 //! Reads a blob: verifies everything once and copies only names.
 //!
-//! After [`Organ::read`] has returned, every plane is in bounds, every float finite, every index in range and every flag
-//! consistent, so that no query needs a check. The checksum detects damage before any content is used; the other checks
-//! are for a blob that was written incorrectly.
+//! After [`Organ::read`] has returned, every plane is in bounds, every float finite, every index in range and
+//! every flag consistent, so that no query needs a check. The checksum detects damage before any content is
+//! used; the other checks are for a blob that was written incorrectly.
 
 use bytemuck::Pod;
 use heapless::{String, Vec};
@@ -31,7 +31,7 @@ const UNIT_TOLERANCE: f32 = 1e-3;
 pub struct Organ<'a, const MAX_SPACES: usize = PC_SPACES> {
     /// Name of the scene that it was made from.
     pub scene: String<SCENE_NAME_LEN>,
-    /// Name of the material law.
+    /// Name of the material law (the first, where regions differ).
     pub law: String<LAW_NAME_LEN>,
     /// The largest force of the device that the scene was made for, newtons.
     pub max_force_n: f32,
@@ -90,9 +90,9 @@ impl<'a, const MAX_SPACES: usize> Organ<'a, MAX_SPACES> {
         }
     }
 
-    /// [`Organ::read_within`] into memory that exists already: an organ of many spaces is large for a stack.
+    /// [`Organ::read_within`] into existing memory, because an organ of many spaces is large for a stack.
     ///
-    /// Errors: as there. The organ must not be used after an error.
+    /// Errors: as [`Organ::read_within`]. The organ must not be used after an error.
     pub fn load(&mut self, bytes: &'a [u8], limits: &Limits) -> Result<(), BlobError> {
         let (version, header, planes) = open(bytes)?;
         let (preamble, mut rest) = decode::<Preamble>(header)?;
@@ -152,7 +152,7 @@ fn open(bytes: &[u8]) -> Result<(u32, &[u8], Planes<'_>), BlobError> {
     if *magic != MAGIC {
         return Err(BlobError::BadMagic);
     }
-    // Before lengths and checksum, which another version may have elsewhere.
+    // The version is checked before lengths and checksum, because another version may have those elsewhere.
     let version = u32::from_le_bytes(*version);
     match version {
         VERSION_WITHOUT_KERNELS..=VERSION => {}

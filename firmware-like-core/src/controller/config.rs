@@ -51,7 +51,7 @@ impl Config {
             ("max_damping_n_s_m", passivity.max_damping_n_s_m),
             ("position_step_m", passivity.position_step_m),
         ];
-        // Infinite for no limit.
+        // An infinite value means that there is no limit.
         let unlimited = [
             ("max_stiffness_n_m", limits.max_stiffness_n_m > 0.0),
             ("friction", contact.friction >= 0.0),

@@ -1,8 +1,9 @@
 //! One tick of the haptic loop: (config, &mut state, now, sample) -> command.
 //!
-//! Time is an argument; nothing is allocated or locked, every loop is bounded, and for any input the command is finite and
-//! its force within the limit. A fault is latched: the force is zero at once, regardless of the slew limit, until
-//! [`State::reset`] and [`State::arm`]. A force of zero is always safe; a wrong force is not.
+//! Time is an argument; nothing is allocated or locked, every loop is bounded, and for any input the command
+//! is finite and its force within the limit. A fault is latched: the force is zero at once, regardless of the
+//! slew limit, until [`State::reset`] and [`State::arm`]. A force of zero is always safe; a wrong force is
+//! not.
 
 mod config;
 mod state;
@@ -64,7 +65,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         self.stiffest_n_m
     }
 
-    /// The factor of all forces for the hand that keeps the stiffness within the limit: 1 if it is within already.
+    /// The factor that scales all forces for the hand to keep the stiffness within the limit; 1 if none is
+    /// needed.
     pub const fn force_share(&self) -> f32 {
         self.force_share
     }
@@ -81,15 +83,16 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
 
     /// One tick: the force to send to the hand now.
     ///
-    /// `sample` is the newest reading, or `None` if there is none since the last tick. `now_us` must not decrease.
+    /// `sample` is the newest reading, or `None` if there is none since the last tick. `now_us` must not
+    /// decrease.
     pub fn tick(&self, state: &mut State, now_us: u64, sample: Option<&Sample>) -> Command {
         self.tick_with(state, now_us, sample, |space, displacement_m| {
             space.force(self.config.method, *displacement_m)
         })
     }
 
-    /// [`Controller::tick`] with the caller's evaluation of [`Space::force`] for the configured method, for example with the
-    /// vector instructions of this machine.
+    /// [`Controller::tick`] with the caller's evaluation of [`Space::force`] for the configured method, for
+    /// example with the vector instructions of this machine.
     pub fn tick_with(
         &self,
         state: &mut State,
@@ -125,7 +128,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let limits = &self.config.limits;
         let before_us = state.now_us.unwrap_or(now_us);
         let elapsed_us = now_us.checked_sub(before_us).ok_or(Fault::Internal)?;
-        // The exchange that brought this sample has sent the last force.
+        // The exchange that read this sample also sent the last force.
         state.passivity.sent(now_us, state.last.hand_force_n);
         let armed_us = match state.armed_us {
             Some(armed_us) => armed_us,
@@ -167,8 +170,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
     }
 
-    /// Upper bound of the energy stored in the body as the hand feels it, J in metres of the device: |h| |d|, twice the
-    /// energy of a spring, for any force that increases with the displacement.
+    /// Upper bound of the energy stored in the body as the hand feels it, J in metres of the device: |h| |d|,
+    /// twice the energy of a spring, for any force that increases with the displacement.
     fn max_stored_j(&self, last: &Command) -> f32 {
         let felt_n = self.force_share * vec3::norm(last.reaction_n);
         felt_n * vec3::norm(last.displacement_m) / self.config.passivity.workspace_scale
@@ -219,7 +222,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
-    /// h = sum w_i h_i(d). The coverage is that of the first space, or `Extrapolated` if that of any space is.
+    /// h = sum w_i h_i(d). The coverage is that of the first space, or `Extrapolated` if that of any space
+    /// is.
     fn blended(
         &self,
         at: &Engaged,
@@ -247,7 +251,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         sum
     }
 
-    /// Whether a pushing tool would be pulled by the model, or a grasping tool exceeds the range or the force of its grasp.
+    /// Whether a pushing tool would be pulled by the model, or a grasping tool exceeds the range or the force
+    /// of its grasp.
     ///
     /// h . n is negative while the tool presses; a pushing tool cannot pull tissue.
     fn is_released(&self, at: &Engaged, displacement_m: Vec3, reaction_n: Vec3) -> bool {

@@ -1,4 +1,4 @@
-//! What goes into a tick, what comes out of it, and what is kept from tick to tick.
+//! Input, output and state of a tick.
 
 use crate::guard::fade::Fade;
 use crate::guard::limit::StaleWatch;
@@ -91,7 +91,7 @@ pub struct Command {
     pub displacement_m: Vec3,
     /// The HIP that the command refers to: the newest valid one, model frame, metres.
     pub hip_m: Vec3,
-    /// Index of the engaged space, of the one with the largest weight where there are several.
+    /// Index of the engaged space; the one with the largest weight if there are several.
     pub engaged: Option<u16>,
     /// The engaged spaces and their weights; all weights are 0 without contact.
     pub shares: [Share; 3],
@@ -173,8 +173,8 @@ impl State {
         self.phase
     }
 
-    /// Starts rendering, without contact and from zero force. Returns whether the controller is active now; after a
-    /// fault [`State::reset`] is needed first.
+    /// Starts rendering, without contact and from zero force. Returns whether the controller is active now;
+    /// after a fault [`State::reset`] is needed first.
     pub fn arm(&mut self) -> bool {
         if self.phase == Phase::Disarmed {
             self.enter(Phase::Active);
@@ -189,17 +189,18 @@ impl State {
         }
     }
 
-    /// Latches a fault that the controller cannot detect itself; the force is zero from the next command on. Without
-    /// effect while disarmed.
+    /// Latches a fault that the controller cannot detect itself. The force is zero from the next command on.
+    /// No effect while disarmed.
     pub fn trip(&mut self, fault: Fault) {
         if self.phase == Phase::Active {
             self.enter(Phase::SafeZero(fault));
         }
     }
 
-    /// Announces that the next tick belongs to a controller of another organ: the force changes over smoothly.
+    /// Announces that the next tick belongs to a controller of another organ: the force makes a smooth
+    /// transition.
     ///
-    /// A touch continues if the new organ has the same active nodes on the same surface, and ends otherwise.
+    /// A touch continues if the new organ has the same active nodes on the same surface, otherwise it ends.
     pub fn hand_over(&mut self, same_nodes: bool) {
         self.handed_over = true;
         if !same_nodes {
@@ -212,7 +213,7 @@ impl State {
         self.enter(Phase::Disarmed);
     }
 
-    /// Enters a phase; of the previous one only the clock and the HIP are kept.
+    /// Enters a phase and resets all state except the clock and the HIP.
     pub(super) fn enter(&mut self, phase: Phase) {
         *self =
             Self { phase, now_us: self.now_us, last: Command::zero(phase, self.last.hip_m), ..Self::new() };

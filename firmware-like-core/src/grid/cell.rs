@@ -2,7 +2,8 @@
 
 use crate::num::vec3::Vec3;
 
-/// The corners of a cell as offsets from its low corner, in the order used everywhere: z fastest, as slots are.
+/// The corners of a cell as offsets from its low corner, in the order used everywhere: z fastest, as slots
+/// are.
 pub const CORNERS: [[i32; 3]; 8] =
     [[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]];
 

@@ -1,7 +1,9 @@
-//! One byte per slot: which configurations are solved, and which cells and super-cells are therefore complete.
+//! One byte per slot: which configurations are solved, and which cells and super-cells are therefore
+//! complete.
 //!
-//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`FOLD`]. The writer derives
-//! them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only looks them up.
+//! [`CELL`], [`SUPERCELL`] and [`INTERIOR`] follow from [`SOLVED`], and [`SMOOTH`] from [`FOLD`]. The writer
+//! derives them with [`derive()`], the reader verifies them with [`first_inconsistent`]; a query only looks
+//! them up.
 
 use super::{BallLattice, CORNERS, Strides, corner_slots, corner_weights};
 use crate::num::vec3::{self, Vec3};
@@ -18,7 +20,8 @@ pub const CELL: u8 = 8;
 pub const SUPERCELL: u8 = 16;
 /// All 8 cells that touch this slot are SUPERCELL.
 pub const INTERIOR: u8 = 32;
-/// The cell whose low corner is this slot has corners on different solution branches: the force jumps inside it.
+/// The corners of the cell whose low corner is this slot lie on different solution branches (a bifurcation,
+/// called fold here): the force jumps inside the cell.
 pub const FOLD: u8 = 64;
 /// None of the 8 cells that touch this slot is FOLD.
 pub const SMOOTH: u8 = 128;
@@ -93,7 +96,8 @@ pub fn first_inconsistent(lattice: &BallLattice, flags: &[u8]) -> Option<usize> 
     })
 }
 
-/// Smoothstep of the tri-linear interpolation of a flag: 1 where all corners of the cell have it, 0 where none has.
+/// Smoothstep of the tri-linear interpolation of a flag: 1 where all corners of the cell have it, 0 where
+/// none has.
 ///
 /// w(t) = s^2 (3 - 2 s),   s = sum of w_c(t) over the corners c with the flag
 #[inline(always)]

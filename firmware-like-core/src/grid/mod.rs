@@ -1,8 +1,10 @@
-//! The uniform grid of one configuration space: the lattice points of a ball, and the box of slots that holds them.
+//! The uniform grid of one configuration space: the lattice points of a ball, and the box of slots that holds
+//! them.
 //!
-//! The points are n (in cells) with |n| <= radius / spacing. With R the radius in cells, rounded up, tables cover the box
-//! -E..=E per axis, E = R + 1: one layer more than the ball, so that all 64 points of every cell's super-cell have a slot
-//! and no interpolant tests for an edge. Slots are numbered with the last index (z) fastest.
+//! The points are n (in cells) with |n| <= radius / spacing. With R the radius in cells, rounded up, tables
+//! cover the box -E..=E per axis, E = R + 1: one layer more than the ball, so that all 64 points of every
+//! cell's super-cell have a slot and no interpolant tests for an edge. Slots are numbered with the last index
+//! (z) fastest.
 
 mod cell;
 pub mod flags;
@@ -16,22 +18,24 @@ use crate::num::lanes::F32x4;
 use crate::num::math;
 use crate::num::vec3::{self, Vec3};
 
-/// Relative tolerance of radius / spacing: 0.1 / (0.1 / 7) in f32 has to count 7 cells. Eight times the rounding error of
-/// the quotient of two rounded f32, and less than the distance of two shells |n| = sqrt(k) up to [`MAX_CELLS`].
+/// Relative tolerance of radius / spacing: 0.1 / (0.1 / 7) in f32 has to count 7 cells. It is eight times the
+/// rounding error of the quotient of two rounded f32, and less than the distance of two shells |n| = sqrt(k)
+/// up to [`MAX_CELLS`].
 const SLACK: f64 = 1e-6;
 
 /// Largest radius in cells: 255^3 slots. Every index then fits in u32, and every offset of a blob in 32 bits.
 pub const MAX_CELLS: i32 = 126;
 
-/// Smallest spacing and largest radius, metres: far beyond any organ. Their squares, inverses and products with forces
-/// neither overflow nor underflow.
+/// Smallest spacing and largest radius, metres: far beyond any organ. Their squares, inverses and products
+/// with forces neither overflow nor underflow.
 const SMALLEST_M: f32 = 1e-6;
 const LARGEST_M: f32 = 1e3;
 
 /// Why a lattice was refused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LatticeError {
-    /// Spacing or radius is not between a micrometre and a kilometre, or the radius is smaller than the spacing.
+    /// Spacing or radius is not between a micrometre and a kilometre, or the radius is smaller than the
+    /// spacing.
     Size {
         /// Spacing given, metres.
         spacing_m: f32,
@@ -103,7 +107,8 @@ pub struct Location {
     pub t: Vec3,
     /// Position relative to the rest point, in cells.
     pub position: Vec3,
-    /// False where the query was outside the ball or not finite; then the location is that of [`BallLattice::rim`].
+    /// False if the query was outside the ball or not finite; then the location is that of
+    /// [`BallLattice::rim`].
     pub inside: bool,
 }
 
@@ -247,7 +252,8 @@ impl BallLattice {
         (0..self.slots()).map(|slot| self.ijk(slot)).filter(|&ijk| ijk != [0; 3] && self.contains(ijk))
     }
 
-    /// Number of [`BallLattice::points`]: 514, 1418, 4168 and 14146 for 5, 7, 10 and 15 cells, the paper's four grids.
+    /// Number of [`BallLattice::points`]: 514, 1418, 4168 and 14146 for 5, 7, 10 and 15 cells, the paper's
+    /// four grids.
     pub fn count(&self) -> usize {
         self.points().count()
     }
@@ -259,8 +265,9 @@ impl BallLattice {
 
     /// Low corner of the cell that contains a displacement, and the position in the cell.
     ///
-    /// On the outermost face t is the largest f32 below 1, so every cell returned has its super-cell in the box. Beyond
-    /// the bounding cube of the ball the nearest cell is returned; a NaN component gives the lowest cell, t = 0.
+    /// On the outermost face t is the largest f32 below 1, so every cell returned has its super-cell in the
+    /// box. Beyond the bounding cube of the ball the nearest cell is returned; a NaN component gives the
+    /// lowest cell, t = 0.
     pub fn cell(&self, displacement_m: Vec3) -> ([i32; 3], Vec3) {
         let position = F32x4::point(vec3::scale(displacement_m, self.cells_per_m()));
         let (low, t) = self.cell_of(position);
@@ -277,18 +284,18 @@ impl BallLattice {
         (indices, [t.get::<0>(), t.get::<1>(), t.get::<2>()])
     }
 
-    /// Where a displacement lies; outside the ball, where the nearest point of the rim lies.
+    /// Location of a displacement; outside the ball, that of the nearest point of the rim.
     ///
-    /// A displacement that is not finite is located at rest, where the force is zero: the controller has detected a
-    /// fault before it asks.
+    /// A displacement that is not finite is located at rest, where the force is zero. The controller detects
+    /// it as a fault before it gets here.
     pub fn locate(&self, displacement_m: Vec3) -> Location {
         self.locate_inside(displacement_m).unwrap_or_else(|displacement_m| self.rim(displacement_m).at)
     }
 
     /// The location of a displacement inside the ball; otherwise the displacement, for [`BallLattice::rim`].
     ///
-    /// The caller must not use its own copy of the displacement afterwards: with two uses the compiler loads it into
-    /// integer registers first and assembles the vector from those.
+    /// The caller must not use its own copy of the displacement afterwards: with two uses the compiler loads
+    /// it into integer registers first and assembles the vector from those.
     #[inline(always)]
     pub(crate) fn locate_inside(&self, displacement_m: Vec3) -> Result<Location, Vec3> {
         let along = F32x4::point(displacement_m);

@@ -2,8 +2,8 @@
 //!
 //! F(t) = F_new(t) + (F_old - F_new(t_0)) (1 - (t - t_0) / T)
 //!
-//! A release, a lost grasp or another model is thus smooth for the hand. A fault has no transition: its force is zero at
-//! once.
+//! A release, a lost grasp or a change of the model is thus smooth for the hand. A fault has no transition:
+//! its force is zero at once.
 
 use crate::num::vec3::{self, Vec3};
 

@@ -1,4 +1,5 @@
-//! Limits of the force for the hand: magnitude, slew rate, ramp after arming, and the policy for stale samples.
+//! Limits of the force for the hand: magnitude, slew rate, ramp after arming, and the policy for stale
+//! samples.
 //!
 //! Each is a function or a state machine of its own; the controller applies them in order.
 
@@ -15,7 +16,8 @@ pub struct LimitConfig {
     pub ramp_s: f32,
     /// Duration of the transition over a jump of the force, seconds; 0 for none.
     pub fade_s: f32,
-    /// Number of ticks without a fresh sample in which the last command is held; after them the force is zero.
+    /// Number of ticks without a fresh sample in which the last command is held; after them the force is
+    /// zero.
     pub stale_hold_ticks: u32,
     /// Age of the newest sample that is a fault, microseconds.
     pub stale_fault_us: u64,
@@ -23,8 +25,8 @@ pub struct LimitConfig {
     pub max_position_m: f32,
     /// Largest speed of the HIP, metres per second; beyond it is a fault.
     pub max_speed_m_s: f32,
-    /// Largest stiffness of the model that may be rendered, newtons per metre: that of the device divided by the metres of
-    /// the model per metre of the device. Infinite for no limit; see [`crate::stiffness`].
+    /// Largest stiffness of the model that may be rendered, newtons per metre: that of the device divided by
+    /// the metres of the model per metre of the device. Infinite for no limit; see [`crate::stiffness`].
     pub max_stiffness_n_m: f32,
 }
 
@@ -47,8 +49,8 @@ impl Default for LimitConfig {
 /// Margin for rounding: a result computed in f32 never exceeds the exact limit.
 const MARGIN: f32 = 1.0 - 4.0 * f32::EPSILON;
 
-/// Limits the magnitude of a force to `max_n`, newtons, and keeps its direction. The second value is true if the force
-/// was changed. A force that is not finite becomes zero.
+/// Limits the magnitude of a force to `max_n`, newtons, and keeps its direction. The second value is true if
+/// the force was changed. A force that is not finite becomes zero.
 pub fn clamp_force(force_n: Vec3, max_n: f32) -> (Vec3, bool) {
     if !vec3::is_finite(force_n) {
         return (vec3::ZERO, true);
@@ -61,7 +63,8 @@ pub fn clamp_force(force_n: Vec3, max_n: f32) -> (Vec3, bool) {
 
 /// Moves a force from `previous_n` towards `target_n` by at most `max_step_n`, on a straight line.
 ///
-/// Between two forces inside the ball of [`clamp_force`] a straight line stays inside; a limit per component would not.
+/// Between two forces inside the ball of [`clamp_force`] a straight line stays inside; a limit per component
+/// would not.
 pub(crate) fn slew(previous_n: Vec3, target_n: Vec3, max_step_n: f32) -> Vec3 {
     let step = vec3::sub(target_n, previous_n);
     let length = vec3::norm(step);
@@ -78,14 +81,14 @@ pub(crate) fn ramp(since_arming_us: u64, ramp_s: f32) -> f32 {
     if elapsed_s >= ramp_s { 1.0 } else { (elapsed_s / ramp_s).max(0.0) }
 }
 
-/// The verdict of the stale-sample policy on one tick.
+/// The decision of the stale-sample policy on one tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Freshness {
     /// The sample is new and is used.
     Fresh,
     /// No new sample for a few ticks: the last command is held.
     Hold,
-    /// No new sample for longer: zero force, but contact is kept.
+    /// No new sample for longer: the force is zero, but the contact is kept.
     Zero,
     /// No new sample for so long that something is broken.
     Fault,
@@ -108,8 +111,8 @@ impl StaleWatch {
 
     /// Judges one tick. `sample_us` is the time of the latest sample on the same clock as `now_us`.
     ///
-    /// A sample is fresh if it is newer than the last one and younger than the fault limit. A repeated or an older sample
-    /// counts as none.
+    /// A sample is fresh if it is newer than the last one and younger than the fault limit. A repeated or an
+    /// older sample counts as none.
     pub(crate) fn judge(&mut self, config: &LimitConfig, now_us: u64, sample_us: Option<u64>) -> Freshness {
         let newer = |sample_us: &u64| self.newest_us.is_none_or(|newest_us| *sample_us > newest_us);
         let young = |sample_us: &u64| now_us.saturating_sub(*sample_us) < config.stale_fault_us;
@@ -200,9 +203,10 @@ mod tests {
         assert_eq!(watch.judge(&config, 5000, Some(900)), Freshness::Zero, "repeated");
         assert_eq!(watch.judge(&config, 6000, Some(800)), Freshness::Zero, "older");
         assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
-        assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after it was taken");
+        assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after the sample was taken");
         assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
-        // Newer than the last, but as old as the fault limit; also as the first one.
+        // A sample that is newer than the last one, but as old as the fault limit, is a fault; also as the
+        // first one.
         assert_eq!(watch.judge(&config, 40_000, Some(30_000)), Freshness::Fault);
         assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::Hold);
         let mut watch = StaleWatch::new(11_000);

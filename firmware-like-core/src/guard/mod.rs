@@ -1,4 +1,4 @@
-//! What stands between the force of the model and the hand, and what detects that it must be zero.
+//! Limits between the force of the model and the hand, and detection of states that require zero force.
 
 pub(crate) mod fade;
 pub(crate) mod limit;

@@ -2,24 +2,28 @@
 //!
 //! E = sum F_hand . (x_k - x_k-1) / s
 //!
-//! is the work done on the hand since first touch, with the force at the motors on that path, and s metres of the model per
-//! metre of the device. A body that was at rest has no energy to give, so E <= 0 for any path. Sampling, delay and
-//! interpolants that are not conservative add energy, which shows as E > 0. Beyond a margin virtual damping removes it,
+//! is the work done on the hand since first touch, with the force at the motors on that path, and s metres of
+//! the model per metre of the device. A body that was at rest has no energy to give, so E <= 0 for any path.
+//! Sampling, delay and interpolants that are not conservative add energy, which appears as E > 0. Beyond a
+//! margin virtual damping removes it:
 //!
-//! F = - a v,   a = min((E - margin) / (v^2 dt), a_max),
+//! F = - a v,   a = min((E - margin) / (v^2 dt), a_max)
 //!
-//! where a changes at a limited rate, so that it is no step of the force. If E still exceeds a second limit, an unstable
-//! loop shakes the hand, which is a fault. A positive E is not reset when a touch ends but decays within about a second,
-//! so that a bouncing tool is detected too.
+//! The rate of change of a is limited, so that the force has no step. If E still exceeds a second limit, the
+//! loop is unstable and shakes the hand, which is a fault. A positive E is not reset when a touch ends but
+//! decays within about a second, so that a bouncing tool is detected too.
 //!
-//! **Storage.** The balance of one touch is bounded below by the energy that the body can have stored, U <= |h| |d| for a
-//! force that increases with the displacement: work against friction is dissipated and is no credit for later.
+//! **Storage.** The balance of one touch is bounded below by the energy that the body can have stored, U <=
+//! |h| |d| for a force that increases with the displacement. Work against friction is dissipated and is no
+//! credit for later.
 //!
-//! **Delay.** A force is sent with the exchange after the tick that computed it, travels over the link, and is held until
-//! the next one arrives; a sample carries the time at which it was taken. So the path between two samples is weighted with
-//! the one or two forces that were at the motors in that interval, not with the last one computed or sent.
+//! **Delay.** A force is sent with the exchange after the tick that computed it, travels over the link, and
+//! is held until the next one arrives; a sample carries the time at which it was taken. Therefore the path
+//! between two samples is weighted with the one or two forces that were at the motors in that interval, not
+//! with the last one computed or sent.
 //!
-//! Source: Hannaford and Ryu 2002, impedance type. Deviation: the rate limit of a, the margins and the bound of storage.
+//! Source: Hannaford and Ryu 2002, impedance type. Deviation: the rate limit of a, the margins and the bound
+//! of storage.
 
 use super::velocity::AdaptiveWindow;
 use crate::num::vec3::{self, Vec3};
@@ -46,7 +50,7 @@ pub struct PassivityConfig {
     pub fault_j: f32,
     /// Metres of the model per metre of the device.
     pub workspace_scale: f32,
-    /// Time that a force takes to the motors, microseconds.
+    /// Delay from sending a force to its effect at the motors, microseconds.
     pub force_delay_us: u32,
     /// Resolution of the positions, metres of the model; 0 if unlimited.
     pub position_step_m: f32,
@@ -68,7 +72,8 @@ impl Default for PassivityConfig {
 /// The forces sent last; zero before the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sent {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are used.
+    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are
+    /// used.
     forces: [(u32, Vec3); SENT],
     newest: usize,
 }
@@ -85,8 +90,8 @@ impl Sent {
         }
     }
 
-    /// Mean of the force at the motors from one time to another; each force is held from `delay_us` after it was sent. The
-    /// oldest force in the buffer stands for all before it.
+    /// Mean of the force at the motors from one time to another; each force is held from `delay_us` after it
+    /// was sent. The oldest force in the buffer stands for all before it.
     fn mean_n(&self, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
         let span_us = to_us.saturating_sub(from_us) as f32;
         let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
@@ -123,7 +128,7 @@ pub(crate) struct Passivity {
     damping_n_s_m: f32,
 }
 
-/// The verdict on one sample.
+/// The decision on one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Verdict {
     /// Add this force for the hand; usually zero.
@@ -156,7 +161,8 @@ impl Passivity {
         self.sent.push(now_us, hand_force_n);
     }
 
-    /// Takes one sample. `stored_j` is the largest energy that the body can have stored, joules; `None` without contact.
+    /// Processes one sample. `stored_j` is the largest energy that the body can have stored, joules; `None`
+    /// without contact.
     pub(crate) fn observe(
         &mut self,
         config: &PassivityConfig,
@@ -193,8 +199,8 @@ impl Passivity {
         if dt_s <= 0.0 || (beyond_j <= 0.0 && self.damping_n_s_m == 0.0) {
             return none;
         }
-        // Half a step is the error of a count. With a whole step the window is longer and lags more, and the unstable loop
-        // in host/tests/stability.rs oscillates with three times the amplitude.
+        // Half a step is the error of a count. With a whole step the window is longer and lags more, and the
+        // unstable loop in host/tests/stability.rs oscillates with three times the amplitude.
         let noise_m = 0.5 * config.position_step_m;
         let velocity_m_s = vec3::scale(self.window.velocity_m_s(noise_m), device_per_model);
         let most_n_s_m = config.max_damping_n_s_m;
@@ -282,7 +288,7 @@ mod tests {
         assert_eq!(damped_after_j(FULL), None, "the test must be able to fail");
     }
 
-    /// A hand that is pushed along at 0.1 m/s, and then against its motion.
+    /// A hand pushed along at 0.1 m/s, and then against its motion.
     #[test]
     fn damping_comes_and_goes_without_a_step() {
         let config = PassivityConfig { margin_j: 1e-3, fault_j: f32::INFINITY, ..PassivityConfig::default() };

@@ -1,13 +1,14 @@
 //! Speed of the HIP over a short window, for the overspeed fault.
 //!
-//! The difference of two samples at 1 kHz changes by 45 mm/s with each encoder count. Over four milliseconds one count is
-//! 14 mm/s, while the jump of a lost encoder by centimetres is still detected at once.
+//! The difference of two samples at 1 kHz changes by 45 mm/s with each encoder count. Over four milliseconds
+//! one count is 14 mm/s, while the jump of a lost encoder by centimetres is still detected at once.
 
 use crate::num::vec3::{self, Vec3};
 
 /// Number of positions kept.
 const SLOTS: usize = 5;
-/// Smallest time between two kept positions: samples of faster devices are thinned, or the window would shrink.
+/// Smallest time between two kept positions: samples of faster devices are thinned, or the window would
+/// shrink.
 const SPACING_US: u64 = 900;
 /// Smallest time that a speed is computed over, so that one count between two samples is no speed.
 const MIN_SPAN_US: u64 = 4_000;
@@ -27,7 +28,7 @@ impl SpeedWindow {
         Self { kept: [None; SLOTS] }
     }
 
-    /// Takes one position; returns the mean speed since the oldest one kept, metres per second.
+    /// Processes one position; returns the mean speed since the oldest one kept, metres per second.
     pub(crate) fn speed_m_s(&mut self, t_us: u64, position_m: Vec3) -> f32 {
         let recent = |&(then_us, _): &(u64, Vec3)| t_us.saturating_sub(then_us) <= MAX_AGE_US;
         let oldest = self.kept.iter().rev().flatten().find(|entry| recent(entry)).copied();

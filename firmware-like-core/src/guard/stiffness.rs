@@ -1,15 +1,16 @@
 //! The stiffness that a device can render, and the factor that keeps an organ below it.
 //!
-//! A sampled device cannot render any stiffness. With the damping b of the device, virtual damping B and sampling period T
-//! it is passive for
+//! A sampled device cannot render any stiffness. With the damping b of the device, virtual damping B and
+//! sampling period T it is passive for
 //!
 //! K < 2 (b - |B|) / T                     (Colgate and Schenkel 1997)
 //!
-//! and, more weakly, stable with a loop delay d for K < (b + B) / (T / 2 + d). K is the stiffness at the hand: a workspace
-//! that shows the model s times as large makes it s times as stiff.
+//! and, as a weaker condition, stable with a loop delay d for K < (b + B) / (T / 2 + d). K is the stiffness
+//! at the hand: a workspace that shows the model s times as large makes it s times as stiff.
 //!
-//! The forces of a stiffer organ are multiplied by one factor below 1, the same for all its spaces. So nothing jumps from
-//! space to space, a conservative force remains conservative, and the organ feels softer as a whole; the caller is told.
+//! The forces of a stiffer organ are multiplied by one factor below 1, the same for all its spaces. Thus the
+//! force does not jump from space to space, a conservative force remains conservative, and the whole organ
+//! feels softer. `Controller::force_share` returns the factor.
 
 use crate::grid::flags::{SMOOTH, SOLVED};
 use crate::method::Method;
@@ -31,17 +32,20 @@ pub fn stable_n_m(damping_ns_m: f32, virtual_damping_ns_m: f32, cycle_s: f32, de
     (damping_ns_m + virtual_damping_ns_m) / (0.5 * cycle_s + delay_s)
 }
 
-/// Largest number of bands of force examined; each is stiffer than the one before, or the last.
+/// Largest number of bands of force examined; the stiffness increases from each band to the next, or the
+/// search ends.
 const MAX_BANDS: usize = 16;
 
-/// Largest number of grid points at which radial basis functions are evaluated: each costs a pass over all centres.
+/// Largest number of grid points at which radial basis functions are evaluated: each costs a pass over all
+/// centres.
 const RADIAL_POINTS: usize = 2_000;
 
-/// Largest stiffness of a space by a method, N/m: the largest singular value of dh/dd over the solved grid points away
-/// from folds with `above_n` < |h| <= `to_n`. 0 if there is none, or if the planes of the method are absent.
+/// Largest stiffness of a space by a method, N/m: the largest singular value of dh/dd over the solved grid
+/// points away from folds with `above_n` < |h| <= `to_n`. 0 if there is none, or if the planes of the method
+/// are absent.
 ///
-/// At a fold the force jumps: a stiffness does not describe that, and the slew limit applies. For start-up, not for the
-/// tick.
+/// At a fold the force jumps, which a stiffness does not describe; there the slew limit applies. For
+/// start-up, not for the tick.
 fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) -> f32 {
     let radial = matches!(method, Method::RbfLinear | Method::RbfCubic);
     let (lattice, flags) = (space.lattice(), space.flags());
@@ -51,7 +55,7 @@ fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) 
     let stiffness = |(slot, _): (usize, &u8)| {
         let displacement_m = lattice.displacement_m(lattice.ijk(slot));
         let within = |h: Vec3| (above_n..=to_n).contains(&norm(h)) && norm(h) != above_n;
-        // The force first: it costs a fraction of its derivatives.
+        // The force is evaluated first, because it costs a fraction of its derivatives.
         let force_n = space.force(method, displacement_m).map_or(ZERO, |answer| answer.force_n);
         let found = if within(force_n) { space.estimate(method, displacement_m) } else { None };
         found.map_or(0.0, |found| largest_singular_value(&found.stiffness_n_m))
@@ -59,10 +63,11 @@ fn stiffest_n_m(space: &Space<'_>, method: Method, (above_n, to_n): (f32, f32)) 
     points.map(stiffness).fold(0.0, f32::max)
 }
 
-/// Largest stiffness that a hand reaches, N/m, and the factor of all forces that keeps it at `cap_n_m` for the hand.
+/// Largest stiffness that a hand reaches, N/m, and the factor of all forces that keeps it at `cap_n_m` for
+/// the hand.
 ///
-/// With a smaller factor the hand gets deeper before the largest force stops it, to |h| = limit / factor, where tissue is
-/// stiffer. So the additional band of forces is examined too, until none is added.
+/// With a smaller factor the hand gets deeper before the largest force stops it, at |h| = limit / factor,
+/// where tissue is stiffer. Therefore the additional band of forces is examined too, until none is added.
 pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n: f32) -> (f32, f32) {
     let (mut stiffest_n_m, mut share) = (0.0_f32, 1.0_f32);
     let mut band_n = (-1.0_f32, limit_n);
@@ -82,7 +87,8 @@ pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n:
 
 /// Upper bound of the largest singular value of a matrix, given by its rows, tight to 1 %.
 ///
-/// sigma^2 <= trace(M^128)^(1/128),   M = A^T A. Seven squarings need neither an iteration limit nor trigonometry.
+/// sigma^2 <= trace(M^128)^(1/128),   M = A^T A. Seven squarings need neither an iteration limit nor
+/// trigonometry.
 pub fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
     let column = |j: usize| a.map(|row| row.get(j).copied().unwrap_or(0.0));
     let columns = [column(0), column(1), column(2)];

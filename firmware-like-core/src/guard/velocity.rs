@@ -1,8 +1,9 @@
-//! Velocity from quantised positions: the slope of the longest straight line that fits the last few positions.
+//! Velocity from quantised positions: the slope of the longest straight line that fits the last few
+//! positions.
 //!
-//! The difference of two samples at 1 kHz changes by 45 mm/s with each count of a 45 um encoder; over a fixed longer window
-//! it lags when the hand turns. The first-order adaptive window uses, per axis, the largest n for which all positions in
-//! between lie within one step of the line from x_(k-n) to x_k.
+//! The difference of two samples at 1 kHz changes by 45 mm/s with each count of a 45 um encoder; over a fixed
+//! longer window it lags when the hand turns. The first-order adaptive window uses, per axis, the largest n
+//! for which all positions in between lie within one step of the line from x_(k-n) to x_k.
 //!
 //! Source: Janabi-Sharifi, Hayward, Chen 2000, end-fit FOAW. Deviation: none.
 
@@ -14,7 +15,8 @@ const LONGEST: usize = 15;
 /// The last positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AdaptiveWindow {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are used.
+    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are
+    /// used.
     positions: [(u32, Vec3); LONGEST + 1],
     newest: usize,
     known: usize,
@@ -26,7 +28,7 @@ impl AdaptiveWindow {
         Self { positions: [(0, vec3::ZERO); LONGEST + 1], newest: 0, known: 0 }
     }
 
-    /// Takes the next position, metres.
+    /// Adds the next position, metres.
     pub(super) fn push(&mut self, t_us: u64, position_m: Vec3) {
         self.newest = (self.newest + 1) % (LONGEST + 1);
         if let Some(slot) = self.positions.get_mut(self.newest) {
@@ -35,11 +37,11 @@ impl AdaptiveWindow {
         self.known = (self.known + 1).min(LONGEST + 1);
     }
 
-    /// Velocity at the newest position, metres per second, for positions with the error `step_m`; zero before there are
-    /// two.
+    /// Velocity at the newest position, metres per second, for positions with the error `step_m`; zero before
+    /// there are two.
     ///
-    /// A line from x_(k-n) passes x_(k-j) within a step if its slope differs from the slope from x_(k-j) by at most
-    /// step / (t_k - t_(k-j)). So one pass suffices, which narrows the interval of admissible slopes.
+    /// A line from x_(k-n) passes x_(k-j) within a step if its slope differs from the slope from x_(k-j) by
+    /// at most step / (t_k - t_(k-j)). So one pass suffices, which narrows the interval of admissible slopes.
     pub(super) fn velocity_m_s(&self, step_m: f32) -> Vec3 {
         let Some(&(now_us, now_m)) = self.positions.get(self.newest) else { return vec3::ZERO };
         let (mut velocity, mut low, mut high) = (vec3::ZERO, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
@@ -118,7 +120,7 @@ mod tests {
 
     #[test]
     fn a_turn_shortens_the_window() {
-        // 20 mm at 2 Hz: up to 0.25 m/s. The difference has an error of the same size.
+        // 20 mm at 2 Hz: up to 0.25 m/s. The error of the plain difference is of the same size.
         let omega = 4.0 * core::f32::consts::PI;
         let (most, plain) = errors(|t| (0.02 * (omega * t).sin(), 0.02 * omega * (omega * t).cos()));
         println!("{most}, difference {plain}");

@@ -2,9 +2,9 @@
 //!
 //! h(p) = h_a + w (h_b - h_a),   w = smoothstep of the tri-linear interpolation of a flag ([`flags::share`])
 //!
-//! Method b must not be used in some cells. No corner of such a cell has the flag, so w = 0 on its faces from both
-//! sides, and h is continuous there; elsewhere w is continuous, as any tri-linear function of nodal values is. Where
-//! w is 0 or 1, only one method is evaluated.
+//! Method b must not be used in some cells. No corner of such a cell has the flag, so w = 0 on its faces from
+//! both sides, and h is continuous there; elsewhere w is continuous, as any tri-linear function of nodal
+//! values is. Where w is 0 or 1, only one method is evaluated.
 
 use super::interpolant::Ball;
 use crate::grid::{Location, flags};

@@ -2,12 +2,14 @@
 //!
 //! W(t) = sum over corners and a, b, c of H_a(tx) H_b(ty) H_c(tz) W_abc,   h = dW/dp,   S = d2W/dp2
 //!
-//! The six quintics H of an axis interpolate value, slope and curvature at its two ends. On a common face two cells
-//! agree on W and its first two derivatives, which depend on the four corners of the face alone: h is C1, S continuous.
-//! The gradient of an energy does no work on a closed path, so it cannot pump energy into the hand.
+//! The six quintics H of an axis interpolate value, slope and curvature at its two ends. On a common face two
+//! cells agree on W and its first two derivatives, which depend on the four corners of the face alone: h is
+//! C1, S continuous. The gradient of an energy does no work on a closed path, so the method does not generate
+//! energy.
 //!
-//! In cells with a fold the energy is not smooth. There the cubics of [`super::hermite`] are used, and blended in over
-//! the neighbouring cells; the force is conservative wherever no corner of the cell touches a fold.
+//! In cells with a fold the energy is not smooth. There the cubics of [`super::hermite`] are used; in the
+//! neighbouring cells both are blended. The force is conservative wherever no corner of the cell touches a
+//! fold.
 
 use core::ops::{Add, Mul};
 
@@ -43,8 +45,8 @@ impl Energy<'_> {
 
     /// dW/dt, newtons. Zero beyond the end of the box.
     ///
-    /// Cost: 72 rows of four along c. Along x each row is weighted for value and slope side by side, then along y and z.
-    /// Without the padding these are 468 products and about as many sums.
+    /// Cost: 72 rows of four along c. Along x each row is weighted for value and slope side by side, then
+    /// along y and z. Without the padding these are 468 products and about as many sums.
     #[inline(always)]
     fn gradient<M: Machine>(self, machine: M, at: &Location) -> Vec3 {
         let Some(corners) = self.table.corners(self.ball.lattice.strides(), at.slot) else {
@@ -94,7 +96,7 @@ impl<'s> Interpolant for Energy<'s> {
         Slopes { stiffness_n_m: self.ball.per_metre(rows), energy_j }
     }
 
-    /// Without the derivative of the weight, which jumps at faces.
+    /// The derivative of the weight is left out, because it jumps at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
         let rows = blend_rows(self.weight(at), self.cubic_slopes(at), self.derivatives(at).hessian);
         self.ball.per_metre(rows)
@@ -119,7 +121,8 @@ type Weights = [[f32; 3]; 2];
 /// H_a(t) for both corners.
 #[inline(always)]
 fn values(t: f32) -> Weights {
-    // The quintics of corner 1; those of corner 0 are their mirror images. The factored form is exact at t = 0 and 1.
+    // The quintics of corner 1; those of corner 0 are their mirror images. The factored form is exact at t =
+    // 0 and 1.
     let half = |t: f32, s: f32| {
         let cube = t * t * t;
         [cube * (10.0 - t * (15.0 - 6.0 * t)), -cube * s * (4.0 - 3.0 * t), 0.5 * cube * s * s]
@@ -153,8 +156,8 @@ fn curvatures(t: f32) -> Weights {
 
 /// H or dH/dt: of three axes in three lanes, or of one axis in all lanes.
 ///
-/// The value function of corner 0 is 1 minus that of corner 1 and is left out. Thus the difference of two energies is
-/// formed before it is weighted, and the size of W itself costs no digits.
+/// The value function of corner 0 is 1 minus that of corner 1 and is left out. Thus the difference of two
+/// energies is formed before it is weighted, and a large W causes no cancellation.
 struct Basis<V> {
     value: V,
     /// By corner.
@@ -201,8 +204,8 @@ impl Basis<F32x4> {
         }
     }
 
-    /// Weights along z in lanes 0 to 2: those of the near row, where `constant` replaces the value's, and those of the
-    /// far row less the near row.
+    /// Weights along z in lanes 0 to 2: first those of the near row, with `constant` in place of the weight
+    /// of the value, then those of the far row less those of the near row.
     #[inline(always)]
     fn along_z(&self, constant: F32x4) -> [F32x4; 2] {
         let ([s0, s1], [c0, c1]) = (self.slope, self.curvature);
@@ -315,7 +318,8 @@ fn contract_z(low: F32x4, high: F32x4, [of_low, of_rise]: [F32x4; 2]) -> F32x4 {
     low * of_low + (high - low) * of_rise
 }
 
-/// All derivatives, one corner after the other: for stiffness and energy, which the tick does not need inside the ball.
+/// All derivatives, one corner after the other: for stiffness and energy, which the tick does not need inside
+/// the ball.
 fn derivatives(corners: &Corners<'_>, t: Vec3) -> Derivatives {
     let weights = t.map(|t| [values(t), slopes(t), curvatures(t)]);
     let [x, y, z] = &weights;

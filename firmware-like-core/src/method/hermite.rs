@@ -1,13 +1,14 @@
 //! The table of energy derivatives, and the cubic Hermite interpolants of the three force components.
 //!
-//! A node of the table holds W_abc = d^(a+b+c) W / dx^a dy^b dz^c, a, b, c in 0..=2, at one grid point. The solver gives
-//! the derivatives of order 0 to 3 exactly, the fit estimates the others. [`super::energy`] uses all 27; the cubics here
-//! use those that are derivatives of h = dW/dp:
+//! A node of the table holds W_abc = d^(a+b+c) W / dx^a dy^b dz^c, a, b, c in 0..=2, at one grid point. The
+//! solver gives the derivatives of order 0 to 3 exactly, the fit estimates the others. [`super::energy`] uses
+//! all 27; the cubics here use those that are derivatives of h = dW/dp:
 //!
 //! h_i(t) = sum over corners and a, b, c in 0..=1 of H_a(tx) H_b(ty) H_c(tz) d^(a+b+c) h_i / dx^a dy^b dz^c
 //!
-//! The result is C1, but not a gradient. Where a fold or a failed solve spoils W it is the more robust of the two: it
-//! uses no derivative of W beyond the fourth, and its error is of order spacing^4 in h, not a slope of W across a jump.
+//! The result is C1, but not a gradient. Near a fold or a failed solve W is inaccurate. There the cubics are
+//! more robust than `energy`: they use no derivative of W beyond the fourth, their error in h is of order
+//! spacing^4, and they do not differentiate W across a jump.
 
 use core::ops::{Add, Mul};
 
@@ -19,8 +20,8 @@ use crate::num::lanes::{Baseline, F32x4, Machine, sums};
 use crate::num::vec3::{self, Vec3};
 use crate::plane::{LARGEST_VALUE, PlaneError, PlaneProblem, check_indices, check_len, check_values};
 
-/// W_abc at one grid point as `[a][b][c]`, in cells and newtons: W_abc spacing^(a + b + c - 1). The last of every four
-/// numbers is padding, so that rows stay whole vectors.
+/// W_abc at one grid point as `[a][b][c]`, in cells and newtons: W_abc spacing^(a + b + c - 1). The last of
+/// every four numbers is padding, so that rows stay whole vectors.
 pub type Node = [[[f32; 4]; 3]; 3];
 
 /// Planes of the energy derivatives at the grid points.
@@ -28,7 +29,7 @@ pub type Node = [[[f32; 4]; 3]; 3];
 pub struct HermitePlanes<'a> {
     /// Index of its node for each slot of the box. Slots that no query reaches may share a node.
     pub row: &'a [u32],
-    /// The nodes, newtons; without energy and force at rest.
+    /// The nodes, newtons; energy and force are zero at rest.
     pub nodes: &'a [Node],
 }
 
@@ -42,7 +43,8 @@ pub struct HermiteTable<'a> {
 pub(super) type Corners<'a> = [[[&'a Node; 2]; 2]; 2];
 
 impl<'a> HermiteTable<'a> {
-    /// Checks that every slot of the lattice has a node, that all values are finite, and that rest is free of force.
+    /// Checks that every slot of the lattice has a node, that all values are finite, and that rest is free of
+    /// force.
     ///
     /// Errors: [`PlaneError`] with the name of the plane.
     pub fn new(lattice: &BallLattice, planes: HermitePlanes<'a>) -> Result<Self, PlaneError> {
@@ -63,7 +65,8 @@ impl<'a> HermiteTable<'a> {
         self.planes
     }
 
-    /// The corners of the cell whose low corner is `slot`. `None` beyond the end of the box, where no query lies.
+    /// The corners of the cell whose low corner is `slot`. `None` beyond the end of the box, where no query
+    /// lies.
     #[inline(always)]
     pub(super) fn corners(&self, strides: Strides, slot: usize) -> Option<Corners<'a>> {
         let HermitePlanes { row, nodes } = self.planes;

@@ -1,12 +1,14 @@
-//! One trait for all methods, and what follows from it: the force anywhere, its derivatives, its continuation.
+//! The trait of all methods, and the functions defined on it: the force at any displacement, its derivatives,
+//! and its continuation outside the domain.
 //!
-//! Outside the domain the force is continued from the rim, the nearest point q of the domain on the ray from rest:
+//! Outside the domain the force is continued from the rim, the nearest point q of the domain on the ray from
+//! rest:
 //!
 //! h(p) = h(q) + phi(s) S(q) u,   u = p / |p|,   s = |p - q|
 //!
 //! phi(s) = s - s^2 / 2c up to s = c, and c / 2 beyond; c is the spacing of the grid. The force is therefore
-//! continuous, C1 where the method is, and constant from s = c on. S must not jump along the rim, or h would jump, the
-//! more the further out: see [`Interpolant::rim_slopes`].
+//! continuous, C1 where the method is, and constant from s = c on. S must be continuous along the rim,
+//! otherwise h would jump by an amount that grows with s: see [`Interpolant::rim_slopes`].
 
 use super::{Coverage, Estimate, ForceSample};
 use crate::grid::{BallLattice, Location, Rim};
@@ -18,7 +20,8 @@ pub(crate) trait Domain {
     /// A point of the domain, prepared for evaluation.
     type At;
 
-    /// The point of a displacement; outside the domain the displacement itself, see [`BallLattice::locate_inside`].
+    /// The point of a displacement; outside the domain the error is the displacement, see
+    /// [`BallLattice::locate_inside`].
     fn inside(&self, displacement_m: &Vec3) -> Result<Self::At, Vec3>;
 
     /// The point of the rim that is nearest on the ray through a displacement outside.
@@ -96,7 +99,7 @@ impl Domain for Ball<'_> {
     }
 }
 
-/// The force of a method inside its domain; outside, the displacement, for [`force_outside`].
+/// The force inside the domain; outside, the error is the displacement, the argument of [`force_outside`].
 #[inline(always)]
 pub(crate) fn force_inside<I: Interpolant, M: Machine>(
     method: I,

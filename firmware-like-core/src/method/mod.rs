@@ -1,7 +1,7 @@
 //! The interpolation methods, all behind the trait [`Interpolant`].
 //!
-//! `energy` and `kernel` are gradients of a scalar potential and therefore conservative. The methods in [`baseline`] are
-//! those of Peterlik 2010, kept for comparison.
+//! `energy` and `kernel` are gradients of a scalar potential and therefore conservative. The methods in
+//! [`baseline`] are those of Peterlik 2010, kept for comparison.
 
 pub mod baseline;
 mod blend;
@@ -23,7 +23,8 @@ pub enum Method {
     Trilinear,
     /// Catmull-Rom on the 64-point super-cell; C1.
     Tricubic,
-    /// Tri-cubic where the super-cell is complete, tri-linear elsewhere (section 7 of the paper), made continuous.
+    /// Tri-cubic where the super-cell is complete, tri-linear elsewhere (section 7 of the paper), made
+    /// continuous.
     Hybrid,
     /// Radial basis functions, phi = r.
     RbfLinear,
@@ -33,7 +34,8 @@ pub enum Method {
     Hermite,
     /// Gradient of the quintic Hermite interpolant of the energy; C1, conservative.
     Energy,
-    /// Gradient of the sum of Gaussians fitted to the energy at scattered configurations; smooth, conservative.
+    /// Gradient of the sum of Gaussians fitted to the energy at scattered configurations; smooth,
+    /// conservative.
     Kernel,
 }
 
@@ -81,7 +83,7 @@ impl Method {
     }
 }
 
-/// The data behind a force. It is part of the answer and no error: incomplete cells are normal at the rim.
+/// The data behind a force. It is part of the result, not an error: incomplete cells are normal at the rim.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Coverage {
     /// All eight corners of the cell are solved configurations.
@@ -121,7 +123,8 @@ pub struct Estimate {
     pub force_n: Vec3,
     /// dh_i/dd_j as rows i, newtons per metre: the exact derivative of the interpolant inside its domain.
     pub stiffness_n_m: [Vec3; 3],
-    /// W, joules, where the force is its gradient: `energy` away from folds, and `kernel`, inside their domains.
+    /// W, joules, where the force is its gradient: `energy` away from folds, and `kernel`, inside their
+    /// domains.
     pub energy_j: Option<f32>,
     /// The data behind the force.
     pub coverage: Coverage,

@@ -1,11 +1,14 @@
-//! exp(-q) of several lanes with the same bits on every system. Library exponentials differ in the last digit.
+//! exp(-q) of several lanes with the same bits on every system. Library exponentials differ in the last
+//! digit.
 
 use super::lanes::Machine;
 
-/// 1.5 * 2^52: its sum with x, |x| < 2^51, is x rounded to the nearest integer, which then stands in the low bits.
+/// 1.5 * 2^52: its sum with x, |x| < 2^51, is x rounded to the nearest integer, which then stands in the low
+/// bits.
 const SHIFT: f64 = 6_755_399_441_055_744.0;
 
-/// ln 2 in two parts. The upper part ends with enough zero bits that its product with an integer below 2^11 is exact.
+/// ln 2 in two parts. The upper part ends with enough zero bits that its product with an integer below 2^11
+/// is exact.
 const LN2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
 
 /// 1 / n! for n = 2 to 11: the truncation error of exp(r) is 7e-15 at |r| = ln 2 / 2.
@@ -26,8 +29,8 @@ const SERIES: [f64; 10] = [
 ///
 /// exp(-q) = 2^k exp(r),   k = round(-q / ln 2),   r = -q - k ln 2
 ///
-/// Source: Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 6. Deviation: a Taylor series in
-/// place of their rational approximation.
+/// Source: Cody and Waite, Software Manual for the Elementary Functions, 1980, chapter 6. Deviation: a Taylor
+/// series in place of their rational approximation.
 #[inline(always)]
 pub(crate) fn exp_of_minus<M: Machine>(machine: M, q: M::F64x4) -> M::F64x4 {
     let [c2, c3, c4, c5, c6, c7, c8, c9, c10, c11] = SERIES;

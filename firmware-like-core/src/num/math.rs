@@ -1,7 +1,7 @@
 //! Square roots of single numbers; those of several lanes are in [`super::lanes`].
 //!
-//! `core` has no float functions. The feature `std` selects the hardware square root, otherwise `libm` computes it.
-//! Both are correctly rounded, so their bits are equal; a test asserts it.
+//! `core` has no float functions. The feature `std` selects the hardware square root, otherwise `libm`
+//! computes it. Both are correctly rounded, so their bits are equal; a test asserts it.
 
 /// Square root, correctly rounded.
 #[inline]
@@ -21,7 +21,8 @@ pub(crate) fn sqrt_f64(x: f64) -> f64 {
     libm::sqrt(x)
 }
 
-/// 1.5 * 2^23: its sum with x, |x| < 2^22, is x rounded to the nearest integer, which then stands in the low bits.
+/// 1.5 * 2^23: its sum with x, |x| < 2^22, is x rounded to the nearest integer, which then stands in the low
+/// bits.
 ///
 /// `core` has no floor, and `f32::floor` is a function call on baseline x86-64.
 pub(crate) const ROUNDING_SHIFT: f32 = 12_582_912.0;

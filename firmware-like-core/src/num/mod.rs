@@ -1,4 +1,4 @@
-//! Arithmetic that the rest of the core stands on: roots, exponentials, vectors of three, and lanes.
+//! Arithmetic used by the rest of the core: roots, exponentials, vectors of three, and lanes.
 
 pub(crate) mod exponential;
 pub mod lanes;

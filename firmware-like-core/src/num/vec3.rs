@@ -1,4 +1,4 @@
-//! Vectors of three components as plain arrays, so that no vector type of ours crosses the API.
+//! Vectors of three components as plain arrays, so that the API needs no vector type of its own.
 
 use super::math;
 
@@ -62,7 +62,8 @@ pub fn norm_squared(a: Vec3) -> f32 {
     dot(a, a)
 }
 
-/// Length |a|, without overflow or underflow in between: components of 1e30 or 1e-30 are measured correctly.
+/// Length |a|. Intermediate results do not overflow or underflow: components of 1e30 or 1e-30 are measured
+/// correctly.
 #[inline]
 pub fn norm(a: Vec3) -> f32 {
     let squared = norm_squared(a);

@@ -18,8 +18,8 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// About as many cells as triangles; the surface passes through a few hundred of them. Returned with the number of
-    /// entries of their lists.
+    /// About as many cells as triangles; the surface passes through a few hundred of them. Returned with the
+    /// number of entries of their lists.
     pub(super) fn over(surface: &Surface<'_>) -> (Self, usize) {
         let bounds = surface.position_m.map(|plane| {
             plane.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &x| (low.min(x), high.max(x)))
@@ -105,7 +105,8 @@ pub(super) fn corners(surface: &Surface<'_>, [a, b, c]: &[u32; 3]) -> Option<[Ve
     Some([at(*a)?, at(*b)?, at(*c)?])
 }
 
-/// Fills lists of the triangles at each of `start.len() - 1` places: list i is `items[start[i]..start[i + 1]]`.
+/// Fills lists of the triangles at each of `start.len() - 1` places: list i is `items[start[i]..start[i +
+/// 1]]`.
 pub(super) fn fill_lists<I: Iterator<Item = usize>>(
     triangles: &[[u32; 3]],
     places: impl Fn(&[u32; 3]) -> I,

@@ -1,14 +1,16 @@
 //! Which active nodes the tool holds: engage, slide, release.
 //!
-//! A space gives the force for a displacement of its node, not whether the tool touches it. Here the tool is one point,
-//! the HIP. It engages where its path passes through the surface of the organ at rest, or without a surface through the
-//! plane of the nearest node. While engaged, the displacement is measured from the anchor, the position of the HIP at
-//! first touch. So every touch starts at d = 0 and without force, wherever on a triangle it happens.
+//! A space defines the force for a displacement of its node, but not whether the tool touches it. The tool is
+//! one point, the HIP. It engages where its path passes through the surface of the organ at rest, or without
+//! a surface through the plane of the nearest node. While engaged, the displacement is measured from the
+//! anchor, the position of the HIP at first touch. Thus every touch starts at d = 0 and without force, at any
+//! point of a triangle.
 //!
 //! - **Snap** (Peterlik 2010): the nearest active node is held, and the anchor stays.
-//! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of their spaces,
-//!   h = sum w_i h_i(d), with the barycentric weights of the anchor. While the tool pushes, the anchor slips along the
-//!   surface as Coulomb friction permits. The weights are continuous across edges, and so is the force.
+//! - **Slide**: where all three corners of the touched triangle are active nodes, the force is the sum of
+//!   their spaces, h = sum w_i h_i(d), with the barycentric weights of the anchor. While the tool pushes, the
+//!   anchor slips along the surface as Coulomb friction permits. The weights are continuous across edges, and
+//!   so is the force.
 
 use super::surface::{Foot, Share, TouchSurface};
 use crate::num::vec3::{self, Vec3};
@@ -24,10 +26,11 @@ pub struct ContactConfig {
     pub capture_radius_m: f32,
     /// Tension h . n along the outward normal at which a pushing tool disengages, newtons.
     pub release_tension_n: f32,
-    /// Height above the anchor's plane at which a pushing tool disengages, metres. It must exceed the noise of the
-    /// encoders, or contact chatters.
+    /// Height above the anchor's plane at which a pushing tool disengages, metres. It must exceed the noise
+    /// of the encoders, otherwise contact chatters.
     pub release_height_m: f32,
-    /// Coefficient of Coulomb friction of a pushing tool; infinite for a tool that sticks to the nearest node.
+    /// Coefficient of Coulomb friction of a pushing tool; infinite for a tool that sticks to the nearest
+    /// node.
     pub friction: f32,
     /// A grasp is lost beyond this multiple of the radius of the grid or of the largest force.
     pub grasp_slip: f32,
@@ -114,10 +117,10 @@ impl Contact {
         matches!(self.state, ContactState::Engaged(_))
     }
 
-    /// Takes one HIP sample; returns how the tool holds the body now, if it does.
+    /// Processes one HIP sample; returns how the tool holds the body now, or `None` without contact.
     ///
-    /// Cost: while free, the triangles round the HIP, and at a crossing (without a surface at every sample) one pass over
-    /// the active nodes; while engaged, constant.
+    /// Cost: while free, the triangles round the HIP, and at a crossing (without a surface at every sample)
+    /// one pass over the active nodes; while engaged, constant.
     pub(crate) fn update(
         &mut self,
         config: &ContactConfig,
@@ -140,7 +143,7 @@ impl Contact {
                 engaged.map_or(free, ContactState::Engaged)
             }
             ContactState::Engaged(at) if at.kind == ContactKind::Grasp && !pressed => free,
-            // A grasp out of a push keeps the anchor, so that the force is continuous.
+            // A grasp that starts during a push keeps the anchor, so that the force is continuous.
             ContactState::Engaged(at) if at.kind == ContactKind::Push && pressed_now => {
                 ContactState::Engaged(Engaged { kind: ContactKind::Grasp, ..at })
             }
@@ -163,11 +166,12 @@ impl Contact {
         self.state = ContactState::Free { previous_hip_m: Some(hip_m) };
     }
 
-    /// Slips the anchor of a pushing tool towards the point where friction balances the reaction h at d. Takes effect with
-    /// the next sample.
+    /// Slips the anchor of a pushing tool towards the point where friction balances the reaction h at d. The
+    /// slip is used from the next sample on.
     ///
-    /// The slip is parallel to the tangential part of h, so the work h . slip that leaves the body is never negative. Its
-    /// length is half of the excess of h over friction, divided by the secant stiffness |h| / |d|.
+    /// The slip is parallel to the tangential part of h, so the work h . slip that leaves the body is never
+    /// negative. Its length is half of the excess of h over friction, divided by the secant stiffness |h| /
+    /// |d|.
     pub(crate) fn slip(
         &mut self,
         config: &ContactConfig,
@@ -194,7 +198,8 @@ impl Contact {
         let (next, is_stopped) = surface.slide(foot, wanted_m);
         let Some(shares) = surface.shares(&next) else { return };
         let Some(normal) = blended_normal(spaces, &shares) else { return };
-        // Beyond the last active nodes their spaces still give the force, and the anchor continues in their plane.
+        // Beyond the last active nodes the force is that of their spaces, and the anchor continues in their
+        // plane.
         let beyond_m = if is_stopped {
             let left_m = vec3::sub(vec3::add(from_m, wanted_m), surface.point(&next));
             vec3::sub(left_m, vec3::scale(normal, vec3::dot(left_m, normal)))
@@ -299,7 +304,8 @@ fn blended_normal(spaces: &[Space<'_>], shares: &[Share; 3]) -> Option<Vec3> {
     (normal != vec3::ZERO).then_some(normal)
 }
 
-/// The active node nearest to a point within a radius; the first of equals, so that the choice is reproducible.
+/// The active node nearest to a point within a radius; the first of equals, so that the choice is
+/// reproducible.
 fn nearest<'s, 'a>(spaces: &'s [Space<'a>], point_m: Vec3, radius_m: f32) -> Option<(u16, &'s Space<'a>)> {
     let mut best = None;
     let mut best_squared = radius_m * radius_m;

@@ -1,8 +1,9 @@
 //! The surface of the organ at rest: which triangle a motion enters, and where a foot on it slides to.
 //!
-//! An untouched body is at rest, so the HIP enters it where its path since the last sample passes through a triangle of
-//! the rest surface from outside. The triangles are found through a grid of cells over the bounding box; a tick examines
-//! the few cells round one short path. All lists lie in memory of the caller and are filled once, at the start.
+//! An untouched body is at rest, so the HIP enters it where its path since the last sample passes through a
+//! triangle of the rest surface from outside. The triangles are found through a grid of cells over the
+//! bounding box; a tick examines the few cells round one short path. All lists lie in memory of the caller
+//! and are filled once, at the start.
 //!
 //! ```text
 //! memory: cell_start | vertex_start | vertex_space | vertex_triangle | cell_triangle
@@ -12,8 +13,8 @@ use super::cells::{Cells, corners, fill_lists, list};
 use crate::blob::{Organ, Surface};
 use crate::num::vec3::{self, Vec3};
 
-/// Largest number of pieces of at most a cell's length that a path is divided into: enough for a path through the whole
-/// box of [`super::cells::MAX_ALONG`] cells.
+/// Largest number of pieces of at most a cell's length that a path is divided into: enough for a path through
+/// the whole box of [`super::cells::MAX_ALONG`] cells.
 const MAX_PIECES: u32 = 64;
 /// Largest number of triangles that one tick tests.
 const MAX_TESTS: usize = 2_048;
@@ -23,7 +24,7 @@ const MAX_STEPS: usize = 8;
 const MAX_ROUND: usize = 64;
 /// Tolerance of the barycentric weights: rounding must leave no gap between neighbouring triangles.
 const GAP: f32 = 1e-3;
-/// The vertex is no active node.
+/// Marks a vertex that is not an active node.
 const NO_SPACE: u32 = u32::MAX;
 
 /// The weight of one space in a contact.
@@ -78,7 +79,8 @@ impl<'m> TouchSurface<'m> {
         lists.into_iter().fold(0, usize::saturating_add)
     }
 
-    /// Fills the lists. `None` if the organ has no surface, or if `memory` is shorter than [`TouchSurface::words`].
+    /// Fills the lists. `None` if the organ has no surface, or if `memory` is shorter than
+    /// [`TouchSurface::words`].
     ///
     /// For start-up: every triangle is visited a few times.
     pub fn new<const N: usize>(organ: &Organ<'m, N>, memory: &'m mut [u32]) -> Option<Self> {
@@ -108,8 +110,8 @@ impl<'m> TouchSurface<'m> {
 
     /// Where the path from one HIP to the next first enters the body, if it does.
     ///
-    /// Cost: at most 2,048 triangles; usually one cell and ten triangles. A path longer than a cell is examined piece by
-    /// piece, so that the surface is found after a gap in the samples too.
+    /// Cost: at most 2,048 triangles; usually one cell and ten triangles. A path longer than a cell is
+    /// examined piece by piece, so that the surface is found after a gap in the samples too.
     pub(super) fn crossing(&self, from_m: Vec3, to_m: Vec3) -> Option<Crossing> {
         let path_m = vec3::sub(to_m, from_m);
         // The cast saturates and converts NaN to 0.
@@ -125,7 +127,7 @@ impl<'m> TouchSurface<'m> {
             }
             for &triangle in self.near(&ends).take(tests) {
                 tests = tests.saturating_sub(1);
-                // Of the whole path, so that no triangle is missed between two pieces.
+                // The whole path is tested, so that no triangle is missed between two pieces.
                 let Some((share, crossing)) = self.enters(triangle, from_m, to_m) else { continue };
                 if first.is_none_or(|(least, _)| share < least) {
                     first = Some((share, crossing));
@@ -143,7 +145,8 @@ impl<'m> TouchSurface<'m> {
         self.cells.touched(points_m).flat_map(|cell| list(self.cell_start, self.cell_triangle, cell))
     }
 
-    /// Whether a point is within a distance of the surface, on either side. At most 2,048 triangles are tested.
+    /// Whether a point is within a distance of the surface, on either side. At most 2,048 triangles are
+    /// tested.
     pub(super) fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
         let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
         let close = |&triangle: &u32| {
@@ -153,7 +156,7 @@ impl<'m> TouchSurface<'m> {
         self.near(&[corner(-1.0), corner(1.0)]).take(MAX_TESTS).any(close)
     }
 
-    /// The share of a path before it enters through a triangle, and the point.
+    /// The fraction of a path up to its entry through a triangle, and the point of entry.
     fn enters(&self, triangle: u32, from_m: Vec3, to_m: Vec3) -> Option<(f32, Crossing)> {
         let [a, b, c] = self.corners(triangle)?;
         let area = vec3::cross(vec3::sub(b, a), vec3::sub(c, a));
@@ -206,8 +209,8 @@ impl<'m> TouchSurface<'m> {
 
     /// Moves a foot along the surface by the tangential part of a displacement.
     ///
-    /// It stays on triangles whose corners are all active nodes. Where these end it slides along the edge, and the second
-    /// value is true.
+    /// It stays on triangles whose corners are all active nodes. Where these end it slides along the edge,
+    /// and the second value is true.
     pub(super) fn slide(&self, foot: Foot, along_m: Vec3) -> (Foot, bool) {
         let (mut foot, mut left_m) = (foot, along_m);
         let (mut wall, mut is_stopped) = (None, false);
@@ -314,7 +317,7 @@ fn normalized(weights: Vec3) -> Vec3 {
     if sum > 0.0 { [a / sum, b / sum, c / sum] } else { [1.0, 0.0, 0.0] }
 }
 
-/// The weight that reaches 0 first as the weights change, and the share of the change at which it does.
+/// The weight that reaches 0 first as the weights change, and the fraction of the change at which it does.
 fn first_exit(weights: Vec3, change: Vec3) -> Option<(usize, f32)> {
     let mut first = None;
     for (corner, (weight, change)) in weights.into_iter().zip(change).enumerate() {

@@ -11,8 +11,8 @@ use crate::num::vec3::{self, Vec3};
 
 /// Hybrid estimate of the reaction force.
 ///
-/// Source: Peterlik 2010, section 7. Deviation: the paper switches at the face, where the force would jump; here the
-/// two are blended, see [`crate::method::blend`].
+/// Source: Peterlik 2010, section 7. Deviation: the paper switches at the face, where the force would jump;
+/// here the two are blended, see [`crate::method::blend`].
 #[derive(Clone, Copy)]
 pub(crate) struct Hybrid<'s>(pub(crate) Forces<'s>);
 
@@ -52,7 +52,7 @@ impl<'s> Interpolant for Hybrid<'s> {
         Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
     }
 
-    /// Those of the tri-cubic force: the tri-linear slopes jump at faces.
+    /// The slopes of the tri-cubic force, because the tri-linear ones jump at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
         Tricubic(self.0).slopes(at).stiffness_n_m
     }

@@ -12,7 +12,8 @@ pub(crate) use trilinear::Trilinear;
 use super::interpolant::Ball;
 use crate::num::vec3::Vec3;
 
-/// Forces at the slots of a lattice, newtons: solved configurations, and extrapolated values where there is none.
+/// Forces at the slots of a lattice, newtons: solved configurations, and extrapolated values where there is
+/// none.
 #[derive(Clone, Copy)]
 pub(crate) struct Forces<'s> {
     pub(crate) ball: Ball<'s>,

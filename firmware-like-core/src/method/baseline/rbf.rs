@@ -63,8 +63,8 @@ fn coverage(ball: Ball<'_>, at: &Location) -> Coverage {
 
 /// h(x) = sum_i w_i |x - x_i|,   x in cells.
 ///
-/// f32 suffices: r is at most the size of the table, and the terms cancel little. At a centre r = 0 and its term
-/// vanishes; r is a square root and never r^2 / r, so nothing is divided by zero.
+/// f32 suffices: r is at most the size of the table, and the terms cancel little. At a centre r = 0 and its
+/// term vanishes; r is computed as a square root and never as r^2 / r, so there is no division by zero.
 /// Cost: one root per centre, shared by the three components; the order of the sum is fixed.
 /// Source: Peterlik 2010, Eq. 12 (sum to N). Deviation: none; the equation has no polynomial term.
 #[derive(Clone, Copy)]
@@ -186,8 +186,9 @@ where
 {
     /// dh_i/dx_j as rows i, x in cells: sum of w_i phi'(r) (x - x_i) / r, `slope(r^2)` = phi'(r) / r.
     ///
-    /// A centre at the query contributes nothing: phi = r has no slope there, that of phi = r^3 is zero. In the
-    /// arithmetic of the table: the tick evaluates it outside the ball, and f64 is slow on a microcontroller.
+    /// A centre at the query contributes nothing: phi = r has no slope there, that of phi = r^3 is zero.
+    /// Evaluated in the arithmetic of the table, because the tick needs it outside the ball and f64 is slow
+    /// on a microcontroller.
     #[inline(always)]
     fn slopes(&self, [x, y, z]: [T; 3], zero: T, slope: impl Fn(T) -> T) -> [[T; 3]; 3] {
         let mut sums = [[zero; 3]; 3];

@@ -1,9 +1,10 @@
 //! Tri-cubic interpolation on the 64 points of the super-cell: tensor product of Catmull-Rom splines.
 //!
-//! The slopes of this cubic at a node are the central differences of its neighbours on the axis, whichever cell is
-//! evaluated. So the force is C1, and the hand feels no kink at a face. The tri-cubic of Lekien and Marsden, to which
-//! the paper refers, is the same polynomial if its derivatives are central differences; the paper does not say which
-//! it used. The tensor Lagrange cubic is slightly more accurate, but only C0: its slope jumps at every face.
+//! The slopes of this cubic at a node are the central differences of its neighbours on the axis, for every
+//! cell that contains the node. Therefore the force is C1, and the hand feels no kink at a face. The
+//! tri-cubic of Lekien and Marsden, to which the paper refers, is the same polynomial if its derivatives are
+//! central differences; the paper does not state which it used. The tensor Lagrange cubic is slightly more
+//! accurate, but only C0: its slope jumps at every face.
 
 use super::{Forces, run};
 use crate::grid::flags::SUPERCELL;
@@ -18,8 +19,8 @@ use crate::num::vec3::{self, Vec3};
 /// h(p) = sum_abc w_a(tx) w_b(ty) w_c(tz) h_abc,   a, b, c in -1..=2 round the low corner of the cell
 ///
 /// Cost: 16 rows of 12 values, contracted along z last so that rows stay whole vectors. One bounds check.
-/// Source: Peterlik 2010, section 4.4, Fig. 1(b). Deviation: unsolved points have extrapolated forces, so that the
-/// force never jumps.
+/// Source: Peterlik 2010, section 4.4, Fig. 1(b). Deviation: unsolved points have extrapolated forces, so
+/// that the force never jumps.
 #[derive(Clone, Copy)]
 pub(crate) struct Tricubic<'s>(pub(crate) Forces<'s>);
 
@@ -49,8 +50,8 @@ impl<'s> Interpolant for Tricubic<'s> {
     }
 }
 
-/// Catmull-Rom weights of the points -1, 0, 1, 2 at t in [0, 1], one lane per axis. Their sum is 1; quadratics are
-/// reproduced.
+/// Catmull-Rom weights of the points -1, 0, 1, 2 at t in [0, 1], one lane per axis. Their sum is 1;
+/// quadratics are reproduced.
 #[inline(always)]
 fn weights([tx, ty, tz]: Vec3) -> [F32x4; 4] {
     let t = F32x4::new([tx, ty, tz, tz]);

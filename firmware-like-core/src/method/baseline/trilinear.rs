@@ -14,8 +14,8 @@ use crate::num::vec3::{self, Vec3};
 /// h(p) = sum_c w_c(t) h_c,   c over the 8 corners of the cell
 ///
 /// Cost: 8 loads of three components, 7 linear interpolations, one bounds check.
-/// Source: Peterlik 2010, section 4.4, Fig. 1(a). Deviation: unsolved corners have extrapolated forces, so that the
-/// force never jumps.
+/// Source: Peterlik 2010, section 4.4, Fig. 1(a). Deviation: unsolved corners have extrapolated forces, so
+/// that the force never jumps.
 #[derive(Clone, Copy)]
 pub(crate) struct Trilinear<'s>(pub(crate) Forces<'s>);
 
@@ -38,7 +38,7 @@ impl<'s> Interpolant for Trilinear<'s> {
         Slopes { stiffness_n_m: ball.per_metre(rows), energy_j: None }
     }
 
-    /// Those of the tri-cubic force: the tri-linear slopes jump at faces.
+    /// The slopes of the tri-cubic force, because the tri-linear ones jump at faces.
     fn rim_slopes(self, at: &Location) -> [Vec3; 3] {
         Tricubic(self.0).slopes(at).stiffness_n_m
     }
@@ -58,7 +58,8 @@ pub(super) fn interpolate(force: &[Vec3], strides: Strides, slot: usize, t: Vec3
 /// `None` beyond the end of the table, which a checked table never reaches.
 #[inline(always)]
 fn checked(force: &[Vec3], strides: Strides, slot: u32, t: Vec3) -> Option<Vec3> {
-    // The last edge first: if it is in the table, so are the others, and the compiler drops their checks.
+    // The last edge is checked first: if it is in the table, so are the others, and the compiler drops their
+    // checks.
     let (slot, side, sheet) = (slot as usize, strides.side as usize, strides.sheet as usize);
     let d = edge(force, slot.wrapping_add(sheet).wrapping_add(side))?;
     let c = edge(force, slot.wrapping_add(sheet))?;

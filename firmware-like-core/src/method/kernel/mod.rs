@@ -1,21 +1,24 @@
-//! The energy as the sum of Gaussians that was fitted to it: no table of a grid, no cell.
+//! The energy as a sum of Gaussians fitted to it, without a grid and without cells.
 //!
 //! W(x) = l [x . B x / 2 + sum_n E_n P_n(x - x_n) - g . x - e],   E_n = exp(-|x - x_n|^2 / 2),   x = p / l
 //!
 //! h = dW/dp = B x + sum_n E_n (grad P_n - r P_n) - g,   r = x - x_n
 //!
-//! p is the displacement, l the length of the kernel, B x the force of the linearised body at rest, and P_n a polynomial
-//! of degree three: 20 coefficients per configuration. These are the weights of a Gaussian-process (Hermite-Birkhoff)
-//! fit of W, h, S and the third derivatives (Wendland, Scattered Data Approximation, 2004, chapter 16). The derivative of
-//! order b of the Gaussian is He_b(r) E, so the sum over b is E times a polynomial, at a fifth of the operations. g and e
-//! are gradient and value of the sum at rest: force and energy vanish there.
+//! p is the displacement, l the length of the kernel, B x the force of the linearised body at rest, and P_n a
+//! polynomial of degree three: 20 coefficients per configuration. These are the weights of a Gaussian-process
+//! (Hermite-Birkhoff) fit of W, h, S and the third derivatives (Wendland, Scattered Data Approximation, 2004,
+//! chapter 16). The derivative of order b of the Gaussian is He_b(r) E, so the sum over b is E times a
+//! polynomial, at a fifth of the operations. g and e are gradient and value of the sum at rest, so that force
+//! and energy vanish there.
 //!
-//! The force is the exact gradient of a smooth W: it does no work on a closed path, and there is no face to cross.
+//! The force is the exact gradient of a smooth W: it does no work on a closed path, and there are no faces of
+//! cells.
 //!
-//! Without data a sum of Gaussians tends to zero, and may oscillate on the way. So the domain of the method ends at its
-//! [`Reach`]; outside, the force is continued as for every method, and is `Extrapolated`.
+//! Far from data a sum of Gaussians tends to zero and may oscillate. Therefore the domain of the method ends
+//! at its [`Reach`]; outside, the force is continued as for every method, and is `Extrapolated`.
 //!
-//! The terms are thousands of times larger than their sum, so everything is f64; f32 would cost newtons.
+//! The terms are thousands of times larger than their sum, so all arithmetic is f64; f32 would cause errors
+//! of newtons.
 
 mod reach;
 mod sum;
@@ -32,8 +35,9 @@ use crate::plane::{PlaneError, PlaneProblem, check_len, check_values};
 /// Configurations per block, evaluated side by side.
 pub const LANES: usize = 4;
 
-/// Numbers of a configuration: its position (x, y, z, in lengths l), then the derivatives of its polynomial at that
-/// position, newtons, in the order 1, x, y, z, xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz, yyy, yyz, yzz, zzz.
+/// Numbers of a configuration: its position (x, y, z, in lengths l), then the derivatives of its polynomial
+/// at that position, newtons, in the order 1, x, y, z, xx, xy, xz, yy, yz, zz, xxx, xxy, xxz, xyy, xyz, xzz,
+/// yyy, yyz, yzz, zzz.
 pub const NUMBERS: usize = 23;
 
 /// Four configurations, number by number; a block that is not full ends with zeros.
@@ -45,7 +49,8 @@ pub const MAX_CENTRES: usize = 256;
 /// Number of scalars: l in metres, then xx, xy, xz, yy, yz, zz of B = l S(0), newtons.
 pub const SCALARS: usize = 7;
 
-/// Largest distance from rest of a configuration and of the rim of the ball, in lengths l: the range of the exponential.
+/// Largest distance from rest of a configuration and of the rim of the ball, in lengths l: the range of the
+/// exponential.
 pub const MAX_DISTANCE: f64 = 16.0;
 
 /// Points along an edge of the cube of directions.
@@ -54,7 +59,8 @@ pub const REACH_SIDE: usize = 9;
 /// Points of the cube of directions; only those on its surface are used.
 pub const REACH_POINTS: usize = REACH_SIDE * REACH_SIDE * REACH_SIDE;
 
-/// Largest absolute coefficient of a polynomial or of B, newtons: far beyond any fit, and no sum overflows f32.
+/// Largest absolute coefficient of a polynomial or of B, newtons: far beyond any fit, and no sum overflows
+/// f32.
 const LARGEST_N: f64 = 1e15;
 
 /// Smallest and largest l, metres.
@@ -67,8 +73,8 @@ pub struct KernelPlanes<'a> {
     pub scalars: &'a [f64],
     /// The configurations.
     pub blocks: &'a [Block],
-    /// [`REACH_POINTS`] shares of the ball's radius in 255ths, by direction: point (a, b, c), c fastest, stands for the
-    /// direction (a - 4, b - 4, c - 4). None on the surface of the cube is zero.
+    /// [`REACH_POINTS`] shares of the ball's radius in 255ths, by direction: point (a, b, c), c fastest,
+    /// stands for the direction (a - 4, b - 4, c - 4). None on the surface of the cube is zero.
     pub reach: &'a [u8],
 }
 
@@ -121,7 +127,8 @@ impl<'a> KernelTable<'a> {
             x.iter().zip(y).zip(z).all(is_near) && numbers.as_flattened().iter().all(is_number)
         })?;
         let reach = Reach::new(radius_m, reach)?;
-        // By the arithmetic of the tick, so that the force at rest is zero and not a rounding error.
+        // Evaluated with the arithmetic of the tick, so that the force at rest is zero and not a rounding
+        // error.
         let rest_n = (sum::gradient(Baseline, blocks, [0.0; 3]), sum::derivatives(blocks, [0.0; 3]).0);
         Ok(Self { scalars, blocks, reach, lengths_per_m: 1.0 / length_m, base_n, rest_n })
     }
@@ -138,7 +145,8 @@ impl<'a> KernelTable<'a> {
 
     /// h at a displacement inside the reach, newtons; exactly zero at rest.
     ///
-    /// Cost: about 80 products, as many sums and one exponential per configuration, four configurations side by side.
+    /// Cost: about 80 products, as many sums and one exponential per configuration, four configurations side
+    /// by side.
     #[inline(always)]
     pub fn force<M: Machine>(&self, machine: M, displacement_m: Vec3) -> Vec3 {
         let at = self.in_lengths(displacement_m);

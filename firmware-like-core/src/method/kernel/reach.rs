@@ -7,9 +7,10 @@ use crate::plane::{PlaneError, PlaneProblem, check_len};
 /// Half the edge of the cube, in points.
 const HALF: f32 = 4.0;
 
-/// Distances from rest on the surface of a cube of directions, tri-linear between its points and therefore continuous.
+/// Distances from rest on the surface of a cube of directions, tri-linear between its points and therefore
+/// continuous.
 ///
-/// One lattice for the whole cube instead of six faces: two faces that share an edge cannot contradict each other.
+/// One lattice for the whole cube replaces six faces, so that two faces cannot differ on their common edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Reach<'a> {
     shares: &'a [u8],
@@ -54,7 +55,7 @@ impl<'a> Reach<'a> {
         if largest <= 0.0 {
             return self.least_m;
         }
-        // Divided first: four times the largest f32 would overflow.
+        // The division comes first, because four times the largest f32 would overflow.
         let [x, y, z] = direction.map(|x| (x / largest) * HALF + HALF);
         let ((i, x), (j, y), (k, z)) = (cell(x), cell(y), cell(z));
         let mut share = 0.0;

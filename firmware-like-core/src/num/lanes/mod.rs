@@ -1,10 +1,11 @@
-//! Several floats side by side: what the interpolants compute with.
+//! Vectors of floats (SIMD lanes) for the interpolants.
 //!
-//! Without this module the compiler packs values of different rows and components together, and shuffles more than it
-//! computes. x86-64 always has SSE2, which `safe_arch` makes available as safe code; elsewhere the lanes are an array.
+//! Without this module the compiler packs values of different rows and components together, and shuffles more
+//! than it computes. x86-64 always has SSE2, which `safe_arch` makes available as safe code; elsewhere the
+//! lanes are an array.
 //!
-//! The results do not depend on the registers: every lane computes what a single float would, sums have a written
-//! order, and no multiplication is fused with an addition.
+//! The results do not depend on the registers: every lane computes what a single float would, the order of
+//! every sum is fixed, and no multiplication is fused with an addition.
 
 use core::ops::{Add, Mul, Sub};
 
@@ -28,10 +29,10 @@ impl<V: Copy + Add<Output = V> + Sub<Output = V> + Mul<Output = V>> Lanes for V 
 
 /// The widest registers that the interpolants use, and how they are filled.
 ///
-/// [`Baseline`] has the registers that the crate is compiled for. A caller that has detected wider registers at run time
-/// may implement this trait for them. Then everything has to be inlined into functions compiled for these instructions:
-/// that is why all functions on this path are `inline(always)` and no closure captures lanes. `palpate bench core`
-/// measures the gain.
+/// [`Baseline`] has the registers that the crate is compiled for. A caller that has detected wider registers
+/// at run time may implement this trait for them. Then everything has to be inlined into functions compiled
+/// for these instructions. For this reason all functions on this path are `inline(always)` and no closure
+/// captures lanes. `palpate bench core` measures the gain.
 pub trait Machine: Copy {
     /// Eight f32: two rows of a table.
     type F32x8: Lanes;

@@ -37,7 +37,8 @@ impl F32x4 {
 
     /// x, y, z and 0.
     ///
-    /// Loaded in pairs: otherwise the compiler loads y and z together, which stalls where x and y were stored together.
+    /// Loaded in pairs: otherwise the compiler loads y and z together, which stalls where x and y were stored
+    /// together.
     #[inline(always)]
     pub(crate) fn point([x, y, z]: Vec3) -> Self {
         let [low, high] = [[x, y], [z, 0.0]].map(bytemuck::must_cast);
@@ -85,8 +86,8 @@ impl F32x4 {
         Self(sqrt_m128(self.0))
     }
 
-    /// The largest integers not above the lanes, for magnitudes below 2^22; the first three also as integers, plus the
-    /// bits of [`ROUNDING_SHIFT`], modulo 2^32.
+    /// The largest integers not above the lanes, for magnitudes below 2^22; the first three also as integers,
+    /// plus the bits of [`ROUNDING_SHIFT`], modulo 2^32.
     #[inline(always)]
     pub(crate) fn floor(self) -> (Self, [u32; 3]) {
         let shift = set_splat_m128(ROUNDING_SHIFT);
