@@ -1,4 +1,5 @@
-//! The reader: accepts what was written, refuses everything else, and never panics. Planes are in `blob_planes.rs`.
+//! The reader accepts what was written, refuses everything else, and never panics. Planes are in
+//! `blob_planes.rs`.
 
 mod common;
 
@@ -38,7 +39,7 @@ fn a_blob_contains_what_was_written() {
     assert_eq!(organ.surface.fixed, [1, 0, 0, 0]);
 }
 
-/// Every bit of the whole file.
+/// Flips every bit of the file, one at a time.
 #[test]
 fn every_flipped_bit_is_found() {
     let mut blob = small().blob();
@@ -71,7 +72,7 @@ fn every_truncation_is_found() {
     assert!(matches!(refusal(&AlignedBytes::from(&long)), BlobError::TooLong { .. }));
 }
 
-/// With a correct checksum: every byte of the header, changed to several values, is refused or read.
+/// With a correct checksum: a header with any byte changed to several values is refused or read.
 #[test]
 fn a_signed_but_wrong_header_never_panics() {
     let blob = small().blob();
@@ -84,7 +85,7 @@ fn a_signed_but_wrong_header_never_panics() {
             sign(&mut wrong);
             match Small::read(&wrong) {
                 Err(_) => refused += 1,
-                // A name or a position may differ; then every query still has a finite answer.
+                // A changed name or position may be accepted; then every query still has a finite answer.
                 Ok(organ) => {
                     for space in &organ.spaces {
                         for d in [[0.0; 3], [0.004, -0.003, 0.006], [1e30, 0.0, f32::NAN]] {
@@ -156,7 +157,7 @@ fn more_spaces_than_fit() {
     let blob = Recipe { nodes: vec![[0.0; 3]; 3], ..small() }.blob();
     assert_eq!(refusal(&blob), BlobError::Capacity { what: "spaces", space: None, need: 3, limit: 2 });
     assert!(Organ::<3>::read(&blob).is_ok());
-    // A count that the header does not hold.
+    // The header has fewer records than the count states.
     assert_eq!(spoiled(|draft| draft.preamble.space_count = 2), BlobError::Header);
     assert_eq!(spoiled(|draft| draft.preamble.space_count = 0), BlobError::Header);
     assert!(matches!(
@@ -183,7 +184,7 @@ fn more_of_a_table_than_a_profile_holds() {
         surface("surface vertices").to_string(),
         "4 surface vertices of the organ are more than this build holds (3): pack fewer, or build with a larger profile"
     );
-    // A microcontroller holds forces only.
+    // The profile of a microcontroller accepts forces only.
     assert_eq!(refused(&Limits::MICROCONTROLLER), capacity("displacement modes", 3, 0));
     let forces = Recipe { displacement: false, ..small() }.blob();
     assert!(MicrocontrollerOrgan::read_within(&forces, &Limits::MICROCONTROLLER).is_ok());
@@ -246,11 +247,12 @@ fn layout_version_3_byte_by_byte() {
     assert_eq!(u32_at(8), 3);
     let header_len = u32_at(12) as usize;
     assert_eq!(u64::from_le_bytes(bytes[16..24].try_into().expect("eight bytes")), bytes.len() as u64);
-    // Strings are a length and their bytes; floats four bytes.
+    // A string is its length and its bytes; a float has four bytes.
     assert_eq!(&bytes[24..39], b"\x04test\x09potential");
     assert_eq!(&bytes[39..43], 8.0_f32.to_le_bytes());
     assert_eq!(bytes[43..75], [7; 32]);
-    // The surface: node at 0 with 4 elements, then x, y, z at 64, 128, 192 (postcard integers, seven bits a byte).
+    // The surface: node at 0 with 4 elements, then x, y, z at 64, 128, 192 (postcard integers, seven bits per
+    // byte).
     assert_eq!(bytes[75..86], [0, 4, 64, 4, 0x80, 1, 4, 0xc0, 1, 4, 0x80]);
     let start = (24 + header_len).next_multiple_of(64);
     assert!(bytes[24 + header_len..start].iter().all(|&byte| byte == 0));

@@ -61,7 +61,7 @@ fn displacement_planes_that_do_not_fit_together() {
     let planes: [(&str, Of); 7] = [
         ("displacement row", |d| &mut d.row),
         ("displacement modes", |d| &mut d.modes),
-        // Another number of modes than in the plane of the modes.
+        // The number of modes differs from that in the plane of the modes.
         ("displacement modes", |d| &mut d.scale),
         ("displacement coefficients", |d| &mut d.coefficients),
         ("displacement outlier scale", |d| &mut d.outlier_row),
@@ -76,14 +76,15 @@ fn displacement_planes_that_do_not_fit_together() {
                 let plane = of(draft.spaces[0].displacement.as_mut().expect("packed"));
                 plane.len = plane.len.strict_add_signed(by);
             });
-            // One more outlier has a row from the padding.
+            // An additional outlier takes its row from the padding.
             let outlier = ["displacement outlier scale", "displacement outlier row"];
             let expected = matches!(error, BlobError::Plane { error, .. }
                 if error.plane == what || (outlier.contains(&what) && outlier.contains(&error.plane)));
             assert!(expected, "{what} {by}: {error}");
         }
     }
-    // Seven rows of nine numbers are no rows of twelve, and three modes have no four slopes.
+    // With three slopes a row has twelve numbers, but the table has seven rows of nine. Four slopes need four
+    // modes.
     let slopes =
         |slopes| spoiled(|draft| draft.spaces[0].displacement.as_mut().expect("packed").slopes = slopes);
     assert_eq!(slopes(3), plane("displacement coefficients", PlaneProblem::Length { have: 63, need: 60 }));
@@ -117,7 +118,7 @@ fn every_float_that_is_not_finite_is_found() {
     });
     let mut found = 0;
     for (reference, size) in planes {
-        // In a large plane one in 211, which includes every position in a node.
+        // In a large plane every 211th element, which includes every position in a node.
         for index in (0..reference.len as usize).step_by(if reference.len > 4000 { 211 } else { 1 }) {
             for bad in [f64::NAN, f64::NEG_INFINITY, 1e30] {
                 let error = spoiled(|draft| {

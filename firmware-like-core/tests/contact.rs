@@ -91,31 +91,31 @@ fn the_anchor_is_the_crossing_point() {
 fn contact_begins_only_at_a_crossing_near_a_node() {
     let blob = two_nodes().blob();
     let organ = Organ::read(&blob).expect("good");
-    // Inside from the start, from inside to outside, and along below the plane.
+    // A path that starts inside, one from inside to outside, and one along below the plane.
     let touches = Hand::new(&organ).play(&[at(-3.0), at(-2.0), at(0.0), at(-1.0), at(2.0)]);
     assert!(touches.iter().all(Option::is_none), "{touches:?}");
-    // Through the plane, but out of reach of both nodes: 25 mm from each.
+    // Through the plane, but 25 mm from each node, beyond the capture radius.
     let far = |z| ([0.025, 0.0, z], 0);
     assert!(Hand::new(&organ).play(&[far(0.002), far(-0.002)]).iter().all(Option::is_none));
-    // Nearer to the second.
+    // Nearer to the second node.
     let second = |z| ([0.04, 0.0, z], 0);
     let touches = Hand::new(&organ).play(&[second(0.001), second(-0.001)]);
     assert_eq!(touches[1].expect("engaged").space, 1);
 }
 
-/// Jitter of the encoder round the plane does not chatter; rising by more than the hysteresis disengages.
+/// Encoder jitter round the plane causes no chatter; a height above the hysteresis disengages.
 #[test]
 fn release_has_hysteresis() {
     hand!(organ, hand);
     let jitter: Vec<_> = (0..40).map(|i| at(if i % 2 == 0 { 0.1 } else { -0.1 })).collect();
     let touches = hand.play(&jitter);
-    assert!(touches[1..].iter().all(Option::is_some), "engages once and stays");
+    assert!(touches[1..].iter().all(Option::is_some), "the tool engages once and stays engaged");
     let touches = hand.play(&[at(0.19), at(0.21), at(0.1), at(-0.1)]);
     assert!(touches[0].is_some() && touches[1].is_none() && touches[2].is_none());
-    assert!(touches[3].is_some(), "and the next crossing engages again");
+    assert!(touches[3].is_some(), "the next crossing engages again");
 }
 
-/// A grasp that is lost below the plane does not become a push: the tool must come up first.
+/// A grasp that is lost below the plane does not become a push: the tool must first rise above the plane.
 #[test]
 fn after_a_release_below_the_plane_the_tool_must_come_up_first() {
     hand!(organ, hand);
@@ -136,7 +136,7 @@ fn a_grasp_holds_until_the_button_is_released() {
     assert_eq!(touches[1].expect("grasped").displacement_m, [0.0; 3]);
     assert!((touches[2].expect("pulls").displacement_m[2] - 8e-3).abs() < 1e-8, "no release by height");
     assert!(touches[3].is_none(), "button released");
-    // Another button, or too far from the surface, does not grasp.
+    // The wrong button, or a distance too large from the surface, does not grasp.
     assert!(Hand::new(&organ).play(&[hold(1.0, 0), hold(1.0, 0b01)])[1].is_none());
     for out in [30.0, 3.1] {
         assert!(Hand::new(&organ).play(&[hold(out, 0), hold(out, 0b10), hold(1.0, 0b10)])[2].is_none());
@@ -151,7 +151,8 @@ fn a_held_button_is_no_press() {
     assert!(hand.play(&[held, held, held]).iter().all(Option::is_none));
 }
 
-/// A grasp out of a push keeps the anchor, so the force does not jump; from then on it pulls.
+/// A grasp that starts during a push keeps the anchor, so the force does not jump; from then on the tool can
+/// pull.
 #[test]
 fn a_push_becomes_a_grasp_in_place() {
     hand!(organ, hand);

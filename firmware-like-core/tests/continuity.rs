@@ -1,4 +1,4 @@
-//! Where the methods are continuous: at the rim, at faces, and at folds; and that `energy` is conservative.
+//! Continuity of the methods at the rim, at faces and at folds; and that `energy` is conservative.
 
 mod common;
 
@@ -31,9 +31,10 @@ fn outside_the_ball_the_force_becomes_constant() {
                 let [near, far] = [force(radius + 0.05 * d).force_n, force(radius + d).force_n];
                 vec3::scale(vec3::sub(far, near), 1.0 / (0.95 * d))
             });
-            // The slope changes by its curvature over 20 um (large near wrong extrapolation) and by 20 um of its way to
-            // zero. A constant force would change it by 300 N/m and more. The tri-linear slope jumps at every face, and
-            // outside the ball the tri-cubic one replaces it.
+            // The tolerance covers the curvature over 20 um (large near wrong extrapolation) and the decrease
+            // of the slope over the first 20 um of the continuation. A constant force would change the slope
+            // by 300 N/m and more. The tri-linear slope jumps at every face, and outside the ball the slope
+            // is the tri-cubic one.
             let jumps = matches!(method, Method::Trilinear | Method::Hybrid);
             assert!(jumps || distance(low, high) < 12.0, "{method:?} {direction:?}: {low:?} {high:?}");
             let last = force(radius + 1.001 * cell).force_n;
@@ -70,8 +71,8 @@ fn crossings(spacing_m: f32, radius_m: f32, count: usize) -> Vec<(usize, Vec3, V
     found
 }
 
-/// Outside the ball the cell of the rim changes along the rim: no method jumps there, with holes, wrong extrapolation and
-/// folds.
+/// Outside the ball the cell of the rim changes along the rim: no method jumps there, with holes, wrong
+/// extrapolation and folds.
 #[test]
 fn no_method_jumps_outside_the_ball() {
     let recipe = Recipe {
@@ -163,7 +164,8 @@ fn tricubic_is_c1_across_faces() {
     assert!(worst_linear > 20.0, "the test must detect a kink: tri-linear {worst_linear} N/m");
 }
 
-/// Both Hermite forces are C1 at faces, also near wrong extrapolation, and their blend at a fold is continuous.
+/// Both Hermite forces are C1 at faces, also near wrong extrapolation, and their blend at a fold is
+/// continuous.
 #[test]
 fn hermite_and_energy_are_smooth_at_faces_and_continuous_at_folds() {
     let blob = Recipe {
@@ -195,11 +197,13 @@ fn hermite_and_energy_are_smooth_at_faces_and_continuous_at_folds() {
         crossed += usize::from(folded(low) != folded(high));
     }
     assert!(crossed > 50, "{crossed} crossings of the faces of a cell with a fold");
-    // The rounding of slopes of 1e3 N/m, and h'' up to 3e6 N/m^2 near wrong extrapolation over a gap of 1e-7 m.
+    // The rounding of slopes of 1e3 N/m, and h'' up to 3e6 N/m^2 near wrong extrapolation over a gap of 1e-7
+    // m.
     assert!(worst[0] < 2.0 && worst[1] < 2.0, "slopes jump by {worst:?} N/m");
 }
 
-/// The force of `energy` does no work on a closed path, also near wrong extrapolation; that of the tri-cubic does.
+/// The force of `energy` does no work on a closed path, also near wrong extrapolation; that of the tri-cubic
+/// does.
 #[test]
 fn the_energy_does_no_work_round_a_closed_path() {
     let recipe = Recipe {

@@ -29,13 +29,14 @@ fn disarmed_means_no_force() {
         let z = 0.001 - 0.0002 * step as f32;
         let command = controller.tick(&mut state, step * 1000, Some(&sample(step * 1000, [0.0, 0.0, z])));
         assert_eq!((command.hand_force_n, command.engaged, command.phase), ([0.0; 3], None, Phase::Disarmed));
-        assert_eq!(command.hip_m, [0.0, 0.0, z], "the HIP for the viewer");
+        assert_eq!(command.hip_m, [0.0, 0.0, z], "the HIP is reported for the viewer");
     }
     let command = controller.tick(&mut state, 60_000, Some(&sample(60_000, [f32::NAN; 3])));
     assert!(vec3::is_finite(command.hip_m) && command.phase == Phase::Disarmed);
 }
 
-/// Along a path on which the model would pull the tool in, a pushing tool disengages, and stays so below the plane.
+/// Where the model would pull a pushing tool in, the tool disengages; below the plane it does not engage
+/// again.
 #[test]
 fn a_pushing_tool_disengages_where_the_model_pulls() {
     bench!(bench, config());
@@ -112,7 +113,7 @@ fn faster_than_a_hand() {
     bench.press();
     assert_faults(bench.at([0.01, 0.0, -5e-3]), Fault::Overspeed);
     assert_latched(bench, Fault::Overspeed);
-    // A smooth 1.1 m/s is detected within the window, 0.9 m/s is not a fault.
+    // A steady 1.1 m/s is detected within the window; 0.9 m/s is not a fault.
     for (speed, faults) in [(1.1, true), (0.9, false)] {
         bench!(bench, config);
         let mut tripped = None;
@@ -237,7 +238,7 @@ fn the_controller_refuses_invalid_configurations() {
     let mut wrong = config();
     wrong.passivity.position_step_m = -1.0;
     assert_eq!(refused(wrong), ControllerError::Config { what: "position_step_m" });
-    // Infinite is no limit; zero and NaN are none either.
+    // An infinite value means no limit; zero and NaN are refused.
     for (limit, is_sound) in [(f32::INFINITY, true), (3e3, true), (0.0, false), (f32::NAN, false)] {
         let mut wrong = config();
         wrong.limits.max_stiffness_n_m = limit;

@@ -1,4 +1,4 @@
-//! Where a path enters the surface: the lists of triangles against the whole surface.
+//! Where a path enters the surface: the lists of triangles compared with a search over all triangles.
 
 mod common;
 
@@ -19,7 +19,7 @@ fn controller<'o>(organ: &'o Organ<'o>, memory: &'o mut Vec<u32>) -> Controller<
     Controller::new(organ, config).expect("packed").on_surface(surface)
 }
 
-/// Where the path between two samples enters the body, and the command that tells it.
+/// The point where the path between two samples enters the body, and the command of that tick.
 fn crossing(controller: &Controller<'_, '_>, from_m: Vec3, to_m: Vec3) -> Option<(Vec3, Command)> {
     let mut state = State::new();
     state.arm();
@@ -32,7 +32,7 @@ fn crossing(controller: &Controller<'_, '_>, from_m: Vec3, to_m: Vec3) -> Option
     Some((vec3::sub(to_m, command.displacement_m), command))
 }
 
-/// The point of the surface with the weights of a command.
+/// The point of the surface that the weights of a command define.
 fn foot(organ: &Organ<'_>, command: &Command) -> Vec3 {
     command.shares.iter().fold(vec3::ZERO, |sum, share| {
         let at = organ.spaces[usize::from(share.space)].active().rest_position_m;
@@ -40,7 +40,8 @@ fn foot(organ: &Organ<'_>, command: &Command) -> Vec3 {
     })
 }
 
-/// Every triangle is in all lists it belongs to: each path from outside is found, through triangles, edges and vertices.
+/// Each triangle is in all lists of the cells it touches: every path from outside is found, through
+/// triangles, edges and vertices.
 #[test]
 fn every_entry_is_found_and_no_exit() {
     let blob = ball(|_| 1.0, 162);
@@ -66,7 +67,7 @@ fn every_entry_is_found_and_no_exit() {
     // A path of any length, as after a gap in the samples, enters at its first crossing.
     for aim in &vertices {
         let found = crossing(&controller, vec3::scale(*aim, 1.7), vec3::scale(*aim, -3.0));
-        let (at_m, _) = found.expect("through the whole ball");
+        let (at_m, _) = found.expect("a path through the whole ball");
         assert!(vec3::distance(at_m, *aim) < 1e-5, "{at_m:?} for {aim:?}");
     }
     assert!(crossing(&controller, [0.1, 0.1, 0.1], [0.101, 0.1, 0.1]).is_none(), "beside the body");
@@ -114,7 +115,7 @@ fn a_long_path_enters_at_its_first_surface() {
         let recipe = Recipe {
             nodes: vec![outer[0]],
             body,
-            // Isotropic, so that no path into the body is pulled.
+            // Isotropic, so that the model pulls no tool on its path into the body.
             force: |d| d.map(|x| 400.0 * f64::from(x)),
             ghost: |d| d.map(|x| 400.0 * f64::from(x)),
             rbf: false,
@@ -132,13 +133,14 @@ fn a_long_path_enters_at_its_first_surface() {
             let to = vec3::add(vec3::scale(from, -1.0), random.point(0.3 * RADIUS_M));
             let (at_m, _) = crossing(&controller, from, to).expect("through both");
             let radius_m = vec3::norm(at_m);
-            assert!((0.99..1.001).contains(&(radius_m / RADIUS_M)), "{at_m:?}, {radius_m} m from the middle");
+            assert!((0.99..1.001).contains(&(radius_m / RADIUS_M)), "{at_m:?}, {radius_m} m from the centre");
             assert!(vec3::dot(at_m, from) > 0.0, "on the near side: {at_m:?}");
         }
     }
 }
 
-/// Triangles that all span the whole body must not multiply the memory: 200,000 of them would need 26 GB in fine cells.
+/// The memory is bounded even if every triangle spans the body: 200,000 of them would need 26 GB in fine
+/// cells.
 #[test]
 fn the_memory_is_bounded_for_any_triangles() {
     let corners = |n: u32| [3 * n, 3 * n + 1, 3 * n + 2];

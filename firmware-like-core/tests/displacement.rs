@@ -14,7 +14,7 @@ fn recipe(slopes: usize) -> Recipe {
     Recipe { radius_m: 0.04, lattice_table: false, rbf: false, hermite: false, slopes, ..Recipe::default() }
 }
 
-/// Numbers of modes with slopes, of three modes.
+/// Numbers of modes with slopes, out of three modes.
 const SLOPES: [usize; 3] = [0, 2, 3];
 
 fn moved(space: &Space<'_>, d: Vec3) -> [Vec3; 4] {
@@ -80,7 +80,7 @@ fn configurations_are_reproduced() {
     }
 }
 
-/// The slopes reproduce a cubic field, the values alone do not.
+/// The slopes reproduce a cubic field; the values alone do not.
 #[test]
 fn slopes_reproduce_a_cubic() {
     let errors = SLOPES.map(|slopes| {
@@ -96,7 +96,8 @@ fn slopes_reproduce_a_cubic() {
         worst
     });
     let [linear, some, all] = errors;
-    // Values and slopes are rounded by half a unit each. With two of three modes the mode along z has no slopes.
+    // Values and slopes are rounded by half a unit each. With two of three modes the mode along z has no
+    // slopes.
     assert!(all < 1.5 * QUANTUM_M && linear > 20.0 * all, "{errors:?}");
     assert!(linear >= some && some > 10.0 * all, "{errors:?}");
 }

@@ -1,5 +1,5 @@
-//! The fuzz targets of the core on their kept inputs, on their first inputs, and on mutations of both. `check-fuzz` runs
-//! the fuzzer itself.
+//! The fuzz targets of the core on the inputs of the corpus, on their seeds, and on mutations of both.
+//! `check-fuzz` runs the fuzzer itself.
 
 mod common;
 
@@ -17,7 +17,7 @@ fn corpus(target: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target)
 }
 
-/// Small blobs with every kind of table, hole and fold.
+/// Seeds: small blobs with every kind of table, with unsolved points and folds.
 fn blobs() -> Vec<Vec<u8>> {
     let small = || Recipe { radius_m: 0.01, slopes: 2, outlier: Some([0, -1, 0]), ..Recipe::default() };
     let recipes = [
@@ -42,7 +42,7 @@ fn ticks_are_finite_and_within_limits() {
     replay(&kept(&corpus("tick")), 5, bodies::tick);
 }
 
-/// Steps of [`bodies::tick`]: a grasp and a walk, ticks without samples, a fault and its reset.
+/// Seeds of [`bodies::tick`]: a grasp and a walk, ticks without samples, a fault and its reset.
 fn strokes() -> Vec<Vec<u8>> {
     let step = |kind: u8, buttons: u8, at: [u32; 3]| {
         let mut bytes = vec![kind, 0xe8, 3, 10, buttons];
@@ -64,7 +64,7 @@ fn strokes() -> Vec<Vec<u8>> {
 }
 
 #[test]
-#[ignore = "writes the first inputs of check-fuzz: by hand, after a change of the layout"]
+#[ignore = "writes the seeds of check-fuzz: run by hand after a change of the layout"]
 fn write_the_first_inputs() {
     write_seeds(&corpus("blob"), &blobs());
     write_seeds(&corpus("tick"), &strokes());

@@ -67,7 +67,7 @@ fn a_grasp_begins_only_near_the_surface() {
         for (height_m, takes) in [(2.8e-3, true), (3.3e-3, false), (-2.8e-3, true), (-3.3e-3, false)] {
             let out = vec3::normalize_or_zero(foot_m);
             let hip_m = vec3::add(foot_m, vec3::scale(out, height_m));
-            // Without a path through the surface.
+            // Disarming resets the path, so that the jump to this HIP is not a crossing of the surface.
             bench.state.disarm();
             bench.now_us += 50_000;
             bench.state.arm();

@@ -23,7 +23,7 @@ fn the_four_grids_of_the_paper() {
             assert_eq!(lattice.side(), 2 * (cells as usize) + 3);
         }
     }
-    // A radius that is no whole number of cells: the box is rounded up, the ball is not.
+    // The radius is not a whole number of cells: the box is rounded up, the ball is not.
     let lattice = BallLattice::new(0.02, 0.05).expect("valid");
     assert_eq!((lattice.reach(), lattice.contains([2, 1, 1]), lattice.contains([2, 2, 0])), (3, true, false));
 }

@@ -1,4 +1,5 @@
-//! What each method reproduces, its derivatives, and that every answer is finite. Continuity is in `continuity.rs`.
+//! What each method reproduces, its derivatives, and that every answer is finite. Continuity is in
+//! `continuity.rs`.
 
 mod common;
 
@@ -117,8 +118,8 @@ fn stiffness_and_energy_agree_with_differences_of_the_force() {
     assert!(compared > 5000 && with_energy > 1000, "{compared} {with_energy}");
 }
 
-/// Where two different methods are blended, the derivative of the weight dominates the stiffness; outside the ball, the
-/// rotation of the ray.
+/// The stiffness includes the derivative of the blending weight, which dominates where two different methods
+/// are blended, and the rotation of the ray outside the ball.
 #[test]
 fn the_stiffness_includes_the_weight_and_the_ray() {
     // Waves of three cells, for which tri-linear and tri-cubic differ by newtons.
@@ -239,7 +240,7 @@ fn hybrid_is_tricubic_inside_and_trilinear_at_the_rim() {
             Coverage::SuperCell => {
                 assert_eq!(cubic.coverage, Coverage::SuperCell);
                 let [along, apart] = [linear, hybrid].map(|other| distance(other.force_n, cubic.force_n));
-                assert!(apart <= along + 1e-6, "between the two");
+                assert!(apart <= along + 1e-6, "the blend lies between both methods");
                 seen[0] += 1;
             }
             Coverage::Cell => {

@@ -1,4 +1,5 @@
-//! The method `kernel`: against a plain sum, its derivatives, round a loop, outside its reach, and with damaged planes.
+//! The method `kernel`: a plain reference sum, derivatives, closed paths, the force outside the reach,
+//! damaged planes.
 
 mod common;
 
@@ -136,7 +137,8 @@ fn no_work_is_done_round_a_loop() {
     );
 }
 
-/// Value and slope are continuous where the reach ends, further out the force is constant, and it is continuous sideways.
+/// Value and slope are continuous at the end of the reach. Further out the force is constant along a ray, and
+/// continuous across rays.
 #[test]
 fn outside_the_reach_the_force_becomes_constant() {
     let blob = blob();
@@ -166,7 +168,7 @@ fn outside_the_reach_the_force_becomes_constant() {
         for far in [0.05, 1.0, 1e20, 3e38] {
             assert!(distance(force(far).force_n, last) < 2e-4, "{direction:?} at {far}");
         }
-        // Sideways, across the edges and faces of the cube of the reach.
+        // Across rays, over the edges and faces of the cube of the reach.
         for out in [1.1, 2.0, 100.0] {
             let axis = (out as usize) % 3;
             let mut on_edge = direction;
@@ -243,7 +245,7 @@ fn invalid_planes_are_refused_by_name() {
             draft.area.plane(header.scalars, 8)[8 * place..][..8].copy_from_slice(&value.to_le_bytes());
         })
     };
-    // No length, or one so short that the exponents leave their range.
+    // l is not positive, or so small that the exponents leave their range.
     for value in [0.0, -0.02, f64::NAN, 1e-9, f64::from(RADIUS_M) / 16.1, 1e9] {
         assert_eq!(scalar(0, value), of("kernel scalars", PlaneProblem::Value { index: 0 }), "{value}");
     }
@@ -300,8 +302,8 @@ fn invalid_planes_are_refused_by_name() {
     }
 }
 
-/// Any byte of the kernel, with a correct checksum: refused, or finite everywhere. The checksum detects truncations and
-/// single bits.
+/// Any byte of the kernel is damaged, with a correct checksum: the blob is refused, or finite everywhere. The
+/// checksum itself detects truncations and single bits.
 #[test]
 fn damage_behind_a_correct_checksum_is_refused_or_harmless() {
     let blob = blob();
@@ -336,7 +338,7 @@ fn damage_behind_a_correct_checksum_is_refused_or_harmless() {
     }
 }
 
-/// Any samples: the command is finite and within the limit, and zero after a fault until it is reset.
+/// Arbitrary samples: the command is finite and within the limit, and zero after a fault until it is reset.
 #[test]
 fn any_samples_are_finite_and_within_the_limit() {
     let blob = blob();
@@ -346,7 +348,7 @@ fn any_samples_are_finite_and_within_the_limit() {
     config.limits.max_position_m = 1e30;
     // The search for the largest stiffness would take longer than the test.
     config.limits.max_stiffness_n_m = f32::INFINITY;
-    let controller = Controller::new(&organ, config).expect("it has a kernel");
+    let controller = Controller::new(&organ, config).expect("the blob has a kernel");
     let (mut random, mut state) = (Random(29), State::new());
     let (mut engaged, mut latched) = (0, 0);
     let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-45, 1e30, -1e38];

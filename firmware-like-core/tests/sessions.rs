@@ -47,8 +47,9 @@ fn step() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// The force is finite and within the limit, its slew too unless it becomes zero, it is zero after faults, and a second
-    /// state with the same steps gives the same commands, bit for bit.
+    /// The force is finite and within the limit. Its slew is within the limit too, unless the force becomes
+    /// zero. It is zero after faults. A second state with the same steps gives the same commands, bit for
+    /// bit.
     #[test]
     fn limits_hold_for_any_input(
         steps in prop::collection::vec(step(), 1..400),

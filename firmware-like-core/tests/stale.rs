@@ -51,12 +51,12 @@ fn a_gap_is_weighted_with_its_zero_force() {
     }
     let back = bench.at([0.0, 0.0, -6e-3]);
     let counted_j = back.hand_work_j - held.hand_work_j;
-    // 7 ms: three ticks hold the force, the fourth computes zero, which is sent with the fifth.
+    // Over 7 ms: three ticks hold the force; the fourth computes zero, which is sent with the fifth.
     let expected_j = -1e-3 * held.hand_force_n[2] * 5.0 / 7.0;
     assert!((counted_j / expected_j - 1.0).abs() < 0.02, "{counted_j} J, not {expected_j}");
 }
 
-/// A repeated, an older or a very late sample counts as none.
+/// A repeated, an older or a very late sample counts as no sample.
 #[test]
 fn old_samples_are_no_samples() {
     type Age = fn(u64, u64) -> u64;
@@ -77,7 +77,7 @@ fn old_samples_are_no_samples() {
         }
         assert_eq!(bench.state.phase(), Phase::SafeZero(Fault::Stale), "{name}");
     }
-    // Newer than the last one, but as old as the fault limit.
+    // The sample is newer than the last one, but as old as the fault limit.
     bench!(bench, config());
     bench.press();
     bench.now_us += 20_000;
@@ -104,7 +104,7 @@ fn after_a_short_gap_the_force_returns_slowly() {
     assert_eq!(force_n, vec3::norm(steady.hand_force_n));
 }
 
-/// Armed, but without any sample.
+/// The controller is armed, but receives no sample.
 #[test]
 fn silence_after_arming_is_stale() {
     bench!(bench, config());

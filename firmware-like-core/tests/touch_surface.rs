@@ -1,5 +1,5 @@
-//! A body that is active everywhere: touch, sliding, the border of the active region. Finding the surface is in
-//! `crossing.rs`, grasps are in `grasp.rs`.
+//! A body that is active everywhere: touch, sliding, the border of the active region. `crossing.rs` tests the
+//! search for the surface, `grasp.rs` the grasps.
 
 #[macro_use]
 mod common;
@@ -9,7 +9,7 @@ use common::{Random, Recipe, sphere};
 use palpate_core::vec3::{self, Vec3};
 use palpate_core::{Command, Organ, State};
 
-/// Everywhere on the surface the first sample below it has no more force than its depth produces.
+/// At every point of the surface the first sample below it has only the force of its depth.
 #[test]
 fn touch_begins_without_force_everywhere() {
     let mut random = Random(3);
@@ -34,7 +34,7 @@ fn touch_begins_without_force_everywhere() {
     }
 }
 
-/// Figures of a stroke across many triangles.
+/// Measured values of a stroke across many triangles.
 struct Stroke {
     largest_step_n: f32,
     nodes: std::collections::BTreeSet<u16>,
@@ -75,7 +75,8 @@ fn round(bench: &mut Hand<'_>, depth_m: f32, turns: f32, speed_m_s: f32) -> Stro
     stroke
 }
 
-/// Across the edges the force changes as little as inside a triangle, although neighbouring spaces differ by a third.
+/// Across edges the force changes as little as inside a triangle, although neighbouring spaces differ by a
+/// third.
 #[test]
 fn sliding_is_continuous_across_every_edge() {
     ball!(even, ball(|_| 1.0, 162), 0.3);
@@ -83,7 +84,7 @@ fn sliding_is_continuous_across_every_edge() {
     ball!(bench, ball(uneven, 162), 0.3);
     let stroke = round(&mut bench, 0.006, 1.0, 0.1);
     assert!(stroke.nodes.len() > 12 && stroke.peak_n > 1.5, "{:?} {}", stroke.nodes, stroke.peak_n);
-    // 0.1 mm a tick at 520 N/m is 52 mN; the spaces differ by up to 1.4 N.
+    // 0.1 mm per tick at 520 N/m is 52 mN; the spaces differ by up to 1.4 N.
     assert!(stroke.largest_step_n < 0.06, "{} against {}", stroke.largest_step_n, smooth.largest_step_n);
 }
 
@@ -117,8 +118,8 @@ fn a_tool_that_sticks_stays_with_its_node() {
     assert!((dragged.displacement_m[0] - 6e-3).abs() < 1e-6 && dragged.reaction_n[0] > 2.0, "{dragged:?}");
 }
 
-/// At the border of the active region the last nodes give the force, with friction and without a wall, and the tool
-/// disengages without a jump.
+/// At the border of the active region the force is that of the last nodes, with friction and without a step,
+/// and the tool disengages without a jump.
 #[test]
 fn the_border_of_the_active_region_is_no_wall() {
     let body = sphere(RADIUS_M, 2);
@@ -160,13 +161,13 @@ fn the_border_of_the_active_region_is_no_wall() {
         }
         before = Some(command);
     }
-    // The circle continues 10 mm below the plane of the border before the capture radius ends the contact. A foot that
-    // stuck at the border would reach 8 N.
+    // The circle continues 10 mm below the plane of the border before the capture radius ends the contact. An
+    // anchor that stuck at the border would reach 8 N.
     assert!(lowest_m < -5e-3 && peak_n < 4.5, "continues beyond the border: {lowest_m} m, {peak_n} N");
-    assert!(released, "further round the body it disengages");
+    assert!(released, "the tool disengages further round the body");
 }
 
-/// Another organ with the same nodes during a touch: the force changes over in small steps.
+/// A change to another organ with the same nodes during a touch: the transition of the force has small steps.
 #[test]
 fn another_model_takes_over_without_a_step() {
     let (soft, stiff) = (ball(|_| 1.0, 162), ball(|_| 1.9, 162));
@@ -190,7 +191,7 @@ fn another_model_takes_over_without_a_step() {
     }
     let ratio = vec3::norm(force_n) / vec3::norm(before.hand_force_n);
     assert!((ratio - 1.9).abs() < 1e-3, "{ratio}");
-    // Other nodes: the touch ends, also smoothly.
+    // A change to an organ with other nodes: the touch ends, also smoothly.
     bench.state.hand_over(false);
     let ended = bench.at([0.0, 0.0, RADIUS_M - 5e-3]);
     assert!(ended.engaged.is_none() && vec3::distance(ended.hand_force_n, force_n) < 0.15);

@@ -10,7 +10,7 @@ use super::{Recipe, sphere};
 /// Radius of the ball, m.
 pub const RADIUS_M: f32 = 0.04;
 
-/// Factors of the spaces that differ by up to a third between neighbours.
+/// Stiffness factors of the spaces, which differ by up to a third between neighbours.
 pub fn uneven(node: u32) -> f64 {
     1.0 + 0.3 * (f64::from(node) * 2.4).sin()
 }

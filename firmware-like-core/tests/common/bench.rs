@@ -64,7 +64,8 @@ macro_rules! bench {
     };
 }
 
-/// Zero in the same tick, and latched: neither good samples nor arming alone restore the force.
+/// The force is zero in the same tick, and the fault is latched: neither good samples nor arming restore the
+/// force.
 pub fn assert_latched(mut bench: Bench<'_, '_>, fault: Fault) {
     assert_eq!(bench.state.phase(), Phase::SafeZero(fault));
     for step in 0..100 {

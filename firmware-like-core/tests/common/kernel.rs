@@ -11,7 +11,8 @@ pub const LENGTH_M: f64 = 0.02;
 /// l S(0), N.
 pub const BASE_N: [f64; 6] = [3.0, 0.4, -0.2, 4.0, 0.3, 6.0];
 
-/// 21 configurations with arbitrary polynomials: some hundreds of newtons that cancel to a few.
+/// 21 configurations with arbitrary polynomials: terms of some hundreds of newtons whose sum is a few
+/// newtons.
 pub fn blocks() -> Vec<Block> {
     let mut random = Random(17);
     let mut blocks = vec![[[0.0; LANES]; NUMBERS]; 6];

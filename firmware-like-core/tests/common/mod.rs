@@ -87,7 +87,7 @@ impl Default for Recipe {
     }
 }
 
-/// The cubic displacement of the surface, of which every vertex has its share.
+/// The cubic displacement of the surface; each vertex moves by its share of it.
 pub fn bent(d: Vec3) -> Vec3 {
     force(d).map(|h| (h / A) as f32)
 }
@@ -124,7 +124,7 @@ impl Recipe {
         bits
     }
 
-    /// A node for every slot; unsolved ones are as wrong as those of the force.
+    /// A node for every slot; unsolved ones are as wrong as the forces.
     fn hermite_planes(&self, stiffer: f64) -> (Vec<u32>, Vec<Node>) {
         let (lattice, bits) = (self.lattice(), self.flags());
         let node = |slot: usize| {

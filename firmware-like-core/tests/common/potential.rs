@@ -4,8 +4,8 @@ use palpate_core::vec3::Vec3;
 
 /// W = a |d|^2 / 2 + b z^3 / 3 + c |d|^4 / 4 + e x y z,   h = grad W,   h(0) = 0
 ///
-/// Stiffer in compression than in tension, with coupling of the axes. z is along the outward normal: pressing has z < 0
-/// and h_z < 0.
+/// Stiffer in compression than in tension, with coupling of the axes. z is along the outward normal: pressing
+/// has z < 0 and h_z < 0.
 pub const A: f64 = 150.0;
 const B: f64 = -900.0;
 const C: f64 = 4.0e4;

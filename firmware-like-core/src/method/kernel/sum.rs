@@ -8,8 +8,8 @@ use crate::num::lanes::{Baseline, Machine};
 /// sum_n E_n (grad P_n - r P_n), N, at x in lengths.
 ///
 /// With the derivatives c, A, T of P at its configuration let P_1 = c, P_2 = A r and P_3 = T r r / 2. Then
-/// grad P = P_1 + P_2 + P_3, and by Euler's theorem for each homogeneous part P = P(0) + r . (P_1 + P_2 / 2 +
-/// P_3 / 3).
+/// grad P = P_1 + P_2 + P_3. Euler's theorem, applied to each homogeneous part, gives
+/// P = P(0) + r . (P_1 + P_2 / 2 + P_3 / 3).
 #[inline(always)]
 pub(super) fn gradient<M: Machine>(machine: M, blocks: &[Block], [x, y, z]: [f64; 3]) -> [f64; 3] {
     let (x, y, z) = (machine.splat_f64(x), machine.splat_f64(y), machine.splat_f64(z));
