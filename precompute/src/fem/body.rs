@@ -1,4 +1,4 @@
-//! A body ready to be solved: elements, regions of material, fixed nodes, and the layout of its state.
+//! A body in discretised form: elements, material regions, fixed nodes, and the layout of its state vector.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -11,15 +11,16 @@ use crate::fem::ordering::nested_dissection;
 use crate::fem::pressure::{PressurePair, pressure_block};
 use crate::mesh::TetMesh;
 
-/// Marks a value that is prescribed to zero or does not exist.
+/// Index of a value that is prescribed to zero or does not exist.
 pub const ABSENT: u32 = u32::MAX;
 
 /// Material of a part of the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Region {
-    /// The law.
+    /// The constitutive law.
     pub material: Material,
-    /// Bulk modulus of a nearly incompressible law with a pressure, Pa; `None` is J = 1 exactly.
+    /// Bulk modulus of a nearly incompressible law with a pressure, Pa; `None` means exactly incompressible
+    /// (J = 1).
     pub bulk_modulus_pa: Option<f64>,
 }
 
@@ -29,7 +30,7 @@ impl From<Material> for Region {
     }
 }
 
-/// What a mesh is made of and how it is discretised.
+/// Materials, discretisation and boundary conditions of a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
     /// Order of the displacement shape functions.
@@ -38,18 +39,19 @@ pub struct Model {
     pub pressure_pair: PressurePair,
     /// Materials.
     pub regions: Vec<Region>,
-    /// Region of each tet; empty if there is but one.
+    /// Region of each tet; empty if there is only one.
     pub region_of_tet: Vec<u16>,
     /// Fixed mesh nodes. A mid-edge node is fixed if both ends of its edge are.
     pub fixed: Vec<u32>,
-    /// Mesh nodes held in some components only: symmetry planes and rollers. Mid-edge nodes as above, per component.
+    /// Mesh nodes with some fixed components: symmetry planes and rollers. Mid-edge nodes as for `fixed`, per
+    /// component.
     pub rollers: Vec<(u32, [bool; 3])>,
     /// Force per undeformed volume, N/m^3.
     pub body_force_n_m3: [f64; 3],
 }
 
 impl Model {
-    /// One material, first order, no body force.
+    /// A model with one material, first order and no body force.
     pub fn uniform(material: Material, fixed: &[u32]) -> Self {
         Self {
             order: Order::Linear,
@@ -72,40 +74,41 @@ pub struct Element {
     pub region: u16,
     /// Pressure unknowns of the four vertices; [`ABSENT`] if the law has no pressure.
     pub pressures: [u32; 4],
-    /// Matrix of the pressure's quadratic form, m^3/Pa; zero for the plain pairs.
+    /// Matrix of the pressure's quadratic form, m^3/Pa; zero for the unstabilised pairs.
     pub pressure_block: [[f64; 4]; 4],
 }
 
-/// Equilibrium of the free body under its body force: the origin of displacements and of the energy.
+/// Equilibrium of the free body under its body force: the reference of displacements and of the energy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rest {
     /// State vector; zero without body force.
     pub state: Vec<f64>,
-    /// Total potential there, J.
+    /// Total potential of this state, J.
     pub energy_j: f64,
 }
 
-/// A meshed body, held at its fixed nodes.
+/// A meshed body with its fixed nodes.
 ///
-/// State vector: displacement u from the mesh, 3 per node, node-major, in m (mesh nodes in file order, then mid-edge nodes);
-/// then the excess pressures q in Pa, one per vertex of each incompressible region.
+/// State vector: first the displacement u from the mesh, 3 per node, node-major, in m (mesh nodes in file
+/// order, then mid-edge nodes). Then the excess pressures q in Pa, one per vertex of each incompressible
+/// region.
 #[derive(Debug)]
 pub struct Body {
     /// Order of the shape functions.
     pub order: Order,
-    /// One element per tetrahedron, file order.
+    /// One element per tetrahedron, in file order.
     pub elements: Vec<Element>,
-    /// Node indices, [`Order::nodes`] an element.
+    /// Node indices, [`Order::nodes`] per element.
     pub connectivity: Vec<u32>,
     /// Undeformed node positions, m.
     pub nodes_m: Vec<[f64; 3]>,
-    /// How many of the nodes are the mesh's own; the rest are mid-edge nodes.
+    /// Number of mesh nodes; the other nodes are mid-edge nodes.
     pub vertex_count: usize,
     /// Materials.
     pub regions: Vec<Region>,
     /// (vertex, region) of each pressure unknown.
     pub pressure_sites: Vec<(u32, u16)>,
-    /// Whether any element has a pressure block of its own.
+    /// Whether any element has a non-zero pressure block.
     pub has_pressure_blocks: bool,
     /// Which components of each node are fixed.
     pub fixed: Vec<[bool; 3]>,
@@ -115,16 +118,17 @@ pub struct Body {
     pub edge_m: f64,
     /// Equilibrium without a tool.
     pub rest: Rest,
-    /// Volume-weighted geometric mean of the regions' shear moduli, Pa: one scale for a body of very different parts.
+    /// Volume-weighted geometric mean of the regions' shear moduli, Pa. The geometric mean gives one scale
+    /// for a body with parts of very different stiffness.
     mean_shear_pa: f64,
     /// See [`Body::elimination_order`].
     elimination_order: OnceLock<Vec<usize>>,
 }
 
-/// A tetrahedron without positive volume.
+/// Error: a tetrahedron has no positive volume.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DegenerateElement {
-    /// Index of the tetrahedron, file order.
+    /// Index of the tetrahedron, in file order.
     pub element: usize,
 }
 
@@ -137,7 +141,8 @@ impl std::fmt::Display for DegenerateElement {
 impl std::error::Error for DegenerateElement {}
 
 impl Body {
-    /// Body of a checked mesh. With a body force its rest state is still to be solved: [`crate::fem::solve::settle`].
+    /// Builds the body of a checked mesh. If it has a body force, [`crate::fem::solve::settle`] must then
+    /// solve its rest state.
     pub fn new(mesh: &TetMesh, model: &Model) -> Result<Self, DegenerateElement> {
         let vertex_count = mesh.nodes_m.len();
         let mut nodes_m = mesh.nodes_m.clone();
@@ -220,12 +225,12 @@ impl Body {
         }
     }
 
-    /// Whether a body force acts.
+    /// Whether the body has a body force.
     pub fn is_loaded(&self) -> bool {
         self.external_force_n.iter().any(|&f| f != 0.0)
     }
 
-    /// Number of nodes, mid-edge nodes included.
+    /// Number of nodes, including mid-edge nodes.
     pub fn node_count(&self) -> usize {
         self.nodes_m.len()
     }
@@ -252,7 +257,7 @@ impl Body {
         self.displacement_len() + self.pressure_sites.len()
     }
 
-    /// Whether any region has a pressure.
+    /// Whether any region has a pressure field.
     pub fn has_pressure(&self) -> bool {
         !self.pressure_sites.is_empty()
     }
@@ -263,24 +268,24 @@ impl Body {
         std::array::from_fn(|axis| self.nodes_m[node as usize][axis] + self.rest.state[base + axis])
     }
 
-    /// Force by which the body's residual is called small: mu l^2, N.
+    /// Scale of the residual: mu l^2, N.
     pub fn force_scale_n(&self) -> f64 {
         self.mean_shear_pa * self.edge_m * self.edge_m
     }
 
-    /// Factor s between pressures in Pa and the scaled unknowns q / s in m: s = mu / l. It gives both halves of
-    /// the saddle-point matrix the same size, so that one residual norm speaks for both.
+    /// Factor s between pressures in Pa and the scaled unknowns q / s in m: s = mu / l. With it both blocks
+    /// of the saddle-point matrix have the same magnitude, so that one residual norm measures both.
     pub fn pressure_scale(&self) -> f64 {
         self.mean_shear_pa / self.edge_m
     }
 
-    /// Stiffness of a typical element, mu l, N/m: the scale of multiplier equations.
+    /// Stiffness of a typical element, mu l, N/m: the scale of the multiplier equations.
     pub fn stiffness_scale_n_m(&self) -> f64 {
         self.mean_shear_pa * self.edge_m
     }
 
-    /// Nodes that are not wholly fixed or have a pressure, in the order of elimination: the same for every handle, so that it is
-    /// found once for all active nodes of a scene.
+    /// Nodes with a free displacement component or a pressure, in elimination order. The order is independent
+    /// of the handle and is therefore computed once for all active nodes of a scene.
     pub fn elimination_order(&self) -> &[usize] {
         self.elimination_order.get_or_init(|| {
             let mut has_pressure = vec![false; self.node_count()];
@@ -293,7 +298,7 @@ impl Body {
         })
     }
 
-    /// Names of the laws, each once, for people.
+    /// Names of the laws without repetitions, for messages.
     pub fn law_names(&self) -> String {
         let mut names: Vec<&str> = self.regions.iter().map(|r| r.material.name()).collect();
         names.dedup();
@@ -319,7 +324,8 @@ impl PressureSites {
     }
 }
 
-/// Puts a node at the middle of every edge, numbered in order of first use; returns the ten nodes of each tet.
+/// Adds a node at the middle of every edge, numbered in order of first use. Returns the ten nodes of each
+/// tet.
 fn add_mid_edge_nodes(mesh: &TetMesh, nodes_m: &mut Vec<[f64; 3]>, fixed: &mut Vec<[bool; 3]>) -> Vec<u32> {
     let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
     let mut connectivity = Vec::with_capacity(10 * mesh.tets.len());

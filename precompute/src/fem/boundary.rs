@@ -1,9 +1,10 @@
-//! What is held: fixed nodes, the tool's handle on the body, and how either is imposed.
+//! Boundary conditions: fixed nodes, the tool's handle on the body, and the method that imposes them.
 //!
-//! Both of the paper's scripts, F (fixed nodes) and A (active node), prescribe displacements. By default they are eliminated:
-//! the reaction is then the internal force where the body is held. With [`Constraints::Multipliers`] every prescribed
-//! component keeps its equation and gets a Lagrange multiplier, as in the paper; the multiplier is the reaction. The two
-//! agree to rounding; eliminating is faster, and spares a symmetric factorisation without pivoting the zero diagonal.
+//! Both of the paper's conditions, F (fixed nodes) and A (active node), prescribe displacements. By default
+//! the prescribed components are eliminated, and the reaction is the internal force at the prescribed nodes.
+//! With [`Constraints::Multipliers`] every prescribed component keeps its equation and gets a Lagrange
+//! multiplier, as in the paper; the multiplier is the reaction. Both methods agree to rounding. Elimination
+//! is faster and avoids the zero diagonal in a symmetric factorisation without pivoting.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -13,22 +14,22 @@ use crate::fem::body::{ABSENT, Body};
 use crate::fem::element::{EDGES, Order};
 use crate::fem::ordering::nested_dissection;
 
-/// How prescribed displacements are imposed.
+/// Method that imposes prescribed displacements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Constraints {
-    /// Taken out of the equations.
+    /// Elimination of the prescribed components.
     #[default]
     Elimination,
-    /// By Lagrange multipliers, as in the paper.
+    /// Lagrange multipliers, as in the paper.
     Multipliers,
 }
 
-/// The nodes a tool holds: one active node, or a patch that moves as a rigid body.
+/// The prescribed node set of a tool: one active node, or a patch that moves as a rigid body.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Handle {
-    /// The node whose displacement is meant; the patch turns about it.
+    /// The node whose displacement is the control; the patch rotates about it.
     pub centre: u32,
-    /// All nodes held, the centre among them, ascending.
+    /// All prescribed nodes, including the centre, in ascending order.
     pub nodes: Vec<u32>,
 }
 
@@ -38,7 +39,7 @@ impl Handle {
         Self { centre: node, nodes: vec![node] }
     }
 
-    /// A rigid patch of nodes round `centre`.
+    /// A rigid patch of nodes around `centre`.
     pub fn patch(centre: u32, nodes: &[u32]) -> Self {
         let mut nodes = nodes.to_vec();
         nodes.push(centre);
@@ -47,7 +48,7 @@ impl Handle {
         Self { centre, nodes }
     }
 
-    /// The same handle with the mid-edge nodes between its nodes: they move with their edge.
+    /// The same handle with the mid-edge nodes between its nodes, because they move with their edge.
     pub(crate) fn on(self, body: &Body) -> Self {
         if body.order == Order::Linear || self.nodes.len() < 2 {
             return self;
@@ -68,12 +69,12 @@ impl Handle {
     }
 }
 
-/// Prescribed motion of a handle from the body's rest.
+/// Prescribed motion of a handle relative to the body's rest state.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Pose {
     /// Displacement of the centre, m.
     pub displacement_m: [f64; 3],
-    /// Rotation vector of a patch about the centre, rad; means nothing for a single node.
+    /// Rotation vector of a patch about the centre, rad; ignored for a single node.
     pub rotation_rad: [f64; 3],
 }
 
@@ -83,7 +84,7 @@ impl Pose {
         Self { displacement_m, rotation_rad: [0.0; 3] }
     }
 
-    /// The pose a share of the way from here to `target`.
+    /// Interpolation from this pose (share 0) to `target` (share 1).
     pub fn towards(&self, target: &Self, share: f64) -> Self {
         let mix = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|i| a[i] + share * (b[i] - a[i]));
         Self {
@@ -92,29 +93,30 @@ impl Pose {
         }
     }
 
-    /// Displacement from rest of a point at `arm_m` from the centre: t + (R - I) arm.
+    /// Displacement from rest of a point at `arm_m` from the centre, m: t + (R - I) arm.
     pub fn displacement_of(&self, arm_m: &Vector3<f64>) -> Vector3<f64> {
         let turn = Rotation3::from_scaled_axis(Vector3::from(self.rotation_rad));
         Vector3::from(self.displacement_m) + (turn.matrix() - Matrix3::identity()) * arm_m
     }
 }
 
-/// A Lagrange multiplier that holds one component of one node.
+/// A Lagrange multiplier that prescribes one component of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Multiplier {
     /// The node.
     pub node: u32,
     /// The component.
     pub axis: usize,
-    /// The multiplier's equation.
+    /// Index of the multiplier's equation.
     pub equation: u32,
 }
 
-/// Numbers the unknowns of a body held at its fixed nodes and at a handle.
+/// Numbering of the unknowns of a body with fixed nodes and a handle.
 ///
-/// Free nodes are ordered by nested dissection of the mesh graph; each gives its displacement components and its pressures
-/// one after the other, so that the factorisation sees dense blocks. With elimination the three prescribed components of the
-/// handle get the indices `unknowns() + axis`, shared by all its nodes: a translation moves them alike.
+/// Free nodes are ordered by nested dissection of the mesh graph. The displacement components and the
+/// pressures of a node have consecutive indices, which gives the factorisation dense blocks. With elimination
+/// the three prescribed components of the handle have the indices `unknowns() + axis`, shared by all its
+/// nodes: a translation moves all of them alike.
 #[derive(Debug)]
 pub struct DofMap {
     displacement: Vec<[u32; 3]>,
@@ -125,7 +127,8 @@ pub struct DofMap {
 }
 
 impl DofMap {
-    /// Unknowns of `body`. A pressure all of whose elements are held on every node would leave a zero row and gets none.
+    /// Numbers the unknowns of `body`. A pressure whose elements have only prescribed nodes gets no unknown,
+    /// because its row would be zero.
     pub fn new(body: &Body, handle: Option<&Handle>, constraints: Constraints) -> Self {
         let handle_nodes: &[u32] = handle.map_or(&[], |h| &h.nodes);
         let mut held = body.fixed.clone();
@@ -194,7 +197,8 @@ impl DofMap {
         self.unknowns
     }
 
-    /// Equation of each displacement component of `node`; `>= unknowns()` where the handle holds it, [`ABSENT`] if fixed.
+    /// Equation of each displacement component of `node`: `>= unknowns()` if the handle prescribes it,
+    /// [`ABSENT`] if it is fixed.
     #[inline]
     pub fn displacement(&self, node: u32) -> [u32; 3] {
         self.displacement[node as usize]
@@ -206,12 +210,13 @@ impl DofMap {
         if pressure == ABSENT { ABSENT } else { self.pressure[pressure as usize] }
     }
 
-    /// Multipliers of the held components; empty with elimination.
+    /// Multipliers of the prescribed components; empty with elimination.
     pub fn multipliers(&self) -> &[Multiplier] {
         &self.multipliers
     }
 
-    /// Pairs (equation, position in the state vector) of every unknown of the state; see [`Body`] for the state.
+    /// Pairs (equation, position in the state vector) of all unknowns of the state; see [`Body`] for the
+    /// state.
     pub fn state_positions(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let displacements = self.displacement.iter().enumerate().flat_map(|(node, dofs)| {
             dofs.iter().enumerate().map(move |(axis, &dof)| (dof as usize, 3 * node + axis))

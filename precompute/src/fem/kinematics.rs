@@ -1,8 +1,9 @@
 //! Kinematics of a material point: F, J, strain invariants, and their derivatives along given directions.
 //!
-//! Everything is written in the displacement gradient H = F - I rather than in F, so that small strains do not drown in
-//! the rounding of 1 + H: at 1 um of touch the strain is 1e-5 and its square still has eleven digits. Nothing divides by J:
-//! all of it is a polynomial in H, finite and exact through inverted elements.
+//! All quantities are functions of the displacement gradient H = F - I and not of F, because small strains
+//! would be lost in the rounding of 1 + H. At a displacement of 1 um the strain is 1e-5, and its square still
+//! has eleven digits. No formula divides by J: all quantities are polynomials in H, which are finite and
+//! exact for inverted elements too.
 
 use nalgebra::Matrix3;
 
@@ -16,7 +17,7 @@ pub struct Kinematics<R = f64> {
     pub displacement_gradient: Mat3<R>,
     /// Deformation gradient F = I + H.
     pub deformation_gradient: Mat3<R>,
-    /// Cofactor matrix cof F = J F^-T = dJ/dF, defined for J <= 0 too.
+    /// Cofactor matrix cof F = J F^-T = dJ/dF; also defined for J <= 0.
     pub cofactor: Mat3<R>,
     /// I1 - 3 = 2 tr H + H:H, with I1 = tr C.
     pub first_invariant: R,
@@ -27,14 +28,14 @@ pub struct Kinematics<R = f64> {
 }
 
 impl Kinematics {
-    /// Kinematics of one displacement gradient `h` = du/dX.
+    /// Kinematics of the displacement gradient `h` = du/dX, for one material point.
     pub fn of(h: &Matrix3<f64>) -> Self {
         Self::new(h.into())
     }
 }
 
 impl<R: Real> Kinematics<R> {
-    /// Kinematics of the displacement gradient `h` = du/dX.
+    /// Kinematics of the displacement gradient `h` = du/dX, lane by lane.
     #[inline(always)]
     pub fn new(h: Mat3<R>) -> Self {
         let cofactor_of_h = cofactor(h);
@@ -74,8 +75,8 @@ pub fn cofactor<R: Real>(f: Mat3<R>) -> Mat3<R> {
     Mat3([b.cross(c), c.cross(a), a.cross(b)])
 }
 
-/// Bilinear form of the cofactor: cof(A + B) = cof A + `mixed_cofactor`(A, B) + cof B. It is the derivative of cof at A
-/// along B, and `mixed_cofactor`(A, B) : C is the second derivative of det at C along A and B.
+/// Bilinear form of the cofactor: cof(A + B) = cof A + `mixed_cofactor`(A, B) + cof B. It is the derivative
+/// of cof at A along B, and `mixed_cofactor`(A, B) : C is the second derivative of det at C along A and B.
 #[inline(always)]
 pub fn mixed_cofactor<R: Real>(a: Mat3<R>, b: Mat3<R>) -> Mat3<R> {
     let ([a0, a1, a2], [b0, b1, b2]) = (a.0, b.0);

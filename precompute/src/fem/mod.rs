@@ -1,5 +1,5 @@
-//! Nonlinear finite elements: elements and laws make a body, boundary conditions number its unknowns, and the solver finds
-//! its equilibria.
+//! Nonlinear finite elements. Elements and laws define a body, boundary conditions define its unknowns, and
+//! the solver computes its equilibria.
 
 pub mod assembly;
 pub mod body;

@@ -1,34 +1,38 @@
-//! The incompressibility multiplier: which pair of fields, and the pressure's own quadratic form.
+//! The pressure field of incompressible regions and its quadratic form.
 //!
-//! Lagrangian of an incompressible region: int [ W(F) + (p0 + q)(1 - J) ] dV + 1/2 q^T B q. The pressure p0 + q > 0 is
-//! compression; p0 is the constant that makes the undeformed state free of stress and is part of the law, the unknown is the
-//! excess q, linear over each tetrahedron from its vertices. Vertices between two incompressible regions carry one pressure
-//! for each: where the stiffness jumps the pressure does too.
+//! Lagrangian of an incompressible region: int [ W(F) + (p0 + q)(1 - J) ] dV + 1/2 q^T B q. A positive
+//! pressure p0 + q is compression. The constant p0 makes the undeformed state stress-free and is part of the
+//! law. The unknown is the excess pressure q, linear in each tetrahedron and given at its vertices. A vertex
+//! between two incompressible regions has one pressure for each, because the pressure is discontinuous where
+//! the stiffness is.
 //!
-//! The constraint int N_v (1 - J) = 0 holds weakly, per pressure unknown, not per element: single elements may exceed or
-//! even invert while it holds.
+//! The constraint int N_v (1 - J) = 0 applies weakly to each pressure unknown and not to each element: single
+//! elements can change their volume or even invert.
 //!
-//! B is zero for the plain pairs. It collects
+//! B is zero for the unstabilised pairs. It contains
+//! - for a finite bulk modulus kappa: - int q^2 / (2 kappa), which gives the multiplier q = kappa (1 - J) in the
+//!   mean, and
+//! - the polynomial pressure projection of Bochev and Dohrmann (2004): - int (q - mean q)^2 / (4 mu), which
+//!   stabilises equal orders: it acts on the part of q that the constraint does not determine.
+//!   equal orders: it acts on the part of q that the constraint does not determine.
 //!
-//! - a finite bulk modulus kappa: - int q^2 / (2 kappa), which makes the multiplier q = kappa (1 - J) in the mean, and
-//! - the polynomial pressure projection of Bochev and Dohrmann (2004): - int (q - mean q)^2 / (4 mu), which stabilises equal
-//!   orders by taking the part of q that the constraint does not see.
-//!
-//! With int N_u N_v = V/20 (1 + d_uv) over a tetrahedron, both are one 4 x 4 matrix an element.
+//! With int N_u N_v = V/20 (1 + d_uv) over a tetrahedron, both are one 4 x 4 matrix per element.
 
 use serde::{Deserialize, Serialize};
 
-/// The pressure field of incompressible regions: linear and continuous, beside displacements of either order.
+/// The pressure field of incompressible regions: linear and continuous, for displacements of either order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum PressurePair {
-    /// As it is: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures oscillate) or P2/P1 (Taylor-Hood).
+    /// Without stabilisation: P1/P1 (the paper's pair, not inf-sup stable: forces converge, pressures
+    /// oscillate) or P2/P1 (Taylor-Hood).
     #[default]
     Plain,
     /// With polynomial pressure projection (Bochev and Dohrmann 2004), for equal orders.
     Stabilised,
 }
 
-/// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; `None` if it is zero.
+/// Matrix of the pressure's quadratic form in one element of volume `volume_m3`, m^3/Pa; `None` if it is
+/// zero.
 #[inline]
 pub fn pressure_block(
     volume_m3: f64,

@@ -1,7 +1,8 @@
-//! Whether the pressures of a body have one solution.
+//! Check that the pressures of a body are unique.
 //!
-//! Where the pressure's quadratic form is zero ([`super::pressure`]) the pressures live on what the displacements leave them, and two
-//! ways of holding a body leave too little; [`Body::check_pressures`] refuses both before a solver has to find a singular matrix.
+//! If the pressure's quadratic form is zero ([`super::pressure`]), the displacements alone must determine the
+//! pressures. Two kinds of boundary conditions prevent this. [`Body::check_pressures`] refuses both before
+//! the solver fails with a singular matrix.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,11 +14,11 @@ use crate::fem::boundary::Handle;
 use crate::fem::element::{LINEAR, Order, Point, QUADRATIC};
 use crate::mesh::surface::UnionFind;
 
-/// Why the pressures of an incompressible part of the body have no one solution.
+/// Why the pressures of an incompressible part of the body are not unique.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PressureFault {
-    /// No free displacement changes the part's volume: any constant may be added to its pressure, and a handle that moves
-    /// on its surface asks for a volume that it cannot have.
+    /// No free displacement component changes the volume of the part. Any constant can then be added to its
+    /// pressure, and a moving handle on its surface would prescribe an impossible change of volume.
     Undetermined {
         /// Index of the region.
         region: u16,
@@ -26,7 +27,8 @@ pub enum PressureFault {
         /// Lowest mesh node of the part.
         node: u32,
     },
-    /// More constraints on the volume than displacements to meet them: the part locks, and its pressures are arbitrary.
+    /// The part has more volume constraints than free displacement components: it locks, and its pressures
+    /// are not unique.
     Locked {
         /// Index of the region.
         region: u16,
@@ -34,9 +36,9 @@ pub enum PressureFault {
         law: &'static str,
         /// Lowest mesh node of the part.
         node: u32,
-        /// Pressure unknowns of the part.
+        /// Number of pressure unknowns of the part.
         pressures: usize,
-        /// Displacement components that are free to move in it.
+        /// Number of free displacement components of the part.
         free: usize,
     },
 }
@@ -62,34 +64,35 @@ impl fmt::Display for PressureFault {
 
 impl std::error::Error for PressureFault {}
 
-/// A slope of the volume below this share of its summands is rounding.
+/// A volume derivative below this share of its summands is rounding error.
 const NO_SLOPE: f64 = 1e-10;
 
-/// A part of the body within which the pressures hang together.
+/// A part of the body whose pressures are coupled.
 #[derive(Debug)]
 struct Part {
     region: u16,
-    /// Whether the pressures have a quadratic form that tells all but their mean.
+    /// Whether the quadratic form determines the pressures up to their mean.
     stabilised: bool,
-    /// Slope of the part's volume by each component of each of its nodes, and the size of the summands.
+    /// For each node, the derivative of the part's volume with respect to the node's displacement, and the
+    /// magnitude of the summands.
     slopes: BTreeMap<u32, (Vector3<f64>, f64)>,
 }
 
 impl Body {
-    /// Refuses a body whose incompressible parts are held so that their pressures have no one solution, with the tool on
-    /// `handle` (`None`: while it settles under its body force).
+    /// Checks that the pressures of all incompressible parts are unique with the tool on `handle` (`None`:
+    /// for the rest state under the body force).
     ///
-    /// A part is what hangs together by pressure unknowns through elements that can move. In it the pressure acts through
-    /// B^T q with B_va = int N_v dJ/du_a. Two faults are found:
+    /// A part is a set of movable elements coupled by pressure unknowns. In it the pressure acts through B^T
+    /// q with B_va = int N_v dJ/du_a. The check detects two faults:
     ///
-    /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. So it is when every node on
-    ///   the part's surface is held (interior nodes have no slope: the gradients round them cancel), and also when rollers
-    ///   keep a box in its planes.
-    /// - more pressures than free components, so that B^T has a kernel whatever the shape. Stabilised pairs have a
-    ///   form of their own for all but the mean and are let through.
+    /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. This is the case if
+    ///   every node on the part's surface is prescribed (interior nodes have a zero derivative, because the
+    ///   gradients around them cancel), and also if rollers keep the faces of a box in their planes.
+    /// - More pressures than free components: B^T then has a kernel for any geometry. Stabilised pairs are
+    ///   accepted, because their quadratic form determines the pressures up to the mean.
     ///
-    /// A bulk modulus makes both harmless. Fewer pressures than displacements are no proof that a pair is stable: P1/P1
-    /// passes here and still oscillates.
+    /// A finite bulk modulus removes both faults. The check is necessary and not sufficient: P1/P1 passes it,
+    /// although its pressures oscillate.
     pub fn check_pressures(&self, handle: Option<&Handle>) -> Result<(), PressureFault> {
         let parts = match self.order {
             Order::Linear => self.incompressible_parts::<4>(handle, &LINEAR),
@@ -104,7 +107,7 @@ impl Body {
                 })
             };
             let law = self.regions[usize::from(region)].material.name();
-            // Vertices come before mid-edge nodes, so the lowest node is the mesh's.
+            // Vertices precede mid-edge nodes, so the lowest node is a mesh node.
             let node = slopes.keys().next().copied().unwrap_or_default();
             if free().all(|slope| slope <= NO_SLOPE) {
                 return Err(PressureFault::Undetermined { region, law, node });
@@ -117,7 +120,7 @@ impl Body {
         Ok(())
     }
 
-    /// Which components of each node are held with the tool on `handle`.
+    /// The prescribed components of each node with the tool on `handle`.
     fn held(&self, handle: Option<&Handle>) -> Vec<[bool; 3]> {
         let mut held = self.fixed.clone();
         for &node in handle.iter().flat_map(|h| &h.nodes) {
@@ -178,7 +181,7 @@ impl Body {
         for pressure in (0..has_pressure.len()).filter(|&p| has_pressure[p]) {
             *pressures.entry(sets.root(pressure)).or_default() += 1;
         }
-        // Both maps have the same keys: every moving element has pressures.
+        // Both maps have the same keys, because every movable element of a part has pressures.
         parts.into_values().zip(pressures.into_values()).collect()
     }
 }
@@ -222,10 +225,11 @@ mod tests {
             assert_eq!(fault, PressureFault::Undetermined { region: 0, law: "mooney-rivlin", node: 0 });
             let line = fault.to_string();
             assert!(line.contains("node 0") && line.contains("`bulk_pa`") && !line.contains('\n'), "{line}");
-            // An interior active node is held too, and leaves the volume as it is.
+            // An interior active node is prescribed too and does not change the volume.
             let middle = (0..125).find(|n| !skin.contains(n));
             assert!(is_undetermined(check(&with(&skin), middle)), "{order:?}");
-            // The tool holds the last surface node: the same body, unless mid-edge nodes beside it stay free.
+            // The tool prescribes the last surface node: the same fault, unless adjacent mid-edge nodes
+            // remain free.
             let (last, others) = skin.split_last().expect("a cube has a surface");
             assert_eq!(is_undetermined(check(&with(others), Some(*last))), order == Order::Linear);
             let free = check(&with(others), None);
@@ -253,7 +257,7 @@ mod tests {
         let mut model = Model::uniform(incompressible(), &[]);
         model.rollers = (0u32..).zip(&mesh.nodes_m).map(|(n, x)| (n, x.map(side))).collect();
         assert!(is_undetermined(check(&model, None)));
-        // Without the lid it can swell.
+        // Without the lid the box can swell.
         for ((_, held), x) in model.rollers.iter_mut().zip(&mesh.nodes_m) {
             held[2] = x[2] == 0.0;
         }
@@ -270,7 +274,7 @@ mod tests {
         let core = |tet: &[u32; 4]| tet.iter().all(|&n| inside(mesh.nodes_m[n as usize]));
         model.region_of_tet = mesh.tets.iter().map(|tet| u16::from(!core(tet))).collect();
         assert_eq!(check(&model, None), Ok(()));
-        // Everything but the middle: the core's own surface is fixed.
+        // All nodes except the middle one: the surface of the core is fixed.
         model.fixed = (0..125).filter(|&n| n != 62).collect();
         assert!(check(&model, None).is_err());
     }
@@ -278,7 +282,7 @@ mod tests {
     #[test]
     fn more_pressures_than_free_components_are_refused() {
         let (mesh, _) = block();
-        // All but one surface node and its inner neighbours.
+        // All surface nodes except one and its inner neighbours.
         let far = |x: &[f64; 3]| x.iter().any(|c| *c > 0.026);
         let mut model = Model::uniform(incompressible(), &[]);
         model.fixed = (0u32..).zip(&mesh.nodes_m).filter(|(_, x)| far(x)).map(|(n, _)| n).collect();
@@ -300,7 +304,7 @@ mod tests {
         assert!((sum(bulk) + 2.0 / 50.0).abs() < 1e-16);
         let projected = pressure_block(2.0, 100.0, None, PressurePair::Stabilised).unwrap();
         assert!(sum(projected).abs() < 1e-16);
-        // A linear pressure with vertex values 1, 0, 0, 0: variance over the tet is 1/10 - 1/16.
+        // A linear pressure with the vertex values 1, 0, 0, 0 has the variance 1/10 - 1/16 over the tet.
         assert!((projected[0][0] + 0.5 / 100.0 * 2.0 * (0.1 - 1.0 / 16.0)).abs() < 1e-16);
         assert!(pressure_block(2.0, 100.0, None, PressurePair::Plain).is_none());
     }

@@ -1,4 +1,4 @@
-//! Elements side by side: which are taken together, and their data gathered lane by lane.
+//! Batches of elements for SIMD: grouping, and gathering of their data into lanes.
 
 use crate::fem::body::{ABSENT, Body, Element};
 use crate::fem::element::Point;
@@ -8,19 +8,19 @@ use crate::num::tensor::Vec3;
 
 /// Consecutive elements of one region, at most one per lane.
 ///
-/// Lanes past the last element repeat it; nothing is taken from them.
+/// Lanes past the last element repeat it; their results are ignored.
 pub(super) struct Batch {
     pub(super) first: usize,
     pub(super) count: usize,
 }
 
 impl Batch {
-    /// One element alone.
+    /// A batch of one element.
     pub(super) fn single(element: usize) -> Self {
         Self { first: element, count: 1 }
     }
 
-    /// All elements in file order.
+    /// Batches of all elements in file order.
     #[inline(always)]
     pub(super) fn all<R: Real>(body: &Body) -> impl Iterator<Item = Self> {
         let elements = &body.elements;
@@ -50,7 +50,7 @@ impl Batch {
         &body.elements[self.index(lane)]
     }
 
-    /// The law, the same for all.
+    /// The law of all elements of the batch.
     #[inline(always)]
     pub(super) fn material<'a>(&self, body: &'a Body) -> &'a Material {
         &body.regions[usize::from(body.elements[self.first].region)].material

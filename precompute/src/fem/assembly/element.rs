@@ -1,7 +1,8 @@
 //! Force, tangent and pressure coupling of one element.
 //!
-//! Over the quadrature points of weight w in the volume V, with g_a = grad N_a, P and A the stress and elasticity of
-//! [`crate::fem::material`] and N_v the linear pressure functions:
+//! The sums run over the quadrature points of weight w in the volume V, with g_a = grad N_a, the first
+//! Piola-Kirchhoff stress P and the elasticity A of [`crate::fem::material`], and the linear pressure
+//! functions N_v:
 //!
 //! force on node a           sum w V P g_a
 //! tangent, nodes a and b    sum w V g_a . A . g_b
@@ -16,7 +17,7 @@ use crate::fem::material::{Law, Tangent, with_law};
 use crate::num::lanes::Real;
 use crate::num::tensor::Vec3;
 
-/// What each element of a batch adds to the whole.
+/// Contribution of each element of a batch to the global system.
 pub(super) struct ElementSystem<R, const N: usize> {
     pub(super) energy_j: R,
     pub(super) force: [Vec3<R>; N],
@@ -44,7 +45,7 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
         }
     }
 
-    /// Back to zero without a pass over the tangent where it is not asked for.
+    /// Resets to zero; skips the tangent if it is not needed.
     #[inline(always)]
     fn clear<const TANGENT: bool>(&mut self) {
         let zero = self.energy_j.constant(0.0);
@@ -62,7 +63,7 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
         }
     }
 
-    /// Fills in the contributions of a batch; the tangent only with `TANGENT`.
+    /// Computes the contributions of a batch; the tangent only with `TANGENT`.
     #[inline(always)]
     pub(super) fn compute<const TANGENT: bool>(
         &mut self,
@@ -151,8 +152,9 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
 
     /// Adds volume g_a . A . g_b.
     ///
-    /// With grad N_a = sum_k D_ak G_k the block of two nodes is sum_kl D_ak D_bl (G_k . A . G_l): the ten blocks of the
-    /// barycentric gradients are made once, and a mid-edge node, which has two slopes, sums two of them.
+    /// With grad N_a = sum_k D_ak G_k, the block of two nodes is sum_kl D_ak D_bl (G_k . A . G_l). The ten
+    /// blocks of the barycentric gradients are computed once. A mid-edge node has two non-zero slopes, so its
+    /// block is a sum of two of them.
     #[inline(always)]
     fn add_stiffness(&mut self, gradients: &[Vec3<R>; 4], point: &Point<N>, tangent: &Tangent<R>, volume: R) {
         if N == 4 {
@@ -179,7 +181,7 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
                 add(&mut self.stiffness[k][l], &vertex[k][l], point.slopes[k][k] * point.slopes[l][l]);
             }
         }
-        // Rows of the mid-edge nodes against the barycentric columns, then against the nodes.
+        // Rows of the mid-edge nodes: first with the barycentric columns, then with the nodes.
         let mut edge = [[[zero; 9]; 4]; 6];
         for (e, [i, j]) in EDGES.into_iter().enumerate() {
             for l in 0..4 {
@@ -199,11 +201,11 @@ impl<R: Real, const N: usize> ElementSystem<R, N> {
         }
     }
 
-    /// Entry of the displacement block, any order of the local indices.
+    /// Entry of the displacement block for any order of the local indices.
     #[inline(always)]
     pub(super) fn stiffness_at(&self, i: usize, j: usize) -> R {
         let (row, column) = (i.max(j), i.min(j));
-        // The diagonal blocks are whole; of the others only the lower triangle is there.
+        // The diagonal blocks are complete; of the others only the lower triangle is stored.
         self.stiffness[row / 3][column / 3][3 * (row % 3) + column % 3]
     }
 }
@@ -229,8 +231,8 @@ fn transposed<R: Real>(block: &[R; 9]) -> [R; 9] {
     [a, d, g, b, e, h, c, f, i]
 }
 
-/// Third derivatives of the Lagrangian of each element of a batch along three state directions, in the order of
-/// [`crate::num::jet::THIRD_INDICES`].
+/// Third derivatives of the Lagrangian of each element of a batch along three state directions, in the order
+/// of [`crate::num::jet::THIRD_INDICES`].
 #[inline(always)]
 pub(super) fn third_along<R: Real, const N: usize>(
     machine: R::Machine,

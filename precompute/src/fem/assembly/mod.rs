@@ -1,4 +1,4 @@
-//! Residual and tangent stiffness of the body.
+//! Assembly of residual and tangent stiffness of the body.
 
 mod batch;
 mod element;
@@ -15,30 +15,32 @@ use crate::num::lanes::{self, Lanes, Real};
 use batch::Batch;
 use element::ElementSystem;
 
-/// What one pass over the elements yields.
+/// Results of one assembly.
 #[derive(Debug, Clone, Default)]
 pub struct Assembled {
-    /// Internal force less the body force on every node (pressure part included), 3 per node, N: what a tool or a fixation
-    /// must apply there.
+    /// Internal force minus body force on every node (pressure part included), 3 per node, N: the force that
+    /// a tool or a fixation must apply to the node.
     pub nodal_force_n: Vec<f64>,
     /// Constraint of every pressure unknown, int N_v (1 - J) + (B q)_v, m^3.
     pub constraint_m3: Vec<f64>,
-    /// Total potential: Lagrangian of the elements less the work of the body force, J. Not yet counted from rest.
+    /// Total potential, J: Lagrangian of the elements minus the work of the body force. Its value at rest is
+    /// not subtracted.
     pub energy_j: f64,
     /// Smallest J over the quadrature points.
     pub min_jacobian: f64,
-    /// Elements with J <= 0 at a quadrature point.
+    /// Number of elements with J <= 0 at a quadrature point.
     pub inverted: usize,
     /// Deformed volume, m^3.
     pub volume_m3: f64,
-    /// Tangent, lower triangle on the [`Pattern`]; one slot more than entries, where eliminated ones fall.
+    /// Tangent, lower triangle on the [`Pattern`]. One more slot than entries; eliminated entries are added
+    /// to it.
     pub tangent: Vec<f64>,
-    /// Share of the body force that acts; 1 but while the rest state is sought.
+    /// Load factor of the body force; 1 except during the solution of the rest state.
     pub load: f64,
 }
 
 impl Assembled {
-    /// Empty result with room for `body` and `pattern`.
+    /// Zero results of the size of `body` and `pattern`.
     pub fn new(body: &Body, pattern: &Pattern) -> Self {
         Self {
             nodal_force_n: vec![0.0; body.displacement_len()],
@@ -58,7 +60,7 @@ impl Assembled {
         self.volume_m3 = 0.0;
     }
 
-    /// Forces, constraints, energy and tangent at `state`.
+    /// Computes forces, constraints, energy and tangent at `state`.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.tangent.fill(0.0);
         lanes::dispatch(Pass::<true> { to: self, body, pattern: Some(pattern), state });
@@ -68,7 +70,7 @@ impl Assembled {
         }
     }
 
-    /// Forces, constraints and energy at `state`, without the tangent.
+    /// Computes forces, constraints and energy at `state`, without the tangent.
     pub fn assemble_residual(&mut self, body: &Body, state: &[f64]) {
         lanes::dispatch(Pass::<false> { to: self, body, pattern: None, state });
     }
@@ -87,12 +89,12 @@ impl Assembled {
         let mut scatter = pattern.map(Pattern::scatter);
         for batch in Batch::all::<R>(body) {
             system.compute::<TANGENT>(machine, body, &batch, rule, state);
-            // Lane by lane, so that every sum runs over the elements in file order however many lanes there are.
+            // Lane by lane, so that every sum runs over the elements in file order for any number of lanes.
             for lane in 0..batch.count.min(R::LANES) {
                 let element = batch.element(body, lane);
                 self.energy_j += system.energy_j.lane(lane);
                 let min_jacobian = system.min_jacobian.lane(lane);
-                // `min` would hide a NaN.
+                // `min` would ignore a NaN.
                 if min_jacobian < self.min_jacobian || min_jacobian.is_nan() {
                     self.min_jacobian = min_jacobian;
                 }
@@ -135,7 +137,7 @@ impl Assembled {
     ) {
         let tangent = &mut self.tangent;
         let mut places = places.iter();
-        // Zipping ends with the values, before it takes a place too many.
+        // `zip` ends with the values, so that the iterator of places does not advance too far.
         for (a, row) in system.stiffness.iter().enumerate() {
             for block in &row[..a] {
                 for (value, &place) in block.iter().zip(places.by_ref()) {
@@ -164,7 +166,7 @@ impl Assembled {
         }
     }
 
-    /// Net force on a set of nodes, N. At the handle this is h, the force by the tool on the body.
+    /// Net force on a set of nodes, N. For the handle this is h, the force of the tool on the body.
     pub fn force_on(&self, nodes: &[u32]) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for &node in nodes {
@@ -175,7 +177,8 @@ impl Assembled {
         sum
     }
 
-    /// Residual of the state's equations; constraints scaled like forces, N. Multiplier equations are left alone.
+    /// Residual of the state's equations, N; constraints are scaled like forces. Multiplier equations are not
+    /// changed.
     pub fn residual_into(&self, body: &Body, positions: &[(usize, usize)], residual: &mut [f64]) {
         let scale = body.pressure_scale();
         let forces = self.nodal_force_n.len();
@@ -189,7 +192,8 @@ impl Assembled {
     }
 }
 
-/// Rows of the tangent that elimination removed: a translation of the handle against the unknowns and against itself.
+/// Rows of the tangent that elimination removed: the coupling of a translation of the handle with the
+/// unknowns and with itself.
 #[derive(Debug, Clone)]
 pub struct HandleCoupling {
     /// K_fA, one column of length `unknowns` per axis, column after column, N/m.
@@ -199,12 +203,12 @@ pub struct HandleCoupling {
 }
 
 impl HandleCoupling {
-    /// Room for `unknowns` equations.
+    /// Zero blocks for `unknowns` equations.
     pub fn new(unknowns: usize) -> Self {
         Self { free: vec![0.0; 3 * unknowns], own: Matrix3::zeros() }
     }
 
-    /// Coupling of the handle at `state`, from the few elements that touch it.
+    /// Computes the blocks at `state` from the elements of the handle's nodes.
     pub fn assemble(&mut self, body: &Body, pattern: &Pattern, state: &[f64]) {
         self.free.fill(0.0);
         self.own = Matrix3::zeros();
@@ -250,10 +254,10 @@ impl HandleCoupling {
 /// Third derivatives of the total potential along three state directions, in the order of
 /// [`crate::num::jet::THIRD_INDICES`].
 ///
-/// Along the sensitivities X_i = d(u, q)/dd_i of a stationary state these are the exact third derivatives of the condensed
-/// potential W(d): by the 2n + 1 theorem the first derivatives of the state suffice, because in D3 L [X, X, X] + 3 D2 L [X, X']
-/// the second term vanishes (D2 L X lies in the handle's equations only, where X' = 0). The body force and the pressure's
-/// quadratic form have no third derivative.
+/// Along the sensitivities X_i = d(u, q)/dd_i of a stationary state they are the exact third derivatives of
+/// the condensed potential W(d). By the 2n + 1 theorem the first derivatives of the state suffice: in D3 L
+/// [X, X, X] + 3 D2 L [X, X'] the second term vanishes, because D2 L X is non-zero only in the handle's
+/// equations, where X' = 0. The body force and the pressure's quadratic form have no third derivative.
 pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3]) -> SymmetricThird {
     struct Work<'a> {
         body: &'a Body,
@@ -299,7 +303,7 @@ pub fn third_derivatives(body: &Body, state: &[f64], directions: &[Vec<f64>; 3])
     lanes::dispatch(Work { body, state, directions })
 }
 
-/// Deformed over undeformed volume of every element, file order.
+/// Ratio of deformed to undeformed volume of every element, in file order.
 pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
     fn pass<const N: usize>(body: &Body, rule: &[Point<N>], state: &[f64]) -> Vec<f64> {
         let mut system = ElementSystem::<f64, N>::new(());
@@ -316,8 +320,8 @@ pub fn volume_ratios(body: &Body, state: &[f64]) -> Vec<f64> {
     }
 }
 
-/// A pass over the elements, compiled for the widest vectors of this machine. The bits are the same whatever their width:
-/// nothing is fused or summed in another order.
+/// A loop over the elements, compiled for the widest vectors of this machine. The bits are independent of the
+/// vector width, because no operations are fused and the order of each sum is fixed.
 struct Pass<'a, const TANGENT: bool> {
     to: &'a mut Assembled,
     body: &'a Body,

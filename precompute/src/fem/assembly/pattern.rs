@@ -1,7 +1,7 @@
-//! Sparsity of the tangent, fixed once per problem, and where each element entry lands in it.
+//! Sparsity of the tangent, computed once per problem, and the position of each element entry in it.
 //!
-//! Only the lower triangle of the symmetric matrix is kept, by columns. Where each element entry lands is looked up
-//! in a precomputed map, so assembling is a straight pass over the elements without a search.
+//! Only the lower triangle of the symmetric matrix is stored, by columns. A precomputed map gives the
+//! position of each element entry, so that the assembly needs no search.
 
 use crate::fem::body::Body;
 use crate::fem::boundary::DofMap;
@@ -15,19 +15,19 @@ pub struct Pattern {
     pub rows: Vec<usize>,
     /// Equations of each element's local unknowns: displacements node-major, then four pressures.
     element_dofs: Vec<u32>,
-    /// Place of each element entry in the values; entries that are eliminated point one past the end.
+    /// Position of each element entry in the values; eliminated entries have the position one past the end.
     scatter: Vec<u32>,
-    /// Local unknowns and entries of an element.
+    /// Numbers of local unknowns and of entries of an element.
     strides: [usize; 2],
-    /// Places of the entries that tie a multiplier to its displacement.
+    /// Positions of the entries that couple a multiplier to its displacement.
     pub(super) ties: Vec<usize>,
-    /// Elements with a node of which the handle prescribes the displacement.
+    /// Elements with a node of the handle.
     pub(super) handle_elements: Vec<u32>,
 }
 
-/// Local unknown pairs (row, column) in the order of the scatter map: the displacement blocks of nodes (a, b) with b <= a,
-/// each row-major and the diagonal ones only their lower triangle; then the coupling of each pressure, then the lower
-/// triangle of the pressure block.
+/// Pairs (row, column) of local unknowns in the order of the scatter map. First the displacement blocks of
+/// nodes (a, b) with b <= a, row-major; of the diagonal blocks only the lower triangle. Then the coupling of
+/// each pressure, then the lower triangle of the pressure block.
 fn local_pairs(nodes: usize, pressures: bool, blocks: bool) -> impl Iterator<Item = (usize, usize)> {
     let displacements = 3 * nodes;
     let blocks_of_nodes = (0..nodes).flat_map(|a| (0..=a).map(move |b| (a, b))).flat_map(|(a, b)| {
@@ -53,7 +53,7 @@ impl Pattern {
             element_dofs.extend(body.nodes_of(index).iter().flat_map(|&node| dofs.displacement(node)));
             element_dofs.extend(element.pressures.map(|p| dofs.pressure(p)));
         }
-        // Every diagonal entry is present: a pressure without a block of its own still takes the regularisation.
+        // Every diagonal entry exists, because the regularisation is added to pressures without a block.
         let mut columns: Vec<Vec<u32>> = (0..n).map(|i| vec![i as u32]).collect();
         let ties = || {
             dofs.multipliers()
@@ -127,7 +127,7 @@ impl Pattern {
         &self.element_dofs[stride * element..stride * (element + 1)]
     }
 
-    /// Places of each element's entries, element by element.
+    /// Positions of each element's entries, element by element.
     pub(super) fn scatter(&self) -> std::slice::ChunksExact<'_, u32> {
         self.scatter.chunks_exact(self.strides[1])
     }

@@ -1,12 +1,12 @@
 //! Finite elements: straight-sided tetrahedra with linear or quadratic shape functions.
 //!
-//! In a straight-sided tetrahedron the barycentric coordinates lambda_k are linear in X, so their gradients G_k are constant
-//! and a shape function N_a(lambda) has the gradient
+//! In a straight-sided tetrahedron the barycentric coordinates lambda_k are linear in X, so their gradients
+//! G_k are constant and a shape function N_a(lambda) has the gradient
 //!
 //! grad N_a = sum_k (dN_a/dlambda_k) G_k.
 //!
-//! An element thus keeps four vectors and a volume, whatever its order; what differs is the table of dN_a/dlambda_k at the
-//! quadrature points ([`Point`]), which is the same for every element.
+//! An element of either order therefore stores four vectors and a volume. The table of dN_a/dlambda_k at the
+//! quadrature points ([`Point`]) depends on the order and is the same for all elements.
 
 mod quadrature;
 
@@ -27,7 +27,7 @@ pub enum Order {
 }
 
 impl Order {
-    /// Order 1 or 2.
+    /// The order with number 1 or 2.
     pub fn from_number(order: u8) -> Option<Self> {
         match order {
             1 => Some(Self::Linear),
@@ -36,7 +36,7 @@ impl Order {
         }
     }
 
-    /// Nodes of an element.
+    /// Number of nodes of an element.
     pub const fn nodes(self) -> usize {
         match self {
             Self::Linear => 4,
@@ -45,7 +45,7 @@ impl Order {
     }
 }
 
-/// Vertex pairs of the mid-edge nodes 4 to 9, VTK's order of the ten-node tetrahedron.
+/// Vertex pairs of the mid-edge nodes 4 to 9, in VTK's order of the ten-node tetrahedron.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
 /// Undeformed geometry of a straight-sided tetrahedron.
@@ -53,14 +53,15 @@ pub const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 
 pub struct Tetrahedron {
     /// Volume, m^3, positive.
     pub volume_m3: f64,
-    /// Gradients G_k of the barycentric coordinates, 1/m; they add up to zero.
+    /// Gradients G_k of the barycentric coordinates, 1/m; their sum is zero.
     pub gradients: [Vector3<f64>; 4],
 }
 
 impl Tetrahedron {
-    /// Tetrahedron of four corners; `None` if its volume is not positive.
+    /// Tetrahedron of four vertices; `None` if its volume is not positive.
     ///
-    /// With the edge matrix D = [X1-X0, X2-X0, X3-X0]: rows of D^-1 are G_1..3, the volume is det D / 6.
+    /// With the edge matrix D = [X1-X0, X2-X0, X3-X0], the rows of D^-1 are G_1..3, and the volume is det D /
+    /// 6.
     pub fn new(corners_m: [[f64; 3]; 4]) -> Option<Self> {
         let x = corners_m.map(Vector3::from);
         let edges = Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
@@ -80,7 +81,8 @@ impl Tetrahedron {
     }
 }
 
-/// Gradients of the N shape functions at a quadrature point from those of the barycentric coordinates.
+/// Gradients of the N shape functions at a quadrature point, from the gradients of the barycentric
+/// coordinates.
 #[inline(always)]
 pub(crate) fn shape_gradients<R: Real, const N: usize>(
     barycentric: &[Vec3<R>; 4],
@@ -127,7 +129,7 @@ mod tests {
         })
     }
 
-    /// Gradient of a field given at the nodes, against the exact gradient at each quadrature point.
+    /// Compares the gradient of a field given at the nodes with the exact gradient at each quadrature point.
     fn check<const N: usize>(
         rule: &[Point<N>],
         field: impl Fn(Vector3<f64>) -> (Vector3<f64>, Matrix3<f64>),

@@ -1,13 +1,13 @@
-//! Quadrature points of the reference tetrahedron with the shape functions there.
+//! Quadrature points of the reference tetrahedron, and the shape functions at them.
 
 use super::EDGES;
 
 /// One quadrature point of an element with N nodes.
 #[derive(Debug, Clone, Copy)]
 pub struct Point<const N: usize> {
-    /// Share of the volume; the weights of a rule add up to 1.
+    /// Weight as a share of the volume; the weights of a rule add up to 1.
     pub weight: f64,
-    /// Barycentric coordinates: also the values of the four linear (pressure) shape functions.
+    /// Barycentric coordinates, which are also the values of the four linear (pressure) shape functions.
     pub barycentric: [f64; 4],
     /// N_a.
     pub values: [f64; N],
@@ -15,7 +15,7 @@ pub struct Point<const N: usize> {
     pub slopes: [[f64; 4]; N],
 }
 
-/// One point, exact for linear integrands: all that constant-strain elements need.
+/// One point, exact for linear integrands; sufficient for constant-strain elements.
 pub static LINEAR: [Point<4>; 1] = [Point {
     weight: 1.0,
     barycentric: [0.25; 4],
@@ -23,8 +23,9 @@ pub static LINEAR: [Point<4>; 1] = [Point {
     slopes: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
 }];
 
-/// Fourteen points with positive weights, exact to degree 5 (Walkington 2000). With quadratic shape functions the force of
-/// St. Venant-Kirchhoff and of unreduced Mooney-Rivlin is of degree 4, so that it is integrated exactly.
+/// Fourteen points with positive weights, exact to degree 5 (Walkington 2000). With quadratic shape functions
+/// the force of St. Venant-Kirchhoff and of unreduced Mooney-Rivlin has degree 4, so that its integral is
+/// exact.
 pub static QUADRATIC: [Point<10>; 14] = quadratic();
 
 /// Orbit of (a, a, a, 1 - 3a): a and the weight of each of its four points.
@@ -122,7 +123,7 @@ mod tests {
         for point in &QUADRATIC {
             assert!((point.values.iter().sum::<f64>() - 1.0).abs() < 1e-15);
             for k in 1..4 {
-                // Along X only differences of the lambdas move; their sum of slopes must agree.
+                // Along X only differences of the lambdas change, so all sums of slopes must agree.
                 let sum = |k: usize| point.slopes.iter().map(|s| s[k]).sum::<f64>();
                 assert!((sum(k) - sum(0)).abs() < 1e-14);
             }

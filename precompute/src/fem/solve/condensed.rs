@@ -1,4 +1,4 @@
-//! What is read off a converged state: reaction, condensed tangent, sensitivities and third derivatives.
+//! Results of a converged state: reaction, condensed tangent, sensitivities and third derivatives.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,7 +9,7 @@ use crate::fem::boundary::Pose;
 use crate::num::jet::EnergyJet;
 
 impl Solver {
-    /// Prescribes the pose: in the state with elimination, as targets of the multipliers otherwise.
+    /// Prescribes the pose: in the state with elimination, otherwise as targets of the multipliers.
     pub(super) fn hold(&mut self, pose: &Pose) {
         let body = &self.problem.body;
         let displaced = |node: u32, centre: u32| -> [f64; 3] {
@@ -30,7 +30,7 @@ impl Solver {
             let moves = handle.nodes.binary_search(&m.node).is_ok();
             *target = if moves { displaced(m.node, handle.centre)[m.axis] } else { 0.0 };
         }
-        // Multipliers that balance the guess: the residual is then in the constraints alone.
+        // Multipliers that balance the guess, so that only the constraints have a residual.
         self.assembled.assemble_residual(body, &self.state);
         let scale = body.stiffness_scale_n_m();
         for (m, value) in held.iter().zip(&mut self.multipliers) {
@@ -38,14 +38,14 @@ impl Solver {
         }
     }
 
-    /// Sensitivities, last correction and condensed quantities of the converged state.
+    /// Computes the sensitivities, the last correction and the condensed quantities of the converged state.
     ///
-    /// With K the tangent over the unknowns and K_fA its columns along a translation of the handle,
+    /// With the tangent K of the unknowns and its columns K_fA along a translation of the handle,
     ///
-    /// X = -K^-1 K_fA (du/dd and dq/dd),   S = K_AA + K_Af X (symmetric),
+    /// X = -K^-1 K_fA (du/dd and dq/dd),   S = K_AA + K_Af X (symmetric).
     ///
-    /// or, with multipliers, X = K^-1 (unit displacement in the constraints) and S the multipliers' part of X. The factor
-    /// that gives X gives the last Newton correction too.
+    /// With multipliers, X = K^-1 (unit displacement in the constraints), and S is the multipliers' part of
+    /// X. The last Newton correction uses the same factor as X.
     pub(super) fn condense(
         &mut self,
         pose: &Pose,
@@ -83,7 +83,7 @@ impl Solver {
             return fail(FailureReason::NotFinite, residual_n);
         }
         let (force_n, torque_n_m) = self.resultants(pose);
-        // Rounding leaves S unsymmetric in its last digits; it is symmetric by construction.
+        // S is symmetric by definition; rounding makes the computed S unsymmetric in its last digits.
         let stiffness_n_m = 0.5 * (stiffness + stiffness.transpose());
         let jet = EnergyJet { control_m: pose.displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 };
         Ok(Configuration {
@@ -120,7 +120,7 @@ impl Solver {
         }
     }
 
-    /// du/dd and dp/dd of every node along each axis, from the columns solved for.
+    /// du/dd and dp/dd of every node along each axis, from the solved columns.
     pub(super) fn sensitivity_of_state(&self) -> [Vec<f64>; 3] {
         let (problem, body) = (&*self.problem, &self.problem.body);
         let n = problem.unknowns();
@@ -143,8 +143,8 @@ impl Solver {
 
     /// S from the solved columns x_j of the right-hand sides b_j and their residuals r_j = b_j - K x_j.
     ///
-    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j: the last term makes the error of S the square of that of x, so one solve
-    /// without refinement is enough. With multipliers K_AA is zero.
+    /// S_ij = (K_AA)_ij - b_i . x_j - x_i . r_j. With the last term the error of S is of the order of the
+    /// square of the error of x, so one solve without refinement suffices. With multipliers K_AA is zero.
     pub(super) fn condensed_stiffness(&self, problem: &Problem) -> Matrix3<f64> {
         let n = problem.unknowns();
         let column = |axis: usize| axis * n..(axis + 1) * n;
@@ -155,7 +155,7 @@ impl Solver {
         })
     }
 
-    /// Force on the handle and moment about its centre where it is now.
+    /// Force on the handle, and moment about the current position of its centre.
     fn resultants(&self, pose: &Pose) -> ([f64; 3], [f64; 3]) {
         let (problem, body) = (&*self.problem, &self.problem.body);
         let Some(handle) = &problem.handle else { return ([0.0; 3], [0.0; 3]) };

@@ -1,14 +1,15 @@
-//! Sparse symmetric solver: supernodal Cholesky without pivoting, iterative refinement with the true matrix, and a residual
-//! that is always checked.
+//! Sparse symmetric solver: supernodal Cholesky without pivoting, iterative refinement with the unregularised
+//! matrix, and a check of every residual.
 //!
-//! A body without pressures in a stable state has a positive definite tangent: LL^T, the fastest, is tried first, and that it
-//! exists proves the stability. Otherwise, and for every saddle-point matrix, LDL^T: the signs of D are the inertia, so
-//! negative entries beyond one a pressure or multiplier count the unstable modes.
+//! A body without pressures in a stable state has a positive definite tangent. LL^T is then the fastest
+//! factorisation and is tried first; its existence proves the stability. Otherwise, and for every
+//! saddle-point matrix, LDL^T is used. The signs of D give the inertia: the number of negative entries minus
+//! one per pressure or multiplier is the number of unstable modes.
 //!
-//! The saddle-point matrix of an incompressible body has zeros on the pressure diagonal. Subtracting
-//! delta_i = delta V_i / mu there makes it quasi-definite for a stable state, so that LDL^T exists in any order;
-//! refinement then removes the effect of delta. Where that fails (measured by the residual, never assumed) delta is
-//! raised, and at last an LU with pivoting of the whole matrix is tried.
+//! The saddle-point matrix of an incompressible body has zeros on the pressure diagonal. Subtracting delta_i
+//! = delta V_i / mu from them makes the matrix of a stable state quasi-definite, so that LDL^T exists for any
+//! order. Refinement then removes the effect of delta. If the measured residual shows that this fails, delta
+//! is increased; the last attempt is an LU factorisation with pivoting.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::ldlt::factor::LdltRegularization;
@@ -24,31 +25,33 @@ use faer::{Conj, Mat, MatMut, Par, Side};
 
 use crate::fem::assembly::Pattern;
 
-/// Regularisations tried, in units of V_i / mu.
+/// Regularisations delta in the order of the attempts, in units of V_i / mu.
 const DELTAS: [f64; 3] = [1e-9, 1e-7, 1e-5];
-/// How well a system is to be solved, as relative residuals.
+/// Required accuracy of a solution, as relative residuals.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Accuracy {
-    /// Refinement ends here ...
+    /// Refinement ends below this residual.
     target: f64,
-    /// ... and a route that does not get at least here is given up for the next.
+    /// A factorisation that does not reach this residual is replaced by the next one.
     accepted: f64,
 }
 
-/// For a Newton step: what is left is below what the step's own linearisation leaves.
+/// For a Newton step; the error is below the linearisation error of the step.
 pub(super) const STEP: Accuracy = Accuracy { target: 1e-6, accepted: 1e-6 };
-/// For sensitivities: seven digits of W_ijk are asked for, and unstable pressures swallow some. (The condensed tangent alone
-/// would not need it: its error is the square.)
+/// For sensitivities: W_ijk needs seven digits, and unstable pressures cost some digits. (The condensed
+/// tangent would need less, because its error is the square of theirs.)
 pub(super) const SENSITIVITY: Accuracy = Accuracy { target: 1e-11, accepted: 1e-9 };
-/// A solve above what was asked for is accepted below this one, if ...
+/// Largest relative residual of a solution that is accepted because it has reached the rounding floor, see
+/// [`FLOOR`].
 const ACCEPTED_AT_FLOOR: f64 = 1e-6;
-/// ... it is no more than this share of max|A| |x|: then it is rounding. Parts of very different stiffness have such
-/// solves, where a soft right-hand side turns a stiff block. A singular matrix does not pass: its residual stays near 1.
+/// Rounding floor: a residual of at most this share of max|A| |x|. A body with parts of very different
+/// stiffness has such solutions if a soft right-hand side rotates a stiff block. A singular matrix is not
+/// accepted, because its relative residual stays near 1.
 const FLOOR: f64 = 1e-14;
-/// Refinement steps at most; each gains at least four digits when the factor is any good.
+/// Maximum number of refinement steps; each gains at least four digits with a good factor.
 const REFINEMENTS: usize = 6;
 
-/// The matrix could not be solved well enough by any route.
+/// Error: no factorisation solved the matrix to the required accuracy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct SingularMatrix {
     /// Relative residual of the best attempt.
@@ -59,39 +62,39 @@ pub(super) struct SingularMatrix {
 #[derive(Debug)]
 pub(super) struct SymbolicFactor {
     symbolic: SymbolicCholesky<usize>,
-    /// Place of each pressure unknown's diagonal entry, and its regularisation for delta = 1.
+    /// Position of each pressure unknown's diagonal entry, and its regularisation for delta = 1.
     pressure_diagonal: Vec<(usize, f64)>,
-    /// Negative pivots of a stable state: one for each pressure and each multiplier.
+    /// Number of negative pivots of a stable state: one for each pressure and each multiplier.
     negative_when_stable: usize,
 }
 
-/// Factorisation tried.
+/// Kind of factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Route {
-    /// LL^T: positive definite or nothing.
+    /// LL^T; exists only for a positive definite matrix.
     Positive,
-    /// LDL^T with the regularisation of this index into [`DELTAS`].
+    /// LDL^T with the regularisation of this index in [`DELTAS`].
     Indefinite(usize),
     /// LU with pivoting.
     Pivoted,
 }
 
 impl SymbolicFactor {
-    /// Analyses `pattern`, whose unknowns already stand in elimination order; `pressure_diagonal` lists
-    /// (equation, V_i / mu in scaled units) of every pressure unknown without a block of its own.
+    /// Analyses `pattern`, whose unknowns are in elimination order. `pressure_diagonal` lists (equation, V_i
+    /// / mu in scaled units) of every pressure unknown without a block.
     pub(super) fn new(
         pattern: &Pattern,
         pressure_diagonal: &[(usize, f64)],
         negative_when_stable: usize,
     ) -> Self {
         let n = pattern.unknowns();
-        // With the order given, faer analyses the upper triangle as it stands whatever side is named.
+        // With a given order, faer analyses the upper triangle as it is, independent of the named side.
         let (starts, rows) = pattern.upper_triangle();
         let symbolic = factorize_symbolic_cholesky(
             SymbolicSparseColMatRef::new_checked(n, n, &starts, None, &rows),
             Side::Upper,
             SymmetricOrdering::Identity,
-            // AUTO may fall to the simplicial path, which is slower and as unpivoted.
+            // AUTO can select the simplicial method, which is slower and has no pivoting either.
             CholeskySymbolicParams {
                 supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
                 ..Default::default()
@@ -105,26 +108,27 @@ impl SymbolicFactor {
         Self { symbolic, pressure_diagonal, negative_when_stable }
     }
 
-    /// The routes in the order they are tried.
+    /// The factorisations in the order of the attempts.
     fn routes(&self) -> &'static [Route] {
         const SADDLE: [Route; 4] =
             [Route::Indefinite(0), Route::Indefinite(1), Route::Indefinite(2), Route::Pivoted];
         match (self.negative_when_stable, self.pressure_diagonal.is_empty()) {
             (0, _) => &[Route::Positive, Route::Indefinite(0), Route::Pivoted],
-            // Nothing to regularise: a second level would repeat the first.
+            // Without regularised entries, a second level would repeat the first.
             (_, true) => &[Route::Indefinite(0), Route::Pivoted],
             (_, false) => &SADDLE,
         }
     }
 
-    /// Floating-point operations of a factorisation over those of one solve: sum n_j^2 / sum 4 n_j over the columns of the
-    /// factor. A static measure of what a frozen factor saves, the same on every machine.
+    /// Ratio of the floating-point operations of a factorisation to those of a solve: sum n_j^2 / sum 4 n_j
+    /// over the columns of the factor. It estimates the saving of a frozen factor and is the same on every
+    /// machine.
     pub(super) fn factor_over_solve(&self) -> f64 {
         let (factor, solve) = self.flops();
         factor / solve
     }
 
-    /// Floating-point operations of a factorisation and of a solve.
+    /// Numbers of floating-point operations of a factorisation and of a solve.
     pub(super) fn flops(&self) -> (f64, f64) {
         let SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else { return (1.0, 1.0) };
         let (mut factor, mut solve) = (0.0, 0.0);
@@ -140,13 +144,13 @@ impl SymbolicFactor {
         (factor, solve)
     }
 
-    /// Entries of the factor.
+    /// Number of entries of the factor.
     pub(super) fn factor_entries(&self) -> usize {
         self.symbolic.len_val()
     }
 }
 
-/// Numeric factor and scratch of one thread; nothing is allocated after the first use.
+/// Numeric factor and scratch memory of one thread; no allocation after the first use.
 pub(super) struct Factor {
     values: Vec<f64>,
     scratch: MemBuffer,
@@ -166,7 +170,7 @@ impl std::fmt::Debug for Factor {
 }
 
 impl Factor {
-    /// Room for the factor of `symbolic` and three right-hand sides.
+    /// Scratch memory for the factor of `symbolic` and three right-hand sides.
     pub(super) fn new(symbolic: &SymbolicFactor, pattern: &Pattern) -> Self {
         let analysis = &symbolic.symbolic;
         let scratch = analysis
@@ -187,7 +191,7 @@ impl Factor {
         }
     }
 
-    /// Factorises `matrix` (lower triangle on `pattern`) by one route.
+    /// Factorises `matrix` (lower triangle on `pattern`) by one kind of factorisation.
     fn factorise(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -239,7 +243,7 @@ impl Factor {
                 )
                 .is_ok()
         };
-        // Values that are not finite show in the residual, which every solve checks.
+        // Non-finite values show in the residual, which every solve checks.
         factorised
     }
 
@@ -262,7 +266,7 @@ impl Factor {
         self.pivoted.is_some()
     }
 
-    /// Solves with the present factor, no refinement.
+    /// Solves with the current factor, without refinement.
     fn apply(&mut self, symbolic: &SymbolicFactor, n: usize, columns: usize) {
         let rhs = &mut self.correction[..n * columns];
         if let Some(lu) = &self.pivoted {
@@ -285,7 +289,8 @@ impl Factor {
         }
     }
 
-    /// Sets the residuals b - K x of every column and returns the worst relative to its right-hand side.
+    /// Computes the residuals b - K x of all columns; returns the largest one relative to its right-hand
+    /// side.
     fn measure(&mut self, pattern: &Pattern, matrix: &[f64], x: &[f64], columns: usize) -> f64 {
         let n = pattern.unknowns();
         let mut worst = 0.0f64;
@@ -300,13 +305,13 @@ impl Factor {
                 size += b * b;
             }
             let relative = if size > 0.0 { (error / size).sqrt() } else { error.sqrt() };
-            // `max` would hide a NaN.
+            // `max` would ignore a NaN.
             worst = if relative > worst || relative.is_nan() { relative } else { worst };
         }
         worst
     }
 
-    /// Refines `x` against the right-hand sides in `self.right`; returns the worst relative residual.
+    /// Refines `x` for the right-hand sides in `self.right`; returns the largest relative residual.
     fn refine(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -331,14 +336,14 @@ impl Factor {
                 return f64::INFINITY;
             }
             if worst > best {
-                // The last correction made it worse: take it back, so that x is what `best` speaks of.
+                // The last correction increased the residual: undo it, so that `best` is the residual of x.
                 for (x, c) in x.iter_mut().zip(&self.correction) {
                     *x -= c;
                 }
                 self.measure(pattern, matrix, x, columns);
                 break;
             }
-            // Good enough, or no longer gaining a digit a step.
+            // Refinement ends at the target, or if a step gains less than a factor of 0.3.
             let stalled = worst > 0.3 * best;
             best = worst;
             if worst <= accuracy.target || stalled {
@@ -348,7 +353,7 @@ impl Factor {
         best
     }
 
-    /// Factorises `matrix` by the first route that exists, without a solve that would check it.
+    /// Factorises `matrix` by the first factorisation that exists, without checking a solution.
     pub(super) fn factorise_first(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -358,8 +363,8 @@ impl Factor {
         symbolic.routes().iter().any(|&route| self.factorise(symbolic, pattern, matrix, route))
     }
 
-    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]); refined to the
-    /// accuracy asked for. The factor stays for [`Factor::correct`].
+    /// Factorises `matrix` and solves for the columns of `right` (column-major, at most [`RIGHT_SIDES`]),
+    /// refined to the required accuracy. [`Factor::correct`] can use the factor afterwards.
     pub(super) fn factorise_and_solve(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -388,7 +393,7 @@ impl Factor {
         Err(SingularMatrix { residual: best })
     }
 
-    /// Solves for the columns of `right` with the factor in place, refined; returns the relative residual reached.
+    /// Solves for the columns of `right` with the current factor and refines; returns the relative residual.
     pub(super) fn solve(
         &mut self,
         symbolic: &SymbolicFactor,
@@ -407,8 +412,8 @@ impl Factor {
         &self.residual
     }
 
-    /// Unstable modes of the matrix factorised last: negative pivots beyond those of a stable state. `None` after an LU, which
-    /// tells no inertia.
+    /// Number of unstable modes of the last factorised matrix: negative pivots minus those of a stable state.
+    /// `None` after LU, which does not give the inertia.
     pub(super) fn unstable_modes(&self, symbolic: &SymbolicFactor) -> Option<u32> {
         match self.route {
             Route::Positive => Some(0),
@@ -427,8 +432,8 @@ impl Factor {
         }
     }
 
-    /// x = factor^-1 right with the factor in place, one column, neither refined nor checked: for steps whose success is
-    /// judged by the residual of the equilibrium itself.
+    /// x = factor^-1 right with the current factor, one column, without refinement and check. For steps that
+    /// the residual of the equilibrium checks.
     pub(super) fn correct(&mut self, symbolic: &SymbolicFactor, right: &[f64], x: &mut [f64]) {
         self.correction[..right.len()].copy_from_slice(right);
         self.apply(symbolic, right.len(), 1);
@@ -436,14 +441,14 @@ impl Factor {
     }
 }
 
-/// Relative residual that rounding alone may leave.
+/// Largest relative residual that rounding alone can cause.
 fn rounding(matrix: &[f64], x: &[f64], right: &[f64]) -> f64 {
     let largest = matrix.iter().fold(0.0f64, |m, a| m.max(a.abs()));
     let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     FLOOR * largest * norm(x) / norm(right)
 }
 
-/// Right-hand sides that can be solved for at once: one per axis of the active node.
+/// Maximum number of simultaneous right-hand sides: one per axis of the active node.
 pub(super) const RIGHT_SIDES: usize = 3;
 
 #[cfg(test)]

@@ -1,20 +1,21 @@
-//! Incremental loading: from a solved configuration to a new pose of the handle.
+//! Incremental loading from a solved configuration to a new pose of the handle.
 
 use super::{Configuration, Seed, SolveFailure, Solver};
 use crate::fem::boundary::Pose;
 use crate::num::branch::Excess;
 
-/// Step control.
+/// Options of the step control.
 #[derive(Debug, Clone, Copy)]
 pub struct LoadingOptions {
-    /// The step may be halved this often before the transition is given up.
+    /// Maximum number of halvings of the step before the transition fails.
     pub max_halvings: u32,
-    /// Tries of the smallest step from a slightly disturbed guess, before the transition is given up: a guess that sits on
-    /// a symmetric saddle or at the edge of Newton's basin often needs no more than a push.
+    /// Number of attempts of the smallest step with a perturbed guess before the transition fails. A small
+    /// perturbation is often enough for a guess at a symmetric saddle point or at the boundary of Newton's
+    /// basin of convergence.
     pub perturbations: u32,
-    /// Whether a path may go on beyond a fold, where its branch ends, by snapping to another branch as a real body does:
-    /// full Newton steps are then taken uphill, and where they end is accepted if it is stable and has no more inverted
-    /// elements than the state before.
+    /// Whether a path may continue beyond a fold, where its branch ends, by snap-through to another branch,
+    /// as a real body does. The solver then takes full Newton steps although the residual rises. It accepts
+    /// the solution if it is stable and has no more inverted elements than the state before.
     pub snap_through: bool,
 }
 
@@ -24,23 +25,23 @@ impl Default for LoadingOptions {
     }
 }
 
-/// What a solve took.
+/// Cost of a solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
-    /// Newton and quasi-Newton steps.
+    /// Number of Newton and quasi-Newton steps.
     pub iterations: u32,
-    /// Factorisations among them.
+    /// Number of factorisations.
     pub factorisations: u32,
 }
 
-/// Full steps uphill that a snap may take.
+/// Maximum number of full steps with a rising residual in a snap-through.
 const UPHILL: u32 = 3;
 
-/// Largest disturbance of a displacement component, in mean edge lengths.
+/// Largest perturbation of a displacement component, in mean edge lengths.
 const PUSH: f64 = 1e-3;
 
 impl Solver {
-    /// Transition from `from` to a displacement of the handle (the paper's C -> C').
+    /// Transition from `from` to a displacement of the handle, m (the paper's C -> C').
     pub fn advance(&mut self, from: &Seed, target_m: [f64; 3]) -> Result<Configuration, SolveFailure> {
         let target = Pose { displacement_m: target_m, ..from.pose };
         self.advance_to(from, &target)
@@ -48,15 +49,18 @@ impl Solver {
 
     /// Transition from `from` to a pose of the handle.
     ///
-    /// The whole step is tried first, with the tangent predictor state + X dd as the guess (measured: one 5 mm step
-    /// takes 3 iterations where five 1 mm increments take 15 to 20); a step that fails is halved, a step that
-    /// succeeds is followed by the largest that is left. Then the guess is disturbed, by a fixed pseudo-random push, and at
-    /// last the body may snap through, once with all of the step that is left and once with half of it.
+    /// The first attempt is the whole step with the tangent predictor state + X dd as the guess (measured:
+    /// one 5 mm step takes 3 iterations, five 1 mm increments take 15 to 20). A failed step is halved. A
+    /// successful step is followed by one of twice the size, limited to the remaining transition. At the
+    /// smallest step the guess is perturbed by deterministic pseudo-random displacements. The last attempt is
+    /// a snap-through, first over the whole remaining transition, then over half of it.
     ///
-    /// A solution that does not join the last one smoothly ([`Excess`]) counts as failed while the step can be halved; then it
-    /// is taken and flagged: the branch ended, or another one crossed it. If the small steps find nothing at all, the solution
-    /// that a large one jumped to is better than none, and flagged too.
-    /// Deviation from the paper: it splits every transition into M equal increments without a predictor.
+    /// A solution on a different branch than the last one ([`Excess`]) counts as a failure while the step can
+    /// be halved. At the smallest step it is accepted and flagged as a branch jump. If the small steps find
+    /// no solution, an earlier solution of a larger step on a different branch is accepted and flagged.
+    ///
+    /// Deviation from the paper: the paper divides every transition into M equal increments without a
+    /// predictor.
     pub fn advance_to(&mut self, from: &Seed, target: &Pose) -> Result<Configuration, SolveFailure> {
         let (mut done, mut step) = (0.0, 1.0);
         let (mut halvings, mut pushes) = (0, 0);
@@ -64,7 +68,7 @@ impl Solver {
         let mut spent = Spent::default();
         let mut here: Option<Configuration> = None;
         let mut switched = false;
-        // How far a step got that jumped, and where to.
+        // Share and solution of a step that jumped to a different branch.
         let mut elsewhere: Option<(f64, Configuration)> = None;
         let mut guess = vec![0.0; from.state.len()];
         let pose_at = |done: f64| if done >= 1.0 { *target } else { from.pose.towards(target, done) };
@@ -136,8 +140,8 @@ impl Solver {
         }
     }
 
-    /// Equilibrium at `pose` on whatever branch full steps uphill lead to, if it is stable and has no more inverted
-    /// elements than the seed.
+    /// Equilibrium at `pose` on the branch to which full steps with a rising residual lead. Accepted if it is
+    /// stable and has no more inverted elements than the seed.
     fn snap_through(
         &mut self,
         seed: &Seed,
@@ -165,7 +169,7 @@ impl Solver {
         }
     }
 
-    /// The bare solve of one whole step, without what is read off the solution: what a benchmark compares.
+    /// Solves one whole step without computing the condensed quantities, for benchmarks.
     pub fn reach(&mut self, from: &Seed, target: &Pose) -> Result<Effort, SolveFailure> {
         let mut guess = vec![0.0; from.state.len()];
         predict(from, target, &mut guess);
@@ -176,7 +180,7 @@ impl Solver {
         Ok(Effort { iterations, factorisations: self.factorisations })
     }
 
-    /// Adds a pseudo-random displacement to every node; the same one for the same `number`.
+    /// Adds a pseudo-random displacement to every node; `number` determines the sequence.
     fn push(&self, state: &mut [f64], number: u32) {
         let size = PUSH * self.problem.body.edge_m;
         let mut bits = 0x9e37_79b9_7f4a_7c15_u64.wrapping_mul(u64::from(number));
@@ -184,7 +188,7 @@ impl Solver {
             bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             *value += size * ((bits >> 11) as f64 / (1_u64 << 52) as f64 - 1.0);
         }
-        // What is held stays where it is held.
+        // Fixed components stay fixed.
         for (value, fixed) in state.iter_mut().zip(self.problem.body.fixed.as_flattened()) {
             if *fixed {
                 *value = 0.0;
@@ -193,15 +197,15 @@ impl Solver {
     }
 }
 
-/// Whether a solution does not join the seed's smoothly. A turned handle moves W by more than the displacement, which is
-/// all that is known of it: then nothing is said.
+/// Whether a solution lies on a different branch than the seed. The result is `false` if the handle rotates,
+/// because the test covers only the work of the displacement.
 fn leaves_branch(seed: &Seed, found: &Configuration) -> bool {
     let turned = seed.pose.rotation_rad != found.seed.pose.rotation_rad;
     let moved = seed.pose.displacement_m != found.seed.pose.displacement_m;
     moved && !turned && Excess::between(&seed.jet, found.jet()).is_jump()
 }
 
-/// What a transition has cost so far.
+/// Accumulated cost of a transition.
 #[derive(Debug, Clone, Copy, Default)]
 struct Spent {
     iterations: u32,
@@ -216,7 +220,7 @@ impl Spent {
     }
 }
 
-/// First-order guess of the state at `pose`.
+/// First-order prediction of the state at `pose`.
 fn predict(seed: &Seed, pose: &Pose, state: &mut [f64]) {
     state.copy_from_slice(&seed.state);
     for (axis, column) in seed.sensitivity.iter().enumerate() {

@@ -1,7 +1,8 @@
-//! Static equilibrium of a body whose handle is held at a prescribed pose.
+//! Static equilibrium of a body with a prescribed pose of its handle.
 //!
 //! [`Problem`] is built once per active node and shared by all threads; each thread owns a [`Solver`].
-//! [`Solver::advance`] goes from a solved [`Configuration`] to a new position by incremental loading.
+//! [`Solver::advance`] computes the transition from a solved [`Configuration`] to a new position by
+//! incremental loading.
 
 mod condensed;
 mod factor;
@@ -26,14 +27,14 @@ use crate::num::jet::EnergyJet;
 use factor::{Factor, RIGHT_SIDES, SymbolicFactor};
 use quasi_newton::StepHistory;
 
-/// A body, the handle a tool has on it, and everything that does not change from solve to solve.
+/// A body, the tool's handle on it, and all data that are constant for all solves.
 #[derive(Debug)]
 pub struct Problem {
     /// The body.
     pub body: Arc<Body>,
-    /// The nodes whose displacement is prescribed; `None` while the free body settles under its body force.
+    /// The nodes with prescribed displacement; `None` for the rest state under the body force.
     pub handle: Option<Handle>,
-    /// Convergence control that its solvers begin with.
+    /// Initial convergence options of its solvers.
     pub newton: NewtonOptions,
     dofs: DofMap,
     pattern: Pattern,
@@ -43,12 +44,12 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// Problem of one active node, by elimination. The node must not be fixed.
+    /// Problem of one active node with elimination. The node must not be fixed.
     pub fn new(body: Arc<Body>, active_node: u32) -> Self {
         Self::with(body, Some(Handle::node(active_node)), Constraints::Elimination)
     }
 
-    /// Numbers the unknowns, builds the pattern and analyses it.
+    /// Numbers the unknowns, builds the sparsity pattern and analyses it.
     pub fn with(body: Arc<Body>, handle: Option<Handle>, constraints: Constraints) -> Self {
         let handle = handle.map(|handle| handle.on(&body));
         let dofs = DofMap::new(&body, handle.as_ref(), constraints);
@@ -69,12 +70,12 @@ impl Problem {
         self.dofs.unknowns()
     }
 
-    /// Entries of the matrix (lower triangle) and of its factor.
+    /// Numbers of entries of the matrix (lower triangle) and of its factor.
     pub fn entries(&self) -> (usize, usize) {
         (self.pattern.entries(), self.symbolic.factor_entries())
     }
 
-    /// Floating-point operations of one factorisation.
+    /// Number of floating-point operations of one factorisation.
     pub fn factor_flops(&self) -> f64 {
         self.symbolic.flops().0
     }
@@ -84,7 +85,7 @@ impl Problem {
     }
 }
 
-/// (equation, V_i / mu in scaled units) of every pressure without a block of its own.
+/// (equation, V_i / mu in scaled units) of every pressure without a block.
 fn regularised_diagonal(body: &Body, dofs: &DofMap) -> Vec<(usize, f64)> {
     let mut volume_m3 = vec![0.0; body.pressure_sites.len()];
     let mut own_block = vec![false; body.pressure_sites.len()];
@@ -96,8 +97,9 @@ fn regularised_diagonal(body: &Body, dofs: &DofMap) -> Vec<(usize, f64)> {
             }
         }
     }
-    // A stable pair bears a smaller regularisation, and then needs no refinement; with P1/P1 rounding, amplified by its inverse,
-    // would cost more than it saves (measured: one sweep leaves 5e-12 with P2/P1, 3e-8 with P1/P1).
+    // A stable pair permits a smaller regularisation and then needs no refinement. With P1/P1 the rounding
+    // error, amplified by the inverse of the regularisation, would cost more than it saves (measured: one
+    // sweep leaves 5e-12 with P2/P1, 3e-8 with P1/P1).
     let share = match body.order {
         Order::Linear => 1.0,
         Order::Quadratic => 1e-2,
@@ -114,48 +116,50 @@ fn regularised_diagonal(body: &Body, dofs: &DofMap) -> Vec<(usize, f64)> {
         .collect()
 }
 
-/// Where a solve may start from: a solved pose, its state, and how the state moves with the handle.
+/// Start of a solve: a solved pose, its state, and the derivative of the state with respect to the control.
 #[derive(Debug, Clone)]
 pub struct Seed {
-    /// Pose of the handle, from rest.
+    /// Pose of the handle, relative to rest.
     pub pose: Pose,
     /// State vector of [`Body`].
     pub state: Vec<f64>,
     /// d(state)/dd along a translation of the handle, one state vector per axis: the tangent predictor.
     pub sensitivity: [Vec<f64>; 3],
-    /// The condensed energy there: what the next solution must join smoothly.
+    /// Condensed energy of the state, for the test whether the next solution lies on the same branch.
     pub jet: EnergyJet,
 }
 
-/// One solved configuration: the paper's C = (p, u, h), with its energy and the derivatives of it.
+/// One solved configuration: the paper's C = (p, u, h), with its energy and the derivatives of the energy.
 #[derive(Debug, Clone)]
 pub struct Configuration {
-    /// Pose, state, sensitivity and condensed energy: what the next solve starts from.
+    /// Pose, state, sensitivity and condensed energy: the start of the next solve.
     pub seed: Seed,
-    /// Moment by the tool on the body about the handle's centre where it is now, N m; zero for a single node.
+    /// Moment of the tool on the body about the current position of the handle's centre, N m; zero for a
+    /// single node.
     pub torque_n_m: [f64; 3],
     /// Norm of the residual over all equations (constraints scaled like forces), N.
     pub residual_n: f64,
     /// Smallest J over the quadrature points.
     pub min_jacobian: f64,
-    /// Elements with J <= 0: kept, but flagged.
+    /// Number of elements with J <= 0; such a configuration is kept and flagged.
     pub inverted: usize,
     /// Deformed volume, m^3.
     pub volume_m3: f64,
-    /// Directions in which the energy falls (negative pivots of the tangent too many); `None` if the factorisation that
-    /// solved it tells no inertia.
+    /// Number of directions in which the energy decreases (surplus negative pivots of the tangent); `None` if
+    /// the factorisation does not give the inertia.
     pub unstable_modes: Option<u32>,
-    /// Newton iterations, summed over increments and failed tries.
+    /// Newton iterations, including those of failed attempts, summed over all increments.
     pub iterations: u32,
-    /// Factorisations, counted alike.
+    /// Factorisations, counted in the same way.
     pub factorisations: u32,
-    /// Load increments that the step was split into.
+    /// Number of load increments of the transition.
     pub increments: u32,
-    /// Whether the transition left the branch it started on: however small the steps, W, h and S do not join.
+    /// Whether the transition changed its branch: W, h and S do not join smoothly even with the smallest
+    /// steps.
     pub switched: bool,
 }
 
-/// Solver of one thread: the problem's numbers and scratch memory. Nothing is allocated in an iteration.
+/// Solver of one thread: options and scratch memory of a problem. The iterations do not allocate.
 #[derive(Debug)]
 pub struct Solver {
     problem: Arc<Problem>,
@@ -167,10 +171,10 @@ pub struct Solver {
     coupling: HandleCoupling,
     factor: Factor,
     history: StepHistory,
-    /// The state being solved for, and the one tried next.
+    /// The current state, and the trial state of the next step.
     state: Vec<f64>,
     trial: Vec<f64>,
-    /// Multipliers of the held components over the stiffness scale, m; empty with elimination.
+    /// Multipliers of the prescribed components, divided by the stiffness scale, m; empty with elimination.
     multipliers: Vec<f64>,
     /// Prescribed displacement of each multiplier's component, m.
     targets_m: Vec<f64>,
@@ -178,7 +182,7 @@ pub struct Solver {
     step: Vec<f64>,
     columns: Vec<f64>,
     right: Vec<f64>,
-    /// Share of `step` that the last move took.
+    /// Share of `step` in the last update of the state.
     moved_by: f64,
     factorisations: u32,
 }
@@ -220,14 +224,15 @@ impl Solver {
         self.solve_at(&Pose::default(), &state)
     }
 
-    /// Force on every node at the last residual, 3 per node, N: reactions where a node is held.
+    /// Force on every node at the last residual, 3 per node, N; the reactions at the prescribed nodes.
     pub fn nodal_force_n(&self) -> &[f64] {
         &self.assembled.nodal_force_n
     }
 }
 
 impl Configuration {
-    /// W (stationary potential, zero at rest), h (force by the tool on the body, summed over the handle), S and W_ijk.
+    /// W (stationary potential, zero at rest), h (force of the tool on the body, summed over the handle), S
+    /// and W_ijk.
     pub fn jet(&self) -> &EnergyJet {
         &self.seed.jet
     }

@@ -1,26 +1,27 @@
-//! Newton-Raphson with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
+//! Newton-Raphson iteration with line search, frozen factors and quasi-Newton steps, at one prescribed pose.
 
 use super::factor::STEP;
 use super::{Configuration, Solver};
 use crate::fem::boundary::Pose;
 
-/// Convergence control.
+/// Convergence options.
 #[derive(Debug, Clone, Copy)]
 pub struct NewtonOptions {
-    /// Iterations at most, those with a frozen factor counted alike.
+    /// Maximum number of iterations, including those with a frozen factor.
     pub max_iterations: u32,
-    /// A state is converged when its residual is below this share of the force scale. One more correction follows,
-    /// with the factor that the sensitivities need anyway, so the final residual is about its square.
+    /// A state is converged if its residual is below this share of the force scale. One more correction
+    /// follows with the factor of the sensitivities, so that the final relative residual is about the square
+    /// of this tolerance.
     pub tolerance: f64,
-    /// Halvings of a step that does not lower the residual.
+    /// Maximum number of halvings of a step that does not reduce the residual.
     pub max_halvings: u32,
-    /// Full steps that may be taken although no fraction of them lowers the residual. Zero but where a transition tries
-    /// to get over a fold, see [`super::LoadingOptions::snap_through`].
+    /// Maximum number of full steps that are accepted although no fraction of them reduces the residual. Zero
+    /// except for a snap-through, see [`super::LoadingOptions::snap_through`].
     pub max_uphill: u32,
-    /// Whether steps with a frozen factor are tried where they are estimated to be cheaper.
+    /// Whether to use steps with a frozen factor if their estimated cost is lower.
     pub frozen_factor: bool,
-    /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states are stable
-    /// and smooth, and a hole in the space costs far more accuracy.
+    /// Whether a solution with inverted elements is a failure. By default it is kept and flagged: such states
+    /// are stable and smooth, and a missing configuration costs much more accuracy.
     pub reject_inverted: bool,
 }
 
@@ -37,25 +38,25 @@ impl Default for NewtonOptions {
     }
 }
 
-/// Why a position could not be solved. Data, not a panic: the configuration space tags it and goes on.
+/// Why a position could not be solved. The configuration space stores it as a tag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FailureReason {
-    /// Residual or state became infinite or NaN.
+    /// The residual or the state is infinite or NaN.
     NotFinite,
-    /// The residual grew beyond any hope.
+    /// The residual exceeds 1e8 times the initial residual.
     Diverged,
-    /// No fraction of the Newton step lowers the residual.
+    /// No fraction of the Newton step reduces the residual.
     LineSearch,
-    /// The iteration limit was reached.
+    /// The iteration limit is reached.
     MaxIterations,
-    /// The tangent could not be solved to working accuracy.
+    /// The tangent cannot be solved to the required accuracy.
     SingularTangent,
-    /// Solved, but with inverted elements, which were to be rejected.
+    /// The solution has inverted elements, and the options reject them.
     Inverted,
 }
 
 impl FailureReason {
-    /// Name in stores and tables.
+    /// Name in spaces and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::NotFinite => "not-finite",
@@ -68,12 +69,12 @@ impl FailureReason {
     }
 }
 
-/// A failed solve.
+/// Error of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveFailure {
     /// Why.
     pub reason: FailureReason,
-    /// Iterations spent.
+    /// Number of iterations.
     pub iterations: u32,
     /// Last residual norm, N.
     pub residual_n: f64,
@@ -93,18 +94,19 @@ impl std::fmt::Display for SolveFailure {
 
 impl std::error::Error for SolveFailure {}
 
-/// A residual this many times the first one is hopeless.
+/// Above this multiple of the initial residual the iteration counts as diverged.
 const HOPELESS: f64 = 1e8;
-/// Frozen steps start when a fresh Newton step has brought the residual below this share of the force scale ...
+/// Frozen steps start after a Newton step has reduced the residual below this share of the force scale.
 const NEAR: f64 = 0.1;
-/// ... and end when a step gains less than this factor.
+/// Frozen steps end if a step reduces the residual by less than this factor.
 const WORTH: f64 = 0.3;
 
-/// Where no step lowers a residual that is within this factor of the tolerance, it has met its rounding floor and the
-/// state is as good as it gets: forces of a part a million times stiffer leave 1e-16 of themselves in the sum.
+/// A residual below this multiple of the tolerance is accepted if no step reduces it further: it has reached
+/// its rounding floor. The forces of a part that is a million times stiffer leave a rounding error of 1e-16
+/// of their size.
 const STALLED: f64 = 100.0;
 
-/// What the next step is made with.
+/// Kind of the next step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
     Fresh,
@@ -121,11 +123,13 @@ impl Solver {
         self.condense(pose, residual_n, iterations)
     }
 
-    /// Newton's iteration from `self.state` until the residual is below the tolerance; returns it and the iterations.
+    /// Newton iteration from `self.state` until the residual is below the tolerance; returns the residual and
+    /// the number of iterations.
     ///
-    /// The first full step is always taken: prescribing the displacement puts the whole residual into the handle's
-    /// elements, and spreading it over the body raises the norm legitimately. From then on a step is halved until the residual
-    /// falls. Once near, steps use the factor at hand as long as that is estimated to be cheaper than a fresh one.
+    /// The first full step is always accepted: the prescribed displacement concentrates the residual in the
+    /// handle's elements, and its distribution over the body can raise the norm. Later steps are halved until
+    /// the residual decreases. Near the solution the steps use the current factor while this is estimated to
+    /// be cheaper than a new factorisation.
     pub(super) fn equilibrate(&mut self) -> Result<(f64, u32), SolveFailure> {
         let (mut iterations, mut uphill) = (0, 0);
         let mut residual_n = self.evaluate(true);
@@ -153,7 +157,7 @@ impl Solver {
                     residual_n = reached;
                     continue;
                 }
-                // Not a good step: the state is where it was, but the residual must be found again.
+                // The frozen step was rejected and the state restored; the residual must be evaluated again.
                 residual_n = self.evaluate(true);
                 has_tangent = true;
             }
@@ -191,14 +195,15 @@ impl Solver {
         }
     }
 
-    /// Whether to go on with the frozen factor after a step from residual `before` to `reached`.
+    /// Whether to continue with the frozen factor after a step from residual `before` to `reached`.
     fn after_frozen(&self, before: f64, reached: f64) -> Next {
         let tolerance = self.newton.tolerance * self.scale_n();
         let gain = reached / before;
         if gain >= WORTH || self.history.is_full() {
             return Next::Fresh;
         }
-        // A fresh factor roughly squares the relative residual; a frozen step goes on gaining what it gained.
+        // Model: a new factor squares the relative residual; each frozen step reduces the residual by the
+        // same factor.
         let frozen_steps = ((tolerance / reached).ln() / gain.ln()).ceil().max(1.0);
         let relative = reached / self.scale_n();
         let fresh_steps = if relative * relative <= self.newton.tolerance { 1.0 } else { 2.0 };
@@ -206,7 +211,8 @@ impl Solver {
         if frozen_steps * 2.0 <= fresh_steps * fresh_cost { Next::Frozen } else { Next::Fresh }
     }
 
-    /// One quasi-Newton step with the factor at hand. `None` if it does not lower the residual: the state stays.
+    /// One quasi-Newton step with the current factor. `None`, with an unchanged state, if it does not reduce
+    /// the residual.
     fn frozen_step(&mut self, residual_n: f64) -> Option<f64> {
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
@@ -227,15 +233,15 @@ impl Solver {
         Some(reached)
     }
 
-    /// Takes the largest step of 1, 1/2, 1/4 .. that lowers the residual (the full one in any case if not `must_fall`);
-    /// returns the residual there, and whether the step was the full one.
+    /// Takes the largest step of 1, 1/2, 1/4 .. that reduces the residual (without `must_fall`, the full step
+    /// in any case). Returns the new residual and whether the step was the full one.
     fn line_search(&mut self, residual_n: f64, must_fall: bool) -> (Option<f64>, bool) {
         let mut omega = 1.0;
         for halvings in 0..=self.newton.max_halvings {
             self.move_by(omega);
             self.swap_trial();
             let reached = self.evaluate(false);
-            // A step into a NaN is halved too, the first one not excepted.
+            // A step to a non-finite residual is always halved, including the first step.
             if reached < residual_n || (!must_fall && reached.is_finite()) {
                 return (Some(reached), halvings == 0);
             }
@@ -265,15 +271,14 @@ impl Solver {
         norm(&self.residual)
     }
 
-    /// Force against which residuals are measured: the reaction, the body force if there is one, and a millionth of mu l^2
-    /// for a body at rest.
+    /// Force scale of the residual: the reaction, plus the body force, plus 1e-6 mu l^2 for a body at rest.
     pub(super) fn scale_n(&self) -> f64 {
         let body = &self.problem.body;
         let reaction_n = norm(&self.assembled.force_on(self.problem.handle_nodes()));
         reaction_n + self.assembled.load * norm(&body.external_force_n) + 1e-6 * body.force_scale_n()
     }
 
-    /// trial = state + omega step over the unknowns (pressures rescaled to Pa); multipliers move along.
+    /// trial = state + omega step for the unknowns (pressures converted to Pa); updates the multipliers too.
     pub(super) fn move_by(&mut self, omega: f64) {
         let body = &self.problem.body;
         let (forces, pressure_scale) = (body.displacement_len(), body.pressure_scale());
@@ -288,12 +293,12 @@ impl Solver {
         self.moved_by = omega;
     }
 
-    /// The trial becomes the state.
+    /// Exchanges the state and the trial state.
     pub(super) fn swap_trial(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
     }
 
-    /// The state before the last move becomes the state again.
+    /// Undoes the last exchange.
     fn swap_trial_back(&mut self) {
         std::mem::swap(&mut self.state, &mut self.trial);
         for (value, m) in self.multipliers.iter_mut().zip(self.problem.dofs.multipliers()) {
@@ -301,7 +306,7 @@ impl Solver {
         }
     }
 
-    /// K step = -residual, with the tangent just assembled.
+    /// Solves K step = -residual with the last assembled tangent.
     pub(super) fn newton_step(&mut self) -> bool {
         let problem = &*self.problem;
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
@@ -320,7 +325,8 @@ impl Solver {
             .is_ok()
     }
 
-    /// The last correction of a converged state: one step with the factor at hand, kept if it lowers the residual.
+    /// Last correction of a converged state: one step with the current factor, kept if it does not raise the
+    /// residual.
     pub(super) fn polish(&mut self, residual_n: f64) -> f64 {
         for (right, r) in self.right.iter_mut().zip(&self.residual) {
             *right = -r;
@@ -333,7 +339,7 @@ impl Solver {
         if reached <= residual_n {
             return reached;
         }
-        // At the rounding floor already.
+        // The residual was at its rounding floor before the step.
         self.swap_trial_back();
         self.evaluate(false)
     }

@@ -1,4 +1,4 @@
-//! Where the time of a Newton iteration goes: for `palpate bench fem`, never for a decision of the solver.
+//! Time profile of a Newton iteration, for `palpate bench fem`. No decision of the solver depends on it.
 
 use std::time::Instant;
 
@@ -8,27 +8,27 @@ use super::factor::{SENSITIVITY, STEP};
 use super::{Seed, SolveFailure, Solver};
 use crate::fem::assembly::third_derivatives;
 
-/// Seconds of the parts of one Newton iteration.
+/// Duration of each part of one Newton iteration, s.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct IterationProfile {
-    /// Residual and tangent over all elements.
+    /// Assembly of residual and tangent.
     pub assembly_s: f64,
-    /// Residual alone, as a line search or a frozen step needs it.
+    /// Assembly of the residual alone, as in a line search or a frozen step.
     pub residual_s: f64,
     /// Numeric factorisation.
     pub factorisation_s: f64,
-    /// One solve with the factor, refined and checked.
+    /// One solve with the factor, with refinement and check.
     pub solve_s: f64,
-    /// One solve with the factor, unchecked: a frozen step.
+    /// One solve with the factor, without refinement and check, as in a frozen step.
     pub bare_solve_s: f64,
     /// Three sensitivities, condensed tangent and third derivatives, without the factorisation.
     pub derivatives_s: f64,
-    /// The whole iteration as the solver runs it: assembly, factorisation, solve, residual at the new state.
+    /// The whole iteration: assembly, factorisation, solve, residual at the new state.
     pub iteration_s: f64,
 }
 
 impl IterationProfile {
-    /// Median of every part over some profiles, at least one.
+    /// Median of each part over the profiles, of which there is at least one.
     pub fn median(profiles: &[Self]) -> Self {
         let of = |part: fn(&Self) -> f64| {
             let mut values: Vec<f64> = profiles.iter().map(part).collect();
@@ -48,11 +48,11 @@ impl IterationProfile {
 }
 
 impl Solver {
-    /// Times the parts of a Newton iteration at a solved configuration's state.
+    /// Measures the parts of a Newton iteration at a solved configuration's state.
     pub fn profile(&mut self, seed: &Seed) -> Result<IterationProfile, SolveFailure> {
         let here = self.solve_at(&seed.pose, &seed.state)?;
         self.state.copy_from_slice(&here.seed.state);
-        // Warm, so that the first part measured does not pay for the caches.
+        // Fills the caches before the first measurement.
         self.evaluate(true);
         let mut profile = IterationProfile::default();
         let clock = |work: &mut dyn FnMut()| {
@@ -67,8 +67,8 @@ impl Solver {
             self.evaluate(false);
         });
         self.evaluate(true);
-        // A right-hand side like a residual: the tangent times a rough step. An arbitrary vector would ask unstable pressures
-        // (P1/P1) for what no solution gives.
+        // The right-hand side must resemble a residual: the product of the tangent with a rough step. For an
+        // arbitrary vector, unstable pressures (P1/P1) would have no bounded solution.
         for (i, x) in self.step.iter_mut().enumerate() {
             *x = 1e-3 * (((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5);
         }

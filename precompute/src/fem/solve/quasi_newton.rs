@@ -1,15 +1,17 @@
 //! Steps with a frozen factor, accelerated by Broyden's rank-one updates.
 //!
-//! A factorisation costs as much as some dozens of solves, so between two of them it pays to go on with the old one as long
-//! as the residual falls fast. Broyden's (good) update learns the tangent's change from the steps themselves; kept as the
-//! steps s_0 .. s_k it needs one solve and k inner products a step (Kelley 1995, section 7.3):
+//! A factorisation costs as much as dozens of solves. The old factor is therefore worth reusing while the
+//! residual decreases fast. Broyden's (good) update approximates the change of the tangent from the steps.
+//! With the stored steps s_0 .. s_k it needs one solve and k inner products per step (Kelley 1995, section
+//! 7.3):
 //!
-//! z = -K_0^-1 r;   for j < k: z += s_{j+1} (s_j . z) / (s_j . s_j);   s_{k+1} = z / (1 - (s_k . z) / (s_k . s_k)).
+//! z = -K_0^-1 r;   for j < k: z += s_{j+1} (s_j . z) / (s_j . s_j);
+//! s_{k+1} = z / (1 - (s_k . z) / (s_k . s_k)).
 
-/// Steps kept at most; by then the sequence has converged or is given up.
+/// Maximum number of stored steps; a longer sequence would not pay.
 pub(super) const LONGEST: usize = 10;
 
-/// The steps taken since the last factorisation.
+/// The steps since the last factorisation.
 #[derive(Debug)]
 pub(super) struct StepHistory {
     steps: Vec<Vec<f64>>,
@@ -22,7 +24,7 @@ impl StepHistory {
         Self { steps: vec![vec![0.0; unknowns]; LONGEST], squares: [0.0; LONGEST], len: 0 }
     }
 
-    /// Forgets everything: a new factor.
+    /// Removes all steps, for a new factor.
     pub(super) fn clear(&mut self) {
         self.len = 0;
     }
@@ -31,7 +33,7 @@ impl StepHistory {
         self.len == LONGEST
     }
 
-    /// Remembers a full step that was taken.
+    /// Stores an accepted full step.
     pub(super) fn push(&mut self, step: &[f64]) {
         if self.len < LONGEST {
             self.steps[self.len].copy_from_slice(step);
@@ -40,7 +42,7 @@ impl StepHistory {
         }
     }
 
-    /// Turns z = -K_0^-1 r into the next step. False if the update is singular.
+    /// Converts z = -K_0^-1 r to the next step. Returns false if the update is singular.
     pub(super) fn accelerate(&self, z: &mut [f64]) -> bool {
         let Some(last) = self.len.checked_sub(1) else { return true };
         for j in 0..last {

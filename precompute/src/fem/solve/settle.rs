@@ -1,4 +1,4 @@
-//! The rest of a body under its body force: equilibrium with the handle free.
+//! The rest state of a body under its body force: equilibrium without a handle.
 
 use std::sync::Arc;
 
@@ -6,13 +6,13 @@ use super::{Problem, SolveFailure, Solver};
 use crate::fem::body::{Body, Rest};
 use crate::fem::boundary::Constraints;
 
-/// Halvings of the load step before the body is said to have no rest.
+/// Maximum number of halvings of the load step before the solution fails.
 const MAX_HALVINGS: u32 = 6;
 
-/// Solves for the rest state of a body with a body force; any other body is returned as it is.
+/// Solves the rest state of a body with a body force; returns a body without body force unchanged.
 ///
-/// The load is put on in the largest steps that converge, the whole at once first. Displacements, the energy and the reaction
-/// of every configuration then count from here.
+/// The load is applied in the largest steps that converge, starting with the whole load. Displacements,
+/// energy and reaction of all configurations are relative to the rest state.
 pub fn settle(body: Body) -> Result<Body, SolveFailure> {
     if !body.is_loaded() {
         return Ok(body);
@@ -21,7 +21,7 @@ pub fn settle(body: Body) -> Result<Body, SolveFailure> {
     let rest = {
         let problem = Problem::with(body.clone(), None, Constraints::Elimination);
         let mut solver = Solver::new(Arc::new(problem));
-        // Fresh factors throughout, so that the last correction is a true Newton step.
+        // Always new factors, so that the last correction is an exact Newton step.
         solver.newton.frozen_factor = false;
         let (mut done, mut step, mut halvings, mut spent) = (0.0, 1.0f64, 0, 0);
         let mut settled = body.rest.state.clone();
@@ -30,7 +30,7 @@ pub fn settle(body: Body) -> Result<Body, SolveFailure> {
             solver.state.copy_from_slice(&settled);
             match solver.equilibrate() {
                 Ok((residual_n, iterations)) => {
-                    // A last Newton step brings the residual to its rounding floor.
+                    // The last correction brings the residual to its rounding floor.
                     solver.polish(residual_n);
                     settled.copy_from_slice(&solver.state);
                     spent += iterations;

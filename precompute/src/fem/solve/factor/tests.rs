@@ -5,7 +5,7 @@ use crate::fem::body::{Body, Model};
 use crate::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use crate::fem::solve::{Problem, Solver};
 
-/// A body that nothing holds: its tangent has the six rigid motions in its kernel.
+/// A body without fixed nodes: the kernel of its tangent contains the six rigid-body modes.
 fn floating(law: Material) -> (Arc<Problem>, Vec<f64>) {
     let mesh = crate::mesh::testing::cube(2, 1.0);
     let body = Arc::new(Body::new(&mesh, &Model::uniform(law, &[])).unwrap());
@@ -24,7 +24,7 @@ fn a_matrix_without_an_inverse_is_no_solution_whatever_route_is_taken() {
         let (problem, tangent) = floating(law);
         let n = problem.unknowns();
         let mut factor = Factor::new(&problem.symbolic, &problem.pattern);
-        // A push that only a reaction could balance.
+        // A load that only a reaction can balance.
         let mut push = vec![0.0; n];
         push[problem.dofs.displacement(0)[0] as usize] = 1.0;
         let mut x = vec![0.0; n];
