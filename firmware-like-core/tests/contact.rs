@@ -145,7 +145,7 @@ fn a_grasp_holds_until_the_button_is_released() {
 
 /// A button that is pressed when the session starts does not grasp.
 #[test]
-fn a_held_button_is_no_press() {
+fn a_button_pressed_at_the_start_does_not_grasp() {
     hand!(organ, hand);
     let held = (at(1.0).0, 0b10);
     assert!(hand.play(&[held, held, held]).iter().all(Option::is_none));

@@ -105,7 +105,7 @@ fn blobs_are_refused_with_their_reason() {
 }
 
 #[test]
-fn queries_answer_or_say_why_not() {
+fn queries_give_an_answer_or_a_status() {
     let organ = organ();
     let (status, info) = written(|out| palpate_organ_info(Some(organ), Some(out)));
     assert_eq!((status, info.spaces, info.certified), (PalpateStatus::Ok, 1, true));
@@ -146,7 +146,7 @@ fn queries_answer_or_say_why_not() {
 }
 
 #[test]
-fn a_controller_presses_faults_and_is_reset() {
+fn a_controller_renders_faults_and_is_reset() {
     let organ = organ();
     let (_, space) = written(|out| palpate_space_info(Some(organ), 0, Some(out)));
     let (status, mut config) = written(|out| palpate_config(6, Some(out)));
@@ -227,7 +227,7 @@ fn a_controller_presses_faults_and_is_reset() {
 }
 
 #[test]
-fn every_status_has_its_own_line() {
+fn every_status_has_its_own_text() {
     let text = |status: i32| {
         // SAFETY: the text of a status is a constant of the library.
         unsafe { CStr::from_ptr(palpate_status_text(status)) }.to_str().expect("ASCII")

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 #[test]
-fn the_header_is_that_of_the_code() {
+fn the_header_matches_the_code() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config =
         cbindgen::Config::from_file(here.join("cbindgen.toml")).expect("cbindgen.toml is its configuration");

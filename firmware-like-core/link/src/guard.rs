@@ -132,7 +132,10 @@ mod tests {
             })
         };
         assert!(!watch(&[(0, 5)]), "the first reading has no predecessor");
-        assert!(!watch(&[(0, 0), (10, 1), (11, 2), (11, 3)]), "single counts in a short time are no speed");
+        assert!(
+            !watch(&[(0, 0), (10, 1), (11, 2), (11, 3)]),
+            "single counts in a short time are not too fast"
+        );
         assert!(!watch(&[(0, 0), (100, 20)]) && watch(&[(0, 0), (100, 21)]) && watch(&[(0, 0), (100, -21)]));
         assert!(!watch(&[(0, 0), (2000, 40)]) && watch(&[(0, 0), (2000, 41)]));
         assert!(watch(&[(0, 0), (500, 15), (900, 21)]), "too fast over several readings");

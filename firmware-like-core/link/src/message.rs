@@ -62,7 +62,7 @@ pub enum HostMessage {
         /// [`VERSION`] of the host.
         #[serde(with = "fixed")]
         version: u16,
-        /// Any number, a different one each time: the answer repeats it.
+        /// Any number, a different one in each handshake: the answer repeats it.
         #[serde(with = "fixed")]
         nonce: u32,
     },
@@ -132,7 +132,7 @@ pub enum DeviceMessage {
         /// [`VERSION`] of the device.
         #[serde(with = "fixed")]
         version: u16,
-        /// That of the `Hello`.
+        /// The nonce of the `Hello`.
         #[serde(with = "fixed")]
         nonce: u32,
         /// The new session, or 0 if the versions differ.

@@ -145,7 +145,7 @@ fn every_kind_has_one_length() {
 }
 
 #[test]
-fn what_is_too_long_is_not_encoded() {
+fn a_message_that_is_too_long_is_not_encoded() {
     assert!(encode(&([1_u8; 32], [1_u8; 14]), &mut [0; MAX_FRAME]).is_ok());
     assert!(encode(&([1_u8; 32], [1_u8; 15]), &mut [0; MAX_FRAME]).is_err());
     assert!(encode(&[[1_u8; 30]; 3], &mut [0; MAX_FRAME]).is_err());
@@ -237,7 +237,7 @@ fn empty_frames_mean_nothing() {
 }
 
 #[test]
-fn a_reader_is_small_whatever_comes() {
+fn the_memory_of_a_reader_is_bounded() {
     let mut reader = FrameReader::<HostMessage>::new();
     assert!((0..1_000_000).all(|_| reader.push(0xff).is_none()));
     assert_eq!(reader.push(0), Some(Err(FrameError::TooLong)));
@@ -259,7 +259,7 @@ impl Noise {
 }
 
 #[test]
-fn noise_is_no_message() {
+fn noise_is_not_decoded_as_a_message() {
     let mut noise = Noise(0x1234_5678_9abc_def1);
     let bytes: Vec<u8> = (0..1_000_000).map(|_| noise.byte()).collect();
     let (_, counts) = read_all::<HostMessage>(&bytes);
@@ -321,7 +321,7 @@ fn read_in_pieces<T: Message>(stream: &[u8], piece: usize) -> Vec<Outcome<T>> {
 
 proptest! {
     #[test]
-    fn what_was_sent_is_read(
+    fn sent_messages_are_read_in_order(
         host in prop::collection::vec(any_host(), 1..8),
         device in prop::collection::vec(any_device(), 1..8),
         piece in 1..70_usize,
@@ -334,14 +334,14 @@ proptest! {
 
     /// A looped-back cable: no end accepts its own messages as those of the other end.
     #[test]
-    fn an_echo_is_no_message(host in any_host(), device in any_device()) {
+    fn a_looped_back_message_is_refused(host in any_host(), device in any_device()) {
         prop_assert!(read_all::<DeviceMessage>(&frame(&host)).0[0].is_err());
         prop_assert!(read_all::<HostMessage>(&frame(&device)).0[0].is_err());
     }
 
     /// With a correct checksum any bytes are refused, or are the one encoding of a message.
     #[test]
-    fn signed_bytes_are_one_message_or_none(kind in 0..6_u8, mut bytes in prop::collection::vec(any::<u8>(), 0..46)) {
+    fn bytes_with_a_checksum_are_one_message_or_none(kind in 0..6_u8, mut bytes in prop::collection::vec(any::<u8>(), 0..46)) {
         bytes.insert(0, kind);
         let sent = signed(&bytes);
         if let [Ok(message)] = read_all::<HostMessage>(&sent).0[..] {
@@ -354,7 +354,7 @@ proptest! {
 }
 
 #[test]
-fn an_impossible_device_is_refused() {
+fn invalid_device_properties_are_refused() {
     let changed = |change: fn(&mut DeviceInfo)| {
         let mut info = info();
         change(&mut info);

@@ -10,7 +10,7 @@ const SLOTS: usize = 5;
 /// Smallest time between two kept positions: samples of faster devices are thinned, or the window would
 /// shrink.
 const SPACING_US: u64 = 900;
-/// Smallest time that a speed is computed over, so that one count between two samples is no speed.
+/// Smallest time that a speed is computed over, so that a single count is not taken for a speed.
 const MIN_SPAN_US: u64 = 4_000;
 /// Largest age of a position.
 const MAX_AGE_US: u64 = 20_000;

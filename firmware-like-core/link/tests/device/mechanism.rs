@@ -21,7 +21,7 @@ fn overspeed_is_a_fault_only_while_enabled() {
 }
 
 #[test]
-fn an_impossible_profile_is_refused() {
+fn an_invalid_profile_is_refused() {
     let mut bad = profile();
     bad.info.watchdog_us = 20_001;
     assert!(matches!(Device::new(bad), Err(ProfileError::Info(_))));
@@ -30,7 +30,7 @@ fn an_impossible_profile_is_refused() {
 }
 
 #[test]
-fn an_axis_that_is_not_there_gets_no_torque() {
+fn a_missing_axis_gets_no_torque() {
     let mut bench = Bench::linked();
     let mut profile = profile();
     profile.info.dof = 2;
@@ -48,7 +48,7 @@ fn an_axis_that_is_not_there_gets_no_torque() {
 }
 
 #[test]
-fn torque_is_clamped_and_says_so() {
+fn a_clamped_torque_is_reported() {
     let mut bench = Bench::enabled();
     let flags = |answer| match answer {
         Some(DeviceMessage::State { flags, .. }) => flags & message::CLAMPED,

@@ -148,7 +148,7 @@ proptest! {
 
 /// The random actions must enable, move and fault the device, otherwise they would prove nothing.
 #[test]
-fn the_random_acts_meet_torques_and_faults() {
+fn the_random_actions_reach_torques_and_faults() {
     use proptest::strategy::ValueTree;
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();

@@ -7,7 +7,7 @@ use palpate_link::{
 use crate::bench::{Bench, TORQUE_UNM, profile};
 
 #[test]
-fn no_session_comes_twice_in_a_row() {
+fn consecutive_sessions_differ() {
     let mut bench = Bench::new();
     let mut seen = std::collections::BTreeSet::new();
     for _ in 0..10_000 {
@@ -23,7 +23,7 @@ fn no_session_comes_twice_in_a_row() {
 
 /// The nonces for which the hash equals the previous session, or zero.
 #[test]
-fn no_nonce_gives_a_session_that_is_known() {
+fn no_nonce_gives_the_previous_session_or_zero() {
     const PER_SESSION: u32 = 0x9e37_79b9;
     let mut bench = Bench::new();
     let mut open = |nonce| match bench.receive(HostMessage::Hello { version: VERSION, nonce }) {
@@ -56,8 +56,8 @@ fn a_session_over_frames() {
     let mut exchange = |bench: &mut Bench, message: HostMessage| {
         let (mut out, mut back) = ([0; MAX_FRAME], [0; MAX_FRAME]);
         let frame = encode(&message, &mut out).expect("it fits");
-        let heard = at_device.read(&mut &*frame).expect("a frame").expect("a message");
-        let answer = bench.device.receive(bench.now_us, &heard).expect("an answer");
+        let received = at_device.read(&mut &*frame).expect("a frame").expect("a message");
+        let answer = bench.device.receive(bench.now_us, &received).expect("an answer");
         let frame = encode(&answer, &mut back).expect("it fits");
         at_host.read(&mut &*frame).expect("a frame").expect("a message")
     };

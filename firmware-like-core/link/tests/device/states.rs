@@ -158,7 +158,7 @@ fn every_state_meets_every_event() {
 }
 
 #[test]
-fn homing_is_asked_for_and_waited_for() {
+fn homing_ends_after_a_new_reading() {
     // When Home arrives, the hardware still reports homed from an earlier procedure.
     let mut bench = Bench::enabled();
     bench.command(TORQUE_UNM, 3000);
@@ -169,7 +169,7 @@ fn homing_is_asked_for_and_waited_for() {
     assert_eq!(
         bench.step(100),
         Outputs { torque_unm: [0; 3], home: true },
-        "this reading precedes the request"
+        "this reading may precede the request"
     );
     bench.inputs.homed = false;
     assert_eq!(bench.step(100), Outputs { torque_unm: [0; 3], home: true });
@@ -191,7 +191,7 @@ fn homing_is_asked_for_and_waited_for() {
 }
 
 #[test]
-fn a_fault_of_the_hardware_that_lasts_cannot_be_cleared() {
+fn a_lasting_hardware_fault_cannot_be_cleared() {
     let mut bench = Bench::enabled();
     bench.inputs.fault = true;
     bench.step(100);
@@ -203,7 +203,7 @@ fn a_fault_of_the_hardware_that_lasts_cannot_be_cleared() {
 }
 
 #[test]
-fn the_first_fault_stays() {
+fn the_first_fault_is_latched() {
     let mut bench = Bench::enabled();
     bench.step(WATCHDOG_US);
     bench.inputs = Inputs { fault: true, homed: false, encoders: [9999; 3], buttons: 0 };

@@ -42,7 +42,7 @@ fn the_watchdog_is_exact_to_the_microsecond() {
 
 /// Repeated and late commands, a repeated Enable, and messages of another session do not reset the watchdog.
 #[test]
-fn only_a_command_that_acts_feeds_the_watchdog() {
+fn only_a_command_with_an_effect_resets_the_watchdog() {
     type Feed = (bool, fn(&mut Bench));
     let feeds: [Feed; 6] = [
         (true, |b| assert!(b.command(TORQUE_UNM, 1).is_some())),
@@ -146,7 +146,7 @@ fn a_state_carries_the_time_of_its_reading() {
 }
 
 #[test]
-fn time_on_the_way_counts() {
+fn transport_time_counts_as_lateness() {
     let mut bench = Bench::enabled();
     let mut send = |late_us: u32, valid_for_us| {
         bench.now_us += 1000;
