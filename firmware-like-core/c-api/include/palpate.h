@@ -174,9 +174,9 @@ typedef struct PalpateConfig {
   float ramp_s;
   // Duration of the transition over a jump of the force, s.
   float fade_s;
-  // Largest absolute coordinate of the HIP, m; beyond it is a fault.
+  // Largest absolute coordinate of the HIP, m; a larger one is a fault.
   float max_position_m;
-  // Largest speed of the HIP, m/s; beyond it is a fault.
+  // Largest speed of the HIP, m/s; a larger one is a fault.
   float max_speed_m_s;
   // Largest stiffness of the model that may be rendered, N/m: that of the device divided by the metres of
   // the model per metre of the device. The forces of a stiffer organ are all scaled by one factor.
@@ -185,7 +185,7 @@ typedef struct PalpateConfig {
   float energy_margin_j;
   // Largest virtual damping of the passivity control, N s/m; 0 for none.
   float energy_damping_n_s_m;
-  // Work on the hand that is a fault, J; infinite for no fault.
+  // Work on the hand above which a fault is latched, J; infinite for no fault.
   float energy_fault_j;
   // Metres of the model per metre of the device.
   float workspace_scale;
@@ -193,10 +193,9 @@ typedef struct PalpateConfig {
   float position_step_m;
   // Delay from sending a force to its effect at the motors, us.
   uint32_t force_delay_us;
-  // Number of ticks without a fresh sample in which the last command is held; after them the force is
-  // zero.
+  // Number of ticks without a fresh sample in which the last command is held; then the force is zero.
   uint32_t stale_hold_ticks;
-  // Age of the newest sample that is a fault, us.
+  // Age of the newest sample at which a fault is latched, us.
   uint64_t stale_fault_us;
 } PalpateConfig;
 

@@ -49,9 +49,9 @@ pub struct PalpateConfig {
     pub ramp_s: f32,
     /// Duration of the transition over a jump of the force, s.
     pub fade_s: f32,
-    /// Largest absolute coordinate of the HIP, m; beyond it is a fault.
+    /// Largest absolute coordinate of the HIP, m; a larger one is a fault.
     pub max_position_m: f32,
-    /// Largest speed of the HIP, m/s; beyond it is a fault.
+    /// Largest speed of the HIP, m/s; a larger one is a fault.
     pub max_speed_m_s: f32,
     /// Largest stiffness of the model that may be rendered, N/m: that of the device divided by the metres of
     /// the model per metre of the device. The forces of a stiffer organ are all scaled by one factor.
@@ -60,7 +60,7 @@ pub struct PalpateConfig {
     pub energy_margin_j: f32,
     /// Largest virtual damping of the passivity control, N s/m; 0 for none.
     pub energy_damping_n_s_m: f32,
-    /// Work on the hand that is a fault, J; infinite for no fault.
+    /// Work on the hand above which a fault is latched, J; infinite for no fault.
     pub energy_fault_j: f32,
     /// Metres of the model per metre of the device.
     pub workspace_scale: f32,
@@ -68,10 +68,9 @@ pub struct PalpateConfig {
     pub position_step_m: f32,
     /// Delay from sending a force to its effect at the motors, us.
     pub force_delay_us: u32,
-    /// Number of ticks without a fresh sample in which the last command is held; after them the force is
-    /// zero.
+    /// Number of ticks without a fresh sample in which the last command is held; then the force is zero.
     pub stale_hold_ticks: u32,
-    /// Age of the newest sample that is a fault, us.
+    /// Age of the newest sample at which a fault is latched, us.
     pub stale_fault_us: u64,
 }
 

@@ -1,9 +1,8 @@
 //! One tick of the haptic loop: (config, &mut state, now, sample) -> command.
 //!
-//! Time is an argument; nothing is allocated or locked, every loop is bounded, and for any input the command
-//! is finite and its force within the limit. A fault is latched: the force is zero at once, regardless of the
-//! slew limit, until [`State::reset`] and [`State::arm`]. A force of zero is always safe; a wrong force is
-//! not.
+//! Time is an argument; nothing is allocated or locked, and every loop is bounded. For any input the command
+//! is finite and its force within the limit. After a fault the force is zero at once, regardless of the slew
+//! limit, until [`State::reset`] and [`State::arm`]. Zero force is the safe state.
 
 mod config;
 mod state;
@@ -22,7 +21,7 @@ use crate::space::Space;
 use crate::touch::contact::{Contact, ContactKind, Engaged};
 use crate::touch::{Share, TouchSurface};
 
-/// Largest time that one tick counts for in the slew limit: a late tick must not permit a large step.
+/// Largest time of a tick in the slew limit, so that a late tick does not permit a large step.
 const MAX_SLEW_TIME_US: u64 = 2_000;
 
 /// An organ with the configuration to render it.
@@ -65,7 +64,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         self.stiffest_n_m
     }
 
-    /// The factor that scales all forces for the hand to keep the stiffness within the limit; 1 if none is
+    /// The factor that scales all forces for the hand to keep the stiffness within the limit; 1 if not
     /// needed.
     pub const fn force_share(&self) -> f32 {
         self.force_share
@@ -81,7 +80,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         &self.config
     }
 
-    /// One tick: the force to send to the hand now.
+    /// One tick: computes the force to send to the hand now.
     ///
     /// `sample` is the newest reading, or `None` if there is none since the last tick. `now_us` must not
     /// decrease.
@@ -164,7 +163,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         let smooth_n = vec3::add(wanted_n, state.fade.remaining_n(now_us, limits.fade_s));
         let step_n = limits.max_slew_n_per_s * (elapsed_us.min(MAX_SLEW_TIME_US) as f32 * 1e-6);
         let slewed_n = limit::slew(state.last.hand_force_n, smooth_n, step_n);
-        // The slew stays inside the ball except for rounding; this makes the limit exact.
+        // The slew keeps the force inside the ball up to rounding; the clamp makes the limit exact.
         let (hand_force_n, _) = limit::clamp_force(slewed_n, limits.max_force_n);
         let (hand_work_j, damped) = (state.passivity.work_j(), damping_n != vec3::ZERO);
         Ok(Command { hand_force_n, clamped, hand_work_j, damped, ramp: share, ..model })
@@ -222,8 +221,8 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         })
     }
 
-    /// h = sum w_i h_i(d). The coverage is that of the first space, or `Extrapolated` if that of any space
-    /// is.
+    /// h = sum w_i h_i(d). The coverage is `Extrapolated` if that of any space is, else that of the first
+    /// space.
     fn blended(
         &self,
         at: &Engaged,
@@ -234,7 +233,7 @@ impl<'o, 'a, const N: usize> Controller<'o, 'a, N> {
         for share in at.shares.iter().filter(|share| share.weight > 0.0) {
             let space = self.organ.spaces.get(usize::from(share.space))?;
             let one = force(space, &displacement_m)?;
-            // The weight of a single space is 1, which keeps the bits.
+            // A single space has weight 1, so the product keeps the bits.
             let force_n = vec3::scale(one.force_n, share.weight);
             sum = Some(match sum {
                 None => ForceSample { force_n, ..one },

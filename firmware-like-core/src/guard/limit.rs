@@ -1,5 +1,4 @@
-//! Limits of the force for the hand: magnitude, slew rate, ramp after arming, and the policy for stale
-//! samples.
+//! Limits of the force for the hand: magnitude, slew rate, ramp after arming, policy for stale samples.
 //!
 //! Each is a function or a state machine of its own; the controller applies them in order.
 
@@ -16,14 +15,13 @@ pub struct LimitConfig {
     pub ramp_s: f32,
     /// Duration of the transition over a jump of the force, seconds; 0 for none.
     pub fade_s: f32,
-    /// Number of ticks without a fresh sample in which the last command is held; after them the force is
-    /// zero.
+    /// Number of ticks without a fresh sample in which the last command is held; then the force is zero.
     pub stale_hold_ticks: u32,
-    /// Age of the newest sample that is a fault, microseconds.
+    /// Age of the newest sample at which a fault is latched, microseconds.
     pub stale_fault_us: u64,
-    /// Largest absolute coordinate of the HIP in the model frame, metres; beyond it is a fault.
+    /// Largest absolute coordinate of the HIP in the model frame, metres; a larger one is a fault.
     pub max_position_m: f32,
-    /// Largest speed of the HIP, metres per second; beyond it is a fault.
+    /// Largest speed of the HIP, metres per second; a larger one is a fault.
     pub max_speed_m_s: f32,
     /// Largest stiffness of the model that may be rendered, newtons per metre: that of the device divided by
     /// the metres of the model per metre of the device. Infinite for no limit; see [`crate::stiffness`].
@@ -90,7 +88,7 @@ pub(crate) enum Freshness {
     Hold,
     /// No new sample for longer: the force is zero, but the contact is kept.
     Zero,
-    /// No new sample for so long that something is broken.
+    /// No new sample for the time of the fault limit: a fault.
     Fault,
 }
 
@@ -109,10 +107,10 @@ impl StaleWatch {
         Self { newest_us: None, since_us: now_us, missed: 0 }
     }
 
-    /// Judges one tick. `sample_us` is the time of the latest sample on the same clock as `now_us`.
+    /// Decides on one tick. `sample_us` is the time of the latest sample on the same clock as `now_us`.
     ///
     /// A sample is fresh if it is newer than the last one and younger than the fault limit. A repeated or an
-    /// older sample counts as none.
+    /// older sample counts as no sample.
     pub(crate) fn judge(&mut self, config: &LimitConfig, now_us: u64, sample_us: Option<u64>) -> Freshness {
         let newer = |sample_us: &u64| self.newest_us.is_none_or(|newest_us| *sample_us > newest_us);
         let young = |sample_us: &u64| now_us.saturating_sub(*sample_us) < config.stale_fault_us;
@@ -205,8 +203,8 @@ mod tests {
         assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
         assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after the sample was taken");
         assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
-        // A sample that is newer than the last one, but as old as the fault limit, is a fault; also as the
-        // first one.
+        // A sample that is newer than the last one, but as old as the fault limit. The same as the first
+        // sample.
         assert_eq!(watch.judge(&config, 40_000, Some(30_000)), Freshness::Fault);
         assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::Hold);
         let mut watch = StaleWatch::new(11_000);

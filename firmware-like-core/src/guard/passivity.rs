@@ -34,7 +34,7 @@ const DECAY_S: f32 = 1.0;
 const SAMPLING_SHARE: f32 = 0.05;
 /// Time in which the damping rises from zero to its maximum, s.
 const RISE_S: f32 = 0.01;
-/// Largest time between two samples across which a velocity is estimated, us.
+/// Largest time between two samples for which a velocity is estimated, us.
 const MAX_GAP_US: u64 = 5_000;
 /// Number of forces remembered: at 1 kHz more than twice the age at which a sample is a fault.
 const SENT: usize = 24;
@@ -46,7 +46,7 @@ pub struct PassivityConfig {
     pub margin_j: f32,
     /// Largest virtual damping, newton seconds per metre; 0 for none.
     pub max_damping_n_s_m: f32,
-    /// Work on the hand that is a fault, joules; infinite for no fault.
+    /// Work on the hand above which a fault is latched, joules; infinite for no fault.
     pub fault_j: f32,
     /// Metres of the model per metre of the device.
     pub workspace_scale: f32,
@@ -72,8 +72,7 @@ impl Default for PassivityConfig {
 /// The forces sent last; zero before the first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sent {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are
-    /// used.
+    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
     forces: [(u32, Vec3); SENT],
     newest: usize,
 }
@@ -90,8 +89,8 @@ impl Sent {
         }
     }
 
-    /// Mean of the force at the motors from one time to another; each force is held from `delay_us` after it
-    /// was sent. The oldest force in the buffer stands for all before it.
+    /// Mean force at the motors over an interval; each force is held from `delay_us` after it was sent. Times
+    /// before the oldest force in the buffer count with that force.
     fn mean_n(&self, delay_us: u32, from_us: u64, to_us: u64) -> Vec3 {
         let span_us = to_us.saturating_sub(from_us) as f32;
         let (mut mean_n, mut until_us) = (vec3::ZERO, span_us);
@@ -204,7 +203,7 @@ impl Passivity {
         let noise_m = 0.5 * config.position_step_m;
         let velocity_m_s = vec3::scale(self.window.velocity_m_s(noise_m), device_per_model);
         let most_n_s_m = config.max_damping_n_s_m;
-        // No energy to remove at rest, where the quotient would be 0 / 0.
+        // At rest there is no energy to remove, and the quotient would be 0 / 0.
         let wanted_n_s_m = if beyond_j > 0.0 {
             (beyond_j / (vec3::norm_squared(velocity_m_s) * dt_s)).min(most_n_s_m)
         } else {
@@ -221,7 +220,7 @@ impl Passivity {
 mod tests {
     use super::*;
 
-    /// A body that can store any energy.
+    /// No bound on the stored energy.
     const FULL: Option<f32> = Some(f32::INFINITY);
 
     /// Strokes in and out of a spring; a force that leads the position by `lead_m` generates energy.

@@ -7,8 +7,7 @@ use crate::num::vec3::{self, Vec3};
 
 /// Number of positions kept.
 const SLOTS: usize = 5;
-/// Smallest time between two kept positions: samples of faster devices are thinned, or the window would
-/// shrink.
+/// Smallest time between two kept positions. Faster samples are thinned, otherwise the window would shrink.
 const SPACING_US: u64 = 900;
 /// Smallest time that a speed is computed over, so that a single count is not taken for a speed.
 const MIN_SPAN_US: u64 = 4_000;

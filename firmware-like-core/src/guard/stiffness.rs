@@ -1,7 +1,7 @@
 //! The stiffness that a device can render, and the factor that keeps an organ below it.
 //!
-//! A sampled device cannot render any stiffness. With the damping b of the device, virtual damping B and
-//! sampling period T it is passive for
+//! A sampled device can render only a limited stiffness. With the damping b of the device, virtual damping B
+//! and sampling period T it is passive for
 //!
 //! K < 2 (b - |B|) / T                     (Colgate and Schenkel 1997)
 //!
@@ -87,8 +87,9 @@ pub(crate) fn share(spaces: &[Space<'_>], method: Method, cap_n_m: f32, limit_n:
 
 /// Upper bound of the largest singular value of a matrix, given by its rows, tight to 1 %.
 ///
-/// sigma^2 <= trace(M^128)^(1/128),   M = A^T A. Seven squarings need neither an iteration limit nor
-/// trigonometry.
+/// sigma^2 <= trace(M^128)^(1/128),   M = A^T A
+///
+/// Seven squarings need neither an iteration limit nor trigonometry.
 pub fn largest_singular_value(a: &[Vec3; 3]) -> f32 {
     let column = |j: usize| a.map(|row| row.get(j).copied().unwrap_or(0.0));
     let columns = [column(0), column(1), column(2)];

@@ -1,5 +1,4 @@
-//! Velocity from quantised positions: the slope of the longest straight line that fits the last few
-//! positions.
+//! Velocity from quantised positions: the slope of the longest straight line that fits the last positions.
 //!
 //! The difference of two samples at 1 kHz changes by 45 mm/s with each count of a 45 um encoder; over a fixed
 //! longer window it lags when the hand turns. The first-order adaptive window uses, per axis, the largest n
@@ -15,8 +14,7 @@ const LONGEST: usize = 15;
 /// The last positions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct AdaptiveWindow {
-    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits: only differences are
-    /// used.
+    /// A ring buffer; `newest` is the index of the newest. Times are the low 32 bits, for differences only.
     positions: [(u32, Vec3); LONGEST + 1],
     newest: usize,
     known: usize,
@@ -37,11 +35,12 @@ impl AdaptiveWindow {
         self.known = (self.known + 1).min(LONGEST + 1);
     }
 
-    /// Velocity at the newest position, metres per second, for positions with the error `step_m`; zero before
-    /// there are two.
+    /// Velocity at the newest position, metres per second; zero before there are two positions. `step_m` is
+    /// the error of the positions, metres.
     ///
     /// A line from x_(k-n) passes x_(k-j) within a step if its slope differs from the slope from x_(k-j) by
-    /// at most step / (t_k - t_(k-j)). So one pass suffices, which narrows the interval of admissible slopes.
+    /// at most step / (t_k - t_(k-j)). Therefore one pass suffices; it narrows the interval of admissible
+    /// slopes.
     pub(super) fn velocity_m_s(&self, step_m: f32) -> Vec3 {
         let Some(&(now_us, now_m)) = self.positions.get(self.newest) else { return vec3::ZERO };
         let (mut velocity, mut low, mut high) = (vec3::ZERO, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);

@@ -105,7 +105,7 @@ pub(super) fn corners(surface: &Surface<'_>, [a, b, c]: &[u32; 3]) -> Option<[Ve
     Some([at(*a)?, at(*b)?, at(*c)?])
 }
 
-/// Fills lists of the triangles at each of `start.len() - 1` places: list i is `items[start[i]..start[i +
+/// Fills lists of the triangles at each of `start.len() - 1` places. List i is `items[start[i]..start[i +
 /// 1]]`.
 pub(super) fn fill_lists<I: Iterator<Item = usize>>(
     triangles: &[[u32; 3]],

@@ -90,7 +90,7 @@ pub(crate) struct Engaged {
 }
 
 impl Engaged {
-    /// The space with the largest weight, the first of equals.
+    /// The space with the largest weight; the first one if several are equal.
     pub(crate) fn heaviest(&self) -> u16 {
         let [first, rest @ ..] = self.shares;
         rest.into_iter()
@@ -170,8 +170,8 @@ impl Contact {
     /// slip is used from the next sample on.
     ///
     /// The slip is parallel to the tangential part of h, so the work h . slip that leaves the body is never
-    /// negative. Its length is half of the excess of h over friction, divided by the secant stiffness |h| /
-    /// |d|.
+    /// negative. Its length is half of the excess of h over friction, divided by the secant stiffness
+    /// |h|/|d|.
     pub(crate) fn slip(
         &mut self,
         config: &ContactConfig,
@@ -198,7 +198,7 @@ impl Contact {
         let (next, is_stopped) = surface.slide(foot, wanted_m);
         let Some(shares) = surface.shares(&next) else { return };
         let Some(normal) = blended_normal(spaces, &shares) else { return };
-        // Beyond the last active nodes the force is that of their spaces, and the anchor continues in their
+        // Beyond the last active nodes the force is that of their spaces; the anchor continues in their
         // plane.
         let beyond_m = if is_stopped {
             let left_m = vec3::sub(vec3::add(from_m, wanted_m), surface.point(&next));
@@ -304,8 +304,7 @@ fn blended_normal(spaces: &[Space<'_>], shares: &[Share; 3]) -> Option<Vec3> {
     (normal != vec3::ZERO).then_some(normal)
 }
 
-/// The active node nearest to a point within a radius; the first of equals, so that the choice is
-/// reproducible.
+/// The active node nearest to a point within a radius; the first one if several are equally near.
 fn nearest<'s, 'a>(spaces: &'s [Space<'a>], point_m: Vec3, radius_m: f32) -> Option<(u16, &'s Space<'a>)> {
     let mut best = None;
     let mut best_squared = radius_m * radius_m;

@@ -1,9 +1,10 @@
-//! The surface of the organ at rest: which triangle a motion enters, and where a foot on it slides to.
+//! The surface of the organ at rest: which triangle a path enters, and where a point on the surface slides
+//! to.
 //!
-//! An untouched body is at rest, so the HIP enters it where its path since the last sample passes through a
-//! triangle of the rest surface from outside. The triangles are found through a grid of cells over the
-//! bounding box; a tick examines the few cells round one short path. All lists lie in memory of the caller
-//! and are filled once, at the start.
+//! An untouched body is at rest. Therefore the HIP enters it where its path since the last sample passes
+//! through a triangle of the rest surface from outside. The triangles are found through a grid of cells over
+//! the bounding box; a tick examines the few cells round one short path. All lists lie in memory of the
+//! caller and are filled once, at the start.
 //!
 //! ```text
 //! memory: cell_start | vertex_start | vertex_space | vertex_triangle | cell_triangle
@@ -13,7 +14,7 @@ use super::cells::{Cells, corners, fill_lists, list};
 use crate::blob::{Organ, Surface};
 use crate::num::vec3::{self, Vec3};
 
-/// Largest number of pieces of at most a cell's length that a path is divided into: enough for a path through
+/// Largest number of pieces into which a path is divided, each at most a cell long: enough for a path through
 /// the whole box of [`super::cells::MAX_ALONG`] cells.
 const MAX_PIECES: u32 = 64;
 /// Largest number of triangles that one tick tests.
@@ -145,8 +146,7 @@ impl<'m> TouchSurface<'m> {
         self.cells.touched(points_m).flat_map(|cell| list(self.cell_start, self.cell_triangle, cell))
     }
 
-    /// Whether a point is within a distance of the surface, on either side. At most 2,048 triangles are
-    /// tested.
+    /// Whether a point is within a distance of the surface, on either side. Tests at most 2,048 triangles.
     pub(super) fn is_within(&self, point_m: Vec3, distance_m: f32) -> bool {
         let corner = |sign: f32| point_m.map(|x| x + sign * distance_m);
         let close = |&triangle: &u32| {
@@ -313,7 +313,7 @@ fn nearest_on([a, b, c]: [Vec3; 3], point_m: Vec3) -> Vec3 {
 fn normalized(weights: Vec3) -> Vec3 {
     let [a, b, c] = weights.map(|weight| weight.max(0.0));
     let sum = a + b + c;
-    // Also where a weight is NaN: then the first corner stands for the triangle.
+    // If a weight is NaN the comparison fails, and the first corner is used.
     if sum > 0.0 { [a / sum, b / sum, c / sum] } else { [1.0, 0.0, 0.0] }
 }
 
