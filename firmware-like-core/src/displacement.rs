@@ -219,7 +219,7 @@ fn add_block(out: &mut [f32], [a, b, c, d]: [&[i16]; BLOCK], [fa, fb, fc, fd]: [
 
 /// Weights of the values and slopes at the corners, in the order of [`crate::grid::CORNERS`].
 fn hermite_weights(t: Vec3) -> [[f32; 4]; 8] {
-    // Of the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the
+    // For the low and the high end of an axis: linear weight, cubic weight of the value, cubic weight of the
     // slope.
     let [x, y, z] = t.map(|t| {
         let s = 1.0 - t;

@@ -98,7 +98,7 @@ struct QueryLanes {
     high: [f32; 4],
 }
 
-/// Where a query lies.
+/// Location of a query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Location {
     /// Slot of the cell's low corner.

@@ -203,8 +203,8 @@ mod tests {
         assert_eq!(watch.judge(&config, 10_899, None), Freshness::Zero);
         assert_eq!(watch.judge(&config, 10_900, None), Freshness::Fault, "10 ms after the sample was taken");
         assert_eq!(watch.judge(&config, 11_000, Some(11_000)), Freshness::Fresh);
-        // A sample that is newer than the last one, but as old as the fault limit. The same as the first
-        // sample.
+        // A sample as old as the fault limit is a fault, although newer than the last one. As the first
+        // sample it counts as no sample.
         assert_eq!(watch.judge(&config, 40_000, Some(30_000)), Freshness::Fault);
         assert_eq!(StaleWatch::new(40_000).judge(&config, 40_000, Some(30_000)), Freshness::Hold);
         let mut watch = StaleWatch::new(11_000);
