@@ -1,9 +1,9 @@
-//! The scene: which body, of what, held where, touched where, on which grid.
+//! The scene: body, materials, fixed nodes, active nodes and sampling.
 //!
-//! [`Scene::load`] reads the TOML file, [`Scene::resolve`] loads the mesh and turns every name, box and group into node
-//! and tet indices. Both stop at the first thing wrong with one line that names file, line and fix; what is odd but
-//! can be solved becomes a warning of the [`ResolvedScene`]. Unknown keys are errors: a key that is silently ignored
-//! is a body that is not the one its author meant.
+//! [`Scene::load`] reads the TOML file. [`Scene::resolve`] loads the mesh and converts names, boxes and
+//! groups to node and tet indices. Both stop at the first error, with one line that names file, line and fix.
+//! Unusual but solvable properties become warnings of the [`ResolvedScene`]. Unknown keys are errors, because
+//! an ignored key would change the model unnoticed.
 
 mod device;
 mod file;
@@ -31,17 +31,17 @@ use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered, SpaceGrid};
 use file::{Place, SceneFile};
 pub use reach::Unreachable;
 
-/// The grids of the paper: number of points and cells along the radius.
+/// The grids of the paper: number of points, and number of cells along the radius.
 pub const GRID_POINTS: [(u32, u32); 4] = [(514, 5), (1418, 7), (4168, 10), (14146, 15)];
 
-/// A scene file that has been read and is well-formed, with nothing looked up yet.
+/// A parsed scene file; the files that it names are not read yet.
 #[derive(Debug)]
 pub struct Scene {
     place: Place,
     file: SceneFile,
 }
 
-/// A scene with everything looked up: what the solver needs and nothing else.
+/// A scene with node and tet indices: the complete input of the solver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ResolvedScene {
     /// The scene's name.
@@ -50,73 +50,73 @@ pub struct ResolvedScene {
     pub mesh: TetMesh,
     /// Order of the shape functions: 1, or 2 with straight-sided mid-edge nodes.
     pub order: u8,
-    /// Material of each region; the regions share no tet and leave none out.
+    /// Material of each region; the regions are disjoint and cover the body.
     pub materials: Vec<MaterialRegion>,
-    /// Fixed nodes, ascending, each once, never empty.
+    /// Fixed nodes, ascending, unique, not empty.
     pub fixed: Vec<u32>,
-    /// Nodes a tool may touch, in the order of the scene; free nodes of the surface, names unique.
+    /// Active nodes in the order of the scene; free surface nodes with unique names.
     pub active: Vec<ActiveNode>,
-    /// Nodes of the scene's groups that are not among them, because no tool gets there.
+    /// Numbers of nodes of the scene's groups that are excluded because the tool cannot reach them.
     pub unreachable: Unreachable,
-    /// The grid of displacements, where the scene has one.
+    /// The sampling of the displacements, if the scene has a `[grid]`.
     pub grid: Option<GridSpec>,
-    /// Configurations with |h| beyond it are terminating; infinite without a device.
+    /// Force limit, N: configurations with a larger |h| are terminating. Infinite without a device.
     pub max_force_n: f64,
     /// Force per undeformed volume, N/m^3.
     pub body_force: Option<[f64; 3]>,
     /// Pressure field of incompressible regions.
     pub pressure_pair: PressurePair,
-    /// How displacements are prescribed.
+    /// Method that imposes prescribed displacements.
     pub constraints: Constraints,
-    /// Whether solutions with inverted elements count as failed.
+    /// Whether a solution with inverted elements counts as failed.
     pub reject_inverted: bool,
-    /// Whether the blob is to hold displacements for the eye.
+    /// Whether the blob contains displacements for the display.
     pub visual: bool,
-    /// How far those may be from the solver's.
+    /// Error bound of these displacements.
     pub displacement_bound: DisplacementBound,
-    /// The scene as TOML with sorted keys and without comments, for the store and for people.
+    /// The scene as TOML with sorted keys and without comments, for the space and for display.
     pub text: String,
-    /// What is odd about the scene, one line each.
+    /// Warnings about the scene, one line each.
     pub warnings: Vec<String>,
 }
 
-/// A part of the body and what it is made of.
+/// A part of the body and its material.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MaterialRegion {
     /// The constitutive law with its parameters.
     pub material: Material,
-    /// Bulk modulus of a law with a pressure, Pa; `None` is exactly incompressible.
+    /// Bulk modulus of a law with a pressure, Pa; `None` means exactly incompressible.
     pub bulk_modulus_pa: Option<f64>,
-    /// The part's tets, ascending; `None` is the whole body.
+    /// Tets of the part, ascending; `None` means the whole body.
     pub tets: Option<Vec<u32>>,
 }
 
-/// A node that a tool may touch.
+/// An active node: a node that a tool can touch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ActiveNode {
     /// Unique name within the scene.
     pub name: String,
-    /// Mesh node.
+    /// Index of the mesh node.
     pub node: u32,
-    /// Nodes that move with it as a rigid patch, itself among them; empty for a single node.
+    /// Nodes that move with the active node as a rigid patch, including itself; empty for a single node.
     pub patch: Vec<u32>,
 }
 
-/// Displacements of an active node that are solved.
+/// Displacements of an active node at which configurations are solved.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum GridSpec {
     /// A ball-shaped lattice.
     Lattice {
-        /// Largest displacement.
+        /// Radius of the ball, m.
         radius_m: f64,
-        /// Distance of neighbouring grid points.
+        /// Distance between neighbouring points, m.
         spacing_m: f64,
-        /// Whether the corners outside the ball of the cells that reach into it are solved too.
+        /// Whether to solve also the outer corners of the cells that intersect the ball.
         complete_cells: bool,
-        /// Equal parts in which every transition is made and whose states are kept.
+        /// Number of equal increments of each transition whose states are stored.
         increments: Option<u32>,
     },
-    /// As few scattered ones as the error needs.
+    /// Adaptive sampling: as few scattered positions as the tolerance needs.
     Scattered(Scattered),
 }
 
@@ -129,7 +129,7 @@ impl GridSpec {
         }
     }
 
-    /// Which positions that makes.
+    /// The sampling in grid units; fails if the lattice is too large.
     pub fn sampling(&self) -> Result<Sampling, LatticeError> {
         Ok(match *self {
             Self::Lattice { radius_m, spacing_m, complete_cells, increments } => Sampling::Lattice(Lattice {
@@ -143,7 +143,7 @@ impl GridSpec {
 }
 
 impl Scene {
-    /// Reads a scene file. Nothing it refers to is opened yet.
+    /// Reads and parses a scene file. The files that it names are not opened.
     pub fn load(path: &Path) -> Result<Self, InputError> {
         let bytes = std::fs::read(path).map_err(|e| InputError {
             fix: "check the path of the scene file".into(),
@@ -157,26 +157,26 @@ impl Scene {
         Self::parse(path, text)
     }
 
-    /// Reads a scene from text; `path` is where messages say it stands and what its file names are relative to.
+    /// Parses a scene. Error messages name `path`; file names in the scene are relative to its folder.
     pub fn parse(path: &Path, text: String) -> Result<Self, InputError> {
         let place = Place { path: path.to_path_buf(), text };
         let file = place.parse()?;
         Ok(Self { place, file })
     }
 
-    /// Name of the scene: as written, or the file's stem.
+    /// Name of the scene: the key `name`, or the file's stem.
     pub fn name(&self) -> String {
         let stem = || self.place.path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
         self.file.name.as_ref().map(|name| name.get_ref().clone()).or_else(stem).unwrap_or_default()
     }
 
-    /// Where the mesh file is.
+    /// Path of the mesh file.
     pub fn mesh_path(&self) -> PathBuf {
         self.place.relative(self.file.mesh.get_ref().file.get_ref())
     }
 
-    /// Every file that the scene is read from: the scene file, the mesh (two files of TetGen), the node sets
-    /// of `[fixed]` and the device profile.
+    /// All files of the scene: the scene file, the mesh (two files for TetGen), the node sets of `[fixed]`
+    /// and the device profile.
     pub fn files(&self) -> Vec<PathBuf> {
         let mesh = self.mesh_path();
         let is_pair =
@@ -190,37 +190,37 @@ impl Scene {
         [self.place.path.clone()].into_iter().chain(meshes).chain(sets).chain(profile).collect()
     }
 
-    /// Loads the mesh and looks everything up.
+    /// Loads the mesh and converts names, boxes and groups to indices.
     pub fn resolve(&self) -> Result<ResolvedScene, InputError> {
         resolve::resolve(self, None)
     }
 
-    /// Looks everything up in a mesh that was kept, with its fixed nodes: no file but the scene's own text is needed.
+    /// Resolves the scene with a stored mesh and its stored fixed nodes; reads no file.
     pub fn resolve_in(&self, mesh: TetMesh, fixed: Vec<u32>) -> Result<ResolvedScene, InputError> {
         resolve::resolve(self, Some((mesh, fixed)))
     }
 }
 
 impl ActiveNode {
-    /// What the tool holds.
+    /// The prescribed nodes of the tool.
     pub fn handle(&self) -> Handle {
         Handle::patch(self.node, &self.patch)
     }
 }
 
-/// Why a scene gives no body to be touched.
+/// Why a scene defines no solvable body.
 #[derive(Debug)]
 pub enum BodyError {
-    /// An element without volume.
+    /// An element has no positive volume.
     Degenerate(DegenerateElement),
-    /// Held so that an incompressible part has no one pressure.
+    /// The pressures of an incompressible part are not unique.
     Pressure {
-        /// Name of the active node that it was found with.
+        /// Name of the active node for which the check failed.
         active: String,
-        /// What is wrong.
+        /// The fault.
         fault: PressureFault,
     },
-    /// No rest under the body force.
+    /// The body has no equilibrium under the body force.
     NoRest(SolveFailure),
 }
 
@@ -230,7 +230,7 @@ impl std::fmt::Display for BodyError {
             Self::Degenerate(element) => element.fmt(f),
             Self::Pressure { active, fault } => write!(f, "with the tool on \"{active}\", {fault}"),
             Self::NoRest(failure) => {
-                write!(f, "the body finds no rest under its [body_force] ({failure}); lower the force")
+                write!(f, "the body has no equilibrium under its [body_force] ({failure}); reduce the force")
             }
         }
     }
@@ -239,7 +239,8 @@ impl std::fmt::Display for BodyError {
 impl std::error::Error for BodyError {}
 
 impl ResolvedScene {
-    /// The body of the scene, its pressures checked with every active node, settled under its body force.
+    /// Builds the body of the scene, checks its pressures for every active node, and solves its rest state
+    /// under the body force.
     pub fn body(&self) -> Result<Body, BodyError> {
         let body = Body::new(&self.mesh, &self.model()).map_err(BodyError::Degenerate)?;
         for active in &self.active {
@@ -249,7 +250,8 @@ impl ResolvedScene {
         settle(body).map_err(BodyError::NoRest)
     }
 
-    /// The same scene on a mesh of eight times as many tets ([`Refined`]): same nodes to touch, patches and fixed parts of the same size.
+    /// The same scene on a mesh with eight times as many tets ([`Refined`]). Active nodes are the same;
+    /// patches and fixed parts have the same size.
     #[must_use]
     pub fn refined(&self) -> Self {
         let finer = Refined::of(&self.mesh);
@@ -265,7 +267,7 @@ impl ResolvedScene {
         scene
     }
 
-    /// What the scene says of the body, for [`Body::new`].
+    /// The model of the scene, for [`Body::new`].
     pub fn model(&self) -> Model {
         let mut region_of_tet = Vec::new();
         for (index, region) in (0_u16..).zip(&self.materials) {
@@ -286,10 +288,10 @@ impl ResolvedScene {
         }
     }
 
-    /// BLAKE3 of everything that changes a solved number: the model, the active nodes, the grid and the force limit.
+    /// BLAKE3 hash of all data that affect a solution: model, active nodes, grid and force limit.
     ///
-    /// The names of the active nodes are part of it, because the store keeps configurations by them; the scene's own
-    /// name, `visual`, the bound of the packed displacements and the warnings are not.
+    /// It includes the names of the active nodes, because the space stores configurations under them. It
+    /// excludes the scene's own name, `visual`, the bound of the packed displacements and the warnings.
     pub fn content_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate scene v3");
         digest.bytes(self.model_hash().as_bytes());
@@ -319,8 +321,8 @@ impl ResolvedScene {
         digest.finish()
     }
 
-    /// BLAKE3 of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the same model hash
-    /// give the same force for the same displacement of the same node.
+    /// BLAKE3 hash of the body alone: mesh, order, materials, fixed nodes, body force. Two scenes with the
+    /// same model hash have the same force at the same displacement of the same node.
     pub fn model_hash(&self) -> blake3::Hash {
         let mut digest = Digest::new("palpate model v2");
         digest.bytes(&self.mesh.content_hash());
@@ -352,7 +354,7 @@ impl ResolvedScene {
     }
 }
 
-/// BLAKE3 over length-prefixed values, so that no two different sequences of them read alike.
+/// BLAKE3 hash of length-prefixed values, so that different sequences have different input bytes.
 struct Digest(blake3::Hasher);
 
 impl Digest {

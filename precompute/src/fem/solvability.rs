@@ -48,14 +48,14 @@ impl fmt::Display for PressureFault {
         match self {
             Self::Undetermined { region, law, node } => write!(
                 f,
-                "the incompressible part round node {node} (material {region}, {law}) is held on its whole surface, so that \
-                 its volume cannot change and its mean pressure is undetermined; fix fewer surface nodes, or give the \
+                "the incompressible part around node {node} (material {region}, {law}) is held on its whole surface, \
+                 so that its volume cannot change and its mean pressure is undetermined; fix fewer surface nodes, or give the \
                  material a `bulk_pa`"
             ),
             Self::Locked { region, law, node, pressures, free } => write!(
                 f,
-                "the incompressible part round node {node} (material {region}, {law}) has {pressures} pressure unknowns \
-                 against {free} free displacement components and locks; fix fewer nodes, use `order = 2`, or give the \
+                "the incompressible part around node {node} (material {region}, {law}) has {pressures} pressure \
+                 unknowns against {free} free displacement components and locks; fix fewer nodes, use `order = 2`, or give the \
                  material a `bulk_pa`"
             ),
         }

@@ -86,7 +86,7 @@ fn read_format(file: &Path, lines: &mut Lines<'_>) -> Result<Version, InputError
     let version = match version {
         v if (2.0..3.0).contains(&v) => Version::V22,
         4.1 => Version::V41,
-        v => return Err(line.error(format!("Gmsh format {v} is not read here"), SAVE_ASCII)),
+        v => return Err(line.error(format!("Gmsh format {v} is not supported"), SAVE_ASCII)),
     };
     close("MeshFormat", lines)?;
     Ok(version)
@@ -166,7 +166,7 @@ impl<'a> Reader<'a> {
             // The name can contain blanks, so the quotes delimit it.
             let name =
                 line.text.split_once('"').and_then(|(_, rest)| rest.rsplit_once('"')).map(|(name, _)| name);
-            let name = name.ok_or_else(|| line.error("a physical name stands in no quotes", DAMAGED))?;
+            let name = name.ok_or_else(|| line.error("a physical name has no quotes", DAMAGED))?;
             self.names.insert((dimension, tag), name.to_owned());
         }
         Ok(())
@@ -253,7 +253,7 @@ impl<'a> Reader<'a> {
     fn push_node(&mut self, line: Line<'_>, tag: u64, position: [f64; 3]) -> Result<(), InputError> {
         let index = self.raw.nodes.len() as u32;
         if let Some(first) = self.node_of_tag.insert(tag, index) {
-            let what = format!("node {tag} stands in the file a second time (first as number {})", first + 1);
+            let what = format!("node {tag} occurs twice in the file (first as number {})", first + 1);
             return Err(
                 line.error(what, "renumber the mesh (Gmsh: Tools > Renumber) or remove one of the two")
             );
@@ -271,7 +271,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), InputError> {
         once(&mut self.seen_elements, section)?;
         if !self.seen_nodes {
-            return Err(section.error("$Elements stands before $Nodes", "export the mesh again"));
+            return Err(section.error("$Elements precedes $Nodes", "export the mesh again"));
         }
         let header = lines.expect_line("the number of elements")?;
         match version {
@@ -440,7 +440,7 @@ fn agree(header: Line<'_>, promised: usize, found: usize, noun: &str) -> Result<
     if promised == found {
         return Ok(());
     }
-    let what = format!("the section promises {} and its blocks hold {found}", count(promised, noun));
+    let what = format!("the section announces {} and its blocks contain {found}", count(promised, noun));
     Err(header.error(what, DAMAGED))
 }
 

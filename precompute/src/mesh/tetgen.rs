@@ -142,7 +142,7 @@ fn nothing_more(lines: &mut Lines<'_>, noun: &str) -> Result<(), InputError> {
     match lines.next_line() {
         None => Ok(()),
         Some(line) => Err(line.error(
-            format!("a {noun} more than the header promises"),
+            format!("a {noun} more than the header announces"),
             "the file is damaged or its counts do not match: export it again",
         )),
     }

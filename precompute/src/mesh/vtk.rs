@@ -136,7 +136,7 @@ pub(super) fn read_legacy(file: &Path, bytes: &[u8]) -> Result<RawMesh, InputErr
                 let n = cursor.count(n)?;
                 let types = cursor.numbers::<i64>(n, "int", "a cell type")?;
                 let (Some(points), Some(mut cells)) = (points, cells) else {
-                    return Err(cursor.error("CELL_TYPES stands before POINTS or CELLS", DAMAGED));
+                    return Err(cursor.error("CELL_TYPES precedes POINTS or CELLS", DAMAGED));
                 };
                 if n != cells.ends.len() {
                     let what = format!("{n} cell types for {} cells", cells.ends.len());
@@ -252,7 +252,7 @@ impl Cursor<'_> {
             cells.ends.push(cells.nodes.len());
         }
         if cells.nodes.len() + n != size {
-            let what = format!("CELLS promises {size} numbers and holds {}", cells.nodes.len() + n);
+            let what = format!("CELLS announces {size} numbers and contains {}", cells.nodes.len() + n);
             return Err(self.error(what, DAMAGED));
         }
         cells.lines = (!self.binary).then_some(lines);
@@ -262,7 +262,7 @@ impl Cursor<'_> {
     fn indices(&mut self, n: usize, scalar: &str) -> Result<Vec<u32>, InputError> {
         let numbers = self.numbers::<i64>(n, scalar, "a node index")?;
         let index =
-            |i: i64| u32::try_from(i).map_err(|_| self.error(format!("{i} is no node index"), DAMAGED));
+            |i: i64| u32::try_from(i).map_err(|_| self.error(format!("{i} is not a node index"), DAMAGED));
         numbers.into_iter().map(index).collect()
     }
 

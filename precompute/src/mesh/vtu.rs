@@ -119,7 +119,8 @@ impl<'a> Vtu<'a, '_> {
                 .ok_or_else(|| self.error(cells, format!("<Cells> has no `{name}`"), DAMAGED))
         };
         let index = |node: Node<'_, '_>, value: i64| {
-            u32::try_from(value).map_err(|_| self.error(node, format!("{value} is no node index"), DAMAGED))
+            u32::try_from(value)
+                .map_err(|_| self.error(node, format!("{value} is not a node index"), DAMAGED))
         };
         let offsets = array("offsets")?;
         let ends = self.numbers::<i64>(offsets, cell_count)?;

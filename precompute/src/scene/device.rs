@@ -1,6 +1,6 @@
-//! The device a scene is made for: a force limit, or the profile that has it.
+//! The device of a scene: a force limit, or a profile that contains one.
 //!
-//! Only the force limit is read of a profile; the host reads, and checks, the rest of it.
+//! Only the force limit of a profile is read here; the host reads and checks the rest.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use super::file::{DeviceTable, Place};
 use super::resolve::positive;
 use crate::error::{InputError, nearest_word};
 
-/// What matters here of a profile.
+/// The part of a profile that is read here.
 #[derive(Debug, serde::Deserialize)]
 struct ProfileFile {
     limits: LimitsTable,
@@ -21,7 +21,7 @@ struct LimitsTable {
     max_force_n: Spanned<f64>,
 }
 
-/// Force beyond which configurations are terminating; infinite without a device.
+/// Force limit, N: configurations with a larger force are terminating. Infinite without a device.
 pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) -> Result<f64, InputError> {
     let Some(device) = device else { return Ok(f64::INFINITY) };
     let DeviceTable { max_force_n, profile } = device.get_ref();
@@ -49,12 +49,12 @@ pub(super) fn max_force_n(place: &Place, device: Option<&Spanned<DeviceTable>>) 
     }
 }
 
-/// The file of a profile that is not a bundled one.
+/// Path of the profile's file; `None` for a bundled profile.
 pub(super) fn profile_file(place: &Place, name: &Spanned<String>) -> Option<PathBuf> {
     name.get_ref().ends_with(".toml").then(|| place.relative(name.get_ref()))
 }
 
-/// The force limit of a bundled profile, or of a file beside the scene.
+/// The force limit of a bundled profile, or of a file in the scene's folder.
 fn of_profile(place: &Place, name: &Spanned<String>) -> Result<f64, InputError> {
     let word = name.get_ref();
     if let Some(path) = profile_file(place, name) {

@@ -1,4 +1,4 @@
-//! From the words of a scene to the positions that are solved.
+//! The `[grid]` of a scene: lattice, or tolerance of adaptive sampling.
 
 use toml::Spanned;
 
@@ -8,7 +8,7 @@ use super::{GRID_POINTS, GridSpec};
 use crate::error::InputError;
 use crate::spec::{Scattered, Tolerance, Workspace};
 
-/// More cells along the radius than the core's tables can number, and than anybody can solve: 8 million points.
+/// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
 
 impl Lookup<'_> {
@@ -28,7 +28,7 @@ impl Lookup<'_> {
         }
         if let Some(tolerance) = self.tolerance(table)? {
             if !max_force_n.is_finite() {
-                let what = "sampling driven by the error needs the largest force of the device";
+                let what = "adaptive sampling needs the force limit of the device";
                 return Err(self.place.error(
                     grid.span(),
                     what,
@@ -38,12 +38,12 @@ impl Lookup<'_> {
             return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));
         }
         if let Some(corner) = &table.workspace_min_m {
-            let what = "a lattice is solved whole: it has no workspace";
+            let what = "a lattice has no workspace";
             let fix = "give `cannot_be_felt` or a tolerance instead of the spacing, or a smaller `radius_m`";
             return Err(self.place.error(corner.span(), what, fix));
         }
         if only_push {
-            let what = "contact = \"push\" prunes positions only where a tolerance drives the sampling: the lattice is solved all round";
+            let what = "contact = \"push\" does not restrict a lattice, only adaptive sampling";
             self.warnings.push(what.into());
         }
         let spacing_m = match (&table.spacing_m, &table.points) {
@@ -53,27 +53,20 @@ impl Lookup<'_> {
                     let what = format!(
                         "`spacing_m` = {spacing_m} is larger than `radius_m` = {radius_m}: no grid point"
                     );
-                    return Err(self.place.error(
-                        spacing.span(),
-                        what,
-                        "give a spacing of a fifth of the radius or so",
-                    ));
+                    return Err(self.place.error(spacing.span(), what, "give about a fifth of the radius"));
                 }
                 if radius_m / spacing_m > MOST_CELLS {
-                    let what =
-                        format!("`spacing_m` = {spacing_m} puts over {MOST_CELLS} cells along the radius");
-                    return Err(self.place.error(
-                        spacing.span(),
-                        what,
-                        "give the spacing in metres, and a coarser one",
-                    ));
+                    let what = format!(
+                        "`spacing_m` = {spacing_m} gives more than {MOST_CELLS} cells along the radius"
+                    );
+                    return Err(self.place.error(spacing.span(), what, "give a coarser spacing, in metres"));
                 }
                 spacing_m
             }
             (None, Some(points)) => {
                 let known = GRID_POINTS.iter().find(|(n, _)| i64::from(*n) == *points.get_ref());
                 let Some((_, cells)) = known else {
-                    let what = format!("`points` = {} is no grid of the paper", points.get_ref());
+                    let what = format!("`points` = {} is not a grid of the paper", points.get_ref());
                     return Err(self.place.error(
                         points.span(),
                         what,
@@ -87,7 +80,7 @@ impl Lookup<'_> {
                 return Err(self.place.error(points.span(), what, "keep one of the two"));
             }
             (None, None) => {
-                let what = "[grid] does not say how fine it is";
+                let what = "[grid] has no resolution";
                 return Err(self.place.error(grid.span(), what, "give `spacing_m` or `points`"));
             }
         };
@@ -99,7 +92,7 @@ impl Lookup<'_> {
                 return Err(self.place.error(
                     n.span(),
                     what,
-                    "5 is the paper's; leave it out to keep no states",
+                    "the paper uses 5; omit the key to store no states",
                 ));
             }
         };
@@ -107,7 +100,7 @@ impl Lookup<'_> {
         Ok(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments })
     }
 
-    /// What an error may be, if sampling is driven by it.
+    /// The tolerance of adaptive sampling; `None` for a lattice.
     fn tolerance(&self, table: &GridTable) -> Result<Option<Tolerance>, InputError> {
         let GridTable { tolerance_n, tolerance_relative, cannot_be_felt, .. } = table;
         let felt = cannot_be_felt.as_ref().filter(|felt| *felt.get_ref());
@@ -119,19 +112,23 @@ impl Lookup<'_> {
         ];
         if let Some((span, other)) = lattice.into_iter().flatten().next() {
             let what = format!("[grid] has both `{other}` and `{key}`");
-            let fix = format!("keep `{other}` for a lattice, or `{key}` for as few positions as it takes");
+            let fix = format!("keep `{other}` for a lattice, or `{key}` for adaptive sampling");
             return Err(self.place.error(span, what, fix));
         }
         let other = tolerance_n.as_ref().or(tolerance_relative.as_ref());
         match (felt, other) {
             (Some(_), None) => Ok(Some(Tolerance::CANNOT_BE_FELT)),
             (Some(felt), Some(_)) => {
-                let what = "`cannot_be_felt` is a tolerance of its own";
+                let what = "`cannot_be_felt` excludes other tolerances";
                 Err(self.place.error(felt.span(), what, "keep it, or `tolerance_n` and `tolerance_relative`"))
             }
             (None, None) => {
-                let what = format!("`{key}` = false says nothing");
-                Err(self.place.error(span, what, "say true, or give `spacing_m`, `points` or a tolerance"))
+                let what = format!("`{key}` = false has no effect");
+                Err(self.place.error(
+                    span,
+                    what,
+                    "set it to true, or give `spacing_m`, `points` or a tolerance",
+                ))
             }
             (None, Some(_)) => {
                 let given = |key, value: &Option<Spanned<f64>>| {

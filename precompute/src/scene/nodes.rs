@@ -1,4 +1,4 @@
-//! From the words of a scene to nodes of its mesh: the fixed ones, and those a tool may touch.
+//! Selection of mesh nodes by a scene: fixed nodes and active nodes.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ use crate::error::{InputError, count};
 use crate::mesh::tetrahedral::distance;
 use crate::spec::{Workspace, is_within};
 
-/// The group of all nodes of the surface, where the mesh has none of that name.
+/// Name of the group of all surface nodes, unless the mesh has a group of this name.
 const SURFACE: &str = "surface";
 
 impl Lookup<'_> {
@@ -32,12 +32,12 @@ impl Lookup<'_> {
         let given = [nodes.is_some(), group.is_some(), in_box.is_some(), file.is_some() || key.is_some()];
         match given.iter().filter(|&&given| given).count() {
             0 => {
-                let what = "[fixed] does not say which nodes";
+                let what = "[fixed] selects no nodes";
                 return Err(self.place.error(table.span(), what, format!("give one of {ways}")));
             }
             1 => {}
             _ => {
-                let what = "[fixed] says which nodes in several ways";
+                let what = "[fixed] selects nodes in several ways";
                 return Err(self.place.error(table.span(), what, format!("keep one of {ways}")));
             }
         }
@@ -47,7 +47,7 @@ impl Lookup<'_> {
             (group.span(), self.group(&self.mesh.node_groups, "nodes", group)?.to_vec())
         } else if let Some(in_box) = in_box {
             let (min, max) = (in_box.get_ref().min, in_box.get_ref().max);
-            // Written so that a NaN corner is refused too.
+            // The negated comparison also refuses a NaN corner.
             if !(0..3).all(|axis| min[axis] <= max[axis]) {
                 let what = format!("the box is empty: min {min:?} is not below max {max:?}");
                 return Err(self.place.error(in_box.span(), what, "swap the corners (metres)"));
@@ -75,7 +75,7 @@ impl Lookup<'_> {
         Ok(fixed)
     }
 
-    /// A JSON object of named index lists.
+    /// Node list `key` of a JSON object of named lists.
     fn fixed_from_json(&self, file: &Spanned<String>, key: &Spanned<String>) -> Result<Vec<u32>, InputError> {
         let path = self.place.relative(file.get_ref());
         let bytes = std::fs::read(&path).map_err(|error| {
@@ -112,7 +112,7 @@ impl Lookup<'_> {
             .collect()
     }
 
-    /// The active nodes, and how many of the groups' are left out.
+    /// The active nodes, and the number of excluded nodes of groups.
     pub(super) fn all_active(
         &mut self,
         scene: &Scene,
@@ -137,8 +137,9 @@ impl Lookup<'_> {
                 }
                 if let Some(other) = all.iter().find(|other| other.node == active.node) {
                     let (a, b, node) = (&other.name, &active.name, active.node);
-                    self.warnings
-                        .push(format!("active nodes \"{a}\" and \"{b}\" are both node {node}: solved twice"));
+                    self.warnings.push(format!(
+                        "active nodes \"{a}\" and \"{b}\" are both node {node}: it is solved twice"
+                    ));
                 }
                 all.push(active);
             }
@@ -146,7 +147,7 @@ impl Lookup<'_> {
         Ok((all, unreachable))
     }
 
-    /// Leaves out the nodes of a group that no tool gets to; refuses a node that was named.
+    /// Excludes the unreachable nodes of a group; refuses an unreachable node that is named by itself.
     fn keep_reachable(
         &self,
         at: &Located<'_, ActiveTable>,
@@ -181,7 +182,7 @@ impl Lookup<'_> {
             !outside && !hidden
         });
         if found.is_empty() {
-            let what = format!("no tool gets to any node of group \"{}\"", group.get_ref());
+            let what = format!("the tool cannot reach any node of group \"{}\"", group.get_ref());
             return Err(self.place.error(
                 group.span(),
                 what,
@@ -191,7 +192,7 @@ impl Lookup<'_> {
         Ok(())
     }
 
-    /// What its space is called: nodes of a group without another name are called by the group's.
+    /// Name of the node's space. Nodes of a group without a name get the group's name.
     fn name<'t>(&self, at: &Located<'t, ActiveTable>) -> Result<&'t Spanned<String>, InputError> {
         let ActiveTable { name, group, .. } = at.table;
         name.as_ref().or(group.as_ref()).ok_or_else(|| {
@@ -208,7 +209,7 @@ impl Lookup<'_> {
         if let (Some(group), true) =
             (&at.table.group, at.table.patch.is_some() || at.table.patch_radius_m.is_some())
         {
-            let what = "a patch needs one node to turn about, not a `group`";
+            let what = "a patch rotates about one node, not about a `group`";
             return Err(self.place.error(group.span(), what, "give `node` or `nearest` with the patch"));
         }
         match (&at.table.node, &at.table.nearest, &at.table.group) {
@@ -224,7 +225,7 @@ impl Lookup<'_> {
             }
             (None, None, Some(group)) => {
                 let groups = &self.mesh.node_groups;
-                // A mesh without a group of that name has a surface all the same.
+                // Every mesh has a surface, even without a group of that name.
                 let members = match group.get_ref().as_str() {
                     SURFACE if !groups.contains_key(SURFACE) => &self.skin.nodes,
                     _ => self.group(groups, "nodes", group)?,
@@ -245,17 +246,17 @@ impl Lookup<'_> {
                     .collect())
             }
             (None, None, None) => {
-                let what = format!("active node \"{name}\" does not say where it is");
+                let what = format!("active node \"{name}\" has no position");
                 Err(self.place.error(at.span.clone(), what, "give `node`, `nearest` or `group`"))
             }
             _ => {
-                let what = format!("active node \"{name}\" says in several ways where it is");
+                let what = format!("active node \"{name}\" has several positions");
                 Err(self.place.error(at.span.clone(), what, "keep one of `node`, `nearest` and `group`"))
             }
         }
     }
 
-    /// The active node with the patch of nodes that moves with it.
+    /// The active node with its rigid patch.
     fn handle(
         &self,
         table: &ActiveTable,
@@ -289,7 +290,7 @@ impl Lookup<'_> {
         Ok(ActiveNode { name: name.into(), node, patch })
     }
 
-    /// The surface node nearest to a point in metres; the lowest index of equally near ones.
+    /// The surface node nearest to a point in metres; of equally near nodes, the one with the lowest index.
     fn nearest(&self, point: &Spanned<[f64; 3]>) -> Result<u32, InputError> {
         let target = finite(self.place, "nearest", point)?;
         let away = |node: u32| distance(&self.mesh.nodes_m[node as usize], &target);
@@ -315,13 +316,14 @@ impl Lookup<'_> {
         }
         if self.skin.contains(node) && !self.seen.contains(node) {
             let what = format!(
-                "active node \"{name}\" (node {node}) is on the wall of a cavity, where no tool gets"
+                "active node \"{name}\" (node {node}) is on the wall of a cavity, where the tool cannot reach it"
             );
             return Err(self.place.error(span, what, "choose a node on the outside"));
         }
         if !self.skin.contains(node) {
-            let what =
-                format!("active node \"{name}\" (node {node}) is inside the body, where no tool touches it");
+            let what = format!(
+                "active node \"{name}\" (node {node}) is inside the body, where the tool cannot reach it"
+            );
             let x = self.mesh.nodes_m[node as usize];
             return Err(self.place.error(
                 span,

@@ -1,7 +1,8 @@
-//! Which active nodes a tool can reach at all.
+//! Active nodes that a tool can reach.
 //!
-//! Of a group of nodes those are left out that no tool gets to: outside the workspace, or behind the body's own surface. A node named by itself
-//! outside the workspace, or on the wall of a cavity, is an error instead: whoever names it wants it.
+//! The nodes of a group that a tool cannot reach are excluded: nodes outside the workspace or hidden behind
+//! the body's own surface. A node that is named by itself is refused with an error if it lies outside the
+//! workspace or on the wall of a cavity.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,12 +13,12 @@ use crate::mesh::tetrahedral::{cross, dot, sub};
 use crate::mesh::{Surface, TetMesh};
 use crate::spec::Workspace;
 
-/// Active nodes of groups that were left out.
+/// Numbers of excluded nodes of groups.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Unreachable {
-    /// Outside the workspace.
+    /// Number of nodes outside the workspace.
     pub outside: usize,
-    /// Not to be seen from anywhere outside the body.
+    /// Number of nodes that are not visible from outside the body.
     pub hidden: usize,
 }
 
@@ -30,13 +31,13 @@ impl std::fmt::Display for Unreachable {
 }
 
 impl Unreachable {
-    /// Whether any was.
+    /// Whether any node is excluded.
     pub fn any(&self) -> bool {
         self.outside + self.hidden > 0
     }
 }
 
-/// The workspace of a scene, if it has one.
+/// The workspace of a scene, or `None`.
 pub(super) fn workspace(place: &Place, table: &GridTable) -> Result<Option<Workspace>, InputError> {
     let (min, max) = match (&table.workspace_min_m, &table.workspace_max_m) {
         (None, None) => return Ok(None),
@@ -56,11 +57,11 @@ pub(super) fn workspace(place: &Place, table: &GridTable) -> Result<Option<Works
     Err(place.error(max.span(), what, "swap the corners (metres, in the mesh's frame)"))
 }
 
-/// Directions from which a tool may come: ten degrees apart.
+/// Number of approach directions that are tested; they are about ten degrees apart.
 const DIRECTIONS: u32 = 400;
 
-/// Whether no straight way leads from a node of the surface out of the body: a node of a cavity, or at the bottom of a crevice that is narrower
-/// than the directions are apart. The body is taken as it rests.
+/// Whether every tested ray from a surface node intersects the undeformed body: the node is in a cavity, or
+/// in a crevice narrower than the distance between the directions.
 pub(super) fn is_hidden(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
     let along_normal = skin.normal(node).unwrap_or_default();
     let is_free = |direction: &[f64; 3]| {
@@ -69,11 +70,11 @@ pub(super) fn is_hidden(mesh: &TetMesh, skin: &Surface, node: u32) -> bool {
         away.map(|triangle| triangle.map(|n| sub(&mesh.nodes_m[n as usize], from)))
             .all(|[a, b, c]| !is_hit(direction, &a, &b, &c))
     };
-    // Most are seen along their normal, so that a mesh costs little more than one look a node.
+    // Most nodes are visible along their normal, so that one ray per node usually suffices.
     !std::iter::once(along_normal).chain((0..DIRECTIONS).map(direction)).any(|d| is_free(&d))
 }
 
-/// Whether a ray from the origin meets a triangle, its rim included (Moller and Trumbore 1997).
+/// Whether a ray from the origin intersects a triangle, edges included (Moller and Trumbore 1997).
 fn is_hit(direction: &[f64; 3], a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> bool {
     const RIM: f64 = 1e-9;
     let (ab, ac) = (sub(b, a), sub(c, a));
@@ -89,7 +90,7 @@ fn is_hit(direction: &[f64; 3], a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> boo
     u >= -RIM && v >= -RIM && u + v <= 1.0 + RIM && dot(&ac, &turned) / determinant > 0.0
 }
 
-/// Number `n` of directions that fill the sphere evenly (Fibonacci's lattice).
+/// Direction `n` of an even distribution on the sphere (Fibonacci lattice).
 fn direction(n: u32) -> [f64; 3] {
     const TURN: f64 = 0.618_033_988_749_894_8;
     let z = 1.0 - (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS);
@@ -103,7 +104,7 @@ mod tests {
     use super::*;
     use crate::mesh::testing::cube;
 
-    /// A cube of 5^3 little cubes without the middle one, open to the side or not.
+    /// A cube of 5^3 small cubes without the central one; `is_open` adds a tunnel to the side.
     fn hollow(is_open: bool) -> (TetMesh, [Vec<u32>; 2]) {
         let whole = cube(5, 5.0);
         let centre = |tet: &[u32; 4]| -> [f64; 3] {
@@ -134,7 +135,7 @@ mod tests {
             let (mesh, [inner, outer]) = hollow(is_open);
             let skin = Surface::of(&mesh);
             assert_eq!(inner.len(), 8);
-            // What is seen is the skin without the cavity's walls; a tunnel's are seen.
+            // The visible surface excludes the walls of a cavity and includes those of a tunnel.
             let seen = skin.clone().seen(&mesh);
             assert_eq!(skin.nodes.len() - seen.nodes.len(), if is_open { 0 } else { 8 });
             assert_eq!(skin.triangles.len() - seen.triangles.len(), if is_open { 0 } else { 12 });

@@ -1,4 +1,4 @@
-//! Looking everything up: from the words of a scene to node and tet indices.
+//! Resolution of a scene: names, boxes and groups become node and tet indices.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,7 +15,7 @@ use crate::mesh::tetrahedral::{cross, norm, sub};
 use crate::mesh::{self, LengthUnit, Surface, TetMesh, doubtful_for_pressure, surface};
 use crate::spec::DisplacementBound;
 
-/// `kept`: mesh and fixed nodes, if they are known already.
+/// Resolves a scene; `kept` contains its mesh and fixed nodes if they are already known.
 pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Result<ResolvedScene, InputError> {
     let Scene { place, file } = scene;
     let name = scene.name();
@@ -39,9 +39,9 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let grid =
         file.grid.as_ref().map(|grid| lookup.grid(grid, only_push, max_force_n, workspace)).transpose()?;
     if let (Some(_), Some(force), Some(table)) = (workspace, &file.body_force, grid_table) {
-        let what = "a workspace is in the frame of the mesh, and a body under [body_force] rests elsewhere";
+        let what = "a workspace refers to the undeformed mesh and cannot be combined with [body_force]";
         let span = table.workspace_min_m.as_ref().map_or(force.span(), Spanned::span);
-        return Err(place.error(span, what, "leave one of the two out"));
+        return Err(place.error(span, what, "remove one of the two"));
     }
     let body_force = file.body_force.as_ref().map(|table| body_force(place, table)).transpose()?;
     let (pressure_pair, constraints) = solver(place, &file.solver, order)?;
@@ -49,7 +49,7 @@ pub(super) fn resolve(scene: &Scene, kept: Option<(TetMesh, Vec<u32>)>) -> Resul
     let mut warnings = lookup.warnings;
     if materials.iter().any(|region| region.material.rest_pressure_pa().is_some()) {
         let doubts = doubtful_for_pressure(&mesh, &fixed);
-        // The paper's P1/P1 pair is not stable on any mesh; only shapes are worth a word there.
+        // The paper's P1/P1 pair is unstable on every mesh, so its only warning is about slivers.
         if order == 2 || doubts.slivers_below_5_deg > 0 {
             warnings.extend(doubts.warning());
         }
@@ -94,13 +94,13 @@ fn only_push(place: &Place, table: &NeedsTable) -> Result<bool, InputError> {
     }
 }
 
-/// The bound of the packed displacements.
+/// The error bound of the packed displacements.
 fn displacement_bound(place: &Place, table: &NeedsTable) -> Result<DisplacementBound, InputError> {
     let metres = |key, given: &Option<Spanned<f64>>, default| {
         let Some(mm) = given else { return Ok(default) };
         let metres = 1e-3 * positive(place, key, mm)?;
         if metres < DisplacementBound::LEAST_M {
-            let what = format!("{key} = {} is finer than displacements are packed", mm.get_ref());
+            let what = format!("{key} = {} is below the resolution of packed displacements", mm.get_ref());
             return Err(place.error(mm.span(), what, "give 0.01 or more"));
         }
         Ok(metres)
@@ -112,7 +112,7 @@ fn displacement_bound(place: &Place, table: &NeedsTable) -> Result<DisplacementB
     })
 }
 
-/// Force per volume, given as such or as weight.
+/// Body force per volume, N/m^3, given directly or as density and gravity.
 fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3], InputError> {
     let BodyForceTable { force_n_per_m3, density_kg_m3, gravity_m_s2 } = table.get_ref();
     match (force_n_per_m3, density_kg_m3, gravity_m_s2) {
@@ -123,7 +123,7 @@ fn body_force(place: &Place, table: &Spanned<BodyForceTable>) -> Result<[f64; 3]
         }
         _ => Err(place.error(
             table.span(),
-            "[body_force] does not say one force",
+            "[body_force] does not define one force",
             "give `force_n_per_m3`, or `density_kg_m3` and `gravity_m_s2`",
         )),
     }
@@ -168,7 +168,7 @@ fn load_mesh(scene: &Scene) -> Result<TetMesh, InputError> {
         })?,
     };
     let path = scene.mesh_path();
-    // A file that is not there is a slip of the scene; a file that cannot be understood is the mesh's own.
+    // A missing file is an error in the scene; an invalid file is an error in the mesh.
     if let Err(error) = std::fs::File::open(&path) {
         let what = format!("cannot open the mesh {} ({error})", path.display());
         return Err(place.error(
@@ -195,7 +195,7 @@ pub(super) struct Lookup<'a> {
     pub(super) place: &'a Place,
     pub(super) mesh: &'a TetMesh,
     pub(super) skin: &'a Surface,
-    /// The skin without the walls of cavities.
+    /// The surface without the walls of cavities.
     pub(super) seen: &'a Surface,
     pub(super) warnings: Vec<String>,
 }
@@ -237,13 +237,13 @@ impl Lookup<'_> {
         };
         let bare = owner.iter().filter(|owner| owner.is_none()).count();
         if regions.iter().all(|region| region.tets.is_some()) && bare > 0 {
-            let what = format!("{} of the mesh in no material's group", count(bare, "tet"));
+            let what = format!("{} of the mesh without a material", count(bare, "tet"));
             return Err(self.place.error(last.span.clone(), what, "add a [[material]] for the rest"));
         }
         Ok(regions)
     }
 
-    /// Members of a named group, with what there is in the error.
+    /// Members of a named group; an error lists the existing groups.
     pub(super) fn group<'g>(
         &self,
         groups: &'g BTreeMap<String, Vec<u32>>,
@@ -263,10 +263,11 @@ impl Lookup<'_> {
         Err(self.place.error(name.span(), what, fix))
     }
 
-    /// Whether the fixed nodes hold every piece of the body, and what of the mesh is odd.
+    /// Checks that the fixed nodes support every piece of the body; adds warnings about the mesh.
     ///
-    /// A tool that holds an active node stops the body from turning about a line of fixed nodes, unless the node is
-    /// on that line or on another piece: then no equilibrium is unique, and the scene is refused.
+    /// Fixed nodes on one line permit a rotation about it. The tool at an active node prevents the rotation
+    /// unless the node lies on the line or on another piece. In that case no equilibrium is unique, and the
+    /// scene is refused.
     fn check_support(
         &mut self,
         fixed_span: Range<usize>,
@@ -275,7 +276,8 @@ impl Lookup<'_> {
     ) -> Result<(), InputError> {
         for a in active {
             let held = |n: u32| n == a.node || a.patch.contains(&n) || fixed.binary_search(&n).is_ok();
-            // A mid-edge node is free unless both ends of its edge are held alike: one free vertex is needed either way.
+            // A mid-edge node is free unless both ends of its edge are prescribed, so at least one vertex
+            // must be free.
             if (0..self.mesh.nodes_m.len() as u32).all(held) {
                 let what =
                     format!("every node is fixed or held by active node \"{}\": nothing can deform", a.name);
@@ -311,7 +313,7 @@ impl Lookup<'_> {
                 });
                 if let Some(active) = turns_under {
                     let what = format!(
-                        "the {} on one line do not hold the body, and holding active node \"{}\" does not stop the body from turning about it",
+                        "the body can rotate about the line of its {}, also with the tool at active node \"{}\"",
                         count(points.len(), "fixed node"),
                         active.name
                     );
@@ -322,14 +324,14 @@ impl Lookup<'_> {
                     ));
                 }
                 self.warnings.push(format!(
-                    "a piece of the body is held by {} on one line: it can turn about it",
+                    "a piece of the body is held by {} on one line: it can rotate about the line",
                     count(points.len(), "fixed node")
                 ));
             }
         }
         if piece_count > 1 {
             self.warnings.push(format!(
-                "the mesh has {piece_count} separate pieces: touching one never moves another"
+                "the mesh has {piece_count} separate pieces: a force on one does not move the others"
             ));
         }
         let all_fixed = |tet: &&[u32; 4]| tet.iter().all(|node| fixed.binary_search(node).is_ok());
@@ -342,7 +344,7 @@ impl Lookup<'_> {
         let topology = self.skin.topology;
         if !topology.is_manifold() {
             self.warnings.push(format!(
-                "the surface is not a closed manifold ({}, {}, {}): parts may hinge or overlap",
+                "the surface is not a closed manifold ({}, {}, {}): parts can rotate about shared edges, or overlap",
                 count(topology.non_manifold_edges, "bad edge"),
                 count(topology.non_manifold_nodes, "bad node"),
                 count(topology.overlapping_faces, "overlapping face")
@@ -352,7 +354,7 @@ impl Lookup<'_> {
     }
 }
 
-/// Whether points span less than a plane: then a body held there can turn.
+/// Whether all points lie on one line; a body that is fixed there can rotate.
 fn on_a_line(points: &[[f64; 3]]) -> bool {
     let [first, rest @ ..] = points else { return true };
     let far = rest.iter().map(|x| sub(x, first)).max_by(|a, b| norm(a).total_cmp(&norm(b)));

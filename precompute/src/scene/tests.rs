@@ -277,7 +277,7 @@ fn order_regions_body_force_patch_and_solver_are_read() {
     let weight = "density_kg_m3 = 1000.0\ngravity_m_s2 = [0, 0, -9.81]";
     assert_eq!(force(weight).expect("sound"), Some([0.0, 0.0, -9810.0]));
     let error = force("density_kg_m3 = 1000.0").unwrap_err();
-    assert!(error.what.contains("does not say one force"), "{error}");
+    assert!(error.what.contains("does not define one force"), "{error}");
     let solver =
         table("[solver]\npressure = \"stabilised\"\nconstraints = \"multipliers\"\nreject_inverted = true");
     let solver = solver.expect("sound");
@@ -314,7 +314,7 @@ fn regions_are_resolved_for_the_day_the_solver_takes_them() {
         resolve::resolve(&scene, None)
     };
     let error = resolve("[fixed]").unwrap_err().to_string();
-    assert!(error.contains("block.toml:6: 156 tets of the mesh in no material's group; add a"), "{error}");
+    assert!(error.contains("block.toml:6: 156 tets of the mesh without a material; add a"), "{error}");
     let second = "[[material]]\ngroup = \"all\"\nlaw = \"linear\"\nlambda_pa = 1.0\nmu_pa = 1.0\n[fixed]";
     let error = resolve(second).unwrap_err().to_string();
     assert!(error.contains("block.toml:12: tet 0 (0-based) already has a material"), "{error}");

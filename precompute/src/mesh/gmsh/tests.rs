@@ -211,16 +211,16 @@ fn counts_that_do_not_match_are_found_where_they_show() {
     let error = broken(V22, "200 4 2 9 1 20 5 40 77", "200 4 2 9 1 20 5 40");
     assert_says(&error, "body.msh:23", "expected a vertex after", "export it again");
     let error = broken(V41, "2 5 5 77", "2 6 5 77");
-    assert_says(&error, "body.msh:20", "promises 6 nodes and its blocks hold 5", "counts do not match");
+    assert_says(&error, "body.msh:20", "announces 6 nodes and its blocks contain 5", "counts do not match");
     let error = broken(V41, "3 4 2 200", "3 7 2 200");
-    assert_says(&error, "body.msh:35", "promises 7 elements and its blocks hold 4", "counts do not match");
-    let error = broken(V22, "5 0 1 0", "10 0 1 0");
     assert_says(
         &error,
-        "body.msh:13",
-        "node 10 stands in the file a second time (first as number 1)",
-        "renumber",
+        "body.msh:35",
+        "announces 7 elements and its blocks contain 4",
+        "counts do not match",
     );
+    let error = broken(V22, "5 0 1 0", "10 0 1 0");
+    assert_says(&error, "body.msh:13", "node 10 occurs twice in the file (first as number 1)", "renumber");
     // A count that would not fit any memory must not be believed.
     let error = broken(V22, "$Nodes\n5", "$Nodes\n1000000000000000000");
     assert_says(&error, "body.msh:16", "expected a node tag, found `$EndNodes`", "counts do not match");
@@ -262,7 +262,7 @@ fn formats_that_are_not_read_say_which_to_save() {
     let error = broken(V22, "$Elements", &format!("{nodes}$Elements"));
     assert_says(&error, "body.msh:17", "a second $Nodes section", "one mesh per file");
     let error = read(&V22.replacen(nodes, "", 1)).expect_err("planted").to_string();
-    assert_says(&error, "body.msh:9", "$Elements stands before $Nodes", "export");
+    assert_says(&error, "body.msh:9", "$Elements precedes $Nodes", "export");
     let error = broken(V22, "2 7 \"held here\"", "2 7 held here");
     assert_says(&error, "body.msh:6", "no quotes", "export it again");
     let error = broken(V22, "2 7 \"held here\"", "4 7 \"held here\"");

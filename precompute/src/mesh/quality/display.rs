@@ -55,7 +55,7 @@ impl MeshReport {
         let s = &self.surface;
         if !s.manifold {
             said.push(format!(
-                "the surface is not a closed manifold ({}, {}, {}): parts may hinge or overlap",
+                "the surface is not a closed manifold ({}, {}, {}): parts can rotate about shared edges, or overlap",
                 count(s.non_manifold_edges, "bad edge"),
                 count(s.non_manifold_nodes, "bad node"),
                 count(s.overlapping_faces, "overlapping face")

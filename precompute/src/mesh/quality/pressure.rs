@@ -63,7 +63,7 @@ impl PressureDoubts {
             parts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
         if self.undetermined_pressures > 0 {
             said.push(format!(
-                "{} nodes have such tets only, and no pressure at all",
+                "the pressure of {} nodes with only such tets is undetermined",
                 self.undetermined_pressures
             ));
         }

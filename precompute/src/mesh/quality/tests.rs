@@ -141,7 +141,7 @@ fn pieces_bad_surfaces_and_hanging_tets_are_told() {
     assert_warns(&beside([1.0; 3], None), &["1 tet with three or four faces", "hangs"]);
     let touching = beside([0.1; 3], Some(26));
     assert_silent(&touching, "pieces");
-    assert_warns(&touching, &["not a closed manifold", "1 bad node", "hinge"]);
+    assert_warns(&touching, &["not a closed manifold", "1 bad node", "rotate about"]);
     assert_warns(&cube(1, 0.1), &["100 % of the nodes are on the surface", "refine"]);
     assert_warns(&cube(1, 0.1), &["6 of 6 tets have no vertex inside the body"]);
 }

@@ -110,7 +110,7 @@ fn assert_says(from: &str, to: &str, place: &str, what: &str, fix: &str) {
 fn faults_name_line_and_cell() {
     assert_says("4 0 1 2 3", "4 1 0 2 3", "body.vtk:18", "element 0 has negative volume", "swap any two");
     assert_says("4 1 2 3 4\n", "4 1 2 3 9\n", "body.vtk:20", "element 2 names node 9", "export it again");
-    assert_says("4 1 2 3 4\n", "4 1 2 3 -4\n", "body.vtk:20", "-4 is no node index", "export it again");
+    assert_says("4 1 2 3 4\n", "4 1 2 3 -4\n", "body.vtk:20", "-4 is not a node index", "export it again");
     assert_says(
         "0 1 0\n",
         "0 one 0\n",
@@ -128,7 +128,13 @@ fn faults_name_line_and_cell() {
     );
     assert_says("POINTS 5", "POINTS 4", "body.vtk:13", "expected POINTS, CELLS or CELL_TYPES", "export it");
     assert_says("double\n0 0", "complex\n0 0", "body.vtk:10", "unknown number type `complex`", "export it");
-    assert_says("CELLS 3 14", "CELLS 3 15", "body.vtk:20", "promises 15 numbers and holds 14", "export it");
+    assert_says(
+        "CELLS 3 14",
+        "CELLS 3 15",
+        "body.vtk:20",
+        "announces 15 numbers and contains 14",
+        "export it",
+    );
     assert_says("CELL_TYPES 3", "CELL_TYPES 2", "body.vtk:23", "2 cell types for 3 cells", "export it");
     assert_says("10\n5\n10", "10\n5\n12", "body.vtk:20", "cell 2 is a hexahedron", "tetrahedra only");
     assert_says(
@@ -157,13 +163,7 @@ fn faults_name_line_and_cell() {
     );
     assert_says("ASCII", "EBCDIC", "body.vtk:4", "found `EBCDIC`", "export it again");
     assert_says("# vtk DataFile", "# DataFile", "body.vtk:1", "not a VTK legacy file", "export it again");
-    assert_says(
-        "CELLS 3 14",
-        "CELL_TYPES 3\n10\n5\n10\nCELLS 3 14",
-        "body.vtk:20",
-        "stands before",
-        "export it",
-    );
+    assert_says("CELLS 3 14", "CELL_TYPES 3\n10\n5\n10\nCELLS 3 14", "body.vtk:20", "precedes", "export it");
     assert_says("POINTS 5", "POINTS 99999999999", "body.vtk:10", "expected a count", "export it again");
 }
 

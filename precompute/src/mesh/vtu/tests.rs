@@ -169,7 +169,7 @@ fn faults_name_line_and_cell() {
     );
     assert_says("\n0 1 2 3\n", "\n1 0 2 3\n", "body.vtu", "element 0 has negative volume", "swap any two");
     assert_says("\n1 2 3 4\n", "\n1 2 3 9\n", "body.vtu", "element 2 names node 9", "export it again");
-    assert_says("\n1 2 3 4\n", "\n1 2 3 -4\n", "body.vtu:14", "-4 is no node index", "export it again");
+    assert_says("\n1 2 3 4\n", "\n1 2 3 -4\n", "body.vtu:14", "-4 is not a node index", "export it again");
     assert_says("10 5 10", "10 5 13", "body.vtu", "cell 2 is a wedge", "tetrahedra only");
     assert_says("10 5 10", "25 5 10", "body.vtu", "order or shape that is not read", "order 1");
     assert_says(

@@ -28,8 +28,8 @@ fn sampling_driven_by_the_error_is_read() {
         bench.refuses("spacing_m = 0.01", keys, &format!("block.toml:{line}"), what, fix);
     };
     refuses("spacing_m = 0.01\ntolerance_n = 0.1", 21, "both `spacing_m` and `tolerance_n`", "for a lattice");
-    refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "a tolerance of its own", "keep it, or");
-    refuses("cannot_be_felt = false", 21, "says nothing", "say true");
+    refuses("cannot_be_felt = true\ntolerance_n = 0.1", 21, "excludes other tolerances", "keep it, or");
+    refuses("cannot_be_felt = false", 21, "has no effect", "set it to true");
     refuses("tolerance_n = 0.0", 21, "`tolerance_n` = 0", "");
     bench.refuses("[needs]", "[needs]\ncontact = \"stroke\"", "block.toml:25", "unknown contact", "\"push\"");
 }
@@ -67,12 +67,12 @@ fn a_workspace_leaves_nodes_out_and_is_refused_where_it_means_nothing() {
         "",
     );
     let everywhere = of("[-1.0, -1.0, -1.0]", "[1.0, 1.0, 1.0]");
-    refuses(SCENE.replacen("[device]", &everywhere, 1), "a lattice is solved whole", "cannot_be_felt");
+    refuses(SCENE.replacen("[device]", &everywhere, 1), "a lattice has no workspace", "cannot_be_felt");
     let heavy =
         felt.replacen("[device]", &everywhere, 1) + "[body_force]\nforce_n_per_m3 = [0.0, 0.0, -9.81]\n";
-    refuses(heavy, "rests elsewhere", "leave one");
+    refuses(heavy, "undeformed mesh", "remove one");
     let nowhere = group.replacen("[device]", &of("[0.0, 0.0, 1.0]", "[1.0, 1.0, 2.0]"), 1);
-    refuses(nowhere, "no tool gets to any node", "enlarge the workspace");
+    refuses(nowhere, "the tool cannot reach any node", "enlarge the workspace");
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn grids_in_every_way() {
         "`points` = 515",
         "514, 1418, 4168 or 14146",
     );
-    refuses("spacing_m = 0.01", "", "block.toml:19", "does not say how fine", "`spacing_m` or `points`");
+    refuses("spacing_m = 0.01", "", "block.toml:19", "has no resolution", "`spacing_m` or `points`");
     refuses("spacing_m = 0.01", "spacing_m = 0.01\npoints = 514", "block.toml:22", "both", "keep one");
     refuses("spacing_m = 0.01", "spacing_m = 0.06", "block.toml:21", "larger than `radius_m`", "a fifth");
     refuses(

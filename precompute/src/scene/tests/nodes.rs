@@ -11,7 +11,7 @@ fn fixed_nodes_in_every_way() {
     assert_eq!(fixed("file = \"sets.json\"\nkey = \"F1\""), [0, 1, 2, 3, 5]);
 
     let refuses = |to, place, what, fix| bench.refuses("group = \"left\"", to, place, what, fix);
-    refuses("", "block.toml:11", "does not say which nodes", "`nodes`, `group`, `box`, or `file`");
+    refuses("", "block.toml:11", "selects no nodes", "`nodes`, `group`, `box`, or `file`");
     refuses("nodes = [1]\ngroup = \"left\"", "block.toml:11", "in several ways", "keep one of");
     refuses("nodes = []", "block.toml:12", "the fixed set is empty", "at least three");
     refuses(
@@ -103,8 +103,8 @@ fn active_nodes_in_every_way() {
     refuses("nearest = [nan, 1, 1]", "block.toml:15", "is not finite", "correct the value");
     refuses("group = \"left\"", "block.toml:15", "no free surface node", "not fixed");
     refuses("group = \"top\"", "block.toml:15", "no group of nodes named \"top\"", "use one of: all, corner");
-    refuses("", "block.toml:13", "\"A1\" does not say where it is", "give `node`, `nearest` or `group`");
-    refuses("node = 63\ngroup = \"right\"", "block.toml:13", "says in several ways", "keep one of");
+    refuses("", "block.toml:13", "\"A1\" has no position", "give `node`, `nearest` or `group`");
+    refuses("node = 63\ngroup = \"right\"", "block.toml:13", "has several positions", "keep one of");
     bench.refuses("\"A2\"", "\"A1\"", "block.toml:17", "two active nodes are named \"A1\"", "its own name");
     let none = SCENE.replacen("name = \"block\"", "active = []", 1);
     let none = none.replacen("[[active]]\nname = \"A1\"\nnode = 63\n[[active]]\nname = \"A2\"\n", "", 1);
