@@ -22,10 +22,10 @@ use nalgebra::Vector3;
 
 use super::jet::{EnergyJet, SymmetricThird, THIRD_INDICES};
 
-/// Absolute part of the residual's limit, N.
+/// Lower bound of the limit max(`LEAST_N`, `SHARE` |h|), N.
 pub const LEAST_N: f64 = 0.1;
-/// Relative part of the limit, as a share of the larger |h|. A jump below the just noticeable difference of
-/// force (about 7 %) is hardly perceptible.
+/// Limit as a share of the larger |h|. A jump below the just noticeable difference of force (about 7 %) is
+/// hardly perceptible.
 pub const SHARE: f64 = 0.1;
 
 /// Residuals of two solutions against one smooth branch.

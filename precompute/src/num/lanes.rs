@@ -1,11 +1,13 @@
-//! Numbers the element loops compute with: one f64, or as many as a vector register of this machine holds.
+//! Numbers of the element loops: one f64, or as many as a vector register of this machine holds.
 //!
-//! The algebra of a single element is 3 x 3 and does not fill a register, so elements are taken several at once, one per
-//! lane. Every lane does what a lone f64 would, operation by operation: nothing is fused, and no lane sees another.
+//! The 3 x 3 algebra of a single element does not fill a register, so several elements are processed at once,
+//! one per lane. Each lane performs the same operations as a single f64: operations are not fused, and lanes
+//! do not interact.
 //!
-//! A vector carries pulp's token for the instructions it was dispatched to, which makes its arithmetic safe code. Without the
-//! token no number can be made, so constants come from a number at hand ([`Real::constant`]). Everything is
-//! `inline(always)`: what is not inlined into the dispatched function is compiled for the baseline.
+//! A vector contains pulp's token for the instruction set of the dispatch, which makes its arithmetic safe
+//! code. A number cannot be created without the token, so constants are created from an existing number
+//! ([`Real::constant`]). All functions are `inline(always)`, because a function that is not inlined into the
+//! dispatched one is compiled for the baseline instruction set.
 
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -14,7 +16,8 @@ use pulp::{Simd, WithSimd};
 
 /// Runs `work` with the vectors of this machine.
 ///
-/// Not AVX-512, which the real-time host enables in pulp for the whole program: the loops were measured and compared with AVX2.
+/// AVX-512 is excluded, although the real-time host enables it in pulp for the whole program: the loops were
+/// measured and verified with AVX2.
 #[inline(always)]
 pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
@@ -41,13 +44,13 @@ pub trait Real:
     + AddAssign
     + SubAssign
 {
-    /// What it takes to make the first number: the token of the instructions.
+    /// Data needed to create the first number: the token of the instruction set.
     type Machine: Copy;
 
-    /// How many numbers lie side by side.
+    /// Number of lanes.
     const LANES: usize;
 
-    /// The number that `value` gives for each lane.
+    /// A number with the value `value(lane)` in each lane.
     fn new(machine: Self::Machine, value: impl FnMut(usize) -> f64) -> Self;
 
     /// `value` in every lane.
@@ -56,19 +59,19 @@ pub trait Real:
     /// One of the lanes.
     fn lane(&self, lane: usize) -> f64;
 
-    /// A function of each lane.
+    /// Applies a function to each lane.
     fn map(self, function: impl Fn(f64) -> f64) -> Self;
 
     /// 1 / x.
     fn recip(self) -> Self;
 
-    /// `yes` where self < other, `no` elsewhere and where either is NaN.
+    /// `yes` in the lanes with self < other, `no` in all others, including those with a NaN.
     fn where_less(self, other: Self, yes: Self, no: Self) -> Self;
 
-    /// The smaller of two; NaN once one has been met, which `min` would hide.
+    /// The smaller of two numbers; NaN if either is NaN, unlike `min`.
     #[inline(always)]
     fn lesser(self, other: Self) -> Self {
-        // Neither is less if they are equal or one is NaN: their mean is the right answer to both.
+        // If neither is less, they are equal or one is NaN; their mean is the correct result for both cases.
         let mean = (self + other) * 0.5;
         other.where_less(self, other, self.where_less(other, self, mean))
     }

@@ -1,7 +1,8 @@
 //! Vectors and 3 x 3 matrices of [`Real`] numbers.
 //!
-//! nalgebra's products are loops behind calls, which the compiler stops inlining when a number is a whole vector register;
-//! these are unrolled where they are used. Sums run in the order of nalgebra's, so that both give the same bits.
+//! nalgebra's products are loops behind function calls, which the compiler does not inline if a number is a
+//! whole vector register. The products here are unrolled. The order of each sum is that of nalgebra, so that
+//! both give the same bits.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -9,16 +10,16 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::num::lanes::Real;
 
-/// A vector of space.
+/// A vector with three components.
 #[derive(Debug, Clone, Copy)]
 pub struct Vec3<R>(pub [R; 3]);
 
-/// A second-order tensor, by its columns.
+/// A second-order tensor, stored by columns.
 #[derive(Debug, Clone, Copy)]
 pub struct Mat3<R>(pub [Vec3<R>; 3]);
 
 impl<R: Real> Vec3<R> {
-    /// A vector that is the same in every lane; `like` is any number.
+    /// A vector with the same value in each lane; `like` is any number.
     #[inline(always)]
     pub fn constant(like: R, [x, y, z]: [f64; 3]) -> Self {
         Self([like.constant(x), like.constant(y), like.constant(z)])
@@ -38,7 +39,7 @@ impl<R: Real> Vec3<R> {
         Self([b * z - c * y, c * x - a * z, a * y - b * x])
     }
 
-    /// The matrix with the entries self_i other_j.
+    /// Dyadic product, with the entries self_i other_j.
     #[inline(always)]
     pub fn outer(self, other: Self) -> Mat3<R> {
         let [x, y, z] = other.0;

@@ -1,4 +1,5 @@
-//! Scenes written here on a cube of 3^3 little cubes of 0.1 m: node (i, j, k) is 16 i + 4 j + k, the low x side is fixed.
+//! Scenes on a cube of 3^3 small cubes with edges of 0.1 m: node (i, j, k) is 16 i + 4 j + k, and the low x
+//! side is fixed.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -13,7 +14,7 @@ mod grid;
 mod material;
 mod nodes;
 
-/// Each line has a place in the errors below, so lines are replaced and never added in the middle.
+/// The errors below contain line numbers, so tests replace lines and never insert one in the middle.
 const SCENE: &str = "\
 name = \"block\"
 [mesh]
@@ -42,7 +43,7 @@ max_force_n = 8
 visual = false
 ";
 
-/// A folder with a mesh in centimetres and the scene; gone when dropped.
+/// A folder with a mesh in centimetres and the scene; deleted when dropped.
 struct Bench {
     dir: tempfile::TempDir,
 }
@@ -70,13 +71,13 @@ impl Bench {
         Scene::parse(&self.path("block.toml"), text.to_owned())?.resolve()
     }
 
-    /// The scene with one piece replaced, which must be there.
+    /// The scene with `from` replaced by `to`; `from` must occur.
     fn with(&self, from: &str, to: &str) -> Result<ResolvedScene, InputError> {
         assert!(SCENE.contains(from), "nothing to replace: {from:?}");
         self.resolve(&SCENE.replacen(from, to, 1))
     }
 
-    /// The replaced scene is refused at `place`, with words of what is wrong and of the fix.
+    /// Asserts that the changed scene is refused at `place`, with a message that contains `what` and `fix`.
     #[track_caller]
     fn refuses(&self, from: &str, to: &str, place: &str, what: &str, fix: &str) {
         let error = self.with(from, to).expect_err("planted fault").to_string();
@@ -89,8 +90,8 @@ impl Bench {
     }
 }
 
-/// Gmsh 2.2 text of a mesh, with the triangles' nodes of x = 0 as the group "left", of x = 30 as "right" and all tets
-/// as "all", those of the first little cube as "corner" besides.
+/// Gmsh 2.2 text of a mesh. Groups: the triangles at x = 0 "left", those at x = 30 "right", all tets "all",
+/// the tets of the first small cube also "corner".
 fn gmsh(mesh: &TetMesh) -> String {
     let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n");
     text.push_str("0 1 \"left\"\n0 2 \"right\"\n3 3 \"all\"\n3 4 \"corner\"\n$EndPhysicalNames\n$Nodes\n");
@@ -290,7 +291,7 @@ fn order_regions_body_force_patch_and_solver_are_read() {
     }
 }
 
-/// A store keeps the scene's text; years later the profile may say something else, or be gone.
+/// A space contains the scene's text; the profile can later change or be deleted.
 #[test]
 fn the_kept_text_of_a_scene_needs_no_profile() {
     let bench = Bench::new();
@@ -360,7 +361,7 @@ fn the_hash_sees_what_changes_numbers_and_nothing_else() {
         ("[grid]\nradius_m = 0.05\nspacing_m = 0.01", "", false),
     ];
     for (from, to, of_the_model) in changes {
-        // In millimetres the body is ten times smaller, and so is what is near it.
+        // In millimetres the body is ten times smaller, so the nearest point is too.
         let to_nearest = if to.contains("mm") { "[0.031, 0.01, 0.01]" } else { "[0.31, 0.1, 0.1]" };
         let text = SCENE.replacen(from, to, 1).replacen("[0.31, 0.1, 0.1]", to_nearest, 1);
         let other = bench.resolve(&text).expect("sound");

@@ -1,11 +1,11 @@
-//! Small Gmsh files written here, sound ones and broken ones.
+//! Small Gmsh files, valid and damaged.
 
 use std::path::Path;
 
 use crate::error::InputError;
 use crate::mesh::{LengthUnit, TetMesh};
 
-/// Two tets on a common face, tags far from contiguous, a named surface and a named volume.
+/// Two tets with a common face, non-contiguous tags, a named surface and a named volume.
 const V22: &str = "\
 $MeshFormat
 2.2 0 8
@@ -87,7 +87,7 @@ fn read(text: &str) -> Result<TetMesh, InputError> {
     super::read(Path::new("body.msh"), text.as_bytes())?.finish(LengthUnit::Metre)
 }
 
-/// The error of a text in which `from` has been replaced, which must be there.
+/// The error of a text in which `from` is replaced by `to`; `from` must occur.
 fn broken(text: &str, from: &str, to: &str) -> String {
     assert!(text.contains(from), "nothing to break: {from:?}");
     read(&text.replacen(from, to, 1)).expect_err("planted fault").to_string()
@@ -122,7 +122,7 @@ fn lengths_are_scaled_to_metres() {
     let text = V22.replacen("77 1 1 1", "77 1.125 2.25 3.25", 1);
     let raw = super::read(Path::new("body.msh"), text.as_bytes()).expect("sound");
     let mesh = raw.finish(LengthUnit::Millimetre).expect("sound");
-    // To the last bit what a file in metres would give; times 1e-3 none of the three would be.
+    // The same bits as from a file in metres; a multiplication by 1e-3 would change all three values.
     assert_eq!(mesh.nodes_m[4], [0.001125, 0.00225, 0.00325]);
 }
 
@@ -221,7 +221,7 @@ fn counts_that_do_not_match_are_found_where_they_show() {
     );
     let error = broken(V22, "5 0 1 0", "10 0 1 0");
     assert_says(&error, "body.msh:13", "node 10 occurs twice in the file (first as number 1)", "renumber");
-    // A count that would not fit any memory must not be believed.
+    // A count that exceeds the memory must be refused before an allocation.
     let error = broken(V22, "$Nodes\n5", "$Nodes\n1000000000000000000");
     assert_says(&error, "body.msh:16", "expected a node tag, found `$EndNodes`", "counts do not match");
 }
@@ -229,7 +229,8 @@ fn counts_that_do_not_match_are_found_where_they_show() {
 #[test]
 fn truncation_anywhere_is_one_clear_line() {
     for text in [V22, V41] {
-        // Up to the end of $Elements every shorter file must be refused; what comes after is not needed.
+        // Every file that is cut before the end of $Elements must be refused; the rest of the file is not
+        // needed.
         let needed = text.find("$EndElements").expect("there") + "$EndElements".len();
         for end in 0..needed {
             let error = read(&text[..end]).expect_err("a truncated file").to_string();
@@ -271,7 +272,7 @@ fn formats_that_are_not_read_say_which_to_save() {
 
 #[test]
 fn rubbish_is_refused_and_never_panics() {
-    // Every single byte of a small file replaced in turn: either still a mesh or one clear line.
+    // Every single byte of a small file is replaced: the result is a valid mesh or an error of one line.
     for text in [V22, V41] {
         for at in 0..text.len() {
             for byte in [b' ', b'9', b'-', b'$', b'\n', 0xff] {

@@ -1,11 +1,11 @@
-//! One body of ten-node tets in every format, sound and broken: what must hold holds for each reader.
+//! One body of ten-node tets in every format, valid and damaged; the same assertions for each reader.
 
 use std::path::{Path, PathBuf};
 
 use crate::mesh::tetrahedral::EDGES;
 use crate::mesh::{LengthUnit, TetMesh};
 
-/// The edges as each format lists them, spelled out apart from the readers' tables.
+/// The edges in the order of each format, defined independently of the readers' tables.
 const VTK: [(usize, usize); 6] = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)];
 const GMSH: [(usize, usize); 6] = [(0, 1), (1, 2), (0, 2), (0, 3), (2, 3), (1, 3)];
 const TETGEN: [(usize, usize); 6] = [(2, 3), (0, 3), (0, 1), (1, 2), (1, 3), (0, 2)];
@@ -21,16 +21,17 @@ enum Format {
 
 const FORMATS: [Format; 5] = [Format::Gmsh22, Format::Gmsh41, Format::Vtk, Format::Vtu, Format::TetGen];
 
-/// Two tets on a common face. The vertices are nodes 0, 1, 3, 6 and 10 of 14: mid-edge nodes stand between them.
+/// Two tets with a common face. The vertices are nodes 0, 1, 3, 6 and 10 of 14; mid-edge nodes lie between
+/// them.
 #[derive(Clone)]
 struct Body {
     nodes: Vec<[f64; 3]>,
-    /// File index of each vertex.
+    /// Index of each vertex in the file.
     vertices: Vec<usize>,
     tets: Vec<[usize; 4]>,
-    /// Whether a tet is written with its mid-edge nodes.
+    /// Whether each tet is written with its mid-edge nodes.
     second_order: [bool; 2],
-    /// Replaces a tet's mid-edge node: (tet, local edge in the format's order, node).
+    /// Replacement of a tet's mid-edge node: (tet, local edge in the format's order, node).
     replaced: Option<(usize, usize, usize)>,
     scalar: &'static str,
 }
@@ -66,7 +67,7 @@ impl Body {
         self.nodes.iter().position(near).expect("every edge has its node")
     }
 
-    /// File indices of a tet's nodes.
+    /// Indices of a tet's nodes in the file.
     fn tet(&self, tet: usize, order: [(usize, usize); 6]) -> Vec<usize> {
         let corners = self.tets[tet];
         let mut nodes: Vec<usize> = corners.iter().map(|&v| self.vertices[v]).collect();
@@ -99,13 +100,14 @@ impl Format {
         }
     }
 
-    /// Writes the body; returns the file to read and the line (or the start of it) of each tet where there are lines.
+    /// Writes the body. Returns the file to read and, for formats with lines, the line (or its start) of each
+    /// tet.
     fn write(self, folder: &Path, body: &Body, order: [(usize, usize); 6]) -> (PathBuf, [Option<String>; 2]) {
         let points: Vec<String> = body.nodes.iter().map(words).collect();
         let n = points.len();
         let tets = [0, 1].map(|tet| body.tet(tet, order));
         let tag = |node: &usize| 10 * node + 1;
-        // The triangle of vertices 0, 1, 2 with its middles, and one middle as a point group of its own.
+        // The triangle of vertices 0, 1, 2 with its mid-edge nodes, and a point group of one mid-edge node.
         let [a, b, c] = [0, 1, 2].map(|v| tag(&body.vertices[v]));
         let [ab, bc, ca] = [(0, 1), (1, 2), (0, 2)].map(|(x, y)| tag(&body.middle(x, y)));
         let kind = |tet: usize, four: u32, ten: u32| if body.second_order[tet] { ten } else { four };
@@ -193,7 +195,8 @@ impl Format {
         self.read_in(body, self.order()).map_err(|(error, _)| error)
     }
 
-    /// Also the error's place as it must be for a fault of either tet: file, line where there are lines, and the tag.
+    /// Reads the body. An error is returned with its expected position for either tet: file, line if any, and
+    /// tag.
     fn read_in(self, body: &Body, order: [(usize, usize); 6]) -> Result<TetMesh, (String, [String; 2])> {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let (path, rows) = self.write(folder.path(), body, order);
@@ -217,7 +220,7 @@ impl Format {
         })
     }
 
-    /// The node as the file calls it.
+    /// The name of the node in the file.
     fn name(self, node: usize) -> usize {
         match self {
             Self::Gmsh22 | Self::Gmsh41 => 10 * node + 1,
@@ -267,7 +270,7 @@ fn every_format_gives_the_vertices_in_file_order() {
 #[test]
 fn files_of_gmsh_itself_are_read() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/mesh/mid_edge");
-    // Written by Gmsh 4.15.2: one tet on the axes, 3 x 5 x 7, with `setOrder(2)`.
+    // Files of Gmsh 4.15.2: one tet of 3 x 5 x 7 along the axes, with `setOrder(2)`.
     for name in ["gmsh22.msh", "gmsh41.msh", "gmsh.vtk"] {
         let mesh = crate::mesh::read(&folder.join(name), LengthUnit::Metre).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(mesh.nodes_m, [[0.0; 3], [3.0, 0.0, 0.0], [0.0, 5.0, 0.0], [0.0, 0.0, 7.0]], "{name}");
@@ -283,7 +286,7 @@ fn files_of_gmsh_itself_are_read() {
 fn a_curved_edge_is_refused_beyond_a_millionth_of_its_length() {
     for format in FORMATS {
         for (a, b) in EDGES {
-            // Edges of the second tet: its vertices are 1, 2, 3, 4.
+            // Edges of the second tet, whose vertices are 1, 2, 3, 4.
             let (a, b) = (a + 1, b + 1);
             let sound = Body::new();
             let node = sound.middle(a, b);
@@ -336,7 +339,7 @@ fn four_and_ten_nodes_do_not_mix() {
         ] {
             let body = Body { second_order, ..Body::new() };
             if format == Format::TetGen {
-                // The count is in the header: a row of another length is a damaged one.
+                // The header contains the count, so a row of another length is damage.
                 assert!(format.read(&body).expect_err("planted fault").starts_with("body.ele:3: "));
             } else {
                 format.assert_says(&body, 1, &[said, "with one order, 1 or 2"]);
@@ -360,7 +363,7 @@ fn a_mid_edge_node_that_is_a_vertex_missing_or_not_finite_is_refused() {
         let mut broken = sound.clone();
         let node = sound.middle(1, 2);
         broken.nodes[node][1] = f64::NAN;
-        // The body finds its middles by place: put the lost one back by name in both tets.
+        // The body finds its mid-edge nodes by position; restore the lost node by index in both tets.
         let error = format.read_nan(&broken, &sound);
         let said = format!("node {} has a coordinate that is not finite", format.name(node));
         assert!(error.contains(&said), "{format:?}: {error}");
@@ -368,7 +371,7 @@ fn a_mid_edge_node_that_is_a_vertex_missing_or_not_finite_is_refused() {
 }
 
 impl Format {
-    /// The error of a file in which one coordinate of a sound body is NaN.
+    /// The error of a file in which one coordinate of a valid body is NaN.
     fn read_nan(self, broken: &Body, sound: &Body) -> String {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let (path, _) = self.write(folder.path(), sound, self.order());
@@ -385,7 +388,8 @@ impl Format {
 
 #[test]
 fn singles_may_be_off_by_their_rounding() {
-    // Far from the origin a single is good to some 1e-5 of these edges: as doubles the edges would be curved.
+    // Far from the origin an f32 has an error of about 1e-5 of these edges; with the tolerance for f64 the
+    // edges would count as curved.
     for format in [Format::Vtk, Format::Vtu] {
         let mut body = Body::new();
         for x in body.nodes.iter_mut().flatten() {

@@ -1,4 +1,4 @@
-//! Small legacy files written here, text and binary, old and new layout of the cells.
+//! Small legacy files, ASCII and binary, with the old and the new layout of the cells.
 
 use std::path::Path;
 
@@ -59,13 +59,13 @@ fn read(bytes: &[u8]) -> Result<TetMesh, InputError> {
     read_legacy(Path::new("body.vtk"), bytes)?.finish(LengthUnit::Metre)
 }
 
-/// The same body in binary; big-endian, as VTK writes it.
+/// The same body in binary form; big-endian, as VTK writes it.
 fn binary(new_layout: bool) -> Vec<u8> {
     let mut out = b"# vtk DataFile Version 5.1\nby hand\nBINARY\nDATASET UNSTRUCTURED_GRID\n".to_vec();
     let ints = |numbers: &[i32]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
     let longs = |numbers: &[i64]| numbers.iter().flat_map(|n| n.to_be_bytes()).collect::<Vec<u8>>();
     if new_layout {
-        // The two top bits say how long the length of a string is: 11 for 6 bits, 10 for 14 bits.
+        // The two highest bits give the size of a string's length: 11 for 6 bits, 10 for 14 bits.
         out.extend(b"FIELD FieldData 2\nREMARK 1 2 string\n\xc3abc\x80\x02de\nMETADATA\nINFORMATION 0\n\n");
         out.extend(b"TIME 1 1 double\n\x3f\xe0\0\0\0\0\0\0\n");
         out.extend(b"POINTS 5 float\n");

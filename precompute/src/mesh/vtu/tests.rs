@@ -1,4 +1,4 @@
-//! Small VTU files written here in every encoding the reader knows.
+//! Small VTU files in every encoding of the reader.
 
 use std::io::Write;
 use std::path::Path;
@@ -81,7 +81,7 @@ fn binary(place: Where, zlib: bool, wide: bool, little: bool) -> Vec<u8> {
         } else {
             (bytes_of(&[data.len() as u64], header), data)
         };
-        // Compressed headers are encoded by themselves, plain ones together with their data.
+        // A compressed header is a base64 stream of its own; a plain header forms one stream with its data.
         let encoded = match zlib {
             true => BASE64.encode(&head) + &BASE64.encode(&body),
             false => BASE64.encode([head.clone(), body.clone()].concat()),
@@ -232,7 +232,7 @@ fn truncation_and_rubbish_are_refused_and_never_panic() {
 
 #[test]
 fn a_lie_about_the_length_is_not_believed() {
-    // 2^32 - 1 points in a file of a few hundred bytes: refused before anything of that size is allocated.
+    // 2^32 - 1 points in a file of a few hundred bytes: refused before an allocation of that size.
     let file = String::from_utf8(binary(Where::Inline, true, false, true)).expect("text");
     let lie = file.replace("NumberOfPoints=\"5\"", "NumberOfPoints=\"4294967295\"");
     let error = read(lie.as_bytes()).expect_err("planted").to_string();

@@ -12,7 +12,7 @@ fn a_device_profile_gives_the_force_limit() {
         ("profile = \"touch\"", 3.3),
         ("profile = \"sigma.7\"", 12.0),
         ("profile = \"bench.toml\"", 2.5),
-        // What the scene says itself wins, below the device's.
+        // The scene's own limit applies if it is below the limit of the device.
         ("profile = \"falcon\"\nmax_force_n = 6", 6.0),
         ("profile = \"falcon\"\nmax_force_n = 8", 8.0),
     ] {

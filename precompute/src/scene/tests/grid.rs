@@ -42,7 +42,8 @@ fn a_workspace_leaves_nodes_out_and_is_refused_where_it_means_nothing() {
     let group = felt.replacen("name = \"A1\"\nnode = 63", "name = \"A1\"\ngroup = \"right\"", 1);
     let whole = bench.resolve(&group).expect("sound");
     assert!(!whole.unreachable.any());
-    // The right side is x = 0.3 with 16 nodes; below z = 0.15 there are eight. A2 is one of them: named, so it may be twice.
+    // The right side is x = 0.3 with 16 nodes, eight of them below z = 0.15. A2 is one of these; a node that
+    // is named by itself may also belong to the group.
     let half = group.replacen("[device]", &of("[0.0, -0.1, -0.1]", "[0.35, 0.4, 0.15]"), 1);
     let half = bench.resolve(&half).expect("sound");
     assert_eq!(half.unreachable, Unreachable { outside: 8, hidden: 0 });
@@ -108,7 +109,7 @@ fn grids_in_every_way() {
         "`spacing_m` = 0 is not a positive",
         "correct",
     );
-    refuses("spacing_m = 0.01", "spacing_m = 0.0001", "block.toml:21", "over 126 cells", "coarser");
+    refuses("spacing_m = 0.01", "spacing_m = 0.0001", "block.toml:21", "more than 126 cells", "coarser");
     refuses(
         "radius_m = 0.05",
         "radius_m = -1",

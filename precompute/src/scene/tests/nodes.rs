@@ -1,4 +1,4 @@
-//! Which nodes a scene holds and touches.
+//! Selection of fixed and active nodes in scene files.
 
 use super::*;
 
@@ -78,12 +78,12 @@ fn active_nodes_in_every_way() {
     let scene = bench.with("node = 63", "group = \"right\"").expect("sound");
     assert_eq!(scene.active.len(), 16 + 1);
     assert_eq!(scene.active[0], ActiveNode { name: "A1-48".into(), node: 48, patch: vec![] });
-    // A mesh without a group of that name has a surface all the same.
+    // Every mesh has a surface, even without a group of that name.
     let surface = bench.with("node = 63", "group = \"surface\"").expect("sound");
     let all = bench.with("node = 63", "group = \"all\"").expect("sound");
     assert_eq!(surface.active, all.active);
     let scene = bench.with("node = 63", "group = \"all\"").expect("sound");
-    // 64 nodes less 16 fixed ones less the 8 inside.
+    // 64 nodes minus 16 fixed nodes minus 8 inner nodes.
     assert_eq!(scene.active.len(), 40 + 1);
     let single = SCENE.replacen("[[active]]", "[active]", 1).replacen("[[active]]\nname = \"A2\"", "", 1);
     let single = single.replacen("nearest = [0.31, 0.1, 0.1]", "", 1);
@@ -127,7 +127,7 @@ fn a_body_that_nothing_holds_is_refused_and_oddities_are_told() {
     let wide = warning_of("radius_m = 0.05", "radius_m = 0.6");
     assert!(wide.contains("radius 0.6 m is larger than the body, 0.520 m across"), "{wide}");
 
-    // A second cube 1 m beside the first.
+    // A second cube at a distance of 1 m from the first.
     let (first, mut tets) = (cube(3, 30.0), cube(3, 30.0).tets);
     let mut nodes = first.nodes_m.clone();
     nodes.extend(first.nodes_m.iter().map(|x| [x[0] + 100.0, x[1], x[2]]));
@@ -138,7 +138,7 @@ fn a_body_that_nothing_holds_is_refused_and_oddities_are_told() {
     let held = warning_of("group = \"left\"", "nodes = [0, 1, 4, 64, 65, 68]");
     assert!(held.contains("2 separate pieces"), "{held}");
 
-    // Two tets that share an edge only.
+    // Two tets that share only an edge.
     let mut hinge = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     hinge.extend([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]);
     let hinge = TetMesh::new(hinge, vec![[0, 1, 2, 3], [0, 1, 4, 5]]).expect("sound");
