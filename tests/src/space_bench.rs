@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicBool;
 
 use palpate_precompute::fem::solve::Problem;
 use palpate_precompute::space::{
-    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop,
-    still_to_solve, with_threads,
+    Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop, state,
+    with_threads,
 };
 use palpate_precompute::spec::{DisplacementBound, Lattice, Sampling, SpaceGrid};
 
@@ -89,6 +89,6 @@ impl SpaceBench {
 
     /// Number of configurations that are not solved yet.
     pub fn still_to_solve(&self, store: &Store) -> usize {
-        still_to_solve(store, 0).expect("records")
+        state(store, 0).expect("records").open
     }
 }

@@ -10,7 +10,7 @@ use palpate_precompute::adaptive::{PASSES, Verdict};
 use palpate_precompute::certificate::{MethodCertificate, SpaceCertificate, answers, certify};
 use palpate_precompute::held_out::{Draw, HeldOut};
 use palpate_precompute::pack::{PackOptions, pack};
-use palpate_precompute::space::{ExpansionError, Kind, Plans, SpacePlan, Store, planned, with_threads};
+use palpate_precompute::space::{ExpansionError, Kind, Store, state, with_threads};
 use palpate_precompute::spec::{Sampling, Scattered, Tolerance};
 use palpate_tests::space_bench::SpaceBench;
 
@@ -37,9 +37,8 @@ fn bench() -> SpaceBench {
 fn small_displacements_are_stored_as_a_linear_body() {
     let (mut bench, folder) = (bench(), tempfile::tempdir().expect("a folder for the stores"));
     let verdict = |store: &Store| {
-        let (plan, _) = Plans::of(store).expect("plans").replayed(0, &store.attempts(0).expect("records"));
-        let SpacePlan::Scattered(plan) = plan else { panic!("not scattered") };
-        (plan.verdict(), plan.search().expect("a search").linear())
+        let fit = state(store, 0).expect("readable").fit.expect("scattered");
+        (fit.verdict, fit.linear)
     };
     let (far, _) = bench.solve(&folder.path().join("far.space"), 2);
     let (ended, suits) = verdict(&far);
@@ -154,9 +153,8 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     let torn = Store::open(&path).expect("the store opens");
     assert_eq!(bits(&one), bits(&torn));
 
-    let (plan, open) = Plans::of(&one).expect("plans").replayed(0, &one.attempts(0).expect("records"));
-    let SpacePlan::Scattered(plan) = plan else { panic!("not scattered") };
-    assert_eq!((plan.verdict(), open), (Some(Verdict::Passed), 0));
+    let ended = state(&one, 0).expect("readable");
+    assert_eq!((ended.fit.expect("scattered").verdict, ended.open), (Some(Verdict::Passed), 0));
 
     // Held-out truth, and the errors of the blob at its positions.
     let draw = Draw { uniform: 60, random: 0, regular_m: None, ..Draw::PAPER };
@@ -203,9 +201,8 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
 /// Compares force and stiffness of the blob with the offline fit within the tool's reach. A fit has a small
 /// residual force at rest.
 fn kernel_is_the_fit(store: &Store, organ: &Organ<'_>) {
-    let plan = planned(store, 0).expect("readable").expect("scattered");
-    let (search, space) = (plan.search().expect("the search has run"), &organ.spaces[0]);
-    let (fit, rest) = (search.fit(), search.fit().force_n([0.0; 3]));
+    let (search, space) = (state(store, 0).expect("readable").fit.expect("scattered"), &organ.spaces[0]);
+    let (fit, rest) = (&search.fit, search.fit.force_n([0.0; 3]));
     let (mut compared, mut worst_n) = (0, 0.0_f64);
     for at in search.places(600) {
         let at = at.map(|x| x as f32);

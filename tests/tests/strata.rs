@@ -81,7 +81,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
 }
 
 /// The strata of `palpate-precompute`, lowest first.
-const PRECOMPUTE: [&str; 38] = [
+const PRECOMPUTE: [&str; 40] = [
     "error",
     "files",
     "num",
@@ -105,6 +105,8 @@ const PRECOMPUTE: [&str; 38] = [
     "space::record",
     "space::walk",
     "space::samples",
+    "space::fallback",
+    "space::state",
     "space::plan",
     "space::job",
     "space::store",

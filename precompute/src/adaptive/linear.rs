@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::resample::Resampled;
-use super::{PASSES, Search};
+use super::{AdaptiveFit, PASSES, Verdict};
 use crate::fit::{KernelFit, Sample};
 use crate::num::vector::{difference, norm};
 use crate::spec::{Domain, SpaceGrid};
@@ -21,8 +21,6 @@ pub(super) struct Linear {
     suits: LinearSuits,
     /// A test failed, or something was not solved, or left its branch.
     ruled_out: bool,
-    /// It passed its tests, and the fit agrees.
-    is_enough: bool,
 }
 
 /// How well the linear body predicts.
@@ -38,7 +36,7 @@ pub struct LinearSuits {
 
 impl Linear {
     pub(super) fn new(stiffness_n_m: Matrix3<f64>) -> Self {
-        Self { stiffness_n_m, suits: LinearSuits::default(), ruled_out: false, is_enough: false }
+        Self { stiffness_n_m, suits: LinearSuits::default(), ruled_out: false }
     }
 
     /// h, N.
@@ -68,41 +66,43 @@ impl Linear {
     pub(super) fn is_enough(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
         let share = |(at, force_n, tolerance_n)| norm(difference(self.force_n(at), force_n)) / tolerance_n;
         self.suits.from_fit = fit.map(share).fold(0.0, f64::max);
-        self.is_enough = self.suits.from_fit <= 1.0;
-        self.ruled_out |= !self.is_enough;
-        self.is_enough
+        let is_enough = self.suits.from_fit <= 1.0;
+        self.ruled_out |= !is_enough;
+        is_enough
     }
 
     /// How it stands, tests and the worst of them.
     pub(super) fn suits(&self) -> LinearSuits {
         self.suits
     }
+}
 
-    /// The table that holds it in the fewest bytes, once it is enough: a quintic through the derivatives of a quadratic is that quadratic, and so is a tri-linear
-    /// force, whatever the cell. So the cells are as wide as the ball.
-    pub(super) fn table(&self, search: &Search, radius_m: f64) -> Option<Resampled> {
-        if !self.is_enough {
-            return None;
-        }
-        let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
-        let quadratic = KernelFit::new(radius_m, self.stiffness_n_m);
-        let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
-        points.sort_unstable();
-        let sample = |&index: &_| {
-            let jet = quadratic.jet(grid.displacement_m(index));
-            let terminating = norm(jet.force_n) > search.wanted().max_force_n;
-            Sample { index, attempt: 0, jet, terminating, inverted: false }
-        };
-        let samples = points.iter().map(sample).collect();
-        let derivatives =
-            points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
-        Some(Resampled { grid, samples, derivatives, added: 0.0 })
+/// The table of the linear body in the fewest bytes, if the search ended with it; `radius_m` is how far it is to reach.
+///
+/// A quintic through the derivatives of a quadratic is that quadratic, and so is a tri-linear force, whatever the
+/// cell. So the cells are as wide as the ball.
+pub(super) fn table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
+    if search.verdict != Some(Verdict::Linear) {
+        return None;
     }
+    let grid = SpaceGrid::new(radius_m, radius_m).ok()?;
+    let quadratic = KernelFit::new(radius_m, search.jets.first()?.stiffness_n_m);
+    let mut points: Vec<_> = Domain::new(&grid, true).points().collect();
+    points.sort_unstable();
+    let sample = |&index: &_| {
+        let jet = quadratic.jet(grid.displacement_m(index));
+        let terminating = norm(jet.force_n) > search.wanted.max_force_n;
+        Sample { index, attempt: 0, jet, terminating, inverted: false }
+    };
+    let samples = points.iter().map(sample).collect();
+    let derivatives =
+        points.iter().map(|&index| (index, quadratic.derivatives(grid.displacement_m(index)))).collect();
+    Some(Resampled { grid, samples, derivatives, added: 0.0 })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Found, Step, Verdict, resample};
+    use super::super::{Found, Search, Step, resample};
     use super::*;
     use crate::fit::made_up::jet;
     use crate::spec::{Tolerance, Wanted};
@@ -110,7 +110,7 @@ mod tests {
 
     const RADIUS_M: f64 = 0.002;
 
-    fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> Found) -> (Search, Verdict, usize) {
+    fn searched(radius_m: f64, found: impl Fn([f64; 3]) -> Found) -> (AdaptiveFit, usize) {
         let tolerance = Tolerance::CANNOT_BE_FELT;
         let wanted =
             Wanted { tolerance, radius_m, max_force_n: 8.0, push: None, workspace_m: None, most: 100 };
@@ -118,7 +118,7 @@ mod tests {
         let mut solves = 1;
         loop {
             match search.step() {
-                Step::Done(verdict) => return (search, verdict, solves),
+                Step::Done(verdict) => return (search.fitted(Some(verdict)), solves),
                 Step::Solve(targets) => {
                     solves += targets.len();
                     let all: Vec<Found> =
@@ -135,14 +135,14 @@ mod tests {
 
     #[test]
     fn small_displacements_are_linear_after_ten_tests_and_large_ones_never() {
-        let (search, verdict, solves) = searched(RADIUS_M, solved);
-        println!("{:?} of {:?} after {solves}", verdict, search.linear());
-        assert_eq!((verdict, solves), (Verdict::Linear, PASSES + 1));
-        assert!(search.linear().worst <= 1.0 && search.linear().tests == PASSES);
-        let (search, verdict, _) = searched(0.04, solved);
-        assert_eq!(verdict, Verdict::Passed);
+        let (search, solves) = searched(RADIUS_M, solved);
+        println!("{:?} of {:?} after {solves}", search.verdict, search.linear);
+        assert_eq!((search.verdict, solves), (Some(Verdict::Linear), PASSES + 1));
+        assert!(search.linear.worst <= 1.0 && search.linear.tests == PASSES);
+        let (search, _) = searched(0.04, solved);
+        assert_eq!(search.verdict, Some(Verdict::Passed));
         // Its ten farthest positions miss the direction in which this body is not linear; the fit knows it.
-        assert!(search.linear().worst < 1.0 && search.linear().from_fit > 1.2, "{:?}", search.linear());
+        assert!(search.linear.worst < 1.0 && search.linear.from_fit > 1.2, "{:?}", search.linear);
     }
 
     #[test]
@@ -160,19 +160,19 @@ mod tests {
                 if seen.get() == 8 { spoil(exact(at)) } else { Found::Solved(exact(at)) }
             })
         };
-        assert_eq!(planted(&Found::Solved).1, Verdict::Linear);
+        assert_eq!(planted(&Found::Solved).0.verdict, Some(Verdict::Linear));
         let off = |mut jet: crate::num::jet::EnergyJet| {
             jet.force_n[1] += 2.0 * Tolerance::CANNOT_BE_FELT.at(jet.force_n);
             Found::Solved(jet)
         };
-        for (search, verdict, _) in [planted(&off), planted(&Found::Elsewhere), planted(&|_| Found::Failed)] {
-            assert_ne!(verdict, Verdict::Linear, "{:?}", search.linear());
+        for (search, _) in [planted(&off), planted(&Found::Elsewhere), planted(&|_| Found::Failed)] {
+            assert_ne!(search.verdict, Some(Verdict::Linear), "{:?}", search.linear);
         }
     }
 
     #[test]
     fn its_table_is_one_cell_and_exact() {
-        let (search, ..) = searched(RADIUS_M, solved);
+        let (search, _) = searched(RADIUS_M, solved);
         let on = resample(&search);
         assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
         let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);

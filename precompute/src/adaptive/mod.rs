@@ -4,6 +4,7 @@
 //! says what counts as enough; the fit is [`crate::fit::KernelFit`].
 
 mod alone;
+mod fitted;
 mod linear;
 mod reach;
 mod resample;
@@ -11,6 +12,7 @@ mod search;
 mod stagnation;
 
 pub use alone::{Alone, alone, at_rest};
+pub use fitted::{AdaptiveFit, LeftOut, WithinReach};
 pub use linear::LinearSuits;
 pub use resample::{Resampled, resample};
-pub use search::{Found, LeftOut, PASSES, Search, Step, Target, Test, Verdict, WithinReach};
+pub use search::{Found, PASSES, Search, Step, Target, Test, Verdict};

@@ -6,7 +6,7 @@ use crate::num::vector::{difference, norm};
 use crate::spec::Wanted;
 
 /// Directions that are looked at.
-pub(super) const RAYS: u32 = 256;
+const RAYS: u32 = 256;
 /// Halvings of a ray's length when its reach is sought: within 1 / 500 of the radius.
 const HALVINGS: u32 = 9;
 /// Predictions may be this much beyond the limit: the rim itself is to be met from both sides.
@@ -22,6 +22,17 @@ pub(super) struct Known<'a> {
 }
 
 impl Known<'_> {
+    /// Whether a displacement is within the kernel's length of a configuration.
+    pub(super) fn is_near(&self, at: [f64; 3]) -> bool {
+        self.jets.iter().any(|jet| norm(difference(at, jet.control_m)) <= self.fit.length_m())
+    }
+
+    /// About `count` positions spread over what is within reach, other ones than those of the search.
+    pub(super) fn places(&self, count: u32) -> Vec<[f64; 3]> {
+        let rounds = count.div_ceil(RAYS * SHARES.len() as u32);
+        (0..rounds).flat_map(|round| self.candidates(1000 + round)).collect()
+    }
+
     /// Positions spread over what seems to be within reach, in a fixed order.
     ///
     /// Along each ray as far as both the fit and the Taylor series of the nearest configuration say that the force is within the

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
-use super::Search;
+use super::{AdaptiveFit, linear};
 use crate::fit::{Derivatives, Sample, hermite_nodes_known};
 use crate::num::vector::{difference, norm};
 use crate::spec::{Domain, GridIndex, SpaceGrid, UNIT_M};
@@ -37,10 +37,10 @@ pub struct Resampled {
 
 /// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
 /// ragged, the coarsest that finer ones are no better than.
-pub fn resample(search: &Search) -> Resampled {
-    let farthest = search.jets().iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
-    let radius_m = (MARGIN * farthest).min(search.wanted().radius_m).max(UNIT_M);
-    if let Some(linear) = search.linear_table(radius_m) {
+pub fn resample(search: &AdaptiveFit) -> Resampled {
+    let farthest = search.jets.iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
+    let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).max(UNIT_M);
+    if let Some(linear) = linear::table(search, radius_m) {
         return linear;
     }
     let [asked, reached] = places(search);
@@ -63,7 +63,7 @@ pub fn resample(search: &Search) -> Resampled {
 
 /// Two sets of places within reach: what a table is asked, and what says which cells it must know. Apart, so that a cell which only the
 /// second set misses counts as an error.
-fn places(search: &Search) -> [Vec<[f64; 3]>; 2] {
+fn places(search: &AdaptiveFit) -> [Vec<[f64; 3]>; 2] {
     let all = search.places(2 * PLACES);
     let of = |part: usize| all.iter().copied().skip(part).step_by(2).collect();
     [of(0), of(1)]
@@ -82,8 +82,8 @@ fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
 
 /// The fit at the points where it knows something, and at every corner of a cell that the tool can be in: a corner beyond the rim has a force far
 /// above the limit, but a quintic through anything else than the fit's own derivatives there would bend the force on this side of it.
-fn on_lattice(search: &Search, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
-    let (fit, limit_n) = (search.fit(), search.wanted().max_force_n);
+fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
+    let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
     let corners = corners_round(&grid, reached);
     let (mut samples, mut derivatives) = (Vec::new(), BTreeMap::new());
     let mut points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
@@ -112,7 +112,7 @@ fn on_lattice(search: &Search, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampl
 }
 
 /// 99th percentile of the distance of table and fit, as a share of the tolerance, over these places within reach.
-fn added(search: &Search, on: &Resampled, places: &[[f64; 3]]) -> f64 {
+fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
     let lattice = &on.grid.lattice;
     let Ok(table) = HermiteTable::new(lattice, HermitePlanes { row: &nodes.row, nodes: &nodes.nodes }) else {
@@ -122,8 +122,8 @@ fn added(search: &Search, on: &Resampled, places: &[[f64; 3]]) -> f64 {
         .iter()
         .map(|&at| {
             let found = table.energy_gradient(lattice, &lattice.locate(at.map(|x| x as f32)));
-            let exact = search.fit().force_n(at);
-            norm(difference(found.map(f64::from), exact)) / search.wanted().tolerance.at(exact)
+            let exact = search.fit.force_n(at);
+            norm(difference(found.map(f64::from), exact)) / search.wanted.tolerance.at(exact)
         })
         .collect();
     shares.sort_by(f64::total_cmp);
@@ -133,7 +133,7 @@ fn added(search: &Search, on: &Resampled, places: &[[f64; 3]]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adaptive::{Found, Step};
+    use crate::adaptive::{Found, Search, Step};
     use crate::fit::made_up::jet;
     use crate::num::jet::EnergyJet;
     use crate::spec::{Tolerance, Wanted};
@@ -152,7 +152,7 @@ mod tests {
     }
 
     /// A search to its end in a ball that is far larger than the device's force reaches.
-    fn searched() -> Search {
+    fn searched() -> AdaptiveFit {
         let wanted = Wanted {
             tolerance: Tolerance::CANNOT_BE_FELT,
             radius_m: 0.05,
@@ -162,12 +162,16 @@ mod tests {
             most: 100,
         };
         let mut search = Search::new(wanted, &steep([0.0; 3]));
-        while let Step::Solve(targets) = search.step() {
-            let found: Vec<Found> =
-                targets.iter().map(|target| Found::Solved(steep(target.displacement_m()))).collect();
-            search.take(&found);
+        loop {
+            match search.step() {
+                Step::Done(verdict) => return search.fitted(Some(verdict)),
+                Step::Solve(targets) => {
+                    let found: Vec<Found> =
+                        targets.iter().map(|target| Found::Solved(steep(target.displacement_m()))).collect();
+                    search.take(&found);
+                }
+            }
         }
-        search
     }
 
     #[test]

@@ -16,15 +16,16 @@
 //! stored: the cheapest model within tolerance wins.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::Resampled;
-use super::linear::{Linear, LinearSuits};
-use super::reach::{Known, RAYS};
+use super::fitted::{AdaptiveFit, LeftOut};
+use super::linear::Linear;
+use super::reach::Known;
 use super::stagnation::is_stalled;
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
-use crate::spec::{GridIndex, Wanted, Workspace, displacement_m, is_within, nearest_index};
+use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
 
 /// Positions of a batch, at most; and predictions in a row that must be within tolerance where all left-out configurations are.
 const BATCH: usize = 4;
@@ -43,9 +44,6 @@ const TOO_FAR: f64 = 1.15;
 
 /// Places where the linear body is held against the fit.
 const PLACES: u32 = 600;
-
-/// Where the fit says that the force is beyond this many times the limit it is.
-const REACH_MARGIN: f64 = 1.3;
 
 /// A position to be solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -77,7 +75,7 @@ pub enum Found {
 }
 
 /// A prediction and what was true.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Test {
     /// Where, in units of [`crate::spec::UNIT_M`].
     pub index: GridIndex,
@@ -89,19 +87,8 @@ pub struct Test {
     pub within: bool,
 }
 
-/// Every configuration but rest, as the fit of all the others would say it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOut {
-    /// How many.
-    pub configurations: usize,
-    /// Of these, beyond the tolerance.
-    pub beyond: usize,
-    /// The largest of the errors, by the tolerance there.
-    pub worst: f64,
-}
-
 /// How a search ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Verdict {
     /// All predictions of the linear body, ten or more, were within tolerance: nothing else is needed.
     Linear,
@@ -207,42 +194,33 @@ impl Search {
         &self.wanted
     }
 
-    /// Whether the fit has something to say there: within its length of a configuration, and not far beyond the limit.
-    pub fn knows(&self, at: [f64; 3]) -> bool {
-        let near = |jet: &EnergyJet| norm(difference(at, jet.control_m)) <= self.fit().length_m();
-        self.jets.iter().any(near) && norm(self.fit().force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
+    /// The fit and what is known of it, once the search ended with `verdict`; without one, as far as it is.
+    pub fn fitted(&self, verdict: Option<Verdict>) -> AdaptiveFit {
+        let Candidate { fit, left_out } = &self.fits[self.chosen];
+        AdaptiveFit {
+            wanted: self.wanted,
+            verdict,
+            jets: self.jets.clone(),
+            fit: fit.as_it_is(),
+            tests: self.tests.clone(),
+            left_out: left_out.clone(),
+            deviation: self.deviation,
+            linear: self.linear.suits(),
+            condition: fit.condition(),
+        }
     }
 
-    /// Positions spread over what is within reach, about so many.
-    pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
-        let known = Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets };
-        (0..)
-            .map(|round| known.candidates(1000 + round))
-            .take(count.div_ceil(RAYS * 3) as usize)
-            .flatten()
-            .collect()
-    }
-
-    /// Where the tool may get, for truth that is to be fresh.
-    pub fn within_reach(&self) -> WithinReach {
-        let Wanted { max_force_n, push, workspace_m, .. } = self.wanted;
-        WithinReach { fit: self.fit().as_it_is(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
+    fn known(&self) -> Known<'_> {
+        Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets }
     }
 
     /// Predictions within tolerance since the last that was not, of those that count.
     pub fn passes(&self) -> usize {
-        let counted = self.tests.iter().rev().filter(|test| test.within);
-        counted.take_while(|test| test.error_n <= test.tolerance_n).count()
+        passes(&self.tests)
     }
 
-    /// How well the fit of all the others says each configuration.
-    pub fn left_out(&self) -> LeftOut {
-        let shares = &self.fits[self.chosen].left_out;
-        LeftOut {
-            configurations: shares.len(),
-            beyond: shares.iter().filter(|share| share.is_nan() || **share > 1.0).count(),
-            worst: shares.iter().copied().fold(0.0, f64::max),
-        }
+    fn left_out(&self) -> LeftOut {
+        LeftOut::of(&self.fits[self.chosen].left_out)
     }
 
     /// Predictions that would end it, if all are within tolerance.
@@ -264,32 +242,12 @@ impl Search {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
         let is_between = (BATCH..PASSES).contains(&passes) && configurations >= PASSES;
         (is_between && (1..=configurations / ONE_IN).contains(&beyond)).then(|| {
-            let places = self.places(PLACES);
+            let places = self.known().places(PLACES);
             let deviations = self.fit().deviation_n(&places).into_iter();
             let by_tolerance =
                 |(n, &at): (f64, &[f64; 3])| n / self.wanted.tolerance.at(self.fit().force_n(at));
             deviations.zip(&places).map(by_tolerance).fold(0.0, f64::max)
         })
-    }
-
-    /// The largest deviation of the fit's force by the tolerance there, over places within reach; none where the stop did not ask.
-    pub fn deviation(&self) -> Option<f64> {
-        self.deviation
-    }
-
-    /// All predictions so far.
-    pub fn tests(&self) -> &[Test] {
-        &self.tests
-    }
-
-    /// How well the linear body predicts.
-    pub fn linear(&self) -> LinearSuits {
-        self.linear.suits()
-    }
-
-    /// The table of the linear body, if it is enough; `radius_m` is how far the table is to reach.
-    pub(super) fn linear_table(&self, radius_m: f64) -> Option<Resampled> {
-        self.linear.table(self, radius_m)
     }
 
     /// The fit that predicts.
@@ -319,7 +277,7 @@ impl Search {
     }
 
     fn linear_is_enough(&mut self) -> bool {
-        let places = self.places(PLACES);
+        let places = self.known().places(PLACES);
         let (fit, tolerance) = (&self.fits[self.chosen].fit, self.wanted.tolerance);
         let said = places.into_iter().map(|at| {
             let force_n = fit.force_n(at);
@@ -333,8 +291,7 @@ impl Search {
         for (at, parent) in std::mem::take(&mut self.pulled_back) {
             self.aim(at, parent);
         }
-        let known = Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets };
-        let candidates = known.candidates(self.round);
+        let candidates = self.known().candidates(self.round);
         self.round += 1;
         let distance =
             |a: [f64; 3], b: [f64; 3]| (self.metric * Vector3::from(difference(a, b))).norm_squared();
@@ -435,26 +392,10 @@ impl Search {
     }
 }
 
-/// Where the tool may get: not where the force is far beyond the limit, nor on the wrong side. The fit's word has a wide margin. It is all
-/// that is kept of a search, which would be tens of megabytes for every node of an organ.
-#[derive(Debug, Clone)]
-pub struct WithinReach {
-    fit: KernelFit,
-    limit_n: f64,
-    push: Option<[f64; 3]>,
-    workspace_m: Option<Workspace>,
-}
-
-impl WithinReach {
-    /// Whether the tool may get there.
-    pub fn has(&self, at: [f64; 3]) -> bool {
-        if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
-            return false;
-        }
-        let force = self.fit.force_n(at);
-        let along = |normal: [f64; 3]| force.iter().zip(normal).map(|(h, n)| h * n).sum::<f64>();
-        norm(force) <= self.limit_n && self.push.is_none_or(|n| along(n) <= 0.0)
-    }
+/// Predictions within tolerance since the last that was not, of those that count.
+pub(super) fn passes(tests: &[Test]) -> usize {
+    let counted = tests.iter().rev().filter(|test| test.within);
+    counted.take_while(|test| test.error_n <= test.tolerance_n).count()
 }
 
 #[cfg(test)]

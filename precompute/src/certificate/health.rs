@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::errors::NOT_FELT_N;
 use super::{Cost, MethodCertificate, TwoSolutions};
-use crate::adaptive::{Search, Verdict as LoopVerdict};
+use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
 use crate::space::Record;
 
 /// What to make of a space.
@@ -114,8 +114,8 @@ pub(super) struct Findings<'f> {
     pub(super) folded_volume: f64,
     pub(super) two_solutions: TwoSolutions,
     pub(super) methods: &'f [MethodCertificate],
-    /// The blind loop and how it ended, if the positions are scattered.
-    pub(super) search: Option<(&'f Search, Option<LoopVerdict>)>,
+    /// The fit of adaptive sampling, if the positions are scattered.
+    pub(super) fit: Option<&'f AdaptiveFit>,
 }
 
 impl Health {
@@ -131,11 +131,11 @@ impl Health {
             unstable: count(&|r| r.unstable_modes.unwrap_or(0) > 0),
             switched: count(&|r| r.switched),
             residual_n: reachable.iter().map(|r| r.residual_n).fold(0.0, |a, b| if b <= a { a } else { b }),
-            condition: found.search.map(|(search, _)| search.fit().condition()),
+            condition: found.fit.map(|fit| fit.condition),
             loop_passed: found
-                .search
-                .map(|(_, verdict)| matches!(verdict, Some(LoopVerdict::Passed | LoopVerdict::Linear))),
-            loop_stalled: found.search.is_some_and(|(_, verdict)| verdict == Some(LoopVerdict::Stalled)),
+                .fit
+                .map(|fit| matches!(fit.verdict, Some(LoopVerdict::Passed | LoopVerdict::Linear))),
+            loop_stalled: found.fit.is_some_and(|fit| fit.verdict == Some(LoopVerdict::Stalled)),
             ..Self::default()
         };
         health.reasons = health.judged(found);
@@ -304,7 +304,7 @@ mod tests {
                 folded_volume: 0.0,
                 two_solutions,
                 methods,
-                search: None,
+                fit: None,
             };
             change(&mut found);
             let reasons = health.judged(&found);

@@ -24,11 +24,15 @@ use palpate_core::{ConfigTag, Coverage, Method, Organ, Space};
 use serde::{Deserialize, Serialize};
 
 use health::Findings;
+use probes::Probing;
 
-use crate::adaptive::{LinearSuits, Verdict as LoopVerdict};
+use crate::adaptive::{AdaptiveFit, LinearSuits, Verdict as LoopVerdict};
 use crate::held_out::{Summary, is_on_training_lattice};
-use crate::space::{Kind, Record, Store, StoreError, Walk, folds, planned, samples};
+use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, folds, samples, state};
 use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
+
+/// More active nodes than this are certified together: bounds and maxima are of all of them, from fewer samples of each.
+pub const FEW: usize = 8;
 
 /// Everything that was measured of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -223,6 +227,7 @@ fn answered(space: &Space<'_>, method: Method, truths: &[Truth]) -> Vec<Answer> 
 pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreError> {
     let identity = store.identity()?;
     let sampling = &identity.sampling;
+    let probing = Probing::of(organ.spaces.len());
     let mut spaces = Vec::new();
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
@@ -232,10 +237,11 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let (samples, mut folded) = sampling.lattice().map_or_else(Default::default, |lattice| {
             (samples(&lattice.grid, &records), folds(&lattice.grid, &records))
         });
-        let scattered = sampling.scattered().map(|_| planned(store, active)).transpose()?.flatten();
-        let lattice = scattered.as_ref().and_then(|plan| plan.switched());
-        if let Some(lattice) = lattice {
-            folded = folds(lattice.grid(), &lattice.records(&records));
+        let state = sampling.scattered().map(|_| state(store, active)).transpose()?;
+        let fallback = state.as_ref().and_then(SpaceState::fallback);
+        let fit = state.and_then(|state| state.fit);
+        if let Some(lattice) = &fallback {
+            folded = folds(&lattice.grid, &lattice.records(&records));
         }
         let methods = Method::ALL.into_iter().filter(|&method| space.has(method));
         let displacement = space.displacement().as_ref().map(|table| {
@@ -247,18 +253,21 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let tolerance = sampling.scattered().map(|scattered| scattered.tolerance);
         let tolerance = tolerance.filter(|tolerance| *tolerance != Tolerance::CANNOT_BE_FELT);
         let methods: Vec<MethodCertificate> =
-            methods.map(|method| measure(space, method, &truths, tolerance)).collect();
+            methods.map(|method| measure(space, method, &truths, tolerance, probing)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
-        let search = scattered.as_ref().and_then(|plan| Some((plan.search()?, plan.verdict())));
         // What a workspace or pushing alone keeps the tool from is nothing to be judged.
-        let kept_in = search
-            .filter(|(search, _)| search.wanted().is_kept_in())
-            .map(|(search, _)| search.within_reach());
+        let kept_in = fit.as_ref().filter(|fit| fit.wanted.is_kept_in()).map(AdaptiveFit::within_reach);
         let in_reach = |at: [f32; 3]| kept_in.as_ref().is_none_or(|reach| reach.has(at.map(f64::from)));
         let folded_volume = probes::share_of_part(space, in_reach, |at| is_folded(space, at));
         let fold_pairs = folded.len();
-        let findings =
-            Findings { cost: &cost, fold_pairs, folded_volume, two_solutions, methods: &methods, search };
+        let findings = Findings {
+            cost: &cost,
+            fold_pairs,
+            folded_volume,
+            two_solutions,
+            methods: &methods,
+            fit: fit.as_ref(),
+        };
         spaces.push(SpaceCertificate {
             health: Some(Health::of(&records, &findings)),
             cost,
@@ -268,10 +277,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
             methods,
             displacement: displacement.transpose()?,
             ledger: None,
-            linear: search
-                .filter(|(_, verdict)| *verdict == Some(LoopVerdict::Linear))
-                .map(|(search, _)| search.linear()),
-            switched_to_spacing_m: lattice.map(|lattice| lattice.grid().spacing_m),
+            linear: fit.filter(|fit| fit.verdict == Some(LoopVerdict::Linear)).map(|fit| fit.linear),
+            switched_to_spacing_m: fallback.map(|lattice| lattice.grid.spacing_m),
             active: name,
             node,
         });
@@ -369,6 +376,7 @@ fn measure(
     method: Method,
     truths: &[Truth],
     tolerance: Option<Tolerance>,
+    probing: Probing,
 ) -> MethodCertificate {
     let answers = answered(space, method, truths);
     let errors = |chosen: &dyn Fn(&Answer) -> bool| {
@@ -381,6 +389,7 @@ fn measure(
     let ring =
         |from: f64, to: f64| errors(&|at| clear(at, Kind::Uniform) && share(at) > from && share(at) <= to);
     let uniform = errors(&|at| clear(at, Kind::Uniform));
+    let visited: Vec<[f32; 3]> = truths.iter().map(|truth| truth.displacement_m).collect();
     MethodCertificate {
         method: method.name().into(),
         by_radius: [ring(-1.0, 0.5), ring(0.5, 0.75), ring(0.75, 2.0)],
@@ -394,6 +403,6 @@ fn measure(
         regular: errors(&|at| clear(at, Kind::Regular)),
         random: errors(&|at| clear(at, Kind::Random)),
         paths_folded: errors(&|at| at.folded && at.walk.kind != Kind::Uniform),
-        probe: probes::probe(space, method, &truths.iter().map(|t| t.displacement_m).collect::<Vec<_>>()),
+        probe: probes::probe(space, method, &visited, probing),
     }
 }

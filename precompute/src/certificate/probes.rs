@@ -6,7 +6,7 @@ use std::time::Instant;
 use palpate_core::{Method, Space, vec3};
 use serde::{Deserialize, Serialize};
 
-use super::{is_folded, reference};
+use super::{FEW, is_folded, reference};
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -36,21 +36,47 @@ pub struct Work {
     pub max: f64,
 }
 
+/// Circles and crossings of seams in each space; of many spaces, that many for every [`FEW`] of them.
 const CIRCLES: u32 = 200;
 const STEPS: u32 = 720;
 const CROSSINGS: u32 = 20_000;
+/// Points that say which share of the ball has a property.
+const VOLUME_POINTS: u32 = 20_000;
 const QUERIES: usize = 4_000;
 const REPEATS: usize = 15;
 
+/// How much is probed in each space.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Probing {
+    circles: u32,
+    crossings: u32,
+}
+
+impl Probing {
+    /// Of a blob with so many spaces: what is a maximum over many of them needs fewer samples in each.
+    pub(super) fn of(spaces: usize) -> Self {
+        let shared = |samples: u32, at_least: u32| {
+            let share = samples as usize * FEW / spaces.max(FEW);
+            (share as u32).max(at_least)
+        };
+        Self { circles: shared(CIRCLES, 20), crossings: shared(CROSSINGS, 1_000) }
+    }
+}
+
 /// Asks all of it. Time is measured at `visited`, or where there is nothing of that, at points of the ball.
-pub(super) fn probe(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> Probe {
-    let (work, work_folded) = work(space, method);
+pub(super) fn probe(
+    space: &Space<'_>,
+    method: Method,
+    visited: &[[f32; 3]],
+    Probing { circles, crossings }: Probing,
+) -> Probe {
+    let (work, work_folded) = work(space, method, circles);
     let points: Vec<[f32; 3]> = (0..QUERIES as u32).map(|n| in_ball(space, n)).collect();
     let rounding_n = points.iter().map(|&at| rounding_n(space, method, at)).fold(0.0, f64::max);
     Probe {
         work,
         work_folded,
-        seam_n: seam_n(space, method),
+        seam_n: seam_n(space, method, crossings),
         rounding_n,
         rounding_bound_n: 2.0 * rounding_n,
         nanoseconds: nanoseconds(space, method, visited),
@@ -68,7 +94,8 @@ pub(super) fn share_of_part(
     part: impl Fn([f32; 3]) -> bool,
     is: impl Fn([f32; 3]) -> bool,
 ) -> f64 {
-    let inside: Vec<[f32; 3]> = (0..CROSSINGS).map(|n| in_ball(space, n)).filter(|&at| part(at)).collect();
+    let inside: Vec<[f32; 3]> =
+        (0..VOLUME_POINTS).map(|n| in_ball(space, n)).filter(|&at| part(at)).collect();
     let hits = inside.iter().filter(|&&at| is(at)).count();
     hits as f64 / inside.len().max(1) as f64
 }
@@ -102,10 +129,10 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// Circles anywhere inside the ball: away from folds, and touching them.
-fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
+fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
     let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
-    for n in 0..CIRCLES {
+    for n in 0..circles {
         let ([share, z, angle], [az, aturn, _]) = (spread(n, 0.0), spread(n, 0.5));
         let centre = direction(2.0 * z - 1.0, angle).map(|x| 0.74 * radius_m * share.cbrt() * x);
         let axis = direction(2.0 * az - 1.0, aturn);
@@ -141,11 +168,11 @@ fn work(space: &Space<'_>, method: Method) -> (Work, Work) {
 }
 
 /// Just this side and just the other side of a face, the rim, or a ray through a face at the rim: what the slopes on both sides do not account for.
-fn seam_n(space: &Space<'_>, method: Method) -> f64 {
+fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
     let (spacing_m, radius_m) = (space.lattice().spacing_m(), space.lattice().radius_m());
     // Rows of thousands of centres have no faces to cross, and time is dear.
     let crossings =
-        if matches!(method, Method::RbfLinear | Method::RbfCubic) { CROSSINGS / 100 } else { CROSSINGS };
+        if matches!(method, Method::RbfLinear | Method::RbfCubic) { crossings / 100 } else { crossings };
     let mut worst = 0.0f64;
     for n in 0..crossings {
         let mut at = in_ball(space, n);
@@ -224,4 +251,23 @@ pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f
         .collect();
     times.sort_by(f64::total_cmp);
     times[REPEATS / 2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_spaces_share_the_probes_and_few_have_all_of_them() {
+        for few in [1, FEW] {
+            let Probing { circles, crossings } = Probing::of(few);
+            assert_eq!((circles, crossings), (CIRCLES, CROSSINGS), "{few}");
+        }
+        for many in [FEW + 1, 40, 297, 512] {
+            let Probing { circles, crossings } = Probing::of(many);
+            assert!(circles < CIRCLES && crossings < CROSSINGS, "{many}");
+            let all = [(circles, CIRCLES), (crossings, CROSSINGS)];
+            assert!(all.iter().all(|(each, of)| *each as usize * many + many > FEW * *of as usize), "{many}");
+        }
+    }
 }

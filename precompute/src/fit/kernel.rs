@@ -119,6 +119,18 @@ impl KernelFit {
         }
     }
 
+    /// A fit that was made before: the kernel's length l, m, the stiffness at rest, N/m, and of each configuration its
+    /// displacement, m, and the weights of its data, J ([`Self::weights`]). It answers alike and takes nothing in.
+    pub fn of_weights(
+        length_m: f64,
+        rest_stiffness_n_m: Matrix3<f64>,
+        configurations: impl IntoIterator<Item = ([f64; 3], [f64; 20])>,
+    ) -> Self {
+        let in_lengths = |(at, weights): ([f64; 3], _)| (at.map(|x| x / length_m), weights);
+        let (centres, weights) = configurations.into_iter().map(in_lengths).unzip();
+        Self { centres, weights, ..Self::new(length_m, rest_stiffness_n_m) }
+    }
+
     /// The kernel's length l, m.
     pub fn length_m(&self) -> f64 {
         self.length_m
@@ -132,6 +144,11 @@ impl KernelFit {
     /// Displacements in lengths, and the weights of their Gaussian's derivatives in the order of [`DATA`], J.
     pub(super) fn centres(&self) -> impl Iterator<Item = (&[f64; 3], &[f64; 20])> {
         self.centres.iter().zip(&self.weights)
+    }
+
+    /// The weights of the data of each configuration, in the order W, h, S and W_ijk, J.
+    pub fn weights(&self) -> &[[f64; 20]] {
+        &self.weights
     }
 
     /// Configurations in it.

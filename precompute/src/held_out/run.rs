@@ -12,9 +12,9 @@ use palpate_core::ConfigTag;
 
 use super::Draw;
 use super::positions::{random_path, regular_directions, regular_path, uniform_position};
-use crate::adaptive::{Search, WithinReach};
+use crate::adaptive::{AdaptiveFit, WithinReach};
 use crate::space::crew::Shift;
-use crate::space::{Crew, CrewError, Done, Kind, Plans, SpacePlan, Store, StoreError, Walk, WalkJob, Work};
+use crate::space::{Crew, CrewError, Done, Kind, Store, StoreError, Walk, WalkJob, Work, state};
 use crate::spec::{GridIndex, Sampling};
 
 /// The truth to solve.
@@ -132,7 +132,6 @@ impl HeldOut {
             done: BTreeMap::new(),
             state: HeldOutProgress::default(),
         };
-        let plans = Plans::of(store)?;
         let mut uniform = Vec::new();
         let mut queue = VecDeque::new();
         for (active, name) in &self.actives {
@@ -143,7 +142,7 @@ impl HeldOut {
                 self.paths(*active).filter(|walk| !run.done.contains_key(walk)).map(|walk| (walk, None)),
             );
             if self.draw.uniform > 0 {
-                uniform.push(Uniform::of(store, &plans, *active, name)?);
+                uniform.push(Uniform::of(store, *active, name)?);
             }
         }
         let paths =
@@ -295,17 +294,13 @@ struct Uniform {
 
 impl Uniform {
     /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
-    fn of(store: &Store, plans: &Plans, active: usize, name: &str) -> Result<Self, HeldOutError> {
-        // Once: to walk a search again takes as long as its fits.
-        let (plan, open) = plans.replayed(active, &store.attempts(active)?);
-        let within = match plan {
-            SpacePlan::Scattered(plan) => plan.search().map(Search::within_reach),
-            SpacePlan::Lattice(_) => None,
-        };
+    fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
+        let state = state(store, active)?;
+        let within = state.fit.as_ref().map(AdaptiveFit::within_reach);
         let records = store.records(active)?;
         let reachable = records.iter().filter(|r| r.tag == ConfigTag::Expandable);
         let reachable: BTreeMap<GridIndex, u32> = reachable.map(|r| (r.index, r.attempt)).collect();
-        if open > 0 {
+        if state.open > 0 {
             return Err(HeldOutError::NoSpace(name.into()));
         }
         if reachable.len() < 2 {

@@ -15,7 +15,7 @@ use crate::fit::{
     Derivatives, DisplacementFault, DisplacementFit, Fold, HermiteNodes, KernelPlanes, Moved, Sample,
     ScatteredMotion, fit_displacement, hermite_nodes, hermite_nodes_known,
 };
-use crate::space::{Record, Store, SurfaceMotion, folds, planned, samples};
+use crate::space::{Record, Store, SurfaceMotion, folds, samples, state};
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid, displacement_m};
 
 /// A space that is packed.
@@ -130,20 +130,20 @@ impl Fitter<'_> {
         match &self.sampling {
             Sampling::Lattice(Lattice { grid, .. }) => Ok(Known::solved(grid, &chosen.records, 1)),
             Sampling::Scattered(_) => {
-                let plan = planned(store, chosen.active)?.ok_or(PackError::Empty)?;
-                if let Some(lattice) = plan.switched() {
+                let state = state(store, chosen.active)?;
+                if let Some(lattice) = state.fallback() {
                     let records = lattice.records(&chosen.records);
-                    return Ok(Known::solved(lattice.grid(), &records, lattice.spacing()));
+                    return Ok(Known::solved(&lattice.grid, &records, lattice.spacing));
                 }
-                let search = plan.search().ok_or(PackError::Empty)?;
-                let Resampled { grid, samples, derivatives, .. } = resample(search);
-                let is_linear = plan.verdict() == Some(Verdict::Linear);
+                let fit = state.fit.ok_or(PackError::Empty)?;
+                let Resampled { grid, samples, derivatives, .. } = resample(&fit);
+                let is_linear = fit.verdict == Some(Verdict::Linear);
                 let wanted = self.methods.contains(&Method::Kernel);
                 let kernel = wanted.then(|| {
-                    KernelPlanes::new(search.fit(), f64::from(grid.radius_m as f32), |at| search.knows(at))
+                    KernelPlanes::new(&fit.fit, f64::from(grid.radius_m as f32), |at| fit.knows(at))
                 });
                 let kernel = kernel.flatten();
-                let length_m = search.fit().length_m();
+                let length_m = fit.fit.length_m();
                 let said = Said { derivatives, length_m, is_linear, kernel };
                 Ok(Known { grid, samples, folds: Vec::new(), said: Some(said), step: 1 })
             }

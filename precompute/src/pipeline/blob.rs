@@ -6,16 +6,16 @@ use std::sync::atomic::Ordering;
 use palpate_core::{AlignedBytes, Method, Organ};
 
 use super::{Analysis, PipelineError, Run, Unfinished};
-use crate::certificate::{Certificate, Effort, certify, clear_positions, ledger};
+use crate::certificate::{Certificate, Effort, FEW, certify, clear_positions, ledger};
 use crate::held_out::{Draw, HeldOutProgress, Summary};
 use crate::pack::{PackOptions, Packed, pack};
-use crate::space::{Kind, Store, still_to_solve};
+use crate::space::{Kind, Store, state};
 
 /// The active nodes of a space that are not finished.
 pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
     let mut unfinished = Vec::new();
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let open = still_to_solve(store, active)?;
+        let open = state(store, active)?.open;
         if open > 0 {
             unfinished.push(Unfinished { path: store.path().to_path_buf(), active: name, open });
         }
@@ -28,8 +28,6 @@ pub fn unfinished(store: &Store) -> Result<Vec<Unfinished>, PipelineError> {
 const TOGETHER: u32 = 600;
 /// Minimum number of uniform positions of one node.
 const MIN_UNIFORM: u32 = 3;
-/// Blobs with more nodes are certified for all nodes together.
-const FEW: usize = 8;
 
 /// Default number of uniform positions of a node.
 fn default_uniform(nodes: usize) -> u32 {

@@ -10,6 +10,7 @@ use super::job::{Done, Job, Work};
 use super::plan::SpacePlan;
 use super::plans::Plans;
 use super::record::Record;
+use super::state::SpaceState;
 use super::store::{Store, StoreError};
 use super::task::{TagCounts, Task};
 use crate::adaptive::PASSES;
@@ -91,6 +92,8 @@ impl From<CrewError> for ExpansionError {
 /// A space in progress.
 struct Space {
     plan: SpacePlan,
+    /// The next task, if it was looked for already.
+    ahead: Option<Task>,
     /// Outcomes of earlier runs that the plan has not asked for yet.
     known: HashMap<(GridIndex, u32), Record>,
     counted: TagCounts,
@@ -98,8 +101,45 @@ struct Space {
 }
 
 impl Space {
+    /// The space of an active node with what earlier runs solved of it.
+    fn begin(store: &Store, plans: &Plans, active: usize) -> Result<Self, ExpansionError> {
+        let known = store.attempts(active)?;
+        store.check_states(active)?;
+        let finished = store.finished(active)?.map(|state| SpacePlan::Finished(Box::new(state)));
+        let is_kept = finished.is_some();
+        let mut space = Self {
+            plan: finished.unwrap_or_else(|| plans.plan(active)),
+            ahead: None,
+            known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
+            counted: TagCounts { unknown: plans.points().unwrap_or(0), ..TagCounts::default() },
+            passed: 0,
+        };
+        space.ahead = space.next(store)?;
+        if let Some(state) = space.state().filter(|_| !is_kept) {
+            store.finish(active, &state)?;
+        }
+        Ok(space)
+    }
+
+    /// The state of the space if nothing is left to solve.
+    fn state(&self) -> Option<SpaceState> {
+        self.plan.is_done().then(|| self.plan.state(0))
+    }
+
+    /// Takes an outcome. The state of the space if that was the last one: the next task is looked for, so that both are kept together.
+    fn take(&mut self, record: &Record, store: &Store) -> Result<Option<SpaceState>, ExpansionError> {
+        self.plan.decide(record);
+        if self.ahead.is_none() {
+            self.ahead = self.next(store)?;
+        }
+        Ok(self.state())
+    }
+
     /// The next task that must be done now; those of earlier runs are answered from the store on the way.
     fn next(&mut self, store: &Store) -> Result<Option<Task>, ExpansionError> {
+        if let Some(task) = self.ahead.take() {
+            return Ok(Some(task));
+        }
         while let Some(task) = self.plan.next_task() {
             let Some(record) = self.known.remove(&(task.target, task.attempt)) else { return Ok(Some(task)) };
             if record.parent != task.parent || record.round != task.round {
@@ -199,12 +239,16 @@ impl Expansion {
                 continue;
             };
             let Done::Point(outcome) = done else { return Err(CrewError::Confused.into()) };
-            store.add(&outcome)?;
             let at = self.position_of(outcome.active as usize).unwrap_or(usize::MAX);
-            let record = &outcome.record;
-            expect_rest(record)?;
-            if let Some(space) = spaces.get_mut(&at) {
-                space.plan.decide(record);
+            let mut space = spaces.get_mut(&at);
+            let taken = match (expect_rest(&outcome.record), &mut space) {
+                (Ok(()), Some(space)) => space.take(&outcome.record, store),
+                (rest, _) => rest.map(|()| None),
+            };
+            // What was solved is kept, whatever is wrong beside it.
+            store.add(&outcome, taken.as_ref().ok().and_then(Option::as_ref))?;
+            taken?;
+            if let Some(space) = space {
                 state.solved_now += 1;
                 state.account(space);
                 progress(&state);
@@ -240,14 +284,7 @@ impl Expansion {
         if *begun < self.actives.len() && spaces.values().all(|space| !space.plan.is_done()) {
             let at = *begun;
             *begun += 1;
-            let known = store.attempts(self.actives[at])?;
-            store.check_states(self.actives[at])?;
-            let mut space = Space {
-                plan: plans.plan(self.actives[at]),
-                known: known.into_iter().map(|r| ((r.index, r.attempt), r)).collect(),
-                counted: TagCounts { unknown: plans.points().unwrap_or(0), ..TagCounts::default() },
-                passed: 0,
-            };
+            let mut space = Space::begin(store, plans, self.actives[at])?;
             let task = space.next(store)?;
             spaces.insert(at, space);
             if let Some(task) = task {

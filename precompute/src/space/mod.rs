@@ -5,6 +5,7 @@
 
 pub mod crew;
 pub mod expansion;
+mod fallback;
 mod job;
 #[cfg(test)]
 pub(crate) mod made_up;
@@ -16,6 +17,7 @@ mod planted_fold;
 mod record;
 mod salvage;
 mod samples;
+mod state;
 pub mod store;
 mod task;
 mod walk;
@@ -23,13 +25,15 @@ mod worker;
 
 pub use crew::{Crew, CrewError, Threads, with_threads};
 pub use expansion::{Expansion, ExpansionError, Progress};
+pub use fallback::FallbackLattice;
 pub use job::{Done, Job, Outcome, Work};
 pub use motion::SurfaceMotion;
-pub use plan::{Plan, ScatteredPlan, SpacePlan, Switched};
-pub use plans::{Plans, planned, still_to_solve};
+pub use plan::{Plan, ScatteredPlan, SpacePlan};
+pub use plans::{Plans, replays, state};
 pub use record::{Record, StoredSeed};
 pub use salvage::Salvaged;
 pub use samples::{folds, samples};
+pub use state::SpaceState;
 pub use store::{Store, StoreError, StoreIdentity, solver_version};
 pub use task::{TagCounts, Task};
 pub use walk::{Kind, Truth, Walk, WalkJob, WalkOutcome};

@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::plan::{Plan, ScatteredPlan, SpacePlan};
-
 use super::record::Record;
+use super::state::SpaceState;
 use super::store::{Store, StoreError};
 use crate::mesh::Surface;
 use crate::spec::{Domain, GridIndex, Sampling, SpaceGrid, Wanted};
@@ -62,9 +63,18 @@ impl Plans {
         }
     }
 
-    /// The plan of an active node with these tries done, and how many are open: the points that are certain to be next.
-    pub fn replayed(&self, active: usize, attempts: &[Record]) -> (SpacePlan, usize) {
-        let mut plan = self.plan(active);
+    /// How far the space of an active node is: as the store keeps it, or replayed from its attempts if it is not finished.
+    pub fn state(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
+        match store.finished(active)? {
+            Some(state) => Ok(state),
+            None => self.replayed(store, active),
+        }
+    }
+
+    /// The state of a space from its attempts. A search makes all of its fits again on the way.
+    fn replayed(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
+        REPLAYS.fetch_add(1, Ordering::Relaxed);
+        let (mut plan, attempts) = (self.plan(active), store.attempts(active)?);
         let known: HashMap<(GridIndex, u32), &Record> =
             attempts.iter().map(|r| ((r.index, r.attempt), r)).collect();
         let mut open = 0;
@@ -74,19 +84,21 @@ impl Plans {
                 None => open += 1,
             }
         }
-        (plan, open)
+        Ok(plan.state(open))
     }
 }
 
-/// Tries that a space still needs, as far as can be said. Zero when it is complete.
-pub fn still_to_solve(store: &Store, active: usize) -> Result<usize, StoreError> {
-    Ok(Plans::of(store)?.replayed(active, &store.attempts(active)?).1)
+/// How far the space of one active node is ([`Plans::state`]).
+pub fn state(store: &Store, active: usize) -> Result<SpaceState, StoreError> {
+    match store.finished(active)? {
+        Some(state) => Ok(state),
+        None => Plans::of(store)?.replayed(store, active),
+    }
 }
 
-/// The plan of an active node as far as its store goes; `None` where it is a lattice.
-pub fn planned(store: &Store, active: usize) -> Result<Option<ScatteredPlan>, StoreError> {
-    Ok(match Plans::of(store)?.replayed(active, &store.attempts(active)?).0 {
-        SpacePlan::Scattered(plan) => Some(*plan),
-        SpacePlan::Lattice(_) => None,
-    })
+static REPLAYS: AtomicU64 = AtomicU64::new(0);
+
+/// How often this process replayed a space from its attempts: none of a finished one.
+pub fn replays() -> u64 {
+    REPLAYS.load(Ordering::Relaxed)
 }

@@ -132,7 +132,7 @@ impl Salvaged {
                 self.damaged += 1;
                 return Ok(());
             };
-            store.add(&Outcome { active: active as u32, record, seed, intermediate })?;
+            store.add(&Outcome { active: active as u32, record, seed, intermediate }, None)?;
             self.saved += 1;
         }
         Ok(())

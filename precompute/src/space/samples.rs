@@ -14,10 +14,7 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
         .map(|r| Sample {
             index: r.index,
             attempt: r.attempt,
-            jet: {
-                let jet = r.jet(grid.displacement_m(r.index));
-                if r.index == [0; 3] { jet.as_rest() } else { jet }
-            },
+            jet: r.jet_for_fit(grid.displacement_m(r.index)),
             terminating: r.tag == ConfigTag::Terminating,
             inverted: r.inverted > 0,
         })

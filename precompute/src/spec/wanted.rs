@@ -1,5 +1,7 @@
 //! Requirements of adaptive sampling.
 
+use serde::{Deserialize, Serialize};
+
 use super::tolerance::Tolerance;
 use super::workspace::{Workspace, is_within};
 use crate::num::vector::norm;
@@ -8,7 +10,7 @@ use crate::num::vector::norm;
 const ALL_BUT_PRESSES: f64 = 0.25;
 
 /// Requirements of the sampling of one space.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Wanted {
     /// Tolerance of the force error.
     pub tolerance: Tolerance,

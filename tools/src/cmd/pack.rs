@@ -7,7 +7,7 @@ use clap::Args as ClapArgs;
 use palpate_core::Method;
 use palpate_precompute::pack::{PackError, PackOptions, pack};
 use palpate_precompute::pipeline::{PipelineError, Run, add_ledgers, certified, solve_truth, unfinished};
-use palpate_precompute::space::{Store, planned};
+use palpate_precompute::space::{Store, state};
 
 use super::inspect::certificate;
 use crate::analysis::threads;
@@ -117,7 +117,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
 /// A node without a kernel is an error before its certificate is solved for.
 fn expect_kernels(store: &Store) -> Result<(), Failure> {
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {
-        let has_fit = planned(store, active)?.is_some_and(|plan| plan.switched().is_none());
+        let state = state(store, active)?;
+        let has_fit = state.fit.is_some() && state.fallback().is_none();
         let is_empty = store.records(active)?.iter().filter(|record| record.tag.is_solved()).count() < 2;
         if !has_fit && !is_empty {
             return Err(PackError::NoKernel { active: name }.into());

@@ -5,9 +5,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args as ClapArgs;
-use palpate_precompute::adaptive::{Search, Verdict};
+use palpate_precompute::adaptive::Verdict;
 use palpate_precompute::pipeline::Analysis;
-use palpate_precompute::space::{Expansion, Plans, Progress, SpacePlan, Store, TagCounts, with_threads};
+use palpate_precompute::space::{Expansion, Plans, Progress, Store, TagCounts, state, with_threads};
 use serde_json::json;
 
 use super::inspect::scattered;
@@ -152,14 +152,10 @@ pub(crate) fn run_with(
     }
     for ((name, counts), active) in names.iter().zip(&counts).zip(&chosen) {
         output::line(format!("{name}: {}", in_words(counts, points)))?;
-        let SpacePlan::Scattered(plan) = Plans::of(&store)?.replayed(*active, &store.attempts(*active)?).0
-        else {
-            continue;
-        };
-        let what = match plan.verdict() {
+        let Some(fit) = state(&store, *active)?.fit else { continue };
+        let what = match fit.verdict {
             Some(Verdict::Linear) => {
-                let linear = plan.search().map(Search::linear).unwrap_or_default();
-                output::line(format!("{name}: {}", scattered::in_words(&linear)))?;
+                output::line(format!("{name}: {}", scattered::in_words(&fit.linear)))?;
                 continue;
             }
             Some(Verdict::Stalled) => {

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::fit::made_up::{jet, spread};
-use crate::spec::Tolerance;
+use crate::spec::{Tolerance, is_within};
 
 const WANTED: Wanted = Wanted {
     tolerance: Tolerance::CANNOT_BE_FELT,
@@ -105,7 +105,7 @@ fn the_deviation_is_asked_where_it_decides() {
     let chosen = search.chosen;
     search.fits[chosen].left_out[3] = 1.1;
     let largest = search.asked_deviation().expect("one of many is beyond");
-    let places = search.places(PLACES);
+    let places = search.known().places(PLACES);
     let shares: Vec<f64> = (search.fit().deviation_n(&places).iter().zip(&places))
         .map(|(n, &at)| n / tolerance.at(search.fit().force_n(at)))
         .collect();
@@ -128,7 +128,7 @@ fn nothing_is_learned_from_beyond_the_limit() {
     // A test just beyond the limit counts; one that is not learned from does not.
     let learned = search.jets()[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
     assert!(learned > 0);
-    let counted = search.tests().iter().filter(|test| test.within).count();
+    let counted = search.tests.iter().filter(|test| test.within).count();
     assert_eq!(counted, search.jets().len() - 1);
 }
 
@@ -162,7 +162,7 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     // Nearly up to its sides, and what counts as reachable ends there.
     let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
-    let within = search.within_reach();
+    let within = search.fitted(Some(verdict)).within_reach();
     assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
 }
 

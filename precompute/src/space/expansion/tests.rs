@@ -154,7 +154,7 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
         let store = made_up.store(&folder.path().join(format!("{n}.space")), 1);
         let mut outcomes = outcomes.clone();
         alter(&mut outcomes[at].record);
-        outcomes.iter().for_each(|outcome| store.add(outcome).expect("added"));
+        outcomes.iter().for_each(|outcome| store.add(outcome, None).expect("added"));
         made_up.given.clear();
         let expansion = made_up.expansion(1);
         let ended = expansion.run(&store, &mut made_up, &AtomicBool::new(false), |_| ());

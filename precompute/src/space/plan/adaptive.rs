@@ -2,8 +2,8 @@
 
 use std::collections::{HashMap, VecDeque};
 
-use super::Switched;
-use crate::adaptive::{Found, Search, Step, Target, Verdict};
+use super::switched::Switched;
+use crate::adaptive::{AdaptiveFit, Found, Search, Step, Target, Verdict};
 use crate::num::jet::EnergyJet;
 use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
@@ -51,19 +51,14 @@ impl ScatteredPlan {
         }
     }
 
-    /// The search so far; `None` before the rest is known.
-    pub fn search(&self) -> Option<&Search> {
-        self.search.as_ref()
+    /// The fit so far; `None` before the rest is known.
+    pub fn fit(&self) -> Option<AdaptiveFit> {
+        self.search.as_ref().map(|search| search.fitted(self.verdict))
     }
 
-    /// How it ended, once it has.
-    pub fn verdict(&self) -> Option<Verdict> {
-        self.verdict
-    }
-
-    /// The lattice, once one has taken over.
-    pub fn switched(&self) -> Option<&Switched> {
-        self.switched.as_ref()
+    /// Predictions within tolerance since the last that was not.
+    pub fn passes(&self) -> usize {
+        self.search.as_ref().map_or(0, Search::passes)
     }
 
     /// Points by tag, the rest point not counted: those of the search, and of the lattice.
@@ -127,9 +122,10 @@ impl ScatteredPlan {
         if let Some(lattice) = &mut self.switched {
             return lattice.decide(record);
         }
+        let jet = record.jet_for_fit(displacement_m(record.index));
         let Some(search) = &mut self.search else {
             if record.tag.is_solved() {
-                self.search = Some(Search::new(self.wanted, &jet(record)));
+                self.search = Some(Search::new(self.wanted, &jet));
                 self.learned.push(REST);
                 self.rest = Some(record.clone());
             } else {
@@ -140,8 +136,8 @@ impl ScatteredPlan {
         *self.counts.of(record.tag) += 1;
         let found = match record.tag.is_solved() {
             false => Found::Failed,
-            true if record.switched => Found::Elsewhere(jet(record)),
-            true => Found::Solved(jet(record)),
+            true if record.switched => Found::Elsewhere(jet),
+            true => Found::Solved(jet),
         };
         self.found.insert(record.index, found);
         if self.batch.iter().all(|target| self.found.contains_key(&target.index)) {
@@ -157,18 +153,13 @@ impl ScatteredPlan {
     }
 }
 
-/// What a fit takes from a record; rest has no force by its definition.
-fn jet(record: &Record) -> EnergyJet {
-    let jet = record.jet(displacement_m(record.index));
-    if record.index == REST { jet.as_rest() } else { jet }
-}
-
 #[cfg(test)]
 mod tests {
     use palpate_core::ConfigTag;
 
     use super::*;
     use crate::fit::made_up;
+    use crate::space::fallback::FallbackLattice;
     use crate::space::folds;
     use crate::spec::{Tolerance, UNIT_M};
 
@@ -221,15 +212,15 @@ mod tests {
     #[test]
     fn a_lattice_takes_over_where_predictions_do_not_fall_and_it_finds_the_fold() {
         let (smooth, few) = solved(ANYWHERE, 0.0, 1);
-        assert_eq!((smooth.verdict(), smooth.switched().is_none()), (Some(Verdict::Passed), true));
+        assert_eq!((smooth.verdict, smooth.switched.is_none()), (Some(Verdict::Passed), true));
         assert!(few.len() < 60, "{}", few.len());
 
         let (plan, records) = solved(ANYWHERE, 2.0, 1);
-        assert_eq!(plan.verdict(), Some(Verdict::Stalled));
-        let lattice = plan.switched().expect("a lattice");
-        let jets = plan.search().expect("a search").jets().len();
+        assert_eq!(plan.verdict, Some(Verdict::Stalled));
+        let jets = plan.fit().expect("a fit").jets.len();
+        let lattice = FallbackLattice::within(RADIUS_M).expect("a lattice");
         assert!((40..160).contains(&jets), "{jets}");
-        assert_eq!(f64::from(lattice.spacing()) * UNIT_M, lattice.grid().spacing_m);
+        assert_eq!(f64::from(lattice.spacing) * UNIT_M, lattice.grid.spacing_m);
         // All of the ball and the corners that complete its cells, and no point of the search among them but rest.
         let own = lattice.records(&records);
         let points: std::collections::BTreeSet<GridIndex> = own.iter().map(|r| r.index).collect();
@@ -238,11 +229,11 @@ mod tests {
         assert_eq!(plan.counts().solved(), all.len() - 1);
         // Its folds lie at the plane, and nowhere else.
         let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
-        let folds = folds(lattice.grid(), &kept);
+        let folds = folds(&lattice.grid, &kept);
         assert!(folds.len() > 50, "{}", folds.len());
         for fold in folds {
             let beyond = [fold.from, fold.to].map(|index| {
-                let [x, y, z] = lattice.grid().displacement_m(index);
+                let [x, y, z] = lattice.grid.displacement_m(index);
                 x + 0.4 * y - 0.3 * z > 0.011
             });
             assert_ne!(beyond[0], beyond[1], "{fold:?}");
@@ -257,26 +248,27 @@ mod tests {
         let [low, high] = [[-0.004, -0.012, -0.02], [0.02, 0.03, 0.03]];
         let push = Some([0.0, 0.0, -1.0]);
         let (plan, records) = solved(Wanted { workspace_m: Some([low, high]), push, ..ANYWHERE }, 2.0, 1);
-        let lattice = plan.switched().expect("a lattice");
+        assert!(plan.switched.is_some());
+        let lattice = FallbackLattice::within(RADIUS_M).expect("a lattice");
         let own: HashMap<GridIndex, Record> =
             lattice.records(&records).into_iter().map(|r| (r.index, r)).collect();
         let points = own.len();
         assert!((60..400).contains(&points), "{points} of 613");
-        let step_m = 1.001 * lattice.grid().spacing_m;
+        let step_m = 1.001 * lattice.grid.spacing_m;
         let (mut inside, mut pressing) = (0, 0);
         for (index, record) in &own {
-            let at = lattice.grid().displacement_m(*index);
+            let at = lattice.grid.displacement_m(*index);
             assert!((0..3).all(|i| at[i] >= low[i] - step_m && at[i] <= high[i] + step_m), "{at:?}");
             let is_inside = (0..3).all(|i| at[i] >= low[i] && at[i] <= high[i]);
             inside += usize::from(is_inside);
-            if is_inside && -record.force_n[2] <= 0.0 && lattice.grid().lattice.contains(*index) {
+            if is_inside && -record.force_n[2] <= 0.0 && lattice.grid.lattice.contains(*index) {
                 // All corners of its cells are there.
                 pressing += 1;
                 let beside = |code: i32| {
                     std::array::from_fn(|axis| index[axis] + code / 3i32.pow(axis as u32) % 3 - 1)
                 };
                 let missing = (0..27).map(beside).find(|corner: &GridIndex| {
-                    lattice.grid().lattice.contains(*corner) && !own.contains_key(corner)
+                    lattice.grid.lattice.contains(*corner) && !own.contains_key(corner)
                 });
                 assert_eq!(missing, None, "beside {index:?}");
             }

@@ -6,9 +6,9 @@ mod switched;
 
 pub use adaptive::ScatteredPlan;
 pub use lattice::Plan;
-pub use switched::Switched;
 
 use super::record::Record;
+use super::state::SpaceState;
 use super::task::{TagCounts, Task};
 use crate::adaptive::PASSES;
 
@@ -19,6 +19,8 @@ pub enum SpacePlan {
     Lattice(Box<Plan>),
     /// Of scattered positions.
     Scattered(Box<ScatteredPlan>),
+    /// Of a space with nothing left to solve.
+    Finished(Box<SpaceState>),
 }
 
 impl SpacePlan {
@@ -27,6 +29,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.next_task(),
             Self::Scattered(plan) => plan.next_task(),
+            Self::Finished(_) => None,
         }
     }
 
@@ -35,6 +38,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.decide(record),
             Self::Scattered(plan) => plan.decide(record),
+            Self::Finished(_) => {}
         }
     }
 
@@ -43,6 +47,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.counts(),
             Self::Scattered(plan) => plan.counts(),
+            Self::Finished(state) => state.counts,
         }
     }
 
@@ -51,6 +56,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.round(),
             Self::Scattered(plan) => plan.round(),
+            Self::Finished(_) => 0,
         }
     }
 
@@ -59,6 +65,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.is_solving_again(),
             Self::Scattered(plan) => plan.is_solving_again(),
+            Self::Finished(_) => false,
         }
     }
 
@@ -67,6 +74,7 @@ impl SpacePlan {
         match self {
             Self::Lattice(plan) => plan.is_done(),
             Self::Scattered(plan) => plan.is_done(),
+            Self::Finished(_) => true,
         }
     }
 
@@ -74,8 +82,19 @@ impl SpacePlan {
     pub fn passes(&self) -> Option<usize> {
         match self {
             Self::Lattice(_) => None,
-            Self::Scattered(plan) => Some(plan.search().map_or(0, |search| search.passes().min(PASSES))),
+            Self::Scattered(plan) => Some(plan.passes().min(PASSES)),
+            Self::Finished(state) => state.fit.as_ref().map(|_| PASSES),
         }
+    }
+
+    /// How far it is, with so many attempts open.
+    pub(super) fn state(&self, open: usize) -> SpaceState {
+        let fit = match self {
+            Self::Lattice(_) => None,
+            Self::Scattered(plan) => plan.fit(),
+            Self::Finished(state) => return SpaceState::clone(state),
+        };
+        SpaceState { open, counts: self.counts(), fit }
     }
 }
 

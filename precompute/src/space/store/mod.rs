@@ -6,6 +6,7 @@
 //! may read meanwhile.
 
 mod error;
+mod finished;
 pub(super) mod held_out;
 mod reading;
 mod recognise;
@@ -24,13 +25,14 @@ use rusqlite::{Connection, OptionalExtension, params};
 use super::job::Outcome;
 use super::plan::supersedes;
 use super::record::{Record, StoredSeed};
+use super::state::SpaceState;
 use crate::fem::solve::Seed;
 use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
 /// Layout of the file; a store of another layout is refused.
-pub(super) const LAYOUT: &str = "4";
+pub(super) const LAYOUT: &str = "5";
 
 /// Bumped whenever the solver gives other bits, or a search goes another way.
 const SOLVER_REVISION: u32 = 6;
@@ -405,9 +407,13 @@ impl Store {
         Ok(())
     }
 
-    /// Adds an outcome. It is committed with those of the same second, or at once when they come slowly.
-    pub fn add(&self, outcome: &Outcome) -> Result<(), StoreError> {
-        self.write(|connection| rows::insert(connection, outcome))
+    /// Adds an outcome, and with the last one of a space its state. They are committed with those of the same second, or at
+    /// once when they come slowly.
+    pub fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
+        self.write(|connection| {
+            rows::insert(connection, outcome)?;
+            finished.map_or(Ok(()), |state| finished::insert(connection, outcome.active as usize, state))
+        })
     }
 
     fn write(&self, rows: impl FnOnce(&Connection) -> rusqlite::Result<()>) -> Result<(), StoreError> {

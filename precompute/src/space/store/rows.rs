@@ -13,7 +13,7 @@ use crate::spec::GridIndex;
 
 /// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
 /// cluster does this for every try.
-static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
+pub(super) static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// Columns of a record, in the order of [`read`].
 pub(in crate::space) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent_i, parent_j, parent_k, parent_attempt, failure, \

@@ -31,6 +31,14 @@ CREATE TABLE state (
   checksum INTEGER NOT NULL,                                    -- CRC-32 of the two
   PRIMARY KEY (active, i, j, k, attempt)
 );
+CREATE TABLE finished (
+  active INTEGER PRIMARY KEY REFERENCES active (id),            -- an active node with nothing left to solve
+  expandable INTEGER NOT NULL, terminating INTEGER NOT NULL,    -- points by tag, rest not counted
+  failed INTEGER NOT NULL, unknown INTEGER NOT NULL,
+  attempts INTEGER NOT NULL,                                    -- rows of configuration that it rests on
+  fit BLOB,                                                     -- postcard: the fit of adaptive sampling; NULL on a lattice
+  checksum INTEGER NOT NULL                                     -- CRC-32 of the row
+);
 CREATE TABLE intermediate (
   active INTEGER NOT NULL, i INTEGER NOT NULL, j INTEGER NOT NULL, k INTEGER NOT NULL, attempt INTEGER NOT NULL,
   part INTEGER NOT NULL,                                        -- 1 .. increments - 1 of the transition to i, j, k

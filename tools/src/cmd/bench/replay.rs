@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Store, Work, still_to_solve};
+use palpate_precompute::space::{Crew, CrewError, Done, Outcome, Record, Store, Work, state};
 use palpate_precompute::spec::{Lattice, SpaceGrid};
 use serde::Serialize;
 
@@ -54,7 +54,7 @@ impl Replay {
             if attempts.is_empty() {
                 continue;
             }
-            if still_to_solve(&store, active)? > 0 {
+            if state(&store, active)?.open > 0 {
                 return Err(Failure::input(format!("{}: not finished; precompute it first", path.display())));
             }
             actives.push(active);

@@ -157,7 +157,7 @@ impl Case<'_> {
             }
         }
         let (reference, wider, places, p99) = best.expect("at least one reference was made");
-        let on = resample(&own.search);
+        let on = resample(&own.search.fitted(Some(own.verdict)));
         let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
         let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
         let baselines = Baselines { reference: reference.search.fit().as_it_is(), wanted, places: &places };

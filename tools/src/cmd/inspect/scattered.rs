@@ -1,7 +1,7 @@
 //! How the search of a scattered space went.
 
-use palpate_precompute::adaptive::{LeftOut, LinearSuits, PASSES, Test, Verdict};
-use palpate_precompute::space::ScatteredPlan;
+use palpate_precompute::adaptive::{AdaptiveFit, LeftOut, LinearSuits, PASSES, Test, Verdict};
+use palpate_precompute::space::{FallbackLattice, Record};
 use serde_json::json;
 
 /// That the linear body is enough.
@@ -14,14 +14,17 @@ pub(crate) fn in_words(linear: &LinearSuits) -> String {
     )
 }
 
-/// Words and figures.
-pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
-    let Some(search) = plan.search() else { return (String::new(), json!(null)) };
-    let LeftOut { configurations: left_out, beyond, worst } = search.left_out();
-    let verdict = match plan.verdict() {
-        Some(Verdict::Linear) => in_words(&search.linear()),
+/// Words and figures: of the fit so far, and of the lattice that took over, with the records of the space.
+pub(super) fn describe(
+    fit: Option<&AdaptiveFit>,
+    fallback: Option<(&FallbackLattice, &[Record])>,
+) -> (String, serde_json::Value) {
+    let Some(fit) = fit else { return (String::new(), json!(null)) };
+    let LeftOut { configurations: left_out, beyond, worst } = fit.left_out();
+    let verdict = match fit.verdict {
+        Some(Verdict::Linear) => in_words(&fit.linear),
         Some(Verdict::Passed) => {
-            let sure = search.deviation().map_or_else(String::new, |largest| {
+            let sure = fit.deviation.map_or_else(String::new, |largest| {
                 format!(
                     "; the fit is sure: deviation of its force estimated at {:.0} % of tolerance or less",
                     100.0 * largest
@@ -29,22 +32,24 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
             });
             format!(
                 "passed: the last {} predictions were within tolerance, and {} of {left_out} configurations as the others say{sure}",
-                search.passes().min(PASSES),
+                fit.passes().min(PASSES),
                 left_out - beyond
             )
         }
         Some(Verdict::Stalled) => {
-            let on = plan.switched().map_or_else(String::new, |lattice| {
-                let (counts, spacing_mm) = (lattice.counts(), 1e3 * lattice.grid().spacing_m);
-                format!(": {} points of a lattice of {spacing_mm:.1} mm took over", counts.solved())
+            let on = fallback.map_or_else(String::new, |(lattice, records)| {
+                let solved = |r: &&Record| r.tag.is_solved() && r.index != [0; 3];
+                let solved = lattice.records(records).iter().filter(solved).count();
+                let spacing_mm = 1e3 * lattice.grid.spacing_m;
+                format!(": {solved} points of a lattice of {spacing_mm:.1} mm took over")
             });
             format!("FOLDS: the predictions did not fall{on}")
         }
         Some(Verdict::NotReached) => "NOT REACHED: the predictions do not come within tolerance".into(),
-        None => format!("not finished: {} of {PASSES} predictions in a row", search.passes()),
+        None => format!("not finished: {} of {PASSES} predictions in a row", fit.passes()),
     };
     let share = |test: &Test| test.error_n / test.tolerance_n;
-    let counted: Vec<&Test> = search.tests().iter().filter(|test| test.within).collect();
+    let counted: Vec<&Test> = fit.tests.iter().filter(|test| test.within).collect();
     let last: Vec<String> = counted
         .iter()
         .skip(counted.len().saturating_sub(PASSES))
@@ -52,26 +57,26 @@ pub(super) fn describe(plan: &ScatteredPlan) -> (String, serde_json::Value) {
         .collect();
     let words = format!(
         "  {verdict}\n  {} configurations in the fit, length {:.1} mm; errors of the last predictions by their tolerance: {}; of each from the others: up to {worst:.2}\n",
-        search.jets().len(),
-        1e3 * search.fit().length_m(),
+        fit.jets.len(),
+        1e3 * fit.fit.length_m(),
         last.join(" ")
     );
-    let tests: Vec<_> = search
-        .tests()
+    let tests: Vec<_> = fit
+        .tests
         .iter()
         .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.within }))
         .collect();
-    let verdict = plan.verdict().map(|verdict| match verdict {
+    let verdict = fit.verdict.map(|verdict| match verdict {
         Verdict::Linear => "linear",
         Verdict::Passed => "passed",
         Verdict::Stalled => "stalled",
         Verdict::NotReached => "not reached",
     });
     let figures = json!({
-        "verdict": verdict, "configurations": search.jets().len(), "length_m": search.fit().length_m(), "tests": tests,
+        "verdict": verdict, "configurations": fit.jets.len(), "length_m": fit.fit.length_m(), "tests": tests,
         "left_out": { "configurations": left_out, "beyond": beyond, "worst": worst },
-        "deviation": search.deviation(),
-        "linear": search.linear(), "switched_to_spacing_m": plan.switched().map(|lattice| lattice.grid().spacing_m),
+        "deviation": fit.deviation,
+        "linear": fit.linear, "switched_to_spacing_m": fallback.map(|(lattice, _)| lattice.grid.spacing_m),
     });
     (words, figures)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use palpate_precompute::fit::Fold;
 use palpate_precompute::held_out::Summary;
 use palpate_precompute::mesh::write::vtu::{self, Cells, Field, Grid};
-use palpate_precompute::space::{Plans, Record, SpacePlan, Store, Switched, folds};
+use palpate_precompute::space::{FallbackLattice, Plans, Record, Store, folds};
 use palpate_precompute::spec::{GridIndex, Lattice, Sampling};
 use serde_json::json;
 
@@ -93,19 +93,19 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
         let attempts = store.attempts(active)?;
         let records = store.records(active)?;
         store.check_states(active)?;
-        let (plan, open) = plans.replayed(active, &attempts);
-        let folds = match (&sampling, &plan) {
+        let state = plans.state(&store, active)?;
+        let fallback = state.fallback();
+        let folds = match (&sampling, &fallback) {
             (Sampling::Lattice(lattice), _) => folds(&lattice.grid, &records),
-            (_, SpacePlan::Scattered(plan)) => {
-                plan.switched().map_or_else(Vec::new, |lattice| in_units(lattice, &records))
-            }
+            (_, Some(lattice)) => in_units(lattice, &records),
             _ => Vec::new(),
         };
-        let space = Space { name, node, folds, attempts, records, open };
+        let space = Space { name, node, folds, attempts, records, open: state.open };
         let (words, mut numbers) = space.describe(plans.points());
         text.push_str(&words);
-        if let SpacePlan::Scattered(plan) = &plan {
-            let (words, of_loop) = scattered::describe(plan);
+        if sampling.scattered().is_some() {
+            let fallback = fallback.as_ref().map(|lattice| (lattice, &space.records[..]));
+            let (words, of_loop) = scattered::describe(state.fit.as_ref(), fallback);
             text.push_str(&words);
             numbers["loop"] = of_loop;
         }
@@ -139,9 +139,9 @@ pub(super) fn show(args: &Args, files: &mut Files) -> Result<Shown, Failure> {
 }
 
 /// The folds of a lattice that took over, with their ends counted as the store does.
-fn in_units(lattice: &Switched, records: &[Record]) -> Vec<Fold> {
-    let own = |index: GridIndex| index.map(|n| n * lattice.spacing());
-    let found = folds(lattice.grid(), &lattice.records(records));
+fn in_units(lattice: &FallbackLattice, records: &[Record]) -> Vec<Fold> {
+    let own = |index: GridIndex| index.map(|n| n * lattice.spacing);
+    let found = folds(&lattice.grid, &lattice.records(records));
     found.into_iter().map(|fold| Fold { from: own(fold.from), to: own(fold.to), ..fold }).collect()
 }
 

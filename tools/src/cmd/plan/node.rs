@@ -3,7 +3,7 @@
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
 use palpate_precompute::fit::{ScatteredMotion, fit_displacement};
-use palpate_precompute::space::Switched;
+use palpate_precompute::space::FallbackLattice;
 use palpate_precompute::spec::{DisplacementBound, Domain, Lattice, Sampling, SpaceGrid};
 
 use super::probe::{Order, Probed, norm, probe};
@@ -112,10 +112,10 @@ pub(super) fn plan(
         Failure::work("the probing solves failed or fell together; take a larger radius_m or look at the scene with `palpate path`")
     })?;
     let loop_ = truth.scattered();
-    let (wanted, search) = (probed.wanted, &loop_.search);
-    let places = truth.places(search, PLACES);
-    let resampled = resample(search);
-    let eye = bound.and_then(|bound| eye(&probed, search.fit().length_m(), &resampled, bound));
+    let (wanted, fit) = (probed.wanted, &loop_.fit);
+    let places = truth.places(fit, PLACES);
+    let resampled = resample(fit);
+    let eye = bound.and_then(|bound| eye(&probed, fit.fit.length_m(), &resampled, bound));
     let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
         let error = |&method: &Method| {
             let error = tables.error(method, &places, &wanted.tolerance)?;
@@ -152,7 +152,7 @@ pub(super) fn plan(
     }
     // Where the loop would give up, its predictions are not going to fall on the body either: a lattice takes over.
     if loop_.configurations > wanted.most as f64
-        && let Some((grid, _)) = Switched::within(sampling.radius_m())
+        && let Some(FallbackLattice { grid, .. }) = FallbackLattice::within(sampling.radius_m())
     {
         let lattice = Lattice { grid, complete_cells: true, increments: None };
         let samples = truth.lattice_that_takes_over(&lattice).samples;

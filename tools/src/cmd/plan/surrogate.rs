@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use palpate_core::ConfigTag;
-use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
+use palpate_precompute::adaptive::{AdaptiveFit, Found, Search, Step, Verdict};
 use palpate_precompute::fit::{KernelFit, Sample};
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::space::{Plan, Record};
@@ -39,8 +39,8 @@ pub(crate) struct Surrogate {
 /// A blind loop run to its end.
 #[derive(Debug)]
 pub(super) struct Scattered {
-    /// How it ended.
-    pub search: Search,
+    /// Its fit.
+    pub fit: AdaptiveFit,
     /// Configurations that the body will take, rest among them.
     pub configurations: f64,
     /// Whether its predictions came within the tolerance.
@@ -102,8 +102,8 @@ impl Surrogate {
     }
 
     /// Positions spread over what is within reach, with the force there.
-    pub(super) fn places(&self, search: &Search, count: u32) -> Vec<Place> {
-        let places = search.places(count).into_iter().map(|at| Place { at, exact: self.force_n(at) });
+    pub(super) fn places(&self, fit: &AdaptiveFit, count: u32) -> Vec<Place> {
+        let places = fit.places(count).into_iter().map(|at| Place { at, exact: self.force_n(at) });
         places.filter(|place| norm(place.exact) <= self.wanted.max_force_n).collect()
     }
 
@@ -117,7 +117,7 @@ impl Surrogate {
                     let configurations =
                         f64::min(configurations as f64 * self.more(), self.wanted.most as f64 + 1.0);
                     return Scattered {
-                        search,
+                        fit: search.fitted(Some(verdict)),
                         configurations,
                         passed: matches!(verdict, Verdict::Passed | Verdict::Linear),
                     };

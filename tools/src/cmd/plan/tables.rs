@@ -216,7 +216,7 @@ mod tests {
     #[test]
     fn finer_is_closer_and_the_energy_is_closest() {
         let truth = Surrogate::of(&probed(2, 8.0)).unwrap();
-        let places: Vec<Place> = truth.places(&truth.scattered().search, 600);
+        let places: Vec<Place> = truth.places(&truth.scattered().fit, 600);
         let p99 = |cells: f64| {
             let grid = SpaceGrid::new(0.05 / cells, 0.05).unwrap();
             let expanded = truth.lattice(&Lattice { grid, complete_cells: true, increments: None });

@@ -10,7 +10,7 @@ use palpate_host::{BlobFile, Instructions, Interpolator};
 use palpate_precompute::certificate::{Answer, Compared, Errors, answers, reference_force_n};
 use palpate_precompute::fit::KernelFit;
 use palpate_precompute::pack::{PackOptions, pack};
-use palpate_precompute::space::{Kind, Store, planned};
+use palpate_precompute::space::{Kind, Store, state};
 use serde::Serialize;
 
 use super::common::{Out, Pinned};
@@ -92,17 +92,15 @@ pub(crate) fn measure(store: &Store, wanted: Option<&str>, rounds: usize) -> Res
             .spaces
             .iter()
             .find(|space| space.active().name == name.as_str() && space.has(Method::Kernel));
-        let plan = planned(store, active)?;
-        let search = plan.as_ref().and_then(|plan| plan.search());
-        let (Some(space), Some(search)) = (space, search) else { continue };
+        let (Some(space), Some(fit)) = (space, state(store, active)?.fit) else { continue };
         if wanted.is_some_and(|wanted| wanted != name) {
             continue;
         }
         let places: Vec<Vec3> =
-            search.places(4_000).into_iter().map(|at| at.map(|x| x as f32)).filter(within(space)).collect();
+            fit.places(4_000).into_iter().map(|at| at.map(|x| x as f32)).filter(within(space)).collect();
         let mut truths = answers(store, active, space, Method::Energy)?;
         truths.retain(|answer| answer.walk.kind == Kind::Uniform && !answer.folded);
-        rows.extend(of_space(&name, space, search.fit(), (&places, &truths), rounds));
+        rows.extend(of_space(&name, space, &fit.fit, (&places, &truths), rounds));
     }
     Ok(rows)
 }

@@ -1,0 +1,50 @@
+//! A finished space is never replayed: its fit is read from the store. One test, because the count is that of the process.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use palpate_core::{Method, Organ};
+use palpate_host::BlobFile;
+use palpate_precompute::certificate::{certify, clear_positions};
+use palpate_precompute::held_out::{Draw, HeldOut};
+use palpate_precompute::pack::{PackOptions, pack};
+use palpate_precompute::space::{replays, state, with_threads};
+use palpate_precompute::spec::{Sampling, Scattered, Tolerance};
+use palpate_tests::space_bench::SpaceBench;
+
+#[test]
+fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut bench = SpaceBench::new(1.0);
+    let tolerance = Tolerance { relative: 0.035, absolute_n: 0.005 };
+    bench.identity.sampling =
+        Sampling::Scattered(Scattered { radius_m: 0.01, tolerance, only_push: false, workspace_m: None });
+    let path = folder.path().join("one.space");
+
+    // Interrupted, and looked at: the count sees a replay.
+    let (store, stop) = (bench.store(&path).expect("the store opens"), AtomicBool::new(false));
+    let ended = bench.expand(&store, 2, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
+    assert!(ended.is_err() && replays() == 0, "{ended:?}, {} replays", replays());
+    assert!(state(&store, 0).expect("readable").open > 0);
+    assert_eq!(replays(), 1);
+
+    bench.expand(&store, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
+    // Run again when there is nothing left to do.
+    let counts = bench.expand(&store, 2, &AtomicBool::new(false), |_| ()).expect("nothing is to be done");
+    assert_eq!(state(&store, 0).expect("readable").counts, counts);
+    let held_out = HeldOut {
+        actives: vec![(0, "A".into())],
+        sampling: bench.identity.sampling,
+        draw: Draw { uniform: 10, random: 0, regular_m: None, ..Draw::PAPER },
+        keep_displacements: true,
+    };
+    let solved = with_threads(&bench.workshop(), 2, |crew| {
+        held_out.run(&store, crew, &AtomicBool::new(false), |_| ())
+    });
+    solved.expect("the held-out truth is solved");
+    let options = PackOptions { methods: &[Method::Energy, Method::Kernel], intermediate: true, threads: 2 };
+    let file = BlobFile::of(&pack(&store, &options).expect("the space packs").bytes().expect("bytes"));
+    let organ: Organ<'_> = Organ::read(file.bytes()).expect("a blob");
+    certify(&store, &organ).expect("measured");
+    assert_eq!(clear_positions(&store, &organ).expect("counted"), [(0, 10)]);
+    assert_eq!(replays(), 1, "a finished space was replayed");
+}
