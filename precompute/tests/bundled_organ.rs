@@ -1,4 +1,4 @@
-//! The scenes and meshes that come with the project resolve, and are what their README says.
+//! The bundled scenes and meshes resolve and agree with their README.
 
 use std::path::PathBuf;
 
@@ -45,7 +45,8 @@ fn the_small_organ_measures_what_its_readme_says() {
     assert_eq!((report.surface.euler_characteristic, report.surface.nodes), (2, 347));
     assert_eq!(report.tets_without_interior_vertex, 0);
     assert!((report.high_m[0] - report.low_m[0] - 0.2).abs() < 1e-12);
-    // The README's figures come from the script that made the mesh, in another language: an independent check.
+    // The script that generated the mesh computed the README's values in another language: an independent
+    // check.
     let near = |value: f64, stated: f64, digit: f64| (value - stated).abs() <= 0.5001 * digit;
     assert!(near(report.volume_m3, 1.230298e-3, 1e-9), "{}", report.volume_m3);
     assert!(near(report.dihedral_deg.min, 35.1, 0.1), "{}", report.dihedral_deg.min);

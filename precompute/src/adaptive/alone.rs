@@ -1,4 +1,4 @@
-//! A search by one solver in memory, for measurements.
+//! An adaptive search by one solver in memory, for measurements.
 
 use super::{Found, Search, Step, Verdict};
 use crate::fem::solve::{Seed, SolveFailure, Solver};
@@ -6,26 +6,26 @@ use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
 use crate::spec::Wanted;
 
-/// A search to its end, with the states it went through.
+/// A completed search with its solved states.
 #[derive(Debug)]
 pub struct Alone {
     /// The search.
     pub search: Search,
-    /// How it ended.
+    /// Result of the search.
     pub verdict: Verdict,
-    /// Configurations solved, rest and those it did not learn from among them.
+    /// Number of solved configurations, including rest and those that the fit does not use.
     pub solved: usize,
-    /// Displacement, m, and state of each that is on the branch of its parent, rest first.
+    /// Displacement, m, and state of each configuration on the branch of its parent; rest is the first.
     pub seeds: Vec<([f64; 3], Seed)>,
 }
 
-/// The configuration at rest, which has no force by its definition.
+/// The configuration at rest, with zero force by definition.
 pub fn at_rest(solver: &mut Solver) -> Result<(EnergyJet, Seed), SolveFailure> {
     let rest = solver.rest()?;
     Ok((rest.jet().as_rest(), rest.seed))
 }
 
-/// Searches with one solver to the end.
+/// Runs a search with one solver to its end.
 pub fn alone(solver: &mut Solver, wanted: Wanted) -> Result<Alone, SolveFailure> {
     let (rest, seed) = at_rest(solver)?;
     let mut search = Search::new(wanted, &rest);
@@ -56,7 +56,7 @@ pub fn alone(solver: &mut Solver, wanted: Wanted) -> Result<Alone, SolveFailure>
 }
 
 impl Alone {
-    /// The state nearest to a displacement.
+    /// The state nearest to a displacement in m.
     pub fn nearest(&self, to: [f64; 3]) -> &Seed {
         nearest(&self.seeds, to)
     }

@@ -1,15 +1,21 @@
-//! Surface displacements as the core takes them: a few modes, packed to int16, within the scene's bound at every configuration.
+//! Surface displacements in the core's form: a few modes in int16, within the scene's bound at every
+//! configuration.
 //!
-//! 1. **Modes** by the method of snapshots: eigenvectors of the Gram matrix of evenly chosen configurations, in f64, largest first
-//!    (proper orthogonal decomposition; no mean is taken off, so that rest stays exactly zero).
-//! 2. **Their number** is the one that takes the fewest bytes, where a configuration beyond the bound takes a surface of its own.
-//! 3. **Packing**: the modes first; then each configuration's coefficients, one after the other against the modes as packed, so that
-//!    what rounding loses in one is mended by the next. What is still beyond the bound becomes an outlier: what the modes miss of it
-//!    is stored too, with a scale of its own.
-//! 4. **Slopes**: half-way between neighbours a and b tri-linear interpolation errs by (u'_a - u'_b) / 8, derivatives per cell, to third
-//!    order. As many of the leading modes get slopes as are needed to keep that within the bound on 95 % of the grid's edges.
+//! 1. **Modes** by the method of snapshots: eigenvectors of the Gram matrix of evenly chosen configurations,
+//!    in f64, largest first (proper orthogonal decomposition; no mean is subtracted, so that rest is exactly
+//!    zero).
+//! 2. **Their number** minimises the number of bytes; a configuration beyond the bound costs a surface of its
+//!    own.
+//! 3. **Packing**: first the modes, then each configuration's coefficients. The coefficients are computed one
+//!    after the other against the packed modes, so that each corrects the rounding error of the previous
+//!    ones. A configuration that still exceeds the bound becomes an outlier: its remainder is stored too,
+//!    with its own scale.
+//! 4. **Slopes**: half-way between neighbours a and b the error of tri-linear interpolation is (u'_a - u'_b)
+//!    / 8, with derivatives per cell, to third order. The leading modes get slopes, as many as are needed to
+//!    keep this error within the bound on 95 % of the grid's edges.
 //!
-//! A corner without a configuration continues its nearest solved neighbours in a straight line: the touched node stays with the tool.
+//! A corner without a configuration is the linear extrapolation of its nearest solved neighbours, so that the
+//! active node follows the tool.
 
 use std::collections::HashSet;
 
@@ -21,7 +27,7 @@ use super::modes::{Mode, PackedModes, UNITS, dot};
 use crate::spec::{DisplacementBound, Domain, GridIndex, SpaceGrid};
 
 impl DisplacementBound {
-    /// Whether one surface may stand for the other.
+    /// Whether the difference of two surfaces is within the bound.
     pub fn allows(&self, found: &Moved, truth: &Moved) -> bool {
         let pairs = found.displacement_m.iter().zip(&truth.displacement_m);
         self.holds(Misfit::of(&pairs.map(|(a, b)| a - b).collect::<Vec<f32>>()))
@@ -32,17 +38,17 @@ impl DisplacementBound {
     }
 }
 
-/// Distance of two displacements of the surface.
+/// Difference of two displacements of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Misfit {
     /// Root mean square over the nodes, m.
     pub rms_m: f64,
-    /// Largest, m.
+    /// Maximum over the nodes, m.
     pub max_m: f64,
 }
 
 impl Misfit {
-    /// Of the differences x, y, z at each node, m.
+    /// Norms of the differences, given as x, y, z of each node, m.
     pub fn of<T: Copy + Into<f64>>(differences: &[T]) -> Self {
         let (mut sum, mut largest) = (0.0, 0.0f64);
         let nodes = differences.as_chunks::<3>().0;
@@ -54,7 +60,7 @@ impl Misfit {
         Self { rms_m: (sum / nodes.len().max(1) as f64).sqrt(), max_m: largest.sqrt() }
     }
 
-    /// The larger of each.
+    /// The larger value of each norm.
     #[must_use]
     pub fn max(self, other: Self) -> Self {
         Self { rms_m: self.rms_m.max(other.rms_m), max_m: self.max_m.max(other.max_m) }
@@ -66,35 +72,35 @@ impl Misfit {
 pub struct Moved {
     /// Displacement from rest, m.
     pub displacement_m: Vec<f32>,
-    /// Its derivatives along x, y and z of the node's displacement.
+    /// Derivatives with respect to the x, y and z displacement of the active node.
     pub slopes: [Vec<f32>; 3],
 }
 
 /// The planes of the core's table.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DisplacementFit {
-    /// Row of every slot of the box; the same as that of [`super::HermiteNodes`].
+    /// Row of every slot of the box, as in [`super::HermiteNodes`].
     pub row: Vec<u32>,
-    /// Modes.
+    /// Packed modes.
     pub modes: Vec<i16>,
-    /// Their scales.
+    /// Scales of the modes.
     pub scale: Vec<f32>,
-    /// How many of them have slopes.
+    /// Number of modes with slopes.
     pub slopes: usize,
-    /// Rows of coefficients.
+    /// Rows of packed coefficients.
     pub coefficients: Vec<i16>,
     /// Rows that are outliers.
     pub outlier_row: Vec<u32>,
-    /// Their scales.
+    /// Scales of the outliers.
     pub outlier_scale: Vec<f32>,
-    /// What the modes miss of them.
+    /// Remainders of the outliers.
     pub outliers: Vec<i16>,
-    /// Largest misfits at the configurations.
+    /// Largest misfits over all configurations.
     pub misfit: Misfit,
 }
 
 impl DisplacementFit {
-    /// The planes as the core's table borrows them.
+    /// The planes as a view for the core's table.
     pub fn planes(&self) -> DisplacementPlanes<'_> {
         DisplacementPlanes {
             slopes: self.slopes,
@@ -109,33 +115,33 @@ impl DisplacementFit {
     }
 }
 
-/// Why there is no such table.
+/// Why the fit failed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DisplacementFault<E> {
     /// A configuration could not be read.
     Read(E),
-    /// The modes could not be found.
+    /// The modes cannot be computed.
     Modes,
     /// A configuration cannot be packed within the bound.
     Bound {
         /// The configuration.
         index: GridIndex,
-        /// What is left.
+        /// The remaining misfit.
         misfit: Misfit,
     },
 }
 
-/// Configurations that modes are made of, at most.
+/// Maximum number of configurations for the modes.
 const SNAPSHOTS: usize = 1024;
-/// Edges of the grid that are asked whether slopes are worth it, at most.
+/// Maximum number of grid edges in the decision about slopes.
 const EDGES: usize = 2000;
-/// Share of them that must be within the bound without slopes.
+/// Share of the edges that must be within the bound.
 const EDGES_WITHIN: f64 = 0.95;
-/// Modes are counted for a bound a little closer than asked: rounding comes on top.
+/// The number of modes is chosen for this share of the bound; the rest covers rounding.
 const MARGIN: f64 = 0.98;
 
-/// The table of the configurations at `solved` (sorted, rest among them), each as `read` gives it. All are read twice: those of a
-/// large organ do not fit into memory with their slopes.
+/// Fits the table of the configurations at `solved` (sorted, including rest), which `read` returns. Each is
+/// read twice, because the configurations of a large organ with their slopes exceed the memory.
 pub fn fit_displacement<E>(
     grid: &SpaceGrid,
     solved: &[GridIndex],
@@ -203,17 +209,17 @@ pub fn fit_displacement<E>(
     Ok(fit)
 }
 
-/// The decomposition of evenly chosen displacements.
+/// Decomposition of evenly chosen displacements.
 struct Snapshots {
-    /// A column each.
+    /// One displacement per column.
     displacements: Mat<f64>,
-    /// Eigenvalues and eigenvectors of their Gram matrix, the smallest first.
+    /// Eigenvalues and eigenvectors of the Gram matrix, in ascending order.
     values: Vec<f64>,
     vectors: Mat<f64>,
 }
 
 impl Snapshots {
-    /// Of these; `None` if the decomposition fails.
+    /// Decomposes the displacements; `None` if it fails.
     fn of(all: &[Vec<f32>]) -> Option<Self> {
         let count = all.len().min(SNAPSHOTS);
         let length = all.first().map_or(0, Vec::len);
@@ -227,7 +233,8 @@ impl Snapshots {
         })
     }
 
-    /// The next mode after these: orthonormal, with its largest component positive; `None` where rounding begins.
+    /// The next mode: orthonormal to the previous ones, with a positive largest component. `None` at the
+    /// rounding level.
     fn next(&self, before: &[Mode]) -> Option<Vec<f64>> {
         let n = self.values.len().checked_sub(before.len() + 1)?;
         if self.values[n] <= 1e-14 * self.values.last()? {
@@ -235,7 +242,7 @@ impl Snapshots {
         }
         let mode = &self.displacements * self.vectors.col(n);
         let mut mode: Vec<f64> = mode.iter().copied().collect();
-        // The small ones have lost their orthogonality to the square root of the machine's rounding.
+        // Modes of small eigenvalues have lost their orthogonality to the square root of the rounding error.
         for _ in 0..2 {
             for other in before {
                 let along = dot(&other.shape, &mode);
@@ -249,7 +256,7 @@ impl Snapshots {
     }
 }
 
-/// As many modes as take the fewest bytes. `left` is what they have to make up.
+/// The number of modes with the fewest bytes; `left` contains the remainders.
 fn choose(mut left: Vec<Vec<f32>>, rows: usize, bound: DisplacementBound) -> Option<Vec<Mode>> {
     let snapshots = Snapshots::of(&left)?;
     let bound = DisplacementBound { rms_m: MARGIN * bound.rms_m, max_m: MARGIN * bound.max_m };
@@ -276,13 +283,13 @@ fn choose(mut left: Vec<Vec<f32>>, rows: usize, bound: DisplacementBound) -> Opt
     }
     modes.truncate(best);
     if modes.is_empty() {
-        // Nothing moves; a table has a mode nevertheless.
+        // Without any motion the table still needs one mode.
         modes.push(Mode { shape: vec![1.0; length], range: 0.0 });
     }
     Some(modes)
 }
 
-/// What the modes miss of a configuration.
+/// Remainder of a configuration without the modes.
 struct Outlier {
     scale: f32,
     numbers: Vec<i16>,
@@ -309,7 +316,7 @@ struct Row {
 }
 
 impl Row {
-    /// Mean of the straight continuations of the nearest solved configurations.
+    /// Mean of the linear extrapolations of the nearest solved configurations.
     fn ghost(solved: &[GridIndex], rows: &[Self], index: GridIndex) -> Self {
         let distance =
             |from: &GridIndex| -> i32 { from.iter().zip(index).map(|(a, b)| (a - b) * (a - b)).sum() };
@@ -337,15 +344,16 @@ impl Row {
     }
 }
 
-/// Rounds to int16. Where one number would not fit all are made smaller by the same factor: a slope that rises by more than its mode's
-/// whole range in a cell stands at a fold, and a ghost that far away is never the only corner of a query.
+/// Rounds to int16. If a number exceeds the range, all are scaled by the same factor. A slope that changes by
+/// more than its mode's range within a cell occurs at a fold, and such a distant ghost is never the only
+/// corner of a query.
 fn pack_whole(numbers: &[f64], packed: &mut Vec<i16>) {
     let top = numbers.iter().fold(0.0, |top: f64, x| top.max(x.abs()));
     let factor = if top > UNITS { UNITS / top } else { 1.0 };
     packed.extend(numbers.iter().map(|x| (factor * x).round() as i16));
 }
 
-/// How many leading modes are to have slopes.
+/// Number of leading modes that need slopes.
 fn slopes_worth(
     grid: &SpaceGrid,
     solved: &[GridIndex],
@@ -374,7 +382,7 @@ fn slopes_worth(
         .map(|n| {
             let (a, b, axis) = edges[n * edges.len() / count];
             let mut error = vec![0.0; length];
-            // From the last mode to the first, until their errors together are too large.
+            // From the last mode to the first, until the sum of their errors exceeds the bound.
             let too_many = (0..modes.scale.len()).rev().find(|&k| {
                 let factor = (rows[a].slopes[axis][k] - rows[b].slopes[axis][k]) / 8.0;
                 error.iter_mut().zip(&modes.unpacked[k]).for_each(|(sum, m)| *sum += factor * m);

@@ -1,30 +1,31 @@
-//! Fold flags: neighbours that do not lie on one smooth branch, by the measure of [`crate::num::branch`].
+//! Fold flags: neighbouring points on different branches, by the test of [`crate::num::branch`].
 
 use crate::num::branch::Excess;
 use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, neighbours, plus};
 
-/// A flagged pair of neighbours.
+/// A flagged pair of neighbouring points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fold {
-    /// One end.
+    /// First point.
     pub from: GridIndex,
-    /// The other.
+    /// Second point.
     pub to: GridIndex,
-    /// Excess of the energy over its quintic, by length, N.
+    /// Residual rho of the energy, divided by the distance, N.
     pub rho_n: f64,
-    /// Excess of the force over its trapezium, N.
+    /// Residual rho_h of the force, N.
     pub rho_h_n: f64,
 }
 
-/// Flagged pairs among the solved neighbours of a space, every pair once; `at` gives the solution that counts at a point.
+/// Flagged pairs among the solved neighbours of a space, each pair once. `at` returns the solution used at a
+/// point.
 pub fn flagged_pairs(
     points: impl Iterator<Item = (GridIndex, EnergyJet)>,
     at: impl Fn(GridIndex) -> Option<EnergyJet>,
 ) -> Vec<Fold> {
     let mut folds = Vec::new();
     for (from, a) in points {
-        // Half of the 26 offsets, so that every pair comes once.
+        // Half of the 26 offsets, so that each pair occurs once.
         for offset in neighbours().filter(|offset| *offset > [0; 3]) {
             let to = plus(from, offset);
             let Some(b) = at(to) else { continue };
@@ -38,8 +39,8 @@ pub fn flagged_pairs(
     folds
 }
 
-/// The folds that tables must not smooth over: [`flagged_pairs`] of one space, without those whose third derivatives show that the
-/// branch between them is only strongly curved.
+/// The folds at which tables must not be smooth: [`flagged_pairs`] of one space, without the pairs whose
+/// third derivatives show a strongly curved but continuous branch.
 pub fn folds(solved: &[(GridIndex, EnergyJet)]) -> Vec<Fold> {
     let by_index: std::collections::HashMap<GridIndex, EnergyJet> = solved.iter().copied().collect();
     let at = |index| by_index.get(&index).copied();

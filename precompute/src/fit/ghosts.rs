@@ -1,8 +1,9 @@
-//! Lattice tables with ghosts: a force at every slot of the box, solved or not, so that the on-line force never jumps.
+//! Lattice tables with ghosts: every slot of the box has a force, so that the interpolated force is
+//! continuous.
 //!
-//! A slot without a configuration (outside the ball, behind a terminating point, failed) takes the mean of the
-//! first-order continuations h + S d of its nearest solved points. Flags tell the core which slots are solved, and the
-//! core reports a query that rests on a ghost as extrapolated.
+//! A slot without a configuration (outside the ball, beyond a terminating point, or failed) gets the mean of
+//! the first-order extrapolations h + S d of its nearest solved points. Flags mark the solved slots. The core
+//! reports a query that uses a ghost as extrapolated.
 
 use palpate_core::flags;
 
@@ -18,10 +19,11 @@ pub struct LatticeValues {
     pub flags: Vec<u8>,
 }
 
-/// A continuation over many cells can run away; it is held to this multiple of the largest solved force.
+/// Limit of a ghost's force as a multiple of the largest solved force, because an extrapolation over many
+/// cells can diverge.
 const GHOST_FORCE_LIMIT: f64 = 2.0;
 
-/// Table of `samples` (one per solved grid point, the rest point among them).
+/// Table of `samples` (one per solved grid point, including the rest point).
 pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     let slots = grid.lattice.slots();
     let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);
@@ -50,7 +52,7 @@ pub fn lattice_values(grid: &SpaceGrid, samples: &[Sample]) -> LatticeValues {
     values
 }
 
-/// Mean continuation from all solved points at the smallest distance.
+/// Mean of the extrapolations from all solved points at the smallest distance.
 fn ghost(grid: &SpaceGrid, samples: &[Sample], index: GridIndex, limit: f64) -> [f64; 3] {
     let nearest = samples.iter().map(|s| squared_distance(s.index, index)).min().unwrap_or(0);
     let (mut sum, mut count) = ([0.0; 3], 0.0);
@@ -82,7 +84,7 @@ mod tests {
     use super::*;
     use crate::num::jet::EnergyJet;
 
-    /// A linear field: continuation from any point is exact, so every ghost must be too.
+    /// A linear field: every extrapolation is exact, so every ghost must be exact too.
     fn linear(index: GridIndex, spacing: f64) -> Sample {
         let s = [[300.0, 20.0, 0.0], [20.0, 200.0, -10.0], [0.0, -10.0, 100.0]];
         let d = index.map(|n| f64::from(n) * spacing);
@@ -121,7 +123,8 @@ mod tests {
                 assert!((f64::from(found) - want).abs() < 1e-5, "{hole:?}");
             }
         }
-        // A corner of the box is far from any data: held to the limit, direction kept.
+        // A corner of the box is far from all data: its force has the limit's magnitude and the extrapolated
+        // direction.
         let slot = grid.lattice.slot([4, 4, 4]).unwrap();
         let force: f64 = norm(values.force_n[slot].map(f64::from));
         let largest = samples.iter().map(|s| norm(s.jet.force_n)).fold(0.0, f64::max);

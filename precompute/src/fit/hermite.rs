@@ -1,14 +1,17 @@
-//! The table of `hermite` and `energy`: 27 derivatives of W at every corner of every cell that a query comes to.
+//! The table of the methods `hermite` and `energy`: 27 derivatives of W at every corner of the cells that a
+//! query can use.
 //!
 //! In cell units, with W_abc = d^(a+b+c) W / dx^a dy^b dz^c and a, b, c in 0..=2:
 //!
-//! - order 0 to 3 are exact: W, h, S and W_ijk of the solver;
-//! - W_iijj and W_iijk are differences of W_ijk towards the neighbours, W_iijjk and W_iijjkk differences of those and of W_ijk, each
-//!   the mean of every route there is, central where both neighbours are there and one-sided at the rim;
-//! - no difference is taken across a fold: the two sides are not one function.
+//! - Orders 0 to 3 are exact: W, h, S and W_ijk of the solver.
+//! - W_iijj and W_iijk are differences of W_ijk with respect to the neighbours; W_iijjk and W_iijjkk are
+//!   differences of those and of W_ijk. Each is the mean over all available differences: central if both
+//!   neighbours are solved, one-sided at the boundary.
+//! - No difference is taken across a fold, because W is not one smooth function there.
 //!
-//! A corner without a configuration is a ghost: the polynomial of degree 5 that fits W, h, S and W_ijk of its neighbours best, or where
-//! there are too few of them the mean of the Taylor polynomials of the nearest.
+//! A corner without a configuration is a ghost. It is the degree-5 polynomial that best fits W, h, S and
+//! W_ijk of its neighbours. With too few neighbours it is the mean of the Taylor polynomials of the nearest
+//! ones.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -20,19 +23,19 @@ use super::fold::Fold;
 use super::{LatticeValues, Sample};
 use crate::spec::{Domain, GridIndex, SpaceGrid};
 
-/// W_abc as `[a][b][c]`, cell units, W in units of newtons times cells.
+/// W_abc as `[a][b][c]` in cell units; W in newtons times cells.
 type Derivatives = [[[f64; 3]; 3]; 3];
 
-/// The table as the core takes it.
+/// The table in the core's form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HermiteNodes {
-    /// Index into `nodes` of every slot of the box.
+    /// Index into `nodes` for every slot of the box.
     pub row: Vec<u32>,
-    /// One for every corner of a cell in reach; the first is the rest point, which all other slots share.
+    /// One node per corner of a reachable cell. The first is the rest point, which all other slots share.
     pub nodes: Vec<Node>,
 }
 
-/// Sets the fold flag of every cell that has a flagged pair among its corners.
+/// Sets the fold flag of every cell with a flagged pair among its corners.
 pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) {
     for slot in folds.iter().flat_map(folded_cells).filter_map(|cell| grid.lattice.slot(cell)) {
         values.flags[slot] |= flags::FOLD;
@@ -40,7 +43,8 @@ pub fn flag_folds(grid: &SpaceGrid, folds: &[Fold], values: &mut LatticeValues) 
     flags::derive(&grid.lattice, &mut values.flags);
 }
 
-/// The cells that have both ends of a flagged pair among their corners: one below too on the axes where the two are level.
+/// The cells with both ends of a flagged pair among their corners, including the lower cell on axes where the
+/// ends have the same index.
 fn folded_cells(fold: &Fold) -> impl Iterator<Item = GridIndex> {
     let (from, to) = (fold.from, fold.to);
     corners([0; 3])
@@ -53,12 +57,12 @@ fn corners(low: GridIndex) -> impl Iterator<Item = GridIndex> {
     (0..8).map(move |code| std::array::from_fn(|axis| low[axis] + (code >> axis & 1)))
 }
 
-/// The table of `samples`, sorted by index, the rest point among them.
+/// The table of `samples`, sorted by index, including the rest point.
 pub fn hermite_nodes(grid: &SpaceGrid, samples: &[Sample], folds: &[Fold]) -> HermiteNodes {
     nodes_with(grid, samples, folds, &BTreeMap::new())
 }
 
-/// The table of samples whose derivatives are all known, J/m^n: no difference is taken but for ghosts.
+/// The table of samples with known derivatives, J/m^n. Only ghosts need differences.
 pub fn hermite_nodes_known(
     grid: &SpaceGrid,
     samples: &[Sample],
@@ -84,7 +88,7 @@ fn nodes_with(
         folds.iter().flat_map(|fold| [(fold.from, fold.to), (fold.to, fold.from)]).collect();
     cuts.sort_unstable();
     let mut field = Field { grid, solved, cuts };
-    // Where a fit says everything there is nothing to differentiate.
+    // If all derivatives are known, no differences are needed.
     if known.len() < samples.len() {
         field.differentiate();
     }
@@ -118,17 +122,19 @@ fn nodes_with(
     table
 }
 
-/// At a fold slopes may stand for a branch that ends within the cell: they are held to so many times the largest change of the force
-/// to a neighbour, as a cubic that is to follow its data is (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980, have 3).
+/// Limit of the slopes at a fold, as a multiple of the largest change of the force to a neighbour, because a
+/// slope can belong to a branch that ends within the cell. The limit is that of monotone cubic interpolation
+/// (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: 3).
 const STEEPEST: f64 = 3.0;
-/// A ghost is held to so many times the largest solved |h|, as that of the lattice of forces.
+/// Limit of a ghost's force, as a multiple of the largest solved |h|; the same as in the table of forces.
 const LARGEST_GHOST: f64 = 2.0;
 
 fn norm(a: [f64; 3]) -> f64 {
     a.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// All derivatives of the force made smaller by one factor, so that none of the second order of W is beyond `limit_n`, N a cell.
+/// Scales all derivatives of the force by one factor, so that no second derivative of W exceeds `limit_n`, N
+/// per cell.
 fn held_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
     let steepest = largest(&w, |order| order == 2);
     if steepest > limit_n {
@@ -137,7 +143,7 @@ fn held_slopes(mut w: Derivatives, limit_n: f64) -> Derivatives {
     w
 }
 
-/// A node whose force and derivatives of the force are within `limit_n`, per cell, order by order.
+/// Limits the force and its derivatives to `limit_n` per cell, order by order.
 fn held_ghost(mut w: Derivatives, limit_n: f64) -> Derivatives {
     for wanted in 1..=6 {
         let top = largest(&w, |order| order == wanted);
@@ -148,7 +154,7 @@ fn held_ghost(mut w: Derivatives, limit_n: f64) -> Derivatives {
     w
 }
 
-/// Largest |derivative| of these orders.
+/// Largest absolute derivative of the selected orders.
 fn largest(w: &Derivatives, of: impl Fn(usize) -> bool) -> f64 {
     let sizes = orders_up_to_two().filter(|&(a, b, c)| of(a + b + c)).map(|(a, b, c)| w[a][b][c].abs());
     sizes.fold(0.0, f64::max)
@@ -160,7 +166,7 @@ fn scale(w: &mut Derivatives, factor: f64, of: impl Fn(usize) -> bool) {
     }
 }
 
-/// A solved node: what the table takes, and the pure third derivatives that it does not.
+/// A solved node: its table entries, and the pure third derivatives, which the table does not contain.
 #[derive(Debug, Clone, Copy)]
 struct Known {
     w: Derivatives,
@@ -189,7 +195,7 @@ fn exact(sample: &Sample, spacing_m: f64) -> Known {
     Known { w, pure }
 }
 
-/// The derivative along these axes.
+/// The derivative with respect to these axes.
 fn part<'w>(w: &'w mut Derivatives, axes: &[usize]) -> &'w mut f64 {
     let [a, b, c] = orders(axes);
     &mut w[a][b][c]
@@ -203,12 +209,12 @@ fn orders(axes: &[usize]) -> [usize; 3] {
 struct Field<'g> {
     grid: &'g SpaceGrid,
     solved: Vec<Option<Known>>,
-    /// Neighbours with a fold between them, both ways round, sorted.
+    /// Neighbours with a fold between them, in both directions, sorted.
     cuts: Vec<(GridIndex, GridIndex)>,
 }
 
 impl Field<'_> {
-    /// The neighbour of `index`, if it is solved and on the same branch.
+    /// The neighbour of `index`, or `None` if it is unsolved or on a different branch.
     fn joined(&self, index: GridIndex, axis: usize, step: i32) -> Option<&Known> {
         let mut other = index;
         other[axis] += step;
@@ -216,7 +222,7 @@ impl Field<'_> {
         self.cuts.binary_search(&(index, other)).is_err().then_some(known)
     }
 
-    /// Largest |change of h| to a solved neighbour, on whatever branch, N.
+    /// Largest change of |h| to a solved neighbour on any branch, N.
     fn steepest(&self, index: GridIndex) -> f64 {
         let force = |at: GridIndex| -> Option<[f64; 3]> {
             let w = &self.solved[self.grid.lattice.slot(at)?].as_ref()?.w;
@@ -252,14 +258,14 @@ impl Field<'_> {
         Some(high? - 2.0 * here + low?)
     }
 
-    /// The derivatives of order four and more, order by order: those of one order rest on the one before.
+    /// Computes the derivatives of order four and more. Each order uses the previous one.
     fn differentiate(&mut self) {
         const PAIRS: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
         self.fill(|field, at, w| {
             for [i, j, k] in PAIRS {
                 *part(w, &[i, i, j, j]) =
                     mean([field.first(at, &[i, i, j], j), field.first(at, &[i, j, j], i)]);
-                // k twice, with i and j once each.
+                // Twice with respect to k, once to i and once to j.
                 *part(w, &[i, j, k, k]) = mean([
                     field.first(at, &[j, k, k], i),
                     field.first(at, &[i, k, k], j),
@@ -281,7 +287,7 @@ impl Field<'_> {
         });
     }
 
-    /// Adds to every solved node what `add` makes of the field as it is.
+    /// Lets `add` change the derivatives of every solved node; `add` reads the field before the changes.
     fn fill(&mut self, add: impl Fn(&Self, GridIndex, &mut Derivatives)) {
         let added: Vec<Option<Known>> = (0..self.solved.len())
             .map(|slot| {
@@ -293,10 +299,11 @@ impl Field<'_> {
         self.solved = added;
     }
 
-    /// The polynomial of degree 5 that fits all exact derivatives of the nodes round `index` best; `None` if they are too few.
+    /// The degree-5 polynomial that best fits all exact derivatives of the nodes around `index`; `None` if
+    /// there are too few.
     ///
-    /// Unknowns are the 56 derivatives at `index` itself; a row is one of the 20 derivatives of a node as a Taylor sum, weighed by its
-    /// order's factorial and the square of the distance.
+    /// The unknowns are the 56 derivatives at `index`. Each row is one of the 20 derivatives of a node as a
+    /// Taylor sum, weighted by the factorial of its order and the square of the distance.
     fn fitted(&self, index: GridIndex) -> Option<Derivatives> {
         let offset = |slot: usize| -> GridIndex {
             let at = self.grid.lattice.ijk(slot);
@@ -341,7 +348,7 @@ impl Field<'_> {
                 matrix.ger(1.0, &row, &row, 1.0);
             }
         }
-        // Directions that nothing is known of stay near zero.
+        // The ridge keeps undetermined directions near zero.
         let ridge = RIDGE * matrix.trace() / n as f64;
         for i in 0..n {
             matrix[(i, i)] += ridge;
@@ -382,18 +389,19 @@ impl Field<'_> {
     }
 }
 
-/// Squared distance, in cells, up to which a node is continued with all its derivatives; beyond, only W, h and S are.
+/// Largest squared distance, in cells, at which a node is extrapolated with all its derivatives. Beyond it
+/// only W, h and S are used.
 const NEAR: i32 = 3;
 
-/// Squared distance, in cells, up to which nodes take part in a fit, and how many do.
+/// Largest squared distance, in cells, of the nodes in a fit, and the maximum number of these nodes.
 const REACH: i32 = 6;
 const MOST: usize = 20;
 const FEWEST: usize = 6;
-/// As a share of the mean diagonal.
+/// Ridge as a share of the mean diagonal entry.
 const RIDGE: f64 = 1e-13;
 
 impl Known {
-    /// The exact derivative of these orders, three in all at most.
+    /// The exact derivative of these orders, whose sum is at most three.
     fn derivative(&self, [a, b, c]: [usize; 3]) -> f64 {
         match [a, b, c].iter().position(|&order| order == 3) {
             Some(axis) => self.pure[axis],
@@ -402,7 +410,7 @@ impl Known {
     }
 }
 
-/// All orders along x, y and z that sum to `most` at most.
+/// All triples of orders along x, y and z with a sum of at most `most`.
 fn orders_up_to(most: usize) -> impl Iterator<Item = [usize; 3]> {
     let side = most + 1;
     (0..side * side * side)
@@ -414,7 +422,7 @@ fn factorial(n: usize) -> f64 {
     (1..=n).product::<usize>() as f64
 }
 
-/// The derivatives of a node's Taylor polynomial, `step` cells away.
+/// The derivatives of a node's Taylor polynomial at a distance of `step` cells.
 fn taylor(node: &Known, step: [f64; 3], only_quadratic: bool) -> Derivatives {
     // step^n / n!
     let power = step.map(|s| [1.0, s, 0.5 * s * s, s * s * s / 6.0]);
@@ -442,7 +450,7 @@ fn orders_up_to_two() -> impl Iterator<Item = (usize, usize, usize)> {
     (0..27).map(|code| (code / 9, code / 3 % 3, code % 3))
 }
 
-/// Mean of those that are there; zero if none is.
+/// Mean of the available values; zero without any.
 fn mean<const N: usize>(routes: [Option<f64>; N]) -> f64 {
     let there = routes.iter().flatten();
     there.clone().sum::<f64>() / there.count().max(1) as f64
@@ -464,7 +472,7 @@ mod tests {
     use super::*;
     use crate::num::jet::EnergyJet;
 
-    /// W = sum of c_n (u_n . x)^5 / 5!, x in m: a quintic with every derivative known.
+    /// W = sum of c_n (u_n . x)^5 / 5!, x in m: a quintic polynomial with known derivatives.
     const TERMS: [([f64; 3], f64); 4] =
         [([1.0, 0.3, -0.5], 8e6), ([0.2, -1.0, 0.6], 5e6), ([0.4, 0.5, 1.0], -6e6), ([0.7, -0.7, 0.2], 4e6)];
 
@@ -475,7 +483,7 @@ mod tests {
             let left = 5 - axes.len();
             c * along.powi(left as i32) / factorial(left) * axes.iter().map(|&i| u[i]).product::<f64>()
         };
-        // A stiffness at rest, so that forces are of the usual size.
+        // A stiffness at rest, so that the forces have a realistic size.
         let base = match axes {
             [] => 150.0 * x.iter().map(|x| x * x).sum::<f64>(),
             [i] => 300.0 * x[*i],
@@ -502,7 +510,7 @@ mod tests {
         }
     }
 
-    /// Largest errors of energy and hermite over positions inside, N.
+    /// Largest errors of `energy` and `hermite` at inner positions, N.
     fn errors(spacing_m: f64, without: impl Fn(GridIndex) -> bool) -> [f64; 2] {
         let grid = SpaceGrid::new(spacing_m, 0.06).unwrap();
         let samples: Vec<Sample> =
@@ -552,7 +560,7 @@ mod tests {
     fn no_difference_is_taken_across_a_fold() {
         let grid = SpaceGrid::new(0.01, 0.03).unwrap();
         let points: Vec<GridIndex> = Domain::new(&grid, true).points().collect();
-        // Beyond x = 15 mm another branch, whose derivatives have nothing to do with those before.
+        // Beyond x = 15 mm lies a different branch with unrelated derivatives.
         let beyond = |p: GridIndex| p[0] > 1;
         let samples = |jump: f64| -> Vec<Sample> {
             let of = |&p: &GridIndex| {
@@ -589,7 +597,7 @@ mod tests {
         }
     }
 
-    /// A branch that ends in a fold arrives there with a stiffness of any size.
+    /// The stiffness of a branch is unbounded at the fold where it ends.
     #[test]
     fn a_runaway_stiffness_at_a_fold_is_held() {
         let grid = SpaceGrid::new(0.01, 0.03).unwrap();
@@ -627,7 +635,7 @@ mod tests {
             free > 100.0 * as_it_is,
             "where no fold is, the solver is believed: {free} N beside {as_it_is} N"
         );
-        // A stiffness of the usual size is kept as it is, at folds too.
+        // A realistic stiffness is not limited, also at folds.
         let node = |nodes: &HermiteNodes, p| nodes.nodes[nodes.row[grid.lattice.slot(p).unwrap()] as usize];
         let (folded, plain) = (runaway(1.0, &fold), runaway(1.0, &[]));
         for p in [[1, 0, 0], [2, 0, 0], [1, 1, 1]] {

@@ -1,23 +1,27 @@
-//! The energy from scattered configurations: a Gaussian kernel that takes W, h, S and W_ijk of every one of them.
+//! Interpolation of the energy from scattered configurations: a Gaussian kernel with W, h, S and W_ijk of
+//! each.
 //!
-//! W(p) = p . S0 p / 2 + sum_n sum_|b|<=3 w_nb d^b/dq^b k(p, q) at q = p_n,   k(p, q) = exp(-|p - q|^2 / 2 l^2)
+//! W(p) = p . S0 p / 2 + sum_n sum_|b|<=3 w_nb d^b/dq^b k(p, q) at q = p_n,
+//! k(p, q) = exp(-|p - q|^2 / 2 l^2)
 //!
-//! Each configuration gives 20 numbers and takes 20 weights, those that make the fit meet all of its derivatives up to the third order
-//! (Hermite-Birkhoff interpolation; Wendland, Scattered Data Approximation, 2004, chapter 16). The force is the exact gradient of
-//! W, so the fit is conservative whatever its error. S0, the stiffness at rest, is what the kernel need not learn.
+//! Each configuration gives 20 data and has 20 weights. The weights are those with which the fit reproduces
+//! all derivatives up to the third order (Hermite-Birkhoff interpolation; Wendland, Scattered Data
+//! Approximation, 2004, chapter 16). The force is the exact gradient of W, so the fit is conservative for any
+//! error. The quadratic energy of the stiffness at rest, S0, is subtracted from the data.
 //!
-//! With x = p / l and He_n the Hermite polynomials of probability, d^n/dr^n exp(-r^2/2) = (-1)^n He_n(r) exp(-r^2/2), so that the
-//! entry between derivative a at x_m and weight b at x_n is, with r = x_m - x_n,
+//! With x = p / l and He_n the Hermite polynomials of probability theory, d^n/dr^n exp(-r^2/2) = (-1)^n
+//! He_n(r) exp(-r^2/2). The entry between derivative a at x_m and weight b at x_n is, with r = x_m - x_n,
 //!
 //! K = prod_i (-1)^a_i He_(a_i + b_i)(r_i) exp(-|r|^2 / 2),   on the diagonal prod_i (2 a_i - 1)!! .
 //!
-//! Rows and columns are scaled to a unit diagonal, and each row gets a little more on it by its order ([`NUGGET`]): the matrix of a
-//! smooth kernel is singular to working precision long before its data run out, and what it then cannot tell from noise rings.
+//! Rows and columns are scaled to a unit diagonal, and a nugget that depends on the order is added to it
+//! ([`NUGGET`]). The matrix of a smooth kernel is singular to working precision long before the data are
+//! exhausted. Without the nugget the fit would amplify rounding errors to oscillations.
 //!
-//! What it knows of its own errors is in [`cross_validation`], for which it keeps the diagonal blocks of K's inverse. With
-//! K = [A B; B' C], H = (L^-T L^-1 B) M^-T, A = L L', C - B' A^-1 B = M M', the blocks grow by H_m H_m'.
+//! The error estimates in [`cross_validation`] need the diagonal blocks of K's inverse. With K = [A B; B' C],
+//! H = (L^-T L^-1 B) M^-T, A = L L', C - B' A^-1 B = M M', the blocks grow by H_m H_m'.
 //!
-//! Its sums cancel (weights are thousands of times the values they make), so it is evaluated in f64.
+//! The sums cancel (weights are thousands of times larger than the values), so the evaluation uses f64.
 
 mod cross_validation;
 
@@ -27,9 +31,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::num::jet::EnergyJet;
 
-/// Derivatives that a configuration gives: how often along x, y and z.
+/// Orders of the derivatives of a configuration along x, y and z.
 ///
-/// The third ones are in the order of [`THIRD_INDICES`].
+/// The third derivatives are in the order of [`THIRD_INDICES`].
 pub(crate) const DATA: [[usize; 3]; 20] = [
     [0, 0, 0],
     [1, 0, 0],
@@ -53,17 +57,18 @@ pub(crate) const DATA: [[usize; 3]; 20] = [
     [0, 0, 3],
 ];
 
-/// What is added to the unit diagonal, by order of the derivative.
+/// Nugget added to the unit diagonal, by order of the derivative.
 pub(super) const NUGGET: [f64; 4] = [1e-9, 1e-9, 1e-6, 1e-4];
 
-/// Largest order of the Hermite polynomials: of data against data 6, of the table's second derivatives against data 5.
+/// Highest order of the Hermite polynomials: 6 between two data, 5 between the table's second derivatives and
+/// the data.
 const POLYNOMIALS: usize = 7;
 
 /// W_abc as `[a][b][c]`, J/m^(a+b+c).
 pub type Derivatives = [[[f64; 3]; 3]; 3];
 
 impl EnergyJet {
-    /// The data in the order of [`DATA`], less the quadratic energy of `base`.
+    /// The data in the order of [`DATA`], minus those of the quadratic energy of `base`.
     fn beside(&self, base: &Matrix3<f64>) -> [f64; 20] {
         let p = Vector3::from(self.control_m);
         let beside = Self {
@@ -76,7 +81,7 @@ impl EnergyJet {
     }
 }
 
-/// Two configurations so close that the kernel cannot tell them apart.
+/// Error: two configurations are too close for the kernel to distinguish them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Indistinct;
 
@@ -88,25 +93,25 @@ impl std::fmt::Display for Indistinct {
 
 impl std::error::Error for Indistinct {}
 
-/// A fit that grows by configurations.
+/// A fit that can be extended by configurations.
 #[derive(Debug, Clone)]
 pub struct KernelFit {
     length_m: f64,
     base: Matrix3<f64>,
-    /// Displacements in units of the length.
+    /// Displacements in units of the kernel length.
     centres: Vec<[f64; 3]>,
     /// Lower Cholesky factor of the scaled matrix.
     factor: Mat<f64>,
-    /// What the factor makes of the scaled data: grows with it.
+    /// Forward substitution of the scaled data with the factor; extended with it.
     forward: Mat<f64>,
-    /// Of the scaled matrix' inverse the diagonal block of each configuration.
+    /// The diagonal block of each configuration in the inverse of the scaled matrix.
     inverse: Vec<Mat<f64>>,
-    /// In the order of [`DATA`], J.
+    /// Weights in the order of [`DATA`], J.
     weights: Vec<[f64; 20]>,
 }
 
 impl KernelFit {
-    /// An empty fit with the kernel's length l, m, and the stiffness at rest, N/m.
+    /// An empty fit with the kernel length l, m, and the stiffness at rest, N/m.
     pub fn new(length_m: f64, rest_stiffness_n_m: Matrix3<f64>) -> Self {
         Self {
             length_m,
@@ -161,14 +166,16 @@ impl KernelFit {
         self.centres.is_empty()
     }
 
-    /// A lower bound of the condition number of the scaled matrix: the square of the ratio of the factor's diagonal entries.
+    /// Lower bound of the condition number of the scaled matrix: the squared ratio of the factor's diagonal
+    /// entries.
     pub fn condition(&self) -> f64 {
         let diagonal = (0..self.factor.nrows()).map(|i| self.factor[(i, i)]);
         let (low, high) = diagonal.fold((f64::INFINITY, 0.0f64), |(low, high), d| (low.min(d), high.max(d)));
         (high / low).powi(2)
     }
 
-    /// The same fit without what it grows by, which is most of its memory: it answers alike and takes nothing in.
+    /// A read-only copy without the factor, which is most of the memory. It gives the same values and cannot
+    /// be extended.
     #[must_use]
     pub fn as_it_is(&self) -> Self {
         let Self { length_m, base, ref centres, ref weights, .. } = *self;
@@ -177,18 +184,18 @@ impl KernelFit {
         Self { length_m, base, centres, factor, forward, inverse: Vec::new(), weights }
     }
 
-    /// Takes configurations in. The fit stays as it was if one of them is too close to another.
+    /// Adds configurations. The fit is unchanged if one of them is too close to another.
     ///
-    /// The factor is extended by 20 rows each: of N configurations in all (20 N)^3 / 3 operations, however they come.
+    /// Each configuration extends the factor by 20 rows. N configurations cost (20 N)^3 / 3 operations in
+    /// total, for any number of calls.
     ///
-    /// # Panics
-    /// If it is a fit [as it is](Self::as_it_is).
+    /// # Panics If the fit is [read-only](Self::as_it_is).
     pub fn add(&mut self, jets: &[EnergyJet]) -> Result<(), Indistinct> {
         assert_eq!(self.factor.nrows(), DATA.len() * self.centres.len(), "the fit cannot grow");
         let (old, more) = (DATA.len() * self.centres.len(), DATA.len() * jets.len());
         let added: Vec<[f64; 3]> = jets.iter().map(|jet| jet.control_m.map(|x| x / self.length_m)).collect();
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
-        // Columns of the new rows, against the old data and among themselves.
+        // Columns of the new rows: against the old data, and among themselves.
         let mut across = Mat::<f64>::zeros(old, more);
         let mut own = Mat::<f64>::zeros(more, more);
         for (m, &x) in added.iter().enumerate() {
@@ -214,7 +221,7 @@ impl KernelFit {
         own -= across.transpose() * &across;
         let corner = own.llt(Side::Lower).map_err(|_| Indistinct)?;
         let corner = corner.L();
-        // Data in the same scale: derivatives by x = p / l.
+        // The data in the same scale, as derivatives with respect to x = p / l.
         let mut right = Mat::<f64>::zeros(more, 1);
         for (m, jet) in jets.iter().enumerate() {
             for ((a, orders), value) in DATA.iter().enumerate().zip(jet.beside(&self.base)) {
@@ -246,7 +253,8 @@ impl KernelFit {
         Ok(())
     }
 
-    /// What new rows add to the blocks of the inverse: `across` is L^-1 B, `corner` the factor of the Schur complement.
+    /// Contribution of new rows to the blocks of the inverse: `across` is L^-1 B, `corner` the factor of the
+    /// Schur complement.
     fn extend_inverse(&mut self, across: &Mat<f64>, corner: MatRef<'_, f64>) {
         let mut back = across.clone();
         solve_upper_triangular_in_place(self.factor.transpose(), back.as_mut(), Par::Seq);
@@ -286,7 +294,7 @@ impl KernelFit {
         (self.base * p + Vector3::from(sum) / self.length_m).into()
     }
 
-    /// W and its derivatives up to the third order, as a configuration gives them.
+    /// W and its derivatives up to the third order.
     pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let x = displacement_m.map(|p| p / self.length_m);
         let mut sum = [0.0; 20];
@@ -309,7 +317,7 @@ impl KernelFit {
         }
     }
 
-    /// All derivatives of W up to the second along each axis.
+    /// All derivatives of W up to the second order along each axis.
     pub fn derivatives(&self, displacement_m: [f64; 3]) -> Derivatives {
         let x = displacement_m.map(|p| p / self.length_m);
         let mut sum = Derivatives::default();
@@ -418,7 +426,7 @@ mod tests {
     #[test]
     fn few_configurations_are_enough_and_more_are_better() {
         let errors = [4, 12, 36].map(|n| worst_n(&fit(n, 0.04)));
-        // The largest force is some 20 N.
+        // The largest force is about 20 N.
         assert!(
             errors[2] < 0.01 && errors[0] > 10.0 * errors[1] && errors[1] > 5.0 * errors[2],
             "{errors:?} N"
@@ -436,7 +444,7 @@ mod tests {
         }
     }
 
-    /// All 27, each against a difference of the one below it.
+    /// All 27 derivatives, each compared with a difference of the next lower one.
     #[test]
     fn derivatives_are_those_of_the_energy() {
         let (fit, at, step) = (fit(15, 0.03), [0.012, -0.008, 0.019], 1e-5);

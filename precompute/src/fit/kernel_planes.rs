@@ -1,4 +1,5 @@
-//! A kernel fit as the core evaluates it ([`palpate_core::method::kernel`]): a cubic polynomial at every configuration, and how far it speaks.
+//! A kernel fit in the core's form ([`palpate_core::method::kernel`]): a cubic polynomial at every
+//! configuration, and the range in which the fit is valid.
 
 use palpate_core::method::kernel::{
     self, Block, KernelTable, LANES, MAX_CENTRES, MAX_DISTANCE, NUMBERS, REACH_POINTS, REACH_SIDE, SCALARS,
@@ -7,29 +8,31 @@ use palpate_core::method::kernel::{
 use super::KernelFit;
 use super::kernel::DATA;
 
-/// Steps along a ray in the search for its reach: one step is a 32nd of the ball's radius.
+/// Number of steps along a ray in the search for the range.
 const STEPS: u32 = 32;
-/// Halvings of the step that leaves: below what a byte tells.
+/// Number of halvings of the first step outside the range; the remaining error is below the resolution of a
+/// byte.
 const HALVINGS: u32 = 5;
 
 /// d^a He_n/dr^a at r = 0, `[n][a]`: He_n is 1, r, r^2 - 1, r^3 - 3 r.
 const HERMITE_AT_0: [[f64; 4]; 4] =
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 2.0, 0.0], [0.0, -3.0, 0.0, 6.0]];
 
-/// The planes of one kernel.
+/// The planes of a kernel fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KernelPlanes {
-    /// l in metres, then B in newtons.
+    /// Kernel length l in metres, then B in newtons.
     pub scalars: [f64; SCALARS],
-    /// The configurations, four by four.
+    /// The configurations in blocks of four.
     pub blocks: Vec<Block>,
-    /// Shares of the ball's radius.
+    /// Range in each direction, as a share of the ball's radius in 1/255.
     pub reach: Vec<u8>,
 }
 
 impl KernelPlanes {
-    /// The planes of a fit that knows something where `knows` says so, in a ball of `radius_m`. `None` where the core would not hold them:
-    /// more than [`MAX_CENTRES`] configurations, or one farther than [`MAX_DISTANCE`] lengths.
+    /// The planes of a fit in a ball of `radius_m`; `knows` returns whether the fit is valid at a
+    /// displacement. `None` if the core does not accept the fit: more than [`MAX_CENTRES`] configurations, or
+    /// a configuration at more than [`MAX_DISTANCE`] kernel lengths from rest.
     pub fn new(fit: &KernelFit, radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Option<Self> {
         let far = |x: &[f64; 3]| x.iter().map(|x| x * x).sum::<f64>() > MAX_DISTANCE * MAX_DISTANCE;
         if fit.is_empty() || fit.len() > MAX_CENTRES || fit.centres().any(|(x, _)| far(x)) {
@@ -49,15 +52,16 @@ impl KernelPlanes {
         KernelTable::new(radius_m as f32, planes.view()).is_ok().then_some(planes)
     }
 
-    /// The planes as the core checks and evaluates them.
+    /// The planes as a view for the core's check and evaluation.
     pub fn view(&self) -> kernel::KernelPlanes<'_> {
         kernel::KernelPlanes { scalars: &self.scalars, blocks: &self.blocks, reach: &self.reach }
     }
 }
 
-/// The derivatives at r = 0, in the order of [`DATA`], of the polynomial that the weighed derivatives of a Gaussian are times of.
+/// Derivatives at r = 0, in the order of [`DATA`], of the polynomial factor of a weighted sum of a Gaussian's
+/// derivatives.
 ///
-/// d^b/dq^b exp(-|p - q|^2 / 2) = He_b(p - q) exp(..), so P_a = sum_b w_b prod_i He_(b_i)^(a_i)(0).
+/// With d^b/dq^b exp(-|p - q|^2 / 2) = He_b(p - q) exp(..) they are P_a = sum_b w_b prod_i He_(b_i)^(a_i)(0).
 fn polynomial(weights: &[f64; 20]) -> [f64; 20] {
     DATA.map(|a| {
         let term = |b: &[usize; 3]| (0..3).map(|axis| HERMITE_AT_0[b[axis]][a[axis]]).product::<f64>();
@@ -65,7 +69,8 @@ fn polynomial(weights: &[f64; 20]) -> [f64; 20] {
     })
 }
 
-/// For the directions of the cube: how far the fit knows something all the way from rest, rounded down to a 255th of the radius.
+/// For each direction of the cube, the distance up to which the fit is valid without interruption from rest,
+/// rounded down to 1/255 of the radius.
 fn reach(radius_m: f64, knows: impl Fn([f64; 3]) -> bool) -> Vec<u8> {
     let half = (REACH_SIDE / 2) as i32;
     let share = |index: usize| {
@@ -89,7 +94,7 @@ fn along(towards: [i32; 3], radius_m: f64, knows: &impl Fn([f64; 3]) -> bool) ->
             if knows(at(middle)) { low = middle } else { high = middle }
         }
     }
-    // Rest is always known: a byte of nothing would be no reach.
+    // The fit is always valid at rest, and 0 would mean no range.
     ((255.0 * low.min(1.0)) as u8).max(1)
 }
 
@@ -119,7 +124,8 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     }
 
-    /// Value, gradient and Hessian of the core against the fit that it was made of. The fit leaves a little force at rest, the core none.
+    /// Compares the core's value, gradient and Hessian with those of the fit. The fit has a small force at
+    /// rest; the core subtracts it.
     #[test]
     fn the_core_gives_back_the_fit() {
         for (configurations, length_m) in [(4, 0.03), (21, 0.03), (36, 0.04), (37, 0.02)] {
@@ -140,7 +146,7 @@ mod tests {
                     let (a, b) = (found.stiffness_n_m[i][j], exact.stiffness_n_m[(i, j)]);
                     assert!((a - b).abs() < 1e-5, "{a} {b}");
                 }
-                // The tick's own sum: f32 is what rounds it.
+                // The sum of the tick; its error is the rounding to f32.
                 let tick = table.force(Baseline, at).map(f64::from);
                 assert!(apart(tick, force_n) < 2e-6, "{tick:?} {force_n:?}");
             }
@@ -148,7 +154,7 @@ mod tests {
         }
     }
 
-    /// A wrong coefficient must be seen by the comparison above: a tenth of a millinewton of one number.
+    /// The comparison above must detect an error of 0.1 mN in one coefficient.
     #[test]
     fn a_planted_fault_is_seen() {
         let fit = fit(21, 0.03);
@@ -171,7 +177,7 @@ mod tests {
         }
     }
 
-    /// What the numbers need: f64, in the blob and in the tick.
+    /// Required precision of the numbers: f64, in the blob and in the tick.
     #[test]
     fn singles_cost_more_than_the_fit_errs() {
         let fit = fit(36, 0.04);
@@ -200,7 +206,7 @@ mod tests {
         assert!(of_sum > 100.0 * of_tick && of_storage > 10.0 * of_tick);
     }
 
-    /// The core's sum with f32 in place of f64.
+    /// The core's sum with f32 instead of f64.
     fn in_singles(planes: &KernelPlanes, displacement_m: [f32; 3]) -> [f64; 3] {
         let x = displacement_m.map(|p| p / planes.scalars[0] as f32);
         let sum = |x: [f32; 3]| -> [f32; 3] {
@@ -234,11 +240,11 @@ mod tests {
         std::array::from_fn(|i| f64::from((0..3).map(|j| base[i][j] * x[j]).sum::<f32>() + here[i] - rest[i]))
     }
 
-    /// The reach is where the fit still knows, seen from rest, and never further.
+    /// The range ends where the fit becomes invalid along a ray from rest.
     #[test]
     fn a_reach_ends_where_the_fit_does() {
         let fit = fit(8, 0.03);
-        // An ellipsoid, and an island behind it that no ray gets to without leaving.
+        // An ellipsoid, and behind it a separate region that no ray reaches without leaving the first one.
         let knows = |at: [f64; 3]| {
             let inside = (at[0] / 0.04).powi(2) + (at[1] / 0.02).powi(2) + (at[2] / 0.03).powi(2) < 1.0;
             inside || at[1].abs() > 0.035

@@ -1,10 +1,10 @@
-//! An energy known in closed form, for tests.
+//! An energy in closed form, for tests.
 
 use nalgebra::Matrix3;
 
 use crate::num::jet::{EnergyJet, THIRD_INDICES};
 
-/// The configuration at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p): stiffer the further it is pushed, and not the same all round.
+/// The jet at `p` of W = p.D p / 2 + c (exp(g.p) - 1 - g.p), an anisotropic energy with increasing stiffness.
 pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
     let (d, g, c) = ([200.0, 150.0, 300.0], [20.0, -12.0, 16.0], 0.02);
     let along: f64 = (0..3).map(|i| g[i] * p[i]).sum();
@@ -19,7 +19,7 @@ pub(crate) fn jet(p: [f64; 3]) -> EnergyJet {
     }
 }
 
-/// Number `n` of points spread evenly in a ball of `radius_m`.
+/// Point `n` of an even distribution in a ball of `radius_m`.
 pub(crate) fn spread(n: u32, radius_m: f64) -> [f64; 3] {
     let [r, z, turn] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5]
         .map(|step| (f64::from(n + 1) * step).fract());

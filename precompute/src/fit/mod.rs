@@ -1,4 +1,4 @@
-//! From solved configurations to the tables that the core interpolates.
+//! Fits: from solved configurations to the tables that the core interpolates.
 
 mod displacement;
 mod fold;
@@ -27,17 +27,17 @@ pub use rbf_weights::{Centre, FitError, Kernel, RbfFit, SurfaceRbf, fit_rbf};
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
-/// A solved grid point as the fits need it.
+/// A solved grid point, as input of the fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Grid point.
     pub index: GridIndex,
-    /// Which try at the point gave the solution.
+    /// Index of the attempt that gave the solution.
     pub attempt: u32,
-    /// W, h, S and W_ijk there.
+    /// W, h, S and W_ijk at the point.
     pub jet: EnergyJet,
-    /// |h| is beyond the scene's force limit.
+    /// Whether |h| exceeds the scene's force limit.
     pub terminating: bool,
-    /// At least one element is inverted.
+    /// Whether an element is inverted.
     pub inverted: bool,
 }

@@ -1,25 +1,25 @@
-//! The leading modes of a surface's displacements, as the core has them: int16 times a scale.
+//! The leading modes of the surface displacements in the core's form: int16 numbers and a scale.
 
 use palpate_core::displacement::DisplacementPlanes;
 
-/// Units of a packed number.
+/// Largest packed number; a value is stored in units of 1/32767 of its range.
 pub(crate) const UNITS: f64 = 32767.0;
 
-/// A mode before it is packed.
+/// A mode before packing.
 pub(crate) struct Mode {
-    /// Orthonormal.
+    /// Shape, orthonormal to the other modes.
     pub(crate) shape: Vec<f64>,
-    /// The largest coefficient.
+    /// Largest absolute coefficient.
     pub(crate) range: f64,
 }
 
-/// Modes as the core has them.
+/// Packed modes.
 pub(crate) struct PackedModes {
     /// `[mode][surface vertex][xyz]`.
     pub(crate) numbers: Vec<i16>,
-    /// Metres per unit of a mode times unit of its coefficient.
+    /// Metres per unit of the mode and unit of the coefficient.
     pub(crate) scale: Vec<f32>,
-    /// What the core makes of them, with a coefficient of 1: metres.
+    /// The modes as the core decodes them, for the coefficient 1, m.
     pub(crate) unpacked: Vec<Vec<f64>>,
     /// |unpacked|^2.
     squared: Vec<f64>,
@@ -31,7 +31,8 @@ impl PackedModes {
         for Mode { shape, range } in modes {
             let top = shape.iter().fold(0.0, |top: f64, x| top.max(x.abs())).max(f64::MIN_POSITIVE);
             let numbers: Vec<i16> = shape.iter().map(|x| (UNITS * x / top).round() as i16).collect();
-            // Packed modes are not quite orthogonal: a coefficient may come out a little larger than the mode's own.
+            // Packed modes are only nearly orthogonal, so a coefficient can exceed the range of the mode
+            // slightly.
             let scale = (top / UNITS * 1.01 * range / UNITS).max(f64::from(f32::MIN_POSITIVE)) as f32;
             all.extend(numbers);
             scales.push(scale);
@@ -39,7 +40,7 @@ impl PackedModes {
         Self::of(all, scales)
     }
 
-    /// Those of a table.
+    /// The modes of an existing table.
     pub(crate) fn of_planes(planes: &DisplacementPlanes<'_>) -> Self {
         Self::of(planes.modes.to_vec(), planes.scale.to_vec())
     }
@@ -54,7 +55,7 @@ impl PackedModes {
         Self { numbers, scale, unpacked, squared }
     }
 
-    /// Coefficients of a displacement, and what they leave of it.
+    /// Coefficients of a displacement, and the remainder of the displacement, m.
     pub(crate) fn coefficients(&self, displacement_m: &[f32]) -> (Vec<i16>, Vec<f64>) {
         let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
         let mut packed = Vec::with_capacity(self.scale.len());
@@ -66,13 +67,14 @@ impl PackedModes {
         (packed, left)
     }
 
-    /// Coefficients of a slope, times `step`; not rounded.
+    /// Coefficients of a slope times `step`, not rounded.
     pub(crate) fn project(&self, slope: &[f32], step: f64) -> Vec<f64> {
         let along = |mode: &[f64]| slope.iter().zip(mode).map(|(s, m)| f64::from(*s) * m).sum::<f64>();
         self.unpacked.iter().zip(&self.squared).map(|(mode, squared)| step * along(mode) / squared).collect()
     }
 
-    /// What is left of a displacement that has more modes than these, m, and by how much rounding the coefficients changes that, m.
+    /// Remainder of a displacement without these modes, m, and the change of the remainder by rounding the
+    /// coefficients, m.
     pub(crate) fn left_and_rounded(&self, displacement_m: &[f32]) -> [Vec<f64>; 2] {
         let mut left: Vec<f64> = displacement_m.iter().map(|&x| f64::from(x)).collect();
         for (mode, squared) in self.unpacked.iter().zip(&self.squared) {
@@ -99,7 +101,7 @@ mod tests {
         let modes = PackedModes::pack(&[mode([1.0, 0.0, 0.0, 0.0], 0.01), mode([0.0, 0.8, 0.6, 0.0], 0.02)]);
         let [left, rounded] = modes.left_and_rounded(&[0.004_321, 0.008, 0.006, 0.003]);
         assert!((left[3] - 0.003).abs() < 1e-9 && left[..3].iter().all(|x| x.abs() < 1e-7), "{left:?}");
-        // Half a unit of a coefficient, of which there are 32,767 in its range.
+        // The rounding error is half a unit of a coefficient, whose range has 32,767 units.
         let largest = rounded.iter().fold(0.0f64, |top, x| top.max(x.abs()));
         assert!(largest > 1e-9 && largest < 0.51 * 1.01 * 0.02 / UNITS, "{rounded:?}");
         let again = PackedModes::of(modes.numbers.clone(), modes.scale.clone());

@@ -1,4 +1,4 @@
-//! How the surface moves, from scattered configurations.
+//! Interpolation of the surface displacement from scattered configurations.
 
 use faer::linalg::solvers::Llt;
 use faer::prelude::Solve;
@@ -7,27 +7,30 @@ use faer::{Mat, Side};
 use super::Moved;
 use super::kernel::{DATA, NUGGET, entry, polynomials};
 
-/// How the surface moves anywhere, from scattered configurations: a Gaussian kernel that takes displacement and slopes of every one.
+/// Gaussian-kernel interpolation of the surface displacement from the displacement and slopes of all
+/// configurations.
 ///
-/// As [`super::KernelFit`] does for the energy, with data of order 0 and 1, and what moves in proportion left out. A surface is a sum of
-/// those given, with the same weights for all of its nodes: the matrix is factorised once, and no mode is chosen.
+/// The method is that of [`super::KernelFit`] for the energy, with data of order 0 and 1, after subtraction
+/// of the linear part at rest. An interpolated surface is a linear combination of the given ones with the
+/// same weights for all nodes. The matrix is therefore factorised once, and no modes are needed.
 #[derive(Debug)]
 pub struct ScatteredMotion {
     length_m: f64,
-    /// Displacements of the active node in units of the length.
+    /// Displacements of the active node in units of the kernel length.
     centres: Vec<[f64; 3]>,
     factor: Llt<f64>,
-    /// A row of the surface's components for every datum, in the kernel's scale, m.
+    /// One row of surface components per datum, scaled by the kernel length, m.
     data: Vec<Vec<f64>>,
     /// Slopes at rest.
     base: [Vec<f32>; 3],
 }
 
-/// Data of a configuration: the displacement and its three slopes, the first of [`DATA`].
+/// Number of data per configuration: the displacement and its three slopes, the first of [`DATA`].
 const ORDERS: usize = 4;
 
 impl ScatteredMotion {
-    /// From configurations, each with its displacement of the active node, m; the first is rest.
+    /// Interpolation of configurations, each with its displacement of the active node, m; the first is rest.
+    /// `None` if the matrix is not positive definite.
     pub fn new(length_m: f64, configurations: &[([f64; 3], Moved)]) -> Option<Self> {
         let base = configurations.first()?.1.slopes.clone();
         let centres: Vec<[f64; 3]> = configurations.iter().map(|(p, _)| p.map(|x| x / length_m)).collect();
@@ -38,7 +41,7 @@ impl ScatteredMotion {
                 let (tables, e) = polynomials(x, y);
                 for a in 0..ORDERS {
                     for b in 0..ORDERS {
-                        // The diagonal of these orders is 1 as it is.
+                        // The diagonal of these orders is 1 without scaling.
                         matrix[(ORDERS * m + a, ORDERS * k + b)] = e * entry(DATA[a], DATA[b], &tables);
                     }
                 }
@@ -101,7 +104,7 @@ mod tests {
     use super::super::made_up::spread;
     use super::*;
 
-    /// Two nodes: the active one, and one that turns with it.
+    /// Two nodes: the active node, and a node that rotates with it.
     fn moved(p: [f64; 3]) -> Moved {
         let (s, c) = (15.0 * p[0]).sin_cos();
         let all = [p[0], p[1], p[2], 0.02 * s + 0.3 * p[1], 0.02 * (1.0 - c), 5.0 * p[1] * p[2]];
@@ -118,7 +121,7 @@ mod tests {
 
     #[test]
     fn a_surface_is_met_and_followed_between() {
-        // The largest errors of displacement, m, and of slopes, with so many configurations.
+        // Largest errors of displacement (m) and slopes for this number of configurations.
         let worst = |configurations: u32| {
             let places = std::iter::once([0.0; 3]).chain((1..configurations).map(|n| spread(n, 0.05)));
             let given: Vec<([f64; 3], Moved)> = places.map(|p| (p, moved(p))).collect();
@@ -134,7 +137,7 @@ mod tests {
                 for (found, truth) in found.slopes.iter().zip(&truth.slopes) {
                     worst[1] = worst[1].max(apart(found, truth));
                 }
-                // The touched node stays with the tool.
+                // The active node follows the tool.
                 assert!(apart(&found.displacement_m[..3], &p.map(|x| x as f32)) < 1e-6);
             }
             worst

@@ -1,24 +1,29 @@
-//! Weights of many linear radial basis functions without a dense matrix: GMRES with a preconditioner of local fits.
+//! Weights of many linear radial basis functions without a dense matrix: GMRES with a preconditioner of local
+//! fits.
 //!
-//! For every centre the k nearest are interpolated alone, with a constant: the function that is 1 there and 0 at the others. Its
-//! weights are nearly those of the whole system's, because with the constant taken out such functions fall off fast (Beatson, Cherrie
-//! and Mouat, Adv. Comput. Math. 11, 1999). Local fits cannot change the mean of a force, since their weights sum to zero: a term of
-//! rank one in the preconditioner does. The matrix is applied row by row as it is needed: memory is that of the Krylov vectors.
+//! For every centre, the k nearest centres are interpolated with a constant term: the function that is 1 at
+//! the centre and 0 at the others. Its weights approximate those of the whole system, because without the
+//! constant such functions decay fast (Beatson, Cherrie and Mouat, Adv. Comput. Math. 11, 1999). The weights
+//! of a local fit sum to zero, so local fits cannot change the mean of a force; a rank-one term of the
+//! preconditioner does. The matrix is computed row by row when it is applied, so the memory is that of the
+//! Krylov vectors.
 //!
-//! Measured at 1,459 centres: 26 steps to 1e-11; at 6,204 some 150, and a Krylov space of 60 hardly converges. For phi = r^3 the same with linear polynomials stays at 1e-1 after 60 steps, with 20
+//! Measured: 26 steps to 1e-11 at 1,459 centres, about 150 at 6,204; a Krylov space of 60 hardly converges.
+//! For phi = r^3 with linear polynomials the residual is still 1e-1 after 60 steps, also with 20 to 60
+//! distant points in every local fit. The cubic weights are therefore always computed by factorisation.
 //! to 60 far points in every local fit too, so the cubic weights are always found by factorisation.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::rbf_weights::Centre;
 
-/// Centres of a local fit.
+/// Number of centres of a local fit.
 const NEAREST: usize = 48;
-/// Steps before the method starts anew.
+/// Number of steps of a cycle; the method then restarts.
 const RESTART: usize = 250;
-/// Starts.
+/// Maximum number of cycles of `RESTART` steps.
 const CYCLES: usize = 4;
-/// Residual, as a share of the right-hand side, at which it is done.
+/// Target residual as a share of the right-hand side.
 const TOLERANCE: f64 = 1e-10;
 
 /// Weights of the three components, and the largest misfit, N.
@@ -78,7 +83,7 @@ impl System {
         })
     }
 
-    /// The preconditioner: local fits, and the mean.
+    /// The preconditioner: local fits and the rank-one term of the mean.
     fn precondition(&self, values: &[f64]) -> Vec<f64> {
         let mut weights = vec![0.0; values.len()];
         for ((neighbours, local), value) in self.local.iter().zip(values) {
@@ -105,13 +110,13 @@ impl System {
             }
             residual.iter_mut().for_each(|r| *r /= start);
             let mut basis = vec![residual];
-            // Hessenberg matrix by columns, reduced by rotations as it grows.
+            // Hessenberg matrix by columns, reduced by Givens rotations.
             let (mut columns, mut rotations) = (Vec::<Vec<f64>>::new(), Vec::<(f64, f64)>::new());
             let mut right = vec![start];
             for step in 0..RESTART {
                 let mut next = self.apply(&self.precondition(&basis[step]));
                 let mut column = Vec::with_capacity(step + 2);
-                // Twice: once leaves rounding behind.
+                // Orthogonalised twice, because rounding errors remain after one pass.
                 for pass in 0..2 {
                     for (k, vector) in basis.iter().enumerate() {
                         let along = dot(&next, vector);

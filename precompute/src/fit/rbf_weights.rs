@@ -16,7 +16,7 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// phi of the distance of two positions.
+    /// phi of the distance between two positions.
     fn between(self, a: [f64; 3], b: [f64; 3]) -> f64 {
         let squared: f64 = a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum();
         self.value(squared.sqrt())
@@ -82,7 +82,7 @@ impl std::error::Error for FitError {}
 /// A position and the force there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Centre {
-    /// In cells.
+    /// Position in cells.
     pub position: [f64; 3],
     /// h, N.
     pub force_n: [f64; 3],
@@ -94,20 +94,21 @@ impl From<&Sample> for Centre {
     }
 }
 
-/// Centres up to which linear weights are found by factorisation too: 6.4 GB. With 6,204 that takes 5 s, and 25 s by iterations.
+/// Maximum number of centres for linear weights by factorisation: 6.4 GB. With 6,204 centres the
+/// factorisation takes 5 s and the iteration 25 s.
 const DENSE: usize = 20_000;
-/// Most centres of the cubic: 14 GB while it is factorised.
+/// Maximum number of centres of the cubic kernel: 14 GB during the factorisation.
 const MOST: usize = 30_000;
 
-/// A misfit beyond this share of the largest force means that the matrix was singular.
+/// A misfit above this share of the largest force means a singular matrix.
 const MISFIT: f64 = 1e-6;
 
 /// Weights w with sum_j w_j phi(|x_i - x_j|) = h_i at every sample, per component.
 ///
-/// Distances are in cells, so the matrix does not depend on the unit of length. No polynomial tail, as in the paper
-/// (whose sum to N-1 is a misprint for N). The matrix is symmetric indefinite with zeros on the diagonal: LBL^T
-/// with pivoting, N^3/3 operations. Memory 8 N^2 bytes, twice. Where that is too much, linear weights are found iteratively instead, on `threads`
-/// threads, to the same misfit.
+/// Distances are in cells, so the matrix is independent of the unit of length. There is no polynomial tail,
+/// as in the paper (whose sum to N-1 is a misprint for N). The matrix is symmetric indefinite with zeros on
+/// the diagonal: LBL^T with pivoting, N^3/3 operations, 8 N^2 bytes twice. If that exceeds the memory, linear
+/// weights are computed iteratively on `threads` threads, to the same misfit.
 pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
     let n = centres.len();
     let (weights, misfit_n) = match kernel {
@@ -126,7 +127,7 @@ pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<Rbf
     })
 }
 
-/// Weights by factorisation, and the largest misfit.
+/// Weights by factorisation, and the largest misfit, N.
 fn solve_densely(kernel: Kernel, centres: &[Centre]) -> ([Vec<f64>; 3], f64) {
     let forces = Mat::from_fn(centres.len(), 3, |i, axis| centres[i].force_n[axis]);
     let positions: Vec<[f64; 3]> = centres.iter().map(|c| c.position).collect();
@@ -134,34 +135,35 @@ fn solve_densely(kernel: Kernel, centres: &[Centre]) -> ([Vec<f64>; 3], f64) {
     (std::array::from_fn(|axis| weights.col(axis).iter().copied().collect()), misfit_n)
 }
 
-/// Weights of any number of columns of `values`, a row a centre, and the largest misfit; infinite if the matrix was singular.
+/// Weights for each column of `values` (one row per centre), and the largest misfit; infinite for a singular
+/// matrix.
 fn solve(kernel: Kernel, positions: &[[f64; 3]], values: &Mat<f64>) -> (Mat<f64>, f64) {
     let n = positions.len();
     let matrix = Mat::from_fn(n, n, |i, j| kernel.between(positions[i], positions[j]));
     let factor = matrix.lblt(Side::Lower);
     let mut weights = factor.solve(values);
-    // One refinement: cond of the cubic matrix is 1e6 at 514 points, 1e8 at 4168.
+    // One step of refinement: the condition number of the cubic matrix is 1e6 at 514 points, 1e8 at 4168.
     let residual = values - &matrix * &weights;
     weights += factor.solve(&residual);
     let misfit = values - &matrix * &weights;
-    // faer's norm passes a NaN over; a fit with one must not pass for good.
+    // faer's norm ignores NaN, so the check for finite values is separate.
     let finite = |m: &Mat<f64>| m.col_iter().all(|column| column.iter().all(|x| x.is_finite()));
     let misfit = if finite(&weights) && finite(&misfit) { misfit.norm_max() } else { f64::INFINITY };
     (weights, misfit)
 }
 
-/// The whole surface by radial basis functions, as the paper offers for displacements too. For comparison: no blob holds it, since every
-/// vertex of every surface sums over all configurations.
+/// Interpolation of the whole surface by radial basis functions, which the paper proposes for displacements
+/// too. For comparison only: no blob contains it, because every vertex would sum over all configurations.
 #[derive(Debug, Clone)]
 pub struct SurfaceRbf {
     kernel: Kernel,
     positions: Vec<[f64; 3]>,
-    /// A row a centre, a column a component.
+    /// One row per centre, one column per component.
     weights: Mat<f64>,
 }
 
 impl SurfaceRbf {
-    /// Of these configurations, each with its position in cells.
+    /// Fits these configurations, each with its position in cells.
     pub fn fit(kernel: Kernel, configurations: &[([f64; 3], Vec<f32>)]) -> Result<Self, FitError> {
         let positions: Vec<[f64; 3]> = configurations.iter().map(|(at, _)| *at).collect();
         let components = configurations.first().map_or(0, |(_, moved)| moved.len());
@@ -186,7 +188,7 @@ mod tests {
     use super::*;
     use crate::spec::SpaceGrid;
 
-    /// A surface of one node is a force.
+    /// A surface of one node is a force field.
     #[test]
     fn a_surface_is_met_and_continued_like_a_force() {
         let centres = centres(2);
@@ -212,7 +214,7 @@ mod tests {
         Centre { position, force_n: [(2.0 * x).sinh() + y * z, y - x * z * z, (z + x).tanh()] }
     }
 
-    /// Points of a ball of so many cells, and some between them.
+    /// Points of a ball with this number of cells, and some between them.
     fn centres(cells: i32) -> Vec<Centre> {
         let grid = SpaceGrid::new(0.03 / f64::from(cells), 0.03).unwrap();
         let on_grid = grid.lattice.points().chain([[0; 3]]).map(|p| p.map(f64::from));

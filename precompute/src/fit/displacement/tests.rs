@@ -5,7 +5,8 @@ use super::*;
 
 const NODES: usize = 40;
 
-/// A surface that follows the node at (1, 0, 0), the less the further away, and bends the more the coarser it is looked at.
+/// A surface that follows the node at (1, 0, 0) with an influence that decreases with the distance; `bend`
+/// scales its curvature.
 fn moved(d: [f64; 3], bend: f64) -> Moved {
     let node = |n: usize| [0.4, 1.3, 2.6].map(|turn| (turn * (n + 1) as f64).sin());
     let displacement = |d: [f64; 3]| -> Vec<f64> {
@@ -63,7 +64,7 @@ impl Case {
         fit_displacement(&self.grid, &self.solved, &[], bound, read).expect("a fit")
     }
 
-    /// Largest misfits of the core's own sums over all configurations.
+    /// Largest misfits over all configurations, by the core's own sums.
     fn misfit(&self, fit: &DisplacementFit) -> Misfit {
         let table = DisplacementTable::new(&self.grid.lattice, fit.planes(), NODES).expect("whole");
         let mut found = vec![[0.0; 3]; NODES];
@@ -89,7 +90,7 @@ fn the_bound_holds_for_what_the_core_makes_of_the_packed_numbers() {
         assert!(
             (misfit.rms_m - fit.misfit.rms_m).abs() < 1e-7 && (misfit.max_m - fit.misfit.max_m).abs() < 1e-7
         );
-        // Not for nothing: it takes what it may, and the fewer modes the more it may.
+        // The misfit uses a good part of the bound: a looser bound gives fewer modes.
         assert!(misfit.rms_m > 0.1 * rms_m.min(max_m), "{bound:?} {misfit:?}");
         if max_m > 3.0 * rms_m {
             assert!(fit.scale.len() <= before, "{bound:?} {}", fit.scale.len());
@@ -105,7 +106,7 @@ fn a_configuration_unlike_the_others_is_an_outlier_and_exact() {
     let case = Case { odd, ..Case::new(0.01, 0.0) };
     let bound = DisplacementBound::default();
     let fit = case.fit(bound);
-    // Three modes make the rest of it. That it costs less than a fourth mode is why it is no mode.
+    // Three modes represent the other configurations. An outlier costs fewer bytes than a fourth mode.
     assert_eq!((fit.scale.len(), fit.outlier_row.len()), (3, 1));
     assert_eq!(fit.row[case.grid.lattice.slot([1, -2, 0]).expect("in the box")], fit.outlier_row[0]);
     assert!(bound.holds(case.misfit(&fit)));
@@ -120,7 +121,7 @@ fn slopes_are_packed_where_the_grid_is_too_coarse_without() {
     let (coarse, fine) = (Case::new(0.01, 0.3), Case::new(0.003, 0.3));
     let (fit, fitted_fine) = (coarse.fit(bound), fine.fit(bound));
     assert!(fit.slopes > 0 && fitted_fine.slopes == 0, "{} {}", fit.slopes, fitted_fine.slopes);
-    // And they are worth it: between the configurations, against the function itself.
+    // The slopes reduce the error between the configurations, measured against the function itself.
     let table = DisplacementTable::new(&coarse.grid.lattice, fit.planes(), NODES).expect("whole");
     let flags = vec![flags::SMOOTH; coarse.grid.lattice.slots()];
     let mut worst = [0.0f64; 2];

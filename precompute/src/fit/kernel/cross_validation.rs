@@ -1,19 +1,24 @@
-//! What a fit knows of its own errors: each configuration as the others say it, and how far apart the energies that meet all data may be elsewhere.
+//! Error estimates of a kernel fit: leave-one-out errors, and the standard deviation of the force (kriging).
 //!
-//! A fit by a kernel is the mean of a Gaussian process whose covariance the kernel is (kriging). With configuration n left out, of K^-1 the block
-//! B_n on the diagonal and its share a_n of the solution give both what the others miss there and the covariance of that (Dubrule, Cross
-//! validation of kriging in a unique neighborhood, Math. Geol. 15, 1983):
+//! A kernel fit is the mean of a Gaussian process whose covariance is the kernel. Let B_n be the diagonal
+//! block of K^-1 of configuration n, and a_n its part of the solution. If configuration n is left out, the
+//! error of the other configurations' fit at n, and the covariance of this error, are (Dubrule, Cross
+//! validation of kriging in a unique neighborhood, Math. Geol. 15, 1983)
 //!
 //! e_n = B_n^-1 a_n,   C_n = s^2 B_n^-1
 //!
-//! The process' variance s^2, which the fit itself does not need, is what makes those errors what they should be: the mean of |e_n|^2 by the trace
-//! of B_n^-1, of the force alone. Anywhere else the force then has the standard deviation
+//! The variance s^2 of the process is not needed for the fit. It is estimated from these errors as the mean
+//! of |e_n|^2 divided by the trace of B_n^-1, for the force components only. At any position x the standard
+//! deviation of the force is then
 //!
-//! sigma(x)^2 = s^2 (3 - sum_i |L^-1 k_i(x)|^2) / l^2,   K = L L',   k_i the kernel between all data and dW/dx_i at x
+//! sigma(x)^2 = s^2 (3 - sum_i |L^-1 k_i(x)|^2) / l^2,   K = L L',
+//! k_i the kernel between all data and dW/dx_i at x
 //!
-//! A configuration at the edge of what is known is said by extrapolation by the others, and missed; with it the fit may know all there is to know. The
-//! left-out errors alone cannot tell that, sigma can: what they are too large by its B_n^-1 is large by too. It is an estimate of the size of an error, no
-//! bound of it: the body is no sample of the process, and the largest errors are some times what sigma is (docs/theory.md, section 11).
+//! For a configuration at the boundary of the data, the other configurations extrapolate, so its
+//! leave-one-out error can be large although the complete fit is accurate. sigma accounts for this, because
+//! B_n^-1 of such a configuration is large too. sigma estimates the size of an error and is not a bound: the
+//! body is not a sample of the process, and the largest errors are several times sigma (docs/theory.md,
+//! section 11).
 
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -21,28 +26,27 @@ use faer::{Mat, Par, Side};
 
 use super::{DATA, KernelFit, diagonal, entry, polynomials};
 
-/// The force among the data, along x, y and z: where it stands, and its orders.
+/// Indices of the force components x, y and z among the data.
 const FORCE: [usize; 3] = [1, 2, 3];
-/// Places that are looked at together: bounds the memory.
+/// Number of positions in one batch; limits the memory.
 const TOGETHER: usize = 64;
 
 impl KernelFit {
-    /// By how much the fit of all the others misses the force of each configuration, N, in the order they were taken in: the truth less what it
-    /// says.
+    /// Leave-one-out errors of the force, N, in the order of the configurations: the true force minus the
+    /// prediction of the fit to all other configurations.
     ///
-    /// # Panics
-    /// If it is a fit [as it is](Self::as_it_is).
+    /// # Panics If the fit is [read-only](Self::as_it_is).
     pub fn left_out_n(&self) -> impl Iterator<Item = [f64; 3]> {
         self.left_out().map(|(missed_n, _)| missed_n)
     }
 
-    /// Standard deviation of the force, all three components together, at these places, N; infinite where there is none to be told, as of rest alone. The
-    /// first configuration, which is rest, does not count for s.
+    /// Standard deviation of the force (all three components together) at these positions, N. Infinite if it
+    /// is undefined, for example with rest as the only configuration. The first configuration, which is rest,
+    /// is excluded from s.
     ///
-    /// Cost: with N configurations (20 N)^2 operations for each of three right-hand sides a place.
+    /// Cost: (20 N)^2 operations for N configurations and each of the three right-hand sides of a position.
     ///
-    /// # Panics
-    /// If it is a fit [as it is](Self::as_it_is).
+    /// # Panics If the fit is [read-only](Self::as_it_is).
     pub fn deviation_n(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let by_its_own = |(missed_n, own): ([f64; 3], f64)| missed_n.iter().map(|e| e * e).sum::<f64>() / own;
         let shares: Vec<f64> = self.left_out().skip(1).map(by_its_own).collect();
@@ -51,13 +55,14 @@ impl KernelFit {
         self.variances(places).into_iter().map(|own| deviation_n(own).unwrap_or(f64::INFINITY)).collect()
     }
 
-    /// What the others miss, and the variance of it where s = 1, 1/m^2.
+    /// Leave-one-out errors, and their variance for s = 1, 1/m^2.
     fn left_out(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
         assert_eq!(self.inverse.len(), self.centres.len(), "the fit does not know its matrix any more");
         let scale = DATA.map(diagonal).map(f64::sqrt);
         self.inverse.iter().zip(&self.weights).map(move |(block, weights)| {
             let Ok(factor) = block.llt(Side::Lower) else { return ([f64::INFINITY; 3], f64::INFINITY) };
-            // The solution, and unit vectors of the first derivatives, whose scale is 1, by x = p / l.
+            // The solution, and unit vectors of the first derivatives with respect to x = p / l, whose scale
+            // is 1.
             let right = Mat::from_fn(DATA.len(), 4, |a, column| match column {
                 0 => scale[a] * weights[a],
                 axis => f64::from(u8::from(a == FORCE[axis - 1])),
@@ -69,7 +74,7 @@ impl KernelFit {
         })
     }
 
-    /// Variance of the force where s = 1, 1/m^2.
+    /// Variance of the force for s = 1, 1/m^2.
     fn variances(&self, places: &[[f64; 3]]) -> Vec<f64> {
         let scale = DATA.map(diagonal).map(|d| d.sqrt().recip());
         let mut found = Vec::with_capacity(places.len());
@@ -109,7 +114,7 @@ mod tests {
         std::iter::once([0.0; 3]).chain((1..count).map(|n| spread(n, 0.05))).map(jet).collect()
     }
 
-    /// However the configurations came.
+    /// The result is independent of the order of the configurations.
     #[test]
     fn what_the_others_say_is_what_a_fit_without_it_says() {
         let jets = jets(14);
@@ -132,19 +137,19 @@ mod tests {
             assert!(apart(missed, expected) < 1e-6 + 1e-4 * size, "{left}: {missed:?} {expected:?}");
             largest = size.max(largest);
             shares.push(size * size / variance);
-            // The left-out datum carries its own nugget, which nobody else's variance has.
+            // The left-out datum includes its own nugget; the variance of the other fit does not.
             let [others, own] = [fit.variances(&[at])[0], variance].map(|v| v * 0.03 * 0.03);
             let nugget = 3.0 * NUGGET[1];
             assert!((own - others - nugget).abs() < 1e-7 + 1e-4 * own, "{left}: {own} {others}");
         }
         assert!(largest > 0.01, "nothing is missed: {largest} N");
-        // Far from all data the deviation is that of the process, whose scale these errors make, without that of rest.
+        // Far from all data the deviation is that of the process, estimated from these errors without rest.
         let process_n = (shares[1..].iter().sum::<f64>() / (shares.len() - 1) as f64 * 3.0).sqrt() / 0.03;
         let far_n = whole.deviation_n(&[[0.5; 3]])[0];
         assert!((far_n / process_n - 1.0).abs() < 1e-3, "{far_n} {process_n} N");
     }
 
-    /// Beyond all data it is that of the process, and the more is known the less it is.
+    /// Far from all data sigma is that of the process, and it decreases with additional configurations.
     #[test]
     fn the_deviation_falls_from_that_of_the_process_to_nothing() {
         let jets = jets(20);
@@ -174,7 +179,8 @@ mod tests {
         assert_eq!(fit.deviation_n(&[[0.0; 3], [0.01; 3]]), [f64::INFINITY; 2]);
     }
 
-    /// From ten configurations on it is no less than half of the errors, and no more than ten times them; with six it is less than a third.
+    /// With ten or more configurations sigma is at least half of the errors and at most ten times the errors.
+    /// With six it is less than a third.
     #[test]
     fn errors_are_of_the_size_of_the_deviation() {
         let places: Vec<[f64; 3]> = (1000..1300).map(|n| spread(n, 0.045)).collect();
