@@ -1,4 +1,4 @@
-//! The fit of an adaptive search, with all that is asked of it once the search has ended.
+//! The fit of an adaptive search, and the queries of it after the search.
 
 use super::LinearSuits;
 use super::reach::Known;
@@ -8,55 +8,57 @@ use crate::num::jet::EnergyJet;
 use crate::num::vector::norm;
 use crate::spec::{Wanted, Workspace, is_within};
 
-/// Where the fit predicts a force beyond this many times the limit, the force is beyond the limit.
+/// A force predicted above this multiple of the limit counts as beyond the limit.
 const REACH_MARGIN: f64 = 1.3;
 
-/// The fit of a search and what is known of it. It takes in no further configuration.
+/// The fit of a search with its error estimates. It is read-only.
 #[derive(Debug, Clone)]
 pub struct AdaptiveFit {
-    /// What was wanted.
+    /// Requirements of the search.
     pub wanted: Wanted,
-    /// How the search ended; none while it goes on.
+    /// Result of the search; `None` during the search.
     pub verdict: Option<Verdict>,
     /// The configurations in the fit, rest first.
     pub jets: Vec<EnergyJet>,
     /// The fit.
     pub fit: KernelFit,
-    /// All predictions, in the order they were made.
+    /// All predictions, in order of time.
     pub tests: Vec<Test>,
-    /// Error of each configuration but rest, predicted from all the others, as a share of the tolerance.
+    /// Leave-one-out error of each configuration except rest, as a share of the tolerance.
     pub left_out: Vec<f64>,
-    /// The largest deviation of the fit's force as a share of the tolerance; none where the search did not need it.
+    /// Largest standard deviation of the fit's force, as a share of the tolerance; `None` if the search did
+    /// not need it.
     pub deviation: Option<f64>,
-    /// How well the linear body predicts.
+    /// Prediction errors of the linear model.
     pub linear: LinearSuits,
-    /// A lower bound of the condition number of the fit's matrix.
+    /// Lower bound of the condition number of the fit's matrix.
     pub condition: f64,
 }
 
 impl AdaptiveFit {
-    /// Predictions within tolerance since the last that was not, of those that count.
+    /// Length of the validation streak: predictions within tolerance since the last failure, among those that
+    /// count.
     pub fn passes(&self) -> usize {
         passes(&self.tests)
     }
 
-    /// How well the fit of all the others predicts each configuration.
+    /// Summary of the leave-one-out errors.
     pub fn left_out(&self) -> LeftOut {
         LeftOut::of(&self.left_out)
     }
 
-    /// Whether the fit holds at a displacement, m: it is within the kernel's length of a configuration, and the
-    /// force there is not far beyond the limit.
+    /// Whether the fit is valid at a displacement, m: it lies within the kernel length of a configuration,
+    /// and the predicted force is not far beyond the limit.
     pub fn knows(&self, at: [f64; 3]) -> bool {
         self.known().is_near(at) && norm(self.fit.force_n(at)) <= REACH_MARGIN * self.wanted.max_force_n
     }
 
-    /// About `count` displacements spread over what is within reach, m.
+    /// About `count` displacements, m, distributed over the reachable set.
     pub fn places(&self, count: u32) -> Vec<[f64; 3]> {
         self.known().places(count)
     }
 
-    /// Where the tool can be.
+    /// The reachable set.
     pub fn within_reach(&self) -> WithinReach {
         let Wanted { max_force_n, push, workspace_m, .. } = self.wanted;
         WithinReach { fit: self.fit.clone(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
@@ -67,19 +69,19 @@ impl AdaptiveFit {
     }
 }
 
-/// Every configuration but rest, predicted by the fit of all the others.
+/// Leave-one-out errors: every configuration except rest, predicted by the fit to all others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOut {
-    /// How many.
+    /// Number of configurations.
     pub configurations: usize,
-    /// Of these, beyond the tolerance.
+    /// Number of errors beyond the tolerance.
     pub beyond: usize,
-    /// The largest of the errors, as a share of the tolerance.
+    /// The largest error, as a share of the tolerance.
     pub worst: f64,
 }
 
 impl LeftOut {
-    /// Of errors as shares of the tolerance.
+    /// Summary of errors given as shares of the tolerance.
     pub(super) fn of(shares: &[f64]) -> Self {
         Self {
             configurations: shares.len(),
@@ -89,7 +91,8 @@ impl LeftOut {
     }
 }
 
-/// Where the tool can be: in the workspace, with a force not far beyond the limit, and pressing if it only pushes.
+/// The reachable set: displacements in the workspace with a force not far beyond the limit; without pull if
+/// the tool only pushes.
 #[derive(Debug, Clone)]
 pub struct WithinReach {
     fit: KernelFit,
@@ -99,7 +102,7 @@ pub struct WithinReach {
 }
 
 impl WithinReach {
-    /// Whether the tool can be at this displacement, m.
+    /// Whether a displacement, m, is reachable.
     pub fn has(&self, at: [f64; 3]) -> bool {
         if !self.workspace_m.is_none_or(|workspace| is_within(&workspace, &at)) {
             return false;

@@ -1,9 +1,10 @@
-//! Whether the linear body would do: what it says at every test of the search, at no cost.
+//! Test of the linear model h = S0 d, with the stiffness S0 at rest, at the positions of the search.
 //!
-//! h = S0 d, with the stiffness at rest. It learns nothing, so no answer can be in it: every test judges the same model, and one that failed
-//! speaks against it for good, however small the displacements of the later ones are. Tests are the farthest positions first: where a body
-//! is least linear. Ten of them may still miss the one direction in which it is not: at last the fit, which has learned from all of them, must find
-//! the linear body within tolerance wherever the tool gets.
+//! The model has no fitted parameters, so every position is an independent test of the same model. One failed
+//! test excludes it, also if later tests at smaller displacements pass. The tests take the farthest positions
+//! first, where a body is least linear. Ten tests can still miss the one direction in which the body is
+//! nonlinear. Therefore the fit, which uses all of them, must finally agree with the linear model within
+//! tolerance over the reachable set.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -14,23 +15,24 @@ use crate::fit::{KernelFit, Sample};
 use crate::num::vector::{difference, norm};
 use crate::spec::{Domain, SpaceGrid};
 
-/// The linear body against the tests so far.
+/// The linear model and its tests so far.
 #[derive(Debug, Clone)]
 pub(super) struct Linear {
     stiffness_n_m: Matrix3<f64>,
     suits: LinearSuits,
-    /// A test failed, or something was not solved, or left its branch.
+    /// Whether a test failed, or a position was unsolved or on a different branch.
     ruled_out: bool,
 }
 
-/// How well the linear body predicts.
+/// Prediction errors of the linear model.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct LinearSuits {
-    /// Tests, as far as they count.
+    /// Number of tests that count.
     pub tests: usize,
-    /// The largest error of them, by the tolerance there.
+    /// The largest error, as a share of the tolerance.
     pub worst: f64,
-    /// The largest distance from the fit, by the tolerance, over places within reach; asked once the tests are passed.
+    /// The largest difference from the fit over the reachable set, as a share of the tolerance; computed
+    /// after the tests.
     pub from_fit: f64,
 }
 
@@ -39,12 +41,12 @@ impl Linear {
         Self { stiffness_n_m, suits: LinearSuits::default(), ruled_out: false }
     }
 
-    /// h, N.
+    /// h = S0 d, N.
     fn force_n(&self, displacement_m: [f64; 3]) -> [f64; 3] {
         (self.stiffness_n_m * Vector3::from(displacement_m)).into()
     }
 
-    /// Takes a test that counts.
+    /// Adds a test that counts.
     pub(super) fn score(&mut self, displacement_m: [f64; 3], truth_n: [f64; 3], tolerance_n: f64) {
         let share = norm(difference(self.force_n(displacement_m), truth_n)) / tolerance_n;
         let LinearSuits { tests, worst, .. } = self.suits;
@@ -52,17 +54,19 @@ impl Linear {
         self.ruled_out |= share.is_nan() || share > 1.0;
     }
 
-    /// A position that could not be solved, or only on another branch: no linear body has those.
+    /// Excludes the model: a position was unsolved or on a different branch, which a linear body does not
+    /// have.
     pub(super) fn rule_out(&mut self) {
         self.ruled_out = true;
     }
 
-    /// Tests that it must still pass; none once it cannot.
+    /// Number of tests still to pass; `None` if the model is excluded.
     pub(super) fn wants(&self) -> Option<usize> {
         (!self.ruled_out).then(|| PASSES.saturating_sub(self.suits.tests))
     }
 
-    /// Whether it is enough by the word of the fit, at these places within reach; each with the force there and what an error may be.
+    /// Whether the model agrees with the fit at these reachable positions, each given with the fit's force
+    /// and its tolerance.
     pub(super) fn is_enough(&mut self, fit: impl Iterator<Item = ([f64; 3], [f64; 3], f64)>) -> bool {
         let share = |(at, force_n, tolerance_n)| norm(difference(self.force_n(at), force_n)) / tolerance_n;
         self.suits.from_fit = fit.map(share).fold(0.0, f64::max);
@@ -71,16 +75,16 @@ impl Linear {
         is_enough
     }
 
-    /// How it stands, tests and the worst of them.
+    /// Number of tests and the largest error.
     pub(super) fn suits(&self) -> LinearSuits {
         self.suits
     }
 }
 
-/// The table of the linear body in the fewest bytes, if the search ended with it; `radius_m` is how far it is to reach.
+/// The table of the linear model with the fewest bytes, if the search ended with it, up to `radius_m`.
 ///
-/// A quintic through the derivatives of a quadratic is that quadratic, and so is a tri-linear force, whatever the
-/// cell. So the cells are as wide as the ball.
+/// A quintic Hermite interpolation reproduces a quadratic energy for any cell size, and a tri-linear one its
+/// linear force. The cells are therefore as large as the ball.
 pub(super) fn table(search: &AdaptiveFit, radius_m: f64) -> Option<Resampled> {
     if search.verdict != Some(Verdict::Linear) {
         return None;
@@ -141,13 +145,13 @@ mod tests {
         assert!(search.linear.worst <= 1.0 && search.linear.tests == PASSES);
         let (search, _) = searched(0.04, solved);
         assert_eq!(search.verdict, Some(Verdict::Passed));
-        // Its ten farthest positions miss the direction in which this body is not linear; the fit knows it.
+        // Its ten farthest positions miss the direction of the nonlinearity; the fit includes it.
         assert!(search.linear.worst < 1.0 && search.linear.from_fit > 1.2, "{:?}", search.linear);
     }
 
     #[test]
     fn one_bad_test_a_failure_or_another_branch_is_enough_against_it() {
-        // The eighth test is off by twice the tolerance; all others are those of a linear body.
+        // The eighth test has an error of twice the tolerance; all others agree with a linear body.
         let base = jet([0.0; 3]).stiffness_n_m;
         let exact = |at: [f64; 3]| {
             let quadratic = KernelFit::new(1.0, base);

@@ -1,7 +1,8 @@
-//! Adaptive sampling: as few solves as the error needs, each a test of the fit before it is part of it.
+//! Adaptive sampling with as few solves as the tolerance needs. Each solve tests the fit before it is added
+//! to it.
 //!
-//! [`Search`] decides where to solve next and when it is enough, a pure function of what was solved; [`crate::spec::Tolerance`]
-//! says what counts as enough; the fit is [`crate::fit::KernelFit`].
+//! [`Search`] chooses the next positions and decides when to stop, as a pure function of the solved
+//! configurations. The error criterion is [`crate::spec::Tolerance`], the fit [`crate::fit::KernelFit`].
 
 mod alone;
 mod fitted;

@@ -1,20 +1,21 @@
-//! Where the tool can be: within the radius and the workspace, with no more force than the device has, and if it only pushes, pressing.
+//! The reachable set: displacements within radius, workspace and force limit; without pull if the tool only
+//! pushes.
 
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
 use crate::spec::Wanted;
 
-/// Directions that are looked at.
+/// Number of ray directions.
 const RAYS: u32 = 256;
-/// Halvings of a ray's length when its reach is sought: within 1 / 500 of the radius.
+/// Number of bisections of a ray's length; the error is below 1 / 500 of the radius.
 const HALVINGS: u32 = 9;
-/// Predictions may be this much beyond the limit: the rim itself is to be met from both sides.
+/// Factor on the force limit for predictions, so that positions on both sides of the limit are chosen.
 const ALLOWANCE: f64 = 1.02;
-/// Positions on a ray, as shares of the volume within its reach.
+/// Positions on a ray, as shares of the reachable volume.
 const SHARES: [f64; 3] = [1.0, 0.6, 0.2];
 
-/// What is known of the force so far.
+/// The current model of the force.
 pub(super) struct Known<'a> {
     pub(super) wanted: &'a Wanted,
     pub(super) fit: &'a KernelFit,
@@ -27,16 +28,16 @@ impl Known<'_> {
         self.jets.iter().any(|jet| norm(difference(at, jet.control_m)) <= self.fit.length_m())
     }
 
-    /// About `count` positions spread over what is within reach, other ones than those of the search.
+    /// About `count` positions distributed over the reachable set, different from those of the search.
     pub(super) fn places(&self, count: u32) -> Vec<[f64; 3]> {
         let rounds = count.div_ceil(RAYS * SHARES.len() as u32);
         (0..rounds).flat_map(|round| self.candidates(1000 + round)).collect()
     }
 
-    /// Positions spread over what seems to be within reach, in a fixed order.
+    /// Positions distributed over the predicted reachable set, in a fixed order.
     ///
-    /// Along each ray as far as both the fit and the Taylor series of the nearest configuration say that the force is within the
-    /// limit: a fit alone may say anything where it has no data.
+    /// A ray ends where the fit or the Taylor series of the nearest configuration predicts a force beyond the
+    /// limit. The fit alone is unreliable far from its data.
     pub(super) fn candidates(&self, round: u32) -> Vec<[f64; 3]> {
         let mut found = Vec::new();
         for n in 0..RAYS {
@@ -52,7 +53,7 @@ impl Known<'_> {
         found
     }
 
-    /// How far the workspace goes in a direction, m; r_G without one.
+    /// Length of a ray to the boundary of the workspace, m; r_G without a workspace.
     fn way_out(&self, direction: [f64; 3]) -> f64 {
         let Some([low, high]) = self.wanted.workspace_m else { return self.wanted.radius_m };
         let ways = (0..3).map(|axis| {
@@ -62,7 +63,7 @@ impl Known<'_> {
         ways.fold(self.wanted.radius_m, f64::min)
     }
 
-    /// How far the tool gets in a direction, m.
+    /// Length of a ray within the reachable set, m.
     fn reach(&self, direction: [f64; 3]) -> f64 {
         let way_m = self.way_out(direction);
         let at = |t: f64| direction.map(|x| x * t * way_m);
@@ -84,7 +85,7 @@ impl Known<'_> {
         norm(self.fit.force_n(at)).max(taylor)
     }
 
-    /// Whether the tool presses there, if it must.
+    /// Whether the tool presses at a position, if it only pushes.
     fn presses(&self, at: [f64; 3]) -> bool {
         let Some(normal) = self.wanted.push else { return true };
         let along: f64 = self.fit.force_n(at).iter().zip(normal).map(|(h, n)| h * n).sum();
@@ -97,7 +98,8 @@ impl Known<'_> {
     }
 }
 
-/// Number `n` of directions that fill the sphere evenly, however many are taken (R2 sequence: Roberts 2018).
+/// Direction `n` of a sequence that is evenly distributed for any number of terms (R2 sequence: Roberts
+/// 2018).
 fn direction(n: u32) -> [f64; 3] {
     const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
     let [z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());

@@ -1,4 +1,4 @@
-//! A scattered space on a lattice, as the core's tables want it.
+//! Resampling of a scattered space on a lattice, for the core's tables.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -9,29 +9,29 @@ use crate::fit::{Derivatives, Sample, hermite_nodes_known};
 use crate::num::vector::{difference, norm};
 use crate::spec::{Domain, GridIndex, SpaceGrid, UNIT_M};
 
-/// Cells along the radius that are tried, the coarsest first.
+/// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
-/// Share of the tolerance that the table may take.
+/// Largest error of the table, as a share of the tolerance.
 const SHARE: f64 = 0.1;
-/// A finer lattice is worth its bytes where it adds less than this share of the error.
+/// A finer lattice counts as better if its error is below this share of the best one.
 const GAIN: f64 = 0.7;
-/// Lattices in a row that were not.
+/// Number of consecutive lattices that are not better before the search ends.
 const IN_VAIN: u32 = 2;
-/// Places where the table is compared with the fit, and as many others that say which cells the tool can be in.
+/// Number of positions for the comparison with the fit, and of positions that select the reachable cells.
 const PLACES: u32 = 600;
-/// The lattice ends so much beyond the farthest configuration.
+/// Factor of the lattice's radius on the distance of the farthest configuration.
 const MARGIN: f64 = 1.05;
 
-/// What a fit says at the points of a lattice.
+/// A fit evaluated at the points of a lattice.
 #[derive(Debug, Clone)]
 pub struct Resampled {
     /// The lattice.
     pub grid: SpaceGrid,
-    /// Its points where the fit knows something, sorted by index; the rest point has exactly no force.
+    /// Lattice points at which the fit is valid, sorted by index; the force at rest is exactly zero.
     pub samples: Vec<Sample>,
-    /// All derivatives that the energy's table takes there.
+    /// The derivatives for the energy's table at these points.
     pub derivatives: BTreeMap<GridIndex, Derivatives>,
-    /// What the energy's table adds to the error of the fit, 99th percentile, as a share of the tolerance.
+    /// Error that the energy's table adds to the fit: the 99th percentile, as a share of the tolerance.
     pub added: f64,
 }
 
@@ -61,15 +61,15 @@ pub fn resample(search: &AdaptiveFit) -> Resampled {
     best.expect("a ball of a few cells is a lattice")
 }
 
-/// Two sets of places within reach: what a table is asked, and what says which cells it must know. Apart, so that a cell which only the
-/// second set misses counts as an error.
+/// Two disjoint sets of reachable positions: one measures the table, the other selects its cells. A cell that
+/// only the second set misses thus counts as an error.
 fn places(search: &AdaptiveFit) -> [Vec<[f64; 3]>; 2] {
     let all = search.places(2 * PLACES);
     let of = |part: usize| all.iter().copied().skip(part).step_by(2).collect();
     [of(0), of(1)]
 }
 
-/// The corners of the cells that hold a place.
+/// The corners of the cells that contain a position.
 fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
     let reach = grid.lattice.reach();
     let low = |at: &[f64; 3]| at.map(|x| ((x / grid.spacing_m).floor() as i32).clamp(-reach, reach - 1));
@@ -80,8 +80,9 @@ fn corners_round(grid: &SpaceGrid, places: &[[f64; 3]]) -> HashSet<GridIndex> {
     cells.into_iter().flat_map(|low| (0..8).map(move |code| corner(low, code))).collect()
 }
 
-/// The fit at the points where it knows something, and at every corner of a cell that the tool can be in: a corner beyond the rim has a force far
-/// above the limit, but a quintic through anything else than the fit's own derivatives there would bend the force on this side of it.
+/// Evaluates the fit at the points where it is valid, and at all corners of reachable cells. A corner beyond
+/// the boundary of the reachable set has a force far above the limit. It still needs the fit's own
+/// derivatives, because other values would change the interpolated force inside the set.
 fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Resampled {
     let (fit, limit_n) = (&search.fit, search.wanted.max_force_n);
     let corners = corners_round(&grid, reached);
@@ -111,7 +112,8 @@ fn on_lattice(search: &AdaptiveFit, grid: SpaceGrid, reached: &[[f64; 3]]) -> Re
     Resampled { grid, samples, derivatives, added: f64::INFINITY }
 }
 
-/// 99th percentile of the distance of table and fit, as a share of the tolerance, over these places within reach.
+/// 99th percentile of the difference between table and fit over these reachable positions, as a share of the
+/// tolerance.
 fn added(search: &AdaptiveFit, on: &Resampled, places: &[[f64; 3]]) -> f64 {
     let nodes = hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
     let lattice = &on.grid.lattice;
@@ -138,7 +140,8 @@ mod tests {
     use crate::num::jet::EnergyJet;
     use crate::spec::{Tolerance, Wanted};
 
-    /// A body that is e times as stiff every 9 mm on one side: a polynomial that continues it is far from it a cell further.
+    /// A body whose stiffness grows by e every 9 mm on one side; an extrapolating polynomial has a large
+    /// error after one cell.
     fn steep(p: [f64; 3]) -> EnergyJet {
         const TIMES: f64 = 4.0;
         let jet = jet(p.map(|x| TIMES * x));
@@ -151,7 +154,7 @@ mod tests {
         }
     }
 
-    /// A search to its end in a ball that is far larger than the device's force reaches.
+    /// A completed search in a ball that is far larger than the reachable set.
     fn searched() -> AdaptiveFit {
         let wanted = Wanted {
             tolerance: Tolerance::CANNOT_BE_FELT,
@@ -181,7 +184,7 @@ mod tests {
         let cells = (on.grid.radius_m / on.grid.spacing_m).round();
         println!("{cells} cells add {:.4} of the tolerance", on.added);
         assert!(cells <= 5.0 && on.added <= SHARE, "{cells} cells, {}", on.added);
-        // Without the corners that only a place within reach asks for, which lie beyond the limit.
+        // Without the corners that only the cells at the boundary need; they lie beyond the limit.
         let [asked, reached] = places(&search);
         let bare = on_lattice(&search, on.grid, &[]);
         let whole = on_lattice(&search, on.grid, &reached);

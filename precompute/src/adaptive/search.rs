@@ -1,19 +1,28 @@
-//! The blind loop: take the position farthest from all that is known, predict, solve, score, and only then learn.
+//! The adaptive search: choose the position farthest from all known ones, predict, solve, compare, then add
+//! it to the fit.
 //!
-//! A batch is chosen with one fit, whoever solves it and in whatever order: the outcome depends on neither.
+//! One fit chooses a whole batch of positions. The result is thus independent of the order and the place of
+//! the solves.
 //!
-//! The score of a prediction is its error by the tolerance there. The loop stops when the last [`PASSES`] of them are all within it: a
-//! verdict that is honest because no prediction had seen its answer, and strict because they were made where the fit knows least, but
-//! no certificate: ten passes prove little by themselves.
+//! The error of a prediction is measured as a share of the tolerance. The basic stopping criterion is a
+//! validation streak: the last [`PASSES`] predictions are within tolerance. The predictions are independent
+//! of their true values, and they are made where the fit is least reliable. A streak of ten is evidence and
+//! not a certificate.
 //!
-//! Early predictions were made by fits that knew less. What the present fit would say of a configuration if it knew only the others has not
-//! seen its answer either: where all of those are within the tolerance, ten at least, the last [`BATCH`] predictions are enough; where more than
-//! one in [`ONE_IN`] is beyond it, none are. Between the two they are enough where the fit is [`SURE`]: those at the edge of what is known are
-//! said by extrapolation and may be beyond, and what that says of the present fit its deviation tells, which the left-out errors scale. The same
-//! errors choose the kernel's length.
+//! Early predictions used fits with fewer data. The leave-one-out errors of the present fit are independent
+//! of the true values too, and they modify the criterion:
 //!
-//! Beside the fit the linear body is tested, at no cost. Where every prediction of it, ten at least, is within the tolerance too, it is what is
-//! stored: the cheapest model within tolerance wins.
+//! - All of at least ten are within tolerance: a streak of [`BATCH`] suffices.
+//! - More than one in [`ONE_IN`] is beyond the tolerance: no streak suffices.
+//! - Otherwise a streak of [`BATCH`] suffices if the kriging variance test passes ([`SURE`]). At the boundary
+//!   of the data a leave-one-out prediction is an extrapolation and can fail although the fit is accurate.
+//!   The standard deviation of the fit, scaled by the leave-one-out errors, accounts for this.
+//!
+//! The leave-one-out errors also choose the kernel length.
+//!
+//! The linear model is tested at the same positions without further solves. If at least ten of its
+//! predictions, and all of them, are within tolerance, it is stored instead of the fit: the cheapest model
+//! within tolerance is used.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -27,86 +36,89 @@ use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
 use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
 
-/// Positions of a batch, at most; and predictions in a row that must be within tolerance where all left-out configurations are.
+/// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
-/// Predictions in a row that must be within tolerance.
+/// Length of the validation streak.
 pub const PASSES: usize = 10;
-/// Of the configurations no more than one in so many may be beyond the tolerance as the others say it. Those at the edge of what is known are
-/// said by extrapolation and may be; where a body is too rough for its data they are more, and ten good predictions in a row are chance.
+/// One leave-one-out error in this many may be beyond the tolerance. Errors at the boundary of the data are
+/// extrapolation errors and can be large. If more are large, the body is too rough for the data, and a streak
+/// of ten occurs by chance.
 const ONE_IN: usize = 5;
-/// The fit is sure of itself where the deviation of its force, as far as it can be estimated, is within this share of the tolerance wherever the tool gets.
+/// Kriging variance test: the largest standard deviation of the force over the reachable set, as a share of
+/// the tolerance.
 const SURE: f64 = 0.5;
-/// Lengths of the kernel that are tried side by side, as shares of the reach at first sight.
+/// Candidate kernel lengths, as shares of the initial estimate of the reachable distance.
 const LENGTHS: [f64; 5] = [0.5, 0.75, 1.1, 1.6, 2.3];
-/// What comes out beyond this share of the limit is not learned from, nor does it count as a test: the fit is for the other side. The rim
-/// itself is aimed at from both sides, and a test just beyond it is the hardest there is.
+/// A configuration with a force above this multiple of the limit is neither added to the fit nor counted as a
+/// test, because the fit must be accurate below the limit. Positions on both sides of the limit are chosen on
+/// purpose; those just beyond it are the hardest tests.
 const TOO_FAR: f64 = 1.15;
 
-/// Places where the linear body is held against the fit.
+/// Number of positions for the comparison of the linear model with the fit.
 const PLACES: u32 = 600;
 
 /// A position to be solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Where, in units of [`crate::spec::UNIT_M`].
+    /// Position in units of [`crate::spec::UNIT_M`].
     pub index: GridIndex,
-    /// Which of the configurations known so far to come from: 0 is rest, then in the order they were found.
+    /// Index of the configuration at which the solve starts: 0 is rest, then in the order of the solves.
     pub parent: usize,
-    /// The force that the fit says, N.
+    /// Force predicted by the fit, N.
     pub predicted_n: [f64; 3],
 }
 
 impl Target {
-    /// Where, m.
+    /// Displacement of the position, m.
     pub fn displacement_m(&self) -> [f64; 3] {
         displacement_m(self.index)
     }
 }
 
-/// What came of a target.
+/// Result of a target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Found {
     /// A configuration on the branch of its parent.
     Solved(EnergyJet),
     /// A configuration on another branch.
     Elsewhere(EnergyJet),
-    /// Nothing.
+    /// The solve failed.
     Failed,
 }
 
-/// A prediction and what was true.
+/// A prediction compared with the solution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Test {
-    /// Where, in units of [`crate::spec::UNIT_M`].
+    /// Position in units of [`crate::spec::UNIT_M`].
     pub index: GridIndex,
-    /// |error|, N.
+    /// Absolute error of the force, N.
     pub error_n: f64,
-    /// What it may have been, N.
+    /// Tolerance of the force at this position, N.
     pub tolerance_n: f64,
-    /// Whether |h| is near enough to the limit to be learned from: only those count.
+    /// Whether |h| is close enough to the limit for the fit; only such predictions count.
     pub within: bool,
 }
 
-/// How a search ended.
+/// Result of a search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Verdict {
-    /// All predictions of the linear body, ten or more, were within tolerance: nothing else is needed.
+    /// All predictions of the linear model, at least ten, are within tolerance: the linear model suffices.
     Linear,
-    /// The last ten predictions were within tolerance and few configurations beyond it as the others say, or the last four, and either none is or the
-    /// fit is sure of itself.
+    /// The stopping criterion of the module's doc comment is met.
     Passed,
-    /// They ceased to fall before they were: the space folds, and a lattice has taken over.
+    /// The errors stagnate above the tolerance: the energy has a branch jump, and a lattice replaces the
+    /// search.
     Stalled,
-    /// As many configurations as may be, and still not.
+    /// The maximum number of configurations is reached, and the stopping criterion is not met.
     NotReached,
 }
 
 /// What to do next.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// Solve these, in any order.
+    /// Solve these positions, in any order.
     Solve(Vec<Target>),
-    /// It is over.
+    /// The search has ended.
     Done(Verdict),
 }
 
@@ -114,43 +126,46 @@ pub enum Step {
 #[derive(Debug, Clone)]
 pub struct Search {
     wanted: Wanted,
-    /// What was learned from; the first is rest.
+    /// The configurations in the fit; the first is rest.
     jets: Vec<EnergyJet>,
-    /// Solved, beyond the limit or elsewhere: parents and places to keep away from.
+    /// Other solved positions, beyond the limit or on a different branch. New positions keep a distance from
+    /// them.
     others: Vec<[f64; 3]>,
     fits: Vec<Candidate>,
-    /// Which fit predicts.
+    /// Index of the fit that makes the predictions.
     chosen: usize,
-    /// Square root of the metric in which distances count.
+    /// Square root of the metric for distances.
     metric: Matrix3<f64>,
     tests: Vec<Test>,
-    /// The largest deviation of the fit's force by the tolerance there, over places within reach; none where the stop does not ask.
+    /// Largest standard deviation of the fit's force over the reachable set, as a share of the tolerance;
+    /// `None` if the stopping criterion does not need it.
     deviation: Option<f64>,
-    /// The linear body, beside the fits.
+    /// The test of the linear model.
     linear: Linear,
-    /// Positions nearer to rest than one that came out too far.
+    /// Positions closer to rest, as replacements for positions beyond the limit, with their parents.
     pulled_back: Vec<([f64; 3], usize)>,
     out: Vec<Target>,
     round: u32,
 }
 
-/// A fit and how well it predicts each of its configurations from the others.
+/// A fit with its leave-one-out errors.
 #[derive(Debug, Clone)]
 struct Candidate {
     fit: KernelFit,
-    /// Errors by the tolerance, of all but rest.
+    /// Leave-one-out errors of all configurations except rest, as shares of the tolerance.
     left_out: Vec<f64>,
 }
 
 impl Candidate {
-    /// Not of their squares: the largest are of configurations at the edge of what is known. A long kernel says those best, and rings between.
+    /// Mean of the leave-one-out errors. A mean of squares would be dominated by the boundary of the data and
+    /// would select a long kernel, which oscillates in between.
     fn mean_left_out(&self) -> f64 {
         self.left_out.iter().sum::<f64>() / self.left_out.len().max(1) as f64
     }
 }
 
 impl Search {
-    /// A search that knows the configuration at rest.
+    /// Starts a search with the configuration at rest.
     pub fn new(wanted: Wanted, rest: &EnergyJet) -> Self {
         let stiffness = rest.stiffness_n_m;
         let eigen = stiffness.symmetric_eigen();
@@ -184,17 +199,17 @@ impl Search {
         }
     }
 
-    /// What was learned from, rest first.
+    /// The configurations in the fit, rest first.
     pub fn jets(&self) -> &[EnergyJet] {
         &self.jets
     }
 
-    /// What is wanted.
+    /// The requirements.
     pub fn wanted(&self) -> &Wanted {
         &self.wanted
     }
 
-    /// The fit and what is known of it, once the search ended with `verdict`; without one, as far as it is.
+    /// The fit with its error estimates: after the search with its `verdict`, during the search with `None`.
     pub fn fitted(&self, verdict: Option<Verdict>) -> AdaptiveFit {
         let Candidate { fit, left_out } = &self.fits[self.chosen];
         AdaptiveFit {
@@ -214,7 +229,7 @@ impl Search {
         Known { wanted: &self.wanted, fit: self.fit(), jets: &self.jets }
     }
 
-    /// Predictions within tolerance since the last that was not, of those that count.
+    /// Length of the validation streak, among the predictions that count.
     pub fn passes(&self) -> usize {
         passes(&self.tests)
     }
@@ -223,7 +238,7 @@ impl Search {
         LeftOut::of(&self.fits[self.chosen].left_out)
     }
 
-    /// Predictions that would end it, if all are within tolerance.
+    /// Number of predictions that would end the search if all were within tolerance.
     fn short_of_passing(&self) -> usize {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
         let short = PASSES.saturating_sub(passes);
@@ -236,8 +251,8 @@ impl Search {
         }
     }
 
-    /// The largest deviation of the fit's force by the tolerance there, over places within reach: asked where nothing else is between the loop and its
-    /// end, and costly enough not to be asked before.
+    /// Largest standard deviation of the fit's force over the reachable set, as a share of the tolerance.
+    /// Expensive; computed only if the stopping criterion depends on it.
     fn asked_deviation(&self) -> Option<f64> {
         let (passes, LeftOut { configurations, beyond, .. }) = (self.passes(), self.left_out());
         let is_between = (BATCH..PASSES).contains(&passes) && configurations >= PASSES;
@@ -250,12 +265,12 @@ impl Search {
         })
     }
 
-    /// The fit that predicts.
+    /// The fit that makes the predictions.
     pub fn fit(&self) -> &KernelFit {
         &self.fits[self.chosen].fit
     }
 
-    /// What to do next. Until all targets of a batch came back it is that batch.
+    /// The next step. While a batch is incomplete, it is this batch.
     pub fn step(&mut self) -> Step {
         if !self.out.is_empty() {
             return Step::Solve(self.out.clone());
@@ -286,7 +301,7 @@ impl Search {
         self.linear.is_enough(said)
     }
 
-    /// A batch: what was pulled back first, then the farthest candidates.
+    /// Chooses a batch: first the replacements for positions beyond the limit, then the farthest candidates.
     fn choose(&mut self) {
         for (at, parent) in std::mem::take(&mut self.pulled_back) {
             self.aim(at, parent);
@@ -299,7 +314,8 @@ impl Search {
         let taken: Vec<[f64; 3]> = taken.chain(self.out.iter().map(Target::displacement_m)).collect();
         let gap = |at: [f64; 3]| taken.iter().map(|&t| distance(at, t)).fold(f64::INFINITY, f64::min);
         let mut gaps: Vec<f64> = candidates.iter().map(|&at| gap(at)).collect();
-        // No more than would show that it is over, or that the linear body is enough, as long as it may be.
+        // At most as many as could end the search or, while the linear model is not excluded, complete its
+        // tests.
         let most = self.linear.wants().unwrap_or_else(|| self.short_of_passing()).min(BATCH);
         while self.out.len() < most {
             let farthest = (0..gaps.len()).max_by(|&a, &b| gaps[a].total_cmp(&gaps[b]).then(b.cmp(&a)));
@@ -315,7 +331,7 @@ impl Search {
         }
     }
 
-    /// Adds a target to the batch, unless something was solved or is sought there.
+    /// Adds a target to the batch, unless its position is already solved or in the batch.
     fn aim(&mut self, at: [f64; 3], parent: usize) {
         let index = nearest_index(at);
         let at = displacement_m(index);
@@ -325,10 +341,9 @@ impl Search {
         }
     }
 
-    /// Takes what came of the whole batch, in the order of its targets.
+    /// Adds the results of the whole batch, in the order of its targets.
     ///
-    /// # Panics
-    /// If it is not one outcome for each target.
+    /// # Panics If the number of results differs from the number of targets.
     pub fn take(&mut self, found: &[Found]) {
         let batch = std::mem::take(&mut self.out);
         assert_eq!(batch.len(), found.len(), "one outcome for each target");
@@ -380,7 +395,8 @@ impl Search {
         }
     }
 
-    /// Aims again where a straight line from the parent's force to `came_out_n` meets the limit.
+    /// Adds a replacement position where the linear interpolation between the parent's force and `came_out_n`
+    /// equals the limit.
     fn pull_back(&mut self, target: &Target, came_out_n: f64) {
         let parent = &self.jets[target.parent];
         let (low, limit) = (norm(parent.force_n), self.wanted.max_force_n);
@@ -392,7 +408,7 @@ impl Search {
     }
 }
 
-/// Predictions within tolerance since the last that was not, of those that count.
+/// Length of the validation streak, among the predictions that count.
 pub(super) fn passes(tests: &[Test]) -> usize {
     let counted = tests.iter().rev().filter(|test| test.within);
     counted.take_while(|test| test.error_n <= test.tolerance_n).count()

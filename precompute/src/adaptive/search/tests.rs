@@ -1,4 +1,4 @@
-//! What a search does on made-up bodies.
+//! Behaviour of the search on synthetic bodies.
 
 use super::*;
 use crate::fit::made_up::{jet, spread};
@@ -13,10 +13,10 @@ const WANTED: Wanted = Wanted {
     most: 100,
 };
 
-/// What a made-up body takes a few dozen configurations for.
+/// A number of configurations that suffices for a synthetic body.
 const FINE: Wanted = Wanted { tolerance: Tolerance { relative: 1e-5, absolute_n: 1e-5 }, ..WANTED };
 
-/// Solves to the end; `solve` is what a position gives.
+/// Runs a search to its end; `solve` returns the result at a position.
 fn searched(wanted: Wanted, solve: impl Fn([f64; 3]) -> Found) -> (Search, Verdict) {
     let mut search = Search::new(wanted, &jet([0.0; 3]));
     loop {
@@ -34,7 +34,8 @@ fn solved(at: [f64; 3]) -> Found {
     Found::Solved(jet(at))
 }
 
-/// Reachable positions that no search chose, and the share of them where the error is felt.
+/// Reachable positions that the search did not choose, and the share of them with an error beyond the
+/// tolerance.
 fn felt(search: &Search, wanted: &Wanted) -> f64 {
     let truths: Vec<EnergyJet> = (5000..9000)
         .map(|n| jet(spread(n, wanted.radius_m)))
@@ -54,7 +55,7 @@ fn a_smooth_body_needs_a_few_dozen_and_the_verdict_is_true() {
     assert_eq!(verdict, Verdict::Passed);
     assert!(search.jets().len() < 50, "{}", search.jets().len());
     assert!(felt(&search, &WANTED) <= 0.01, "{}", felt(&search, &WANTED));
-    // A far stricter tolerance takes more.
+    // A far stricter tolerance needs more configurations.
     let strict = Wanted { tolerance: Tolerance { relative: 1e-4, absolute_n: 1e-4 }, ..WANTED };
     let (finer, verdict) = searched(strict, solved);
     assert_eq!(verdict, Verdict::Passed);
@@ -70,13 +71,13 @@ fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration()
     assert_eq!((verdict, configurations), (Verdict::Passed, search.jets().len() - 1));
     assert!((BATCH..PASSES).contains(&search.passes()), "{} in a row", search.passes());
     assert!(worst > 1e-6 && beyond == 0 && configurations >= PASSES, "{worst} of {configurations}");
-    // One that the others do not say, and ten in a row are waited for.
+    // One leave-one-out error beyond the tolerance: the full streak of ten is needed.
     let mut search = search;
     let (chosen, passes) = (search.chosen, search.passes());
     assert_eq!(search.short_of_passing(), 0);
     search.fits[chosen].left_out[3] = 1.1;
     assert_eq!(search.short_of_passing(), PASSES - passes);
-    // Unless the fit is sure of itself.
+    // The short streak suffices if the kriging variance test passes.
     for (deviation, short) in [(SURE, 0), (1.01 * SURE, PASSES - passes), (f64::NAN, PASSES - passes)] {
         search.deviation = Some(deviation);
         assert_eq!(search.short_of_passing(), short, "{deviation}");
@@ -86,7 +87,7 @@ fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration()
     assert_eq!(search.short_of_passing(), PASSES - passes);
     search.fits[chosen].left_out[3] = 0.9;
     assert_eq!(search.short_of_passing(), 1);
-    // Two of nine beyond, and not even ten are enough.
+    // Two of nine beyond the tolerance: a streak of ten does not suffice.
     let pass = Test { index: [0; 3], error_n: 0.0, tolerance_n: 1e-3, within: true };
     search.tests.extend([pass; PASSES]);
     assert_eq!(search.short_of_passing(), 0);
@@ -96,7 +97,7 @@ fn it_ends_after_ten_in_a_row_or_four_where_the_others_say_every_configuration()
     assert_eq!(search.short_of_passing(), BATCH);
 }
 
-/// Asked only between the loop and its end, and then it is the fit's own, at the worst place.
+/// The deviation is computed only if the criterion depends on it; it is the fit's own at the worst position.
 #[test]
 fn the_deviation_is_asked_where_it_decides() {
     let tolerance = Tolerance { relative: 1e-3, absolute_n: 1e-3 };
@@ -111,7 +112,7 @@ fn the_deviation_is_asked_where_it_decides() {
         .collect();
     assert_eq!(largest, shares.iter().copied().fold(0.0, f64::max));
     assert!(largest > 2.0 * shares.iter().sum::<f64>() / shares.len() as f64, "{largest}");
-    // Many beyond, too few in a row, and nobody asks.
+    // Many errors beyond the tolerance, or a streak that is too short: the deviation is not computed.
     let left_out = search.fits[chosen].left_out.clone();
     search.fits[chosen].left_out = vec![1.1; left_out.len()];
     assert_eq!(search.asked_deviation(), None);
@@ -125,7 +126,7 @@ fn nothing_is_learned_from_beyond_the_limit() {
     let (search, _) = searched(WANTED, solved);
     let largest = search.jets().iter().map(|jet| norm(jet.force_n)).fold(0.0, f64::max);
     assert!(largest > 0.9 * WANTED.max_force_n && largest <= TOO_FAR * WANTED.max_force_n, "{largest} N");
-    // A test just beyond the limit counts; one that is not learned from does not.
+    // A test just beyond the limit counts; a configuration that is not added to the fit does not.
     let learned = search.jets()[1..].iter().filter(|jet| norm(jet.force_n) > WANTED.max_force_n).count();
     assert!(learned > 0);
     let counted = search.tests.iter().filter(|test| test.within).count();
@@ -159,14 +160,14 @@ fn a_tool_stays_in_its_workspace_and_that_takes_fewer() {
     };
     assert_eq!(search.jets().iter().filter(outside).count(), 0);
     assert!(all.jets().iter().filter(outside).count() > 5, "nothing was outside anyhow");
-    // Nearly up to its sides, and what counts as reachable ends there.
+    // The positions extend nearly to the sides of the box, and the reachable set ends at them.
     let highest = search.jets().iter().map(|jet| jet.control_m[2]).fold(0.0, f64::max);
     assert!(highest > 0.0034, "{highest}");
     let within = search.fitted(Some(verdict)).within_reach();
     assert!(within.has([0.0, 0.0, 0.0039]) && !within.has([0.0, 0.0, 0.0041]));
 }
 
-/// A force that jumps at a plane: no smooth fit is within tolerance there, and none is said to be.
+/// A force with a jump at a plane: no smooth fit is within tolerance there, and the search does not claim it.
 #[test]
 fn a_jump_does_not_pass() {
     let jumps = |at: [f64; 3]| {
