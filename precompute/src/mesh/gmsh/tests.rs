@@ -252,7 +252,7 @@ fn formats_that_are_not_read_say_which_to_save() {
     let error = broken(V41, "4.1 0 8", "4.1 1 8");
     assert_says(&error, "body.msh:2", "binary", "save it as ASCII");
     let error = broken(V41, "4.1 0 8", "4 0 8");
-    assert_says(&error, "body.msh:2", "Gmsh format 4 is not read", "4.1 or 2.2");
+    assert_says(&error, "body.msh:2", "Gmsh format 4 is not supported", "4.1 or 2.2");
     let error = broken(V22, "$MeshFormat\n", "");
     assert_says(&error, "body.msh:1", "does not start with $MeshFormat", "export");
     let error = broken(V41, "$Entities", "$PartitionedEntities\n$EndPartitionedEntities\n$Entities");
