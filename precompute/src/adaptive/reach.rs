@@ -138,7 +138,7 @@ mod tests {
                 [fit.force_n(at), known.nearest(at).expect("two").taylor_force_n(at)].map(norm);
             assert!(by_fit <= limit_n && by_taylor <= limit_n, "{at:?}: {by_fit} N, {by_taylor} N");
         }
-        // There is something to go astray to: further out along a ray the fit alone would still be within the limit.
+        // Farther out along a ray the force of the fit alone would be within the limit.
         let astray = candidates.iter().filter(|at| {
             let further = at.map(|x| 1.2 * x);
             norm(further) <= wanted.radius_m && norm(fit.force_n(further)) <= wanted.max_force_n

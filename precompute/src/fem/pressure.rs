@@ -10,11 +10,11 @@
 //! elements can change their volume or even invert.
 //!
 //! B is zero for the unstabilised pairs. It contains
-//! - for a finite bulk modulus kappa: - int q^2 / (2 kappa), which gives the multiplier q = kappa (1 - J) in the
-//!   mean, and
+//!
+//! - for a finite bulk modulus kappa: - int q^2 / (2 kappa), which gives the multiplier q = kappa (1 - J) in
+//!   the mean, and
 //! - the polynomial pressure projection of Bochev and Dohrmann (2004): - int (q - mean q)^2 / (4 mu), which
 //!   stabilises equal orders: it acts on the part of q that the constraint does not determine.
-//!   equal orders: it acts on the part of q that the constraint does not determine.
 //!
 //! With int N_u N_v = V/20 (1 + d_uv) over a tetrahedron, both are one 4 x 4 matrix per element.
 

@@ -85,9 +85,9 @@ impl Body {
     /// A part is a set of movable elements coupled by pressure unknowns. In it the pressure acts through B^T
     /// q with B_va = int N_v dJ/du_a. The check detects two faults:
     ///
-    /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. This is the case if
-    ///   every node on the part's surface is prescribed (interior nodes have a zero derivative, because the
-    ///   gradients around them cancel), and also if rollers keep the faces of a box in their planes.
+    /// - B^T 1 = 0 on the free components: dV/du_a = int grad N_a dV vanishes for all of them. This is the
+    ///   case if every node on the part's surface is prescribed (interior nodes have a zero derivative, because
+    ///   the gradients around them cancel), and also if rollers keep the faces of a box in their planes.
     /// - More pressures than free components: B^T then has a kernel for any geometry. Stabilised pairs are
     ///   accepted, because their quadratic form determines the pressures up to the mean.
     ///

@@ -124,8 +124,8 @@ impl KernelFit {
         }
     }
 
-    /// A fit that was made before: the kernel's length l, m, the stiffness at rest, N/m, and of each configuration its
-    /// displacement, m, and the weights of its data, J ([`Self::weights`]). It answers alike and takes nothing in.
+    /// Restores a read-only fit from the kernel length l, m, the stiffness at rest, N/m, and for each
+    /// configuration its displacement, m, and its weights, J ([`Self::weights`]).
     pub fn of_weights(
         length_m: f64,
         rest_stiffness_n_m: Matrix3<f64>,
@@ -146,22 +146,23 @@ impl KernelFit {
         &self.base
     }
 
-    /// Displacements in lengths, and the weights of their Gaussian's derivatives in the order of [`DATA`], J.
+    /// Displacements in kernel lengths, and the weights of the Gaussian's derivatives in the order of
+    /// [`DATA`], J.
     pub(super) fn centres(&self) -> impl Iterator<Item = (&[f64; 3], &[f64; 20])> {
         self.centres.iter().zip(&self.weights)
     }
 
-    /// The weights of the data of each configuration, in the order W, h, S and W_ijk, J.
+    /// The weights of each configuration, in the order W, h, S and W_ijk, J.
     pub fn weights(&self) -> &[[f64; 20]] {
         &self.weights
     }
 
-    /// Configurations in it.
+    /// Number of configurations.
     pub fn len(&self) -> usize {
         self.centres.len()
     }
 
-    /// Whether nothing is in it yet.
+    /// Whether the fit has no configuration.
     pub fn is_empty(&self) -> bool {
         self.centres.is_empty()
     }

@@ -120,7 +120,7 @@ impl std::fmt::Display for PipelineError {
             Self::Grid { path, error } => write!(f, "{}: [grid]: {error}", path.display()),
             Self::NotALattice { path } => write!(
                 f,
-                "{}: this command is for a lattice; give [grid] a `spacing_m` instead of a tolerance",
+                "{}: this command needs a lattice; give [grid] a `spacing_m` instead of a tolerance",
                 path.display()
             ),
             Self::UnknownNode { path, name, known } => {
@@ -128,7 +128,7 @@ impl std::fmt::Display for PipelineError {
             }
             Self::OtherScene { path } => write!(
                 f,
-                "{}: the scene in it is not the one that it was solved for; run `palpate precompute` again",
+                "{}: the stored scene differs from the solved one; run `palpate precompute` again",
                 path.display()
             ),
             Self::Unfinished(unfinished) => {
@@ -142,7 +142,7 @@ impl std::fmt::Display for PipelineError {
             Self::Certificate(error) => write!(f, "the certificate cannot be written: {error}"),
             Self::Interrupted => write!(
                 f,
-                "interrupted; what was solved for the certificate is kept, run the same command to go on"
+                "interrupted; the solved positions are kept, run the same command to continue"
             ),
         }
     }

@@ -95,7 +95,7 @@ impl fmt::Display for MeshReport {
         writeln!(f, "tets            {} in {}", self.tets, count(self.pieces, "piece"))?;
         writeln!(
             f,
-            "edges           {}: with order 2 as many nodes more, {} in all",
+            "edges           {}: order 2 adds as many nodes, {} in all",
             self.edges,
             self.nodes + self.edges
         )?;
