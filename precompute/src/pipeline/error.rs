@@ -140,10 +140,9 @@ impl std::fmt::Display for PipelineError {
             Self::Pack(error) => write!(f, "{error}"),
             Self::Blob(error) => write!(f, "the packed blob cannot be read back: {error}; please report it"),
             Self::Certificate(error) => write!(f, "the certificate cannot be written: {error}"),
-            Self::Interrupted => write!(
-                f,
-                "interrupted; the solved positions are kept, run the same command to continue"
-            ),
+            Self::Interrupted => {
+                write!(f, "interrupted; the solved positions are kept, run the same command to continue")
+            }
         }
     }
 }
