@@ -24,7 +24,8 @@ pub enum Constraints {
     Multipliers,
 }
 
-/// The prescribed node set of a tool: one active node, or a patch that moves as a rigid body.
+/// The grasp of a tool: the set of nodes with prescribed displacement. It is one active node, or a patch that
+/// moves as a rigid body.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Handle {
     /// The node whose displacement is the control; the patch rotates about it.

@@ -343,7 +343,7 @@ impl Factor {
                 self.measure(pattern, matrix, x, columns);
                 break;
             }
-            // Refinement ends at the target, or if a step gains less than a factor of 0.3.
+            // Refinement ends at the target, or if a step leaves more than 0.3 of the residual.
             let stalled = worst > 0.3 * best;
             best = worst;
             if worst <= accuracy.target || stalled {

@@ -43,7 +43,7 @@ impl Default for NewtonOptions {
 pub enum FailureReason {
     /// The residual or the state is infinite or NaN.
     NotFinite,
-    /// The residual exceeds 1e8 times the initial residual.
+    /// The residual exceeds 1e8 times the larger of the initial residual and the force scale.
     Diverged,
     /// No fraction of the Newton step reduces the residual.
     LineSearch,
@@ -94,11 +94,12 @@ impl std::fmt::Display for SolveFailure {
 
 impl std::error::Error for SolveFailure {}
 
-/// Above this multiple of the initial residual the iteration counts as diverged.
+/// Above this multiple of the larger of the initial residual and the force scale, the iteration counts as
+/// diverged.
 const HOPELESS: f64 = 1e8;
 /// Frozen steps start after a Newton step has reduced the residual below this share of the force scale.
 const NEAR: f64 = 0.1;
-/// Frozen steps end if a step reduces the residual by less than this factor.
+/// Frozen steps end if a step leaves at least this share of the residual.
 const WORTH: f64 = 0.3;
 
 /// A residual below this multiple of the tolerance is accepted if no step reduces it further: it has reached
