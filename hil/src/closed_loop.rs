@@ -16,9 +16,10 @@
 
 use crate::mechanism::Waypoint;
 use crate::rig::{self, OpenError, Rig, RigKind};
-use crate::session::{self, TICK_US, on_organ, settings, with_owned_loop};
+use crate::session::{self, on_organ, settings, with_owned_loop};
 use crate::shadow::Shadow;
 use crate::supervised::DeviceOwner;
+use crate::tick::TICK_US;
 use core::fmt;
 use palpate_core::{Method, Organ, Phase, vec3};
 use palpate_host::device::profile::Profile;

@@ -1,7 +1,7 @@
 //! Record of the forces on the hand, the same for every emulated device, so that one contract and one matrix
 //! can judge all of them.
 
-use crate::session::TICK_US;
+use crate::tick::TICK_US;
 use palpate_core::{Vec3, vec3};
 
 /// Largest shortfall of the time between two commands, us: half a tick.

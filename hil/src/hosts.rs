@@ -26,10 +26,6 @@ use palpate_core::{Vec3, vec3};
 use std::path::Path;
 use std::time::Duration;
 
-/// Longest time to zero force of a single run on a busy machine, also with a longer silence limit. The target
-/// for the median is 20 ms.
-pub const MAX_TIME_TO_ZERO: Duration = Duration::from_millis(500);
-
 /// Largest median of the times to zero force of a device.
 pub const TARGET: Duration = Duration::from_millis(20);
 

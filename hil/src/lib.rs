@@ -41,6 +41,7 @@ pub mod rig;
 pub mod session;
 mod shadow;
 pub mod supervised;
+pub mod tick;
 pub mod transport;
 pub mod usbredir;
 

@@ -14,13 +14,14 @@ mod reference;
 mod table;
 
 pub use fault_kind::FaultKind;
-pub use outcome::{Ended, Run};
+pub use outcome::{Ended, MAX_TIME_TO_ZERO, Run};
 pub use table::{Table, csv};
 
 use crate::falcon::{LoaderFault, LoaderOptions};
 use crate::fault::Faults;
 use crate::rig::{Cut, FalconRig, HardwareFault, OpenError, Rig, RigKind};
-use crate::session::{self, Bench, TICK_US, with_loop};
+use crate::session::{self, Bench, with_loop};
+use crate::tick::TICK_US;
 use approach::approach;
 use fault_kind::{Draws, Stage, plan};
 use monitor::RunMonitor;

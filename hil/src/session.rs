@@ -4,6 +4,7 @@
 use crate::mechanism::Waypoint;
 use crate::rig::{OpenError, Rig};
 use crate::supervised::DeviceOwner;
+use crate::tick::TICK_US;
 use palpate_core::{Config, Controller, Method, Organ, Sample, Vec3, vec3};
 use palpate_host::device::profile::Profile;
 use palpate_host::device::workspace::Workspace;
@@ -14,8 +15,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Time between two exchanges, us.
-pub const TICK_US: u64 = 1_000;
 /// Sampling period of the true positions, us.
 const TRUTH_PERIOD_US: u64 = 250;
 /// Longest duration of homing, ticks.

@@ -83,7 +83,8 @@ impl DeviceWrapper for SupervisedModel {
 mod tests {
     use super::*;
     use crate::rig::{FalconRig, Rig};
-    use crate::session::{Session, TICK_US};
+    use crate::session::Session;
+    use crate::tick::TICK_US;
     use palpate_core::vec3;
 
     /// Ages of the samples in ticks, and whether the hand has the commanded force after each tick.

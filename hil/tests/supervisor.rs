@@ -5,10 +5,8 @@
 
 use nix::sys::signal::{Signal, kill};
 use palpate_core::{Vec3, vec3};
-use palpate_hil::hosts::{
-    self, Device as TestedDevice, Host, MAX_TIME_TO_ZERO, Role, TARGET, Testbed, is_running, wait,
-};
-use palpate_hil::matrix::{Ended, FaultKind, Run, Table};
+use palpate_hil::hosts::{self, Device as TestedDevice, Host, Role, TARGET, Testbed, is_running, wait};
+use palpate_hil::matrix::{Ended, FaultKind, MAX_TIME_TO_ZERO, Run, Table};
 use palpate_hil::{EmulatedFalcon, FalconConfig, MemoryFtdi};
 use palpate_host::Device;
 use palpate_host::device::DeviceState;

@@ -1,9 +1,9 @@
 //! The outcome of a run, and the limits that it must keep.
 
 use super::FaultKind;
-use crate::hosts::MAX_TIME_TO_ZERO;
-use crate::session::TICK_US;
+use crate::tick::TICK_US;
 use palpate_core::Fault;
+use std::time::Duration;
 
 /// How a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +72,9 @@ pub struct Run {
     pub(super) slew_n_per_s: Option<f32>,
 }
 
+/// Longest time from the loss of a host to zero force, of a single run on a busy machine and also with a longer
+/// silence limit. The target for the median is [`hosts::TARGET`](crate::hosts::TARGET).
+pub const MAX_TIME_TO_ZERO: Duration = Duration::from_millis(500);
 /// Age from which a sample is stale, us.
 pub(super) const STALE_US: u64 = 10_000;
 /// Longest time from the detection to zero force, us: two ticks.

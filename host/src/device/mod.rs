@@ -5,6 +5,7 @@
 //! that can block (opening, homing, waking) run in the constructor, before the loop.
 
 mod buttons;
+pub mod capstan;
 pub mod falcon;
 pub mod hand;
 pub mod impedance;

@@ -1,7 +1,7 @@
 //! Requests of other threads to the loop: arm, disarm, reset, select a model. They are flags that the next
 //! tick reads.
 
-use super::Applied;
+use super::record::Applied;
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use palpate_core::{Fault, State};
 

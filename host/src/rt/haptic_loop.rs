@@ -6,33 +6,18 @@
 //! ticks.
 
 use super::clock::Clock;
+use super::config::LoopConfig;
 use super::controls::{Controls, MAX_MODELS};
-use super::latency::{LatencyRecorder, TickTimes};
+use super::histogram::TickTimes;
+use super::latency::LatencyRecorder;
 use super::periodic::{PeriodicEnd, PeriodicTask, run_periodic};
+use super::record::{Applied, TickRecord};
 use super::watchdog::Heartbeat;
-use super::{Applied, TickRecord};
 use crate::device::{Device, DeviceError, DeviceState};
 use crate::instructions::{Instructions, Interpolator};
 use core::sync::atomic::{AtomicBool, Ordering};
 use palpate_core::blob::PC_SPACES;
 use palpate_core::{Controller, Fault, Phase, State, Vec3, vec3};
-
-/// Timing and arming of the loop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LoopConfig {
-    /// Time between deadlines, us.
-    pub period_us: u32,
-    /// Last part of the wait, which is a busy wait, us.
-    pub spin_us: u32,
-    /// Device buttons that arm a disarmed controller when pressed; 0 for none.
-    pub arm_button: u32,
-}
-
-impl Default for LoopConfig {
-    fn default() -> Self {
-        Self { period_us: 1_000, spin_us: 100, arm_button: 0 }
-    }
-}
 
 /// Destinations of the records. Both are wait-free.
 #[derive(Debug)]

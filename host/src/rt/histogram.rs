@@ -1,12 +1,22 @@
 //! The three histograms of a run, as table rows and as text bars.
 
-use super::latency::TickTimes;
 use core::fmt;
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
 /// Upper end of the range; longer times are counted at this value.
 pub const MAX_NS: u64 = 10_000_000_000;
+
+/// Times of one tick, ns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct TickTimes {
+    /// Start of the tick minus its deadline.
+    pub wake_ns: u64,
+    /// Exchange with the device.
+    pub device_ns: u64,
+    /// Requests and controller together.
+    pub compute_ns: u64,
+}
 
 /// A measured quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

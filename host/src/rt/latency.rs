@@ -1,23 +1,12 @@
 //! Timing of the loop: wake-up lateness, device and controller times in preallocated histograms, and missed
 //! deadlines.
 
-use super::histogram::{Histograms, Quantity};
+use super::histogram::{Histograms, Quantity, TickTimes};
 use core::fmt;
 use hdrhistogram::Histogram;
 
 /// Number of missed deadlines to keep, of the first ones and of the worst ones.
 pub const KEPT_MISSES: usize = 16;
-
-/// Times of one tick, ns.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct TickTimes {
-    /// Start of the tick minus its deadline.
-    pub wake_ns: u64,
-    /// Exchange with the device.
-    pub device_ns: u64,
-    /// Requests and controller together.
-    pub compute_ns: u64,
-}
 
 /// A tick that ended after the next deadline, and its times.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //! schedule that the loop uses.
 
 use super::clock::Clock;
-use super::haptic_loop::LoopConfig;
+use super::config::LoopConfig;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 /// A task that runs once per period.

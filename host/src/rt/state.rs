@@ -8,7 +8,7 @@
 //!
 //! It is derived from the state of the device and the phase of the controller; neither depends on the other.
 
-use super::TickRecord;
+use super::record::TickRecord;
 use crate::device::DeviceState;
 use core::fmt;
 use palpate_core::{Fault, Phase};

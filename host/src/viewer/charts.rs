@@ -3,7 +3,7 @@
 use super::font::{Align, TextStyle, Typeface};
 use super::image::{Image, StrokeMask};
 use super::live::{Live, Moment, SPAN_US};
-use super::overlay::{BRIGHT, FAINT, MUTED, WAITING};
+use super::palette::{BRIGHT, FAINT, MUTED, WAITING};
 use super::scene::FORCE_COLOUR;
 
 /// Colour of the lateness.

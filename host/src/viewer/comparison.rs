@@ -8,18 +8,16 @@
 use super::camera::{OrbitCamera, Projection};
 use super::font::{Align, TextStyle, Typeface};
 use super::image::{Image, StrokeMask};
-use super::palette::linear;
+use super::material::Material;
+use super::palette::{BRIGHT, MUTED, WAITING, linear};
 use super::raster::{Raster, Vertex};
 use super::scene::{FIXED_COLOUR, edges};
-use super::shade::{Material, Shader};
+use super::shade::Shader;
 use super::shapes::Shapes;
 use super::smooth::Smooth;
 use super::viewpoint::{box_of, longest_axis, up_axis};
 use glam::{Vec2, Vec3};
 
-const BRIGHT: u32 = 0xed_f1f5;
-const MUTED: u32 = 0x93_9eab;
-const WAITING: u32 = 0xf0_c268;
 const REST_COLOUR: u32 = 0xc3_ccd6;
 const SOLID_COLOUR: u32 = 0xb8_4f3c;
 /// Colours of the other shapes, distinguishable from each other and from the solid with colour blindness too.
@@ -300,7 +298,7 @@ impl Painter {
             let radius_m = 5.5 * self.layout.scale / (self.projection.focal_px * inverse_depth);
             Shapes::default().sphere(&mut self.raster, to, radius_m, linear(BRIGHT), Material::Polished);
         }
-        self.raster.resolve(&mut self.shader, image);
+        self.shader.resolve(&self.raster, image);
     }
 
     /// Draws a transparent shape over the picture: tint, mesh, outline.
@@ -309,7 +307,7 @@ impl Painter {
         self.glass.begin(&self.projection);
         self.glass.draw(vertices, surface.smooth.triangles(), Material::Plain);
         let mut lit = Image::new(image.width(), image.height());
-        self.glass.resolve(&mut self.shader, &mut lit);
+        self.shader.resolve(&self.glass, &mut lit);
         // A gap below this is not visible. Without the fade, surfaces that nearly agree would show patches.
         let visible_m = 1.5 / (self.projection.focal_px * self.depth_scale(vertices));
         let factor = self.glass.factor();

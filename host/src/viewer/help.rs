@@ -2,8 +2,21 @@
 
 use super::font::{Align, TextStyle, Typeface};
 use super::image::Image;
-use super::overlay::{BRIGHT, MUTED};
-use super::renderer::Help;
+use super::palette::{BRIGHT, MUTED};
+
+/// Extent of the help.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Help {
+    /// No help, for files.
+    #[default]
+    Absent,
+    /// The key that shows the help.
+    Hint,
+    /// All keys.
+    Keys,
+    /// All keys, and the mouse actions that move the tool.
+    KeysAndHand,
+}
 
 /// Keys of every window and their actions.
 const KEYS: &[[&str; 2]] = &[

@@ -3,16 +3,15 @@
 use super::camera::{OrbitCamera, Projection};
 use super::font::{Align, TextStyle, Typeface};
 use super::image::Image;
-use super::palette::{ColourMap, linear, packed};
+use super::material::Material;
+use super::palette::{BRIGHT, ColourMap, MUTED, linear, packed};
 use super::raster::{Raster, Vertex};
 use super::scene::FIXED_COLOUR;
-use super::shade::{Material, Shader};
+use super::shade::Shader;
 use super::smooth::Smooth;
 use super::viewpoint::{box_of, longest_axis, up_axis};
 use glam::{Vec2, Vec3};
 
-const BRIGHT: u32 = 0xed_f1f5;
-const MUTED: u32 = 0x93_9eab;
 /// Colour of vertices without a value.
 const NONE_COLOUR: u32 = 0x6b_727a;
 /// Nearly parallel rays, so that near and far parts are comparable.
@@ -196,7 +195,7 @@ fn panel(
     let mut raster = Raster::new(width, height, factor, &projection);
     raster.begin(&projection);
     raster.draw(&vertices, smooth.triangles(), Material::Plain);
-    raster.resolve(shader, &mut image);
+    shader.resolve(&raster, &mut image);
     image
 }
 

@@ -7,6 +7,7 @@ pub mod animation;
 pub mod camera;
 mod charts;
 pub mod comparison;
+mod error;
 pub mod font;
 pub mod frames;
 mod help;
@@ -14,6 +15,7 @@ pub mod image;
 mod lanes;
 pub mod live;
 pub mod map;
+pub mod material;
 mod mouse_tool;
 pub mod navigation;
 mod occlusion;
@@ -34,37 +36,11 @@ pub mod window;
 mod window_controller;
 
 pub use animation::GifWriter;
+pub use error::ViewerError;
 pub use frames::FrameWriter;
+pub use help::Help;
 pub use image::Image;
 pub use live::Live;
-pub use renderer::{Help, Layers, Renderer, RendererConfig};
+pub use renderer::{Layers, Renderer, RendererConfig};
 pub use screen::View;
 pub use window::{ViewWindow, WindowEvents};
-
-use core::fmt;
-
-/// Reason why nothing can be shown.
-#[derive(Debug)]
-pub enum ViewerError {
-    /// No display. Use --headless.
-    NoDisplay(String),
-    /// A frame could not be written.
-    Frame(std::io::Error),
-}
-
-impl fmt::Display for ViewerError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoDisplay(reason) => write!(f, "no display for a window ({reason}): use --headless"),
-            Self::Frame(error) => write!(f, "cannot write a frame: {error}"),
-        }
-    }
-}
-
-impl core::error::Error for ViewerError {}
-
-impl From<std::io::Error> for ViewerError {
-    fn from(error: std::io::Error) -> Self {
-        Self::Frame(error)
-    }
-}

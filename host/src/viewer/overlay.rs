@@ -2,22 +2,14 @@
 
 use super::charts::Charts;
 use super::font::{Align, TextStyle, Typeface};
-use super::help;
+use super::help::{self, Help};
 use super::image::{Image, StrokeMask};
 use super::live::Live;
-use super::palette::{ColourMap, packed};
-use super::renderer::Help;
+use super::palette::{BAD, BRIGHT, ColourMap, FAINT, GOOD, MUTED, WAITING, packed};
 use super::scene::{ACTIVE_COLOUR, FIXED_COLOUR, FORCE_COLOUR, MAX_NAMES, magnitudes};
 use crate::rt::{SessionState, TickRecord};
 use glam::Vec2;
 use palpate_core::Phase;
-
-pub(super) const BRIGHT: u32 = 0xed_f1f5;
-pub(super) const MUTED: u32 = 0x93_9eab;
-pub(super) const FAINT: u32 = 0x5a_6572;
-const GOOD: u32 = 0x7f_d8a6;
-pub(super) const WAITING: u32 = 0xf0_c268;
-const BAD: u32 = 0xff_6f61;
 
 /// Text for a model without displacements.
 const FORCE_ONLY: &str = "forces only: the shape is not updated";

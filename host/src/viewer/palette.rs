@@ -1,6 +1,20 @@
-//! Colours: conversions between sRGB, linear light and OKLab, and the displacement colour map.
+//! Colours: conversions between sRGB, linear light and OKLab, the displacement colour map, and the colours of
+//! text.
 
 use glam::Vec3;
+
+/// Names and values, 0xRRGGBB.
+pub(super) const BRIGHT: u32 = 0xed_f1f5;
+/// Labels, 0xRRGGBB.
+pub(super) const MUTED: u32 = 0x93_9eab;
+/// Rules of charts, 0xRRGGBB.
+pub(super) const FAINT: u32 = 0x5a_6572;
+/// A value in order, 0xRRGGBB.
+pub(super) const GOOD: u32 = 0x7f_d8a6;
+/// A value that needs attention, 0xRRGGBB.
+pub(super) const WAITING: u32 = 0xf0_c268;
+/// A fault, 0xRRGGBB.
+pub(super) const BAD: u32 = 0xff_6f61;
 
 /// Entries of the colour map's look-up table.
 const MAP_SIZE: usize = 256;

@@ -55,8 +55,8 @@ mod tests {
     use crate::deformation::Deformation;
     use crate::synthetic::{self, Shape};
     use crate::viewer::camera::OrbitCamera;
+    use crate::viewer::material::Material;
     use crate::viewer::raster::{Raster, Vertex};
-    use crate::viewer::shade::Material;
     use glam::Vec2;
     use palpate_core::Organ;
     use palpate_core::Share;

@@ -5,8 +5,7 @@
 //! because shading costs more than rasterising: a hidden triangle costs only a depth test.
 
 use super::camera::Projection;
-use super::image::Image;
-use super::shade::{Material, Shader};
+use super::material::Material;
 use glam::Vec3;
 
 /// Sub-pixel positions per pixel and axis to which vertices snap.
@@ -253,11 +252,6 @@ impl Raster {
                 }
             }
         }
-    }
-
-    /// Shades the visible samples over the background.
-    pub fn resolve(&self, shader: &mut Shader, image: &mut Image) {
-        shader.resolve(self, image);
     }
 }
 

@@ -1,6 +1,7 @@
 //! The renderer for window and files: organ and record in, picture out.
 
 use super::camera::{OrbitCamera, Projection};
+use super::help::Help;
 use super::image::Image;
 use super::live::Live;
 use super::mouse_tool::PickView;
@@ -71,20 +72,6 @@ pub struct Layers {
     pub reach: bool,
     /// The help.
     pub help: Help,
-}
-
-/// Extent of the help.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Help {
-    /// No help, for files.
-    #[default]
-    Absent,
-    /// The key that shows the help.
-    Hint,
-    /// All keys.
-    Keys,
-    /// All keys, and the mouse actions that move the tool.
-    KeysAndHand,
 }
 
 impl Default for Layers {
@@ -205,7 +192,7 @@ impl Renderer {
         self.scene.draw_solids(&mut self.raster, organ, &self.surface, record, self.full_scale_m);
         self.times.raster = watch.lap();
 
-        self.raster.resolve(&mut self.shader, &mut self.image);
+        self.shader.resolve(&self.raster, &mut self.image);
         self.times.shading = watch.lap();
 
         if self.layers.ghost {

@@ -2,10 +2,10 @@
 
 use super::camera::Projection;
 use super::image::{Image, StrokeMask};
+use super::material::Material;
 use super::palette::{ColourMap, linear};
 use super::raster::{Raster, Vertex};
 use super::reach::Reach;
-use super::shade::Material;
 use super::shapes::Shapes;
 use super::smooth::Smooth;
 use super::viewpoint;

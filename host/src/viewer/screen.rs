@@ -1,7 +1,11 @@
 //! The viewer of a session: a window, files, or nothing, driven by the calling thread.
 
+use super::animation::GifWriter;
+use super::error::ViewerError;
+use super::frames::FrameWriter;
+use super::live::Live;
+use super::renderer::{Renderer, RendererConfig};
 use super::window_controller::WindowController;
-use super::{FrameWriter, GifWriter, Live, Renderer, RendererConfig, ViewerError};
 use crate::device::mouse::MouseHandle;
 use crate::rt::{Controls, TickRecord};
 use core::sync::atomic::{AtomicBool, Ordering};

@@ -3,6 +3,7 @@
 
 use super::image::Image;
 use super::lanes::{LANES, Lanes, dot, unit};
+use super::material::Material;
 use super::palette::{linear, linear_from_srgb, srgb_from_linear};
 use super::raster::{Raster, Surfel};
 use glam::Vec3;
@@ -14,20 +15,6 @@ const STEPS_PER_ROOT: f32 = 1024.0;
 /// Thresholds of a 4 by 4 ordered dither, which avoids bands in dark 8-bit gradients.
 const DITHER: [[f32; 4]; 4] =
     [[0.0, 8.0, 2.0, 10.0], [12.0, 4.0, 14.0, 6.0], [3.0, 11.0, 1.0, 9.0], [15.0, 7.0, 13.0, 5.0]];
-
-/// Reflectance model of a surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Material {
-    /// Matt, for markers.
-    #[default]
-    Plain,
-    /// Moist tissue: wrapped diffuse light and two highlights.
-    Tissue,
-    /// Hard and shiny, for a tool.
-    Polished,
-    /// Its own colour with little shading.
-    Luminous,
-}
 
 /// Lights and background, with tables for fast encoding.
 #[derive(Debug, Clone)]
@@ -104,7 +91,8 @@ impl Shader {
         }
     }
 
-    pub(super) fn resolve(&mut self, raster: &Raster, image: &mut Image) {
+    /// Shades the visible samples over the background.
+    pub fn resolve(&mut self, raster: &Raster, image: &mut Image) {
         let (width, height) = (image.width(), image.height());
         self.prepare_background(width, height);
         image.pixels_mut().copy_from_slice(&self.background);

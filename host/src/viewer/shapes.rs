@@ -1,7 +1,7 @@
 //! Solids for markers: sphere and arrow.
 
+use super::material::Material;
 use super::raster::{Raster, Vertex};
-use super::shade::Material;
 use glam::Vec3;
 
 /// Rings of a sphere from pole to pole.

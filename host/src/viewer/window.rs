@@ -1,6 +1,6 @@
 //! A 30 Hz window with mouse and keys. Without a display, opening it returns an error.
 
-use super::ViewerError;
+use super::error::ViewerError;
 use super::image::Image;
 use super::navigation::Pointer;
 use glam::Vec2;

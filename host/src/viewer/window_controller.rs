@@ -1,9 +1,13 @@
 //! Controller of a window: navigation, keys, screenshots and films.
 
+use super::animation::GifWriter;
+use super::error::ViewerError;
+use super::frames::FrameWriter;
+use super::help::Help;
 use super::mouse_tool::MouseTool;
 use super::navigation::Navigation;
-use super::renderer::Help;
-use super::{FrameWriter, GifWriter, Renderer, RendererConfig, ViewWindow, ViewerError, WindowEvents};
+use super::renderer::{Renderer, RendererConfig};
+use super::window::{ViewWindow, WindowEvents};
 use crate::device::mouse::MouseHandle;
 use crate::rt::TickRecord;
 use core::time::Duration;

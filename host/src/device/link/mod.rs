@@ -14,22 +14,22 @@
 //! device was enabled and no longer is (it restarted, or another process sent Disable), this is a fault.
 //! [`Device::reset`], by the user, starts a new session.
 
-mod capstan;
+mod counter;
 mod opening;
 mod requests;
 mod slew;
 mod stopping;
 
-pub use capstan::Capstan;
 pub use opening::LinkError;
 
+use super::capstan::Capstan;
 use super::profile::Profile;
 use super::serial::{MAX_READS, read_waiting};
 use super::workspace::Workspace;
 use super::{Device, DeviceError, DeviceErrorKind, DeviceInfo, DeviceState, EmergencyStop};
-use capstan::Counter;
 use core::fmt;
 use core::sync::atomic::{AtomicU32, Ordering};
+use counter::Counter;
 use palpate_core::{Sample, Vec3, clamp_force, vec3};
 use palpate_link::message::{ENABLED, HOMED, HOMING, REFUSED};
 use palpate_link::{DeviceFault, DeviceInfo as LinkInfo, DeviceMessage, FrameReader, HostMessage, VERSION};

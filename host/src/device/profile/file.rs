@@ -1,7 +1,7 @@
 //! The file format of a profile. Unknown keys are errors, and every error names file, line and fix.
 
 use super::{Assumed, Calibration, Damping, Mechanism, Profile};
-use crate::device::link::Capstan;
+use crate::device::capstan::Capstan;
 use crate::device::workspace::{Reach, Workspace};
 use core::fmt;
 use core::ops::{Range, RangeInclusive};

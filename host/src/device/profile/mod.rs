@@ -12,7 +12,7 @@ pub use cap::{
 };
 pub use file::ProfileError;
 
-use super::link::Capstan;
+use super::capstan::Capstan;
 use super::workspace::{Reach, Workspace};
 use palpate_core::{LimitConfig, Vec3};
 use std::path::Path;

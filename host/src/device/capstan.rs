@@ -61,31 +61,6 @@ impl Capstan {
     }
 }
 
-/// Encoder counts without wrap-around. Two readings must be less than 2^31 counts apart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Counter {
-    last: Option<([i32; 3], [i64; 3])>,
-}
-
-impl Counter {
-    /// Adds a reading. The first one is taken as it is: counts from home, with sign.
-    pub(super) fn update(&mut self, encoders: [i32; 3]) -> [i64; 3] {
-        let counts = match self.last {
-            None => encoders.map(i64::from),
-            Some((before, counts)) => core::array::from_fn(|axis| {
-                counts[axis] + i64::from(encoders[axis].wrapping_sub(before[axis]))
-            }),
-        };
-        self.last = Some((encoders, counts));
-        counts
-    }
-
-    /// Restarts after homing has reset the counts.
-    pub(super) const fn restart(&mut self) {
-        self.last = None;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -130,15 +105,5 @@ mod tests {
         );
         assert!((CAPSTAN.max_force_n(limit_unm) - 2.094_395).abs() < 1e-5, "the weakest axis");
         assert!((CAPSTAN.resolution_m([2_000, 500, 2_000]) - 60e-6).abs() < 1e-9, "the coarsest axis");
-    }
-
-    #[test]
-    fn counts_continue_across_the_wrap_round() {
-        let mut counter = Counter::default();
-        assert_eq!(counter.update([i32::MAX - 1, i32::MIN + 1, -5])[0], i64::from(i32::MAX) - 1);
-        let counts = counter.update([i32::MIN + 1, i32::MAX - 1, 5]);
-        assert_eq!(counts, [i64::from(i32::MAX) + 2, i64::from(i32::MIN) - 2, 5]);
-        counter.restart();
-        assert_eq!(counter.update([7, 8, -9]), [7, 8, -9]);
     }
 }

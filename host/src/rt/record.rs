@@ -1,0 +1,116 @@
+//! The record of a tick: its inputs, its outputs and its times.
+
+use crate::device::DeviceState;
+use palpate_core::{Command, Coverage, Phase, Sample, Share, Vec3, vec3};
+
+/// Requests of other threads that were applied before a tick, in the order of application.
+///
+/// A press of the arming button is not included: it follows from the samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Applied {
+    /// The watchdog zeroed the device since the last tick.
+    pub zeroed: bool,
+    /// A latched fault was cleared.
+    pub reset: bool,
+    /// Arming was requested.
+    pub arm: bool,
+    /// Disarming was requested.
+    pub disarm: bool,
+}
+
+/// Inputs and outputs of one tick, small enough to be copied through a queue.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TickRecord {
+    /// Number of the deadline of this tick. A gap means skipped deadlines.
+    pub tick: u64,
+    /// Time of the tick since the start of the loop, us.
+    pub t_us: u64,
+    /// The sample from the device, if there was one.
+    pub sample: Option<Sample>,
+    /// State of the device.
+    pub device: DeviceState,
+    /// Requests applied before the tick.
+    pub applied: Applied,
+    /// Index of the rendered model.
+    pub model: u8,
+    /// HIP, model frame, m.
+    pub hip_m: Vec3,
+    /// Displacement of the engaged node, m; zero when free.
+    pub displacement_m: Vec3,
+    /// Index of the engaged space; with several engaged spaces the one with the largest weight.
+    pub engaged: Option<u16>,
+    /// The engaged spaces with their weights.
+    pub shares: [Share; 3],
+    /// h of the model, force by the tool on the body, N; zero when free.
+    pub reaction_n: Vec3,
+    /// Force for the hand after every limit, N.
+    pub hand_force_n: Vec3,
+    /// Coverage of the reaction.
+    pub coverage: Option<Coverage>,
+    /// Phase of the controller.
+    pub phase: Phase,
+    /// Share of the force after arming; 1 after the ramp.
+    pub ramp: f32,
+    /// Whether the reaction exceeded the force limit.
+    pub clamped: bool,
+    /// Work done on the hand since the start of the contact, J, in device metres.
+    pub hand_work_j: f32,
+    /// Whether the energy guard added damping.
+    pub damped: bool,
+    /// Device exchange and controller together, ns.
+    pub compute_ns: u64,
+    /// Time of the device exchange, ns; `None` in old recordings without this field.
+    pub device_ns: Option<u64>,
+    /// Start of the tick minus its deadline, ns.
+    pub lateness_ns: u64,
+    /// Deadlines skipped so far.
+    pub skipped_periods: u64,
+}
+
+impl TickRecord {
+    /// The controller's outputs, with empty inputs.
+    #[must_use]
+    pub const fn of(command: &Command) -> Self {
+        Self {
+            hip_m: command.hip_m,
+            displacement_m: command.displacement_m,
+            engaged: command.engaged,
+            shares: command.shares,
+            reaction_n: command.reaction_n,
+            hand_force_n: command.hand_force_n,
+            coverage: command.coverage,
+            phase: command.phase,
+            ramp: command.ramp,
+            clamped: command.clamped,
+            hand_work_j: command.hand_work_j,
+            damped: command.damped,
+            ..Self::EMPTY
+        }
+    }
+
+    /// The record before the first tick.
+    pub const EMPTY: Self = Self {
+        tick: 0,
+        t_us: 0,
+        sample: None,
+        device: DeviceState::Disconnected,
+        applied: Applied { zeroed: false, reset: false, arm: false, disarm: false },
+        model: 0,
+        hip_m: vec3::ZERO,
+        displacement_m: vec3::ZERO,
+        engaged: None,
+        shares: [Share { space: 0, weight: 0.0 }; 3],
+        reaction_n: vec3::ZERO,
+        hand_force_n: vec3::ZERO,
+        coverage: None,
+        phase: Phase::Disarmed,
+        ramp: 0.0,
+        clamped: false,
+        hand_work_j: 0.0,
+        damped: false,
+        compute_ns: 0,
+        device_ns: None,
+        lateness_ns: 0,
+        skipped_periods: 0,
+    };
+}
