@@ -7,14 +7,16 @@
 //! hand enters. The record holds the forces of the motors on the hand, not the commands sent.
 
 mod approach;
+mod ended;
 mod fault_kind;
 mod monitor;
 mod outcome;
 mod reference;
 mod table;
 
+pub use ended::Ended;
 pub use fault_kind::FaultKind;
-pub use outcome::{Ended, MAX_TIME_TO_ZERO, Run};
+pub use outcome::{MAX_TIME_TO_ZERO, Run};
 pub use table::{Table, csv};
 
 use crate::falcon::{LoaderFault, LoaderOptions};

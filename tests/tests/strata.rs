@@ -80,7 +80,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
     );
 }
 
-/// The strata of `palpate-precompute`, lowest first.
+/// The offline half, lowest stratum first.
 const PRECOMPUTE: [&str; 40] = [
     "error",
     "files",
@@ -124,13 +124,6 @@ const PRECOMPUTE: [&str; 40] = [
     "pipeline",
 ];
 
-#[test]
-fn precompute_imports_downwards() {
-    let src = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../precompute/src");
-    let found: Vec<String> = findings(&src, &PRECOMPUTE).iter().map(ToString::to_string).collect();
-    assert_eq!(found, [""; 0]);
-}
-
 /// The core, lowest stratum first.
 const CORE: [&str; 11] = [
     "tag",
@@ -146,9 +139,164 @@ const CORE: [&str; 11] = [
     "controller",
 ];
 
+/// The real-time host, lowest stratum first. The trait of a device is below the loop; a profile uses the
+/// loop's timing statistics, which are below both.
+const HOST: [&str; 49] = [
+    "sys",
+    "blob_file",
+    "deformation",
+    "instructions",
+    "rt::clock",
+    "rt::config",
+    "rt::periodic",
+    "rt::histogram",
+    "rt::latency",
+    "device::capstan",
+    "device::workspace",
+    "device::profile",
+    "device",
+    "rt::record",
+    "rt::controls",
+    "rt::watchdog",
+    "rt::haptic_loop",
+    "rt::state",
+    "rt::thread",
+    "rt",
+    "settings",
+    "supervisor",
+    "model",
+    "doctor",
+    "viewer::error",
+    "viewer::image",
+    "viewer::palette",
+    "viewer::font",
+    "viewer::camera",
+    "viewer::material",
+    "viewer::raster",
+    "viewer::lanes",
+    "viewer::occlusion",
+    "viewer::shade",
+    "viewer::shapes",
+    "viewer::smooth",
+    "viewer::pick",
+    "viewer::viewpoint",
+    "viewer::reach",
+    "viewer::scene",
+    "viewer::live",
+    "viewer::help",
+    "viewer::charts",
+    "viewer::overlay",
+    "viewer",
+    "session",
+    "recording",
+    "replay",
+    "sliding",
+];
+
+/// The emulated devices and the tests on them, lowest stratum first.
+const HIL: [&str; 28] = [
+    "tick",
+    "fault",
+    "transport",
+    "port",
+    "faulty",
+    "force_record",
+    "mechanism",
+    "link",
+    "polhem",
+    "falcon",
+    "usbredir",
+    "supervised",
+    "rig",
+    "session",
+    "shadow",
+    "matrix::reference",
+    "matrix::approach",
+    "matrix::ended",
+    "matrix::fault_kind",
+    "matrix::outcome",
+    "matrix::monitor",
+    "matrix::table",
+    "matrix",
+    "bench",
+    "hosts",
+    "closed_loop",
+    "contract",
+    "emulate",
+];
+
+/// The command line, lowest stratum first.
+const TOOLS: [&str; 55] = [
+    "memory",
+    "resident",
+    "timing",
+    "failure",
+    "files",
+    "output",
+    "interrupt",
+    "progress",
+    "analysis",
+    "blob",
+    "displacements",
+    "touch",
+    "truth",
+    "summary",
+    "motors_off",
+    "hardware",
+    "documents",
+    "cmd::inspect::scattered",
+    "cmd::inspect::certificate",
+    "cmd::precompute",
+    "cmd::held_out",
+    "cmd::protocol",
+    "cmd::path",
+    "cmd::compare",
+    "cmd::doctor",
+    "cmd::supervise",
+    "cmd::plan",
+    "cmd::pack",
+    "cmd::query",
+    "cmd::run",
+    "cmd::inspect",
+    "cmd::demo",
+    "cmd::bench",
+    "cmd::report::args",
+    "cmd::report::outputs",
+    "cmd::report::words",
+    "cmd::report::plan",
+    "cmd::report::steps",
+    "cmd::report::solve",
+    "cmd::report::tables",
+    "cmd::report::measure",
+    "cmd::report::bodies",
+    "cmd::report::curves",
+    "cmd::report::forms",
+    "cmd::report::hard",
+    "cmd::report::ledger",
+    "cmd::report::machine",
+    "cmd::report::parts",
+    "cmd::report::results",
+    "cmd::report::files",
+    "cmd::report::plot",
+    "cmd::report::page",
+    "cmd::report",
+    "cmd",
+    "cluster",
+];
+
 #[test]
-fn the_core_imports_downwards() {
-    let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware-like-core/src");
-    let found = findings(&src, &CORE);
-    assert!(found.is_empty(), "{}", found.iter().map(|found| format!("{found}\n")).collect::<String>());
+fn every_crate_imports_downwards() {
+    let crates: [(&str, &[&str]); 5] = [
+        ("firmware-like-core", &CORE),
+        ("precompute", &PRECOMPUTE),
+        ("host", &HOST),
+        ("hil", &HIL),
+        ("tools", &TOOLS),
+    ];
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the workspace");
+    for (name, strata) in crates {
+        let found = findings(&workspace.join(name).join("src"), strata);
+        let lines: String = found.iter().map(|found| format!("{found}\n")).collect();
+        assert!(found.is_empty(), "{name}:\n{lines}");
+    }
 }

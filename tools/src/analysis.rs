@@ -1,4 +1,5 @@
-//! Loads scenes for the commands: warnings go to standard error, spaces are opened under the guard of outputs.
+//! Loads scenes for the commands: warnings go to standard error, spaces are opened under the guard of
+//! outputs.
 
 use std::path::Path;
 

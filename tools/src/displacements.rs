@@ -54,8 +54,8 @@ impl Displacements {
         }
     }
 
-    /// Takes a converged step; step 0 is rest, which the CSV table leaves out. Time of the series is `length_mm`, the
-    /// length of the active node's displacement.
+    /// Takes a converged step; step 0 is rest, which the CSV table leaves out. Time of the series is
+    /// `length_mm`, the length of the active node's displacement.
     pub(crate) fn add(
         &mut self,
         step: u32,

@@ -6,7 +6,8 @@ use palpate_tests::documents;
 
 use crate::Cli;
 
-/// The arguments of the first `palpate` in a command, which may stand behind variables, a path or `cargo run`.
+/// The arguments of the first `palpate` in a command, which may stand behind variables, a path or
+/// `cargo run`.
 fn arguments(command: &str) -> Option<Vec<String>> {
     let words = documents::words(command);
     let is_palpate = |word: &String| word.rsplit('/').next() == Some("palpate");

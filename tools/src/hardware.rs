@@ -75,7 +75,8 @@ impl<'n> Hardware<'n> {
         }
     }
 
-    /// Whether a process of its own must take the force away from it. The device link has a watchdog of 5 to 20 ms: it does that itself.
+    /// Whether a process of its own must take the force away from it. The device link has a watchdog of 5 to
+    /// 20 ms: it does that itself.
     pub(crate) const fn needs_supervisor(self) -> bool {
         !matches!(self, Self::Link { .. })
     }
@@ -231,7 +232,8 @@ fn supervisor(device: &str) -> std::io::Result<Command> {
     Ok(command)
 }
 
-/// Starts a supervisor for a device that there is not, and how long it takes until it says so: all of it works then but the device.
+/// Starts a supervisor for a device that there is not, and how long it takes until it says so: all of it
+/// works then but the device.
 pub(crate) fn try_supervisor() -> Result<Duration, StartError> {
     try_command(supervisor(NO_DEVICE)?)
 }
@@ -286,7 +288,8 @@ mod tests {
         assert!(refused.contains("[capstan]"), "{refused}");
     }
 
-    /// Only who states a damping may render more than the cautious default, and then as much as the formulas allow.
+    /// Only who states a damping may render more than the cautious default, and then as much as the formulas
+    /// allow.
     #[test]
     fn a_stated_damping_lifts_the_cap_of_a_polhem() {
         let mut profile = Profile::load("polhem").expect("bundled");

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
 
-/// A second signal ends the process at once, but only this long after the first: some senders signal twice in a row,
-/// and the force on the hand must go to zero first.
+/// A second signal ends the process at once, but only this long after the first: some senders signal twice in
+/// a row, and the force on the hand must go to zero first.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// One flag for the process, because a handler can be set only once.

@@ -1,8 +1,10 @@
-//! `palpate`: the command line over all crates. Only parsing and exit codes here; one file per command in `cmd/`.
+//! `palpate`: the command line over all crates. Only parsing and exit codes here; one file per command in
+//! `cmd/`.
 //!
 //! A library, because two binaries use it: `palpate`, and with feature `mpi` also `palpate-mpi`.
 //!
-//! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad input.
+//! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad
+//! input.
 #![forbid(unsafe_code)]
 
 mod analysis;
@@ -33,7 +35,8 @@ use clap::{Parser, Subcommand};
 
 /// Touch a nonlinear soft organ: solve its hyperelastic model offline, interpolate it at 1 kHz.
 ///
-/// The way of the data: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with `palpate demo`.
+/// The way of the data: scene (TOML) -> precompute -> .space -> pack -> .blob -> run. Start with
+/// `palpate demo`.
 #[derive(Debug, Parser)]
 #[command(name = "palpate", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {

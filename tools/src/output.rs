@@ -1,5 +1,5 @@
-//! What goes out: lines of text, and tables as CSV. A reader of standard output that has seen enough (`| head`) ends the program
-//! quietly.
+//! What goes out: lines of text, and tables as CSV. A reader of standard output that has seen enough
+//! (`| head`) ends the program quietly.
 
 use std::io::{ErrorKind, Write};
 

@@ -38,7 +38,8 @@ impl Resident {
 }
 
 impl Resident {
-    /// At the start, once settled (if the session was long enough) and at the end, kB; null where the system does not say.
+    /// At the start, once settled (if the session was long enough) and at the end, kB; null where the system
+    /// does not say.
     pub(crate) fn figures(&self) -> serde_json::Value {
         serde_json::json!({ "start": self.start_kb, "after_20_s": self.settled_kb, "end": self.end_kb })
     }

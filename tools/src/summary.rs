@@ -1,4 +1,5 @@
-//! What sessions and replays came to, as JSON: SI units, times of the machine in ns, null for what there is not.
+//! What sessions and replays came to, as JSON: SI units, times of the machine in ns, null for what there is
+//! not.
 
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};

@@ -10,20 +10,23 @@ const SLOWEST_US: u32 = 2_500;
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
 
-/// When the loop runs and what it asks of the operating system. Whatever is refused is reported and the loop runs without it.
+/// When the loop runs and what it asks of the operating system. Whatever is refused is reported and the loop
+/// runs without it.
 #[derive(Debug, Clone, Copy, ClapArgs)]
 pub(crate) struct Timing {
     /// Pin the haptic thread to this CPU; if not given the kernel chooses
     #[arg(long, value_name = "N", help_heading = "Timing")]
     pub cpu: Option<usize>,
-    /// SCHED_FIFO priority of the haptic thread, 1 to 97 (its watchdog gets one more); 0 asks for ordinary scheduling
+    /// SCHED_FIFO priority of the haptic thread, 1 to 97 (its watchdog gets one more); 0 asks for ordinary
+    /// scheduling
     #[arg(long, value_name = "PRIORITY", help_heading = "Timing", default_value_t = DEFAULT_FIFO_PRIORITY,
           value_parser = clap::value_parser!(i32).range(0..=i64::from(MAX_LOOP_FIFO_PRIORITY)))]
     pub fifo: i32,
     /// The last part of every wait that is spun instead of slept, us
     #[arg(long, value_name = "US", help_heading = "Timing", default_value_t = DEFAULT.spin_us)]
     pub spin_us: u32,
-    /// Time between two ticks, us, 100 to 2500; 1000, or what the profile says, if not given. The stiffness cap of a profile is that of this period
+    /// Time between two ticks, us, 100 to 2500; 1000, or what the profile says, if not given. The stiffness
+    /// cap of a profile is that of this period
     #[arg(long, value_name = "US", help_heading = "Timing",
           value_parser = clap::value_parser!(u32).range(100..=i64::from(SLOWEST_US)))]
     pub period_us: Option<u32>,

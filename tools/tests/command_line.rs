@@ -102,7 +102,8 @@ fn a_path_is_a_series_for_paraview() {
             set.contains(&format!("timestep=\"{time:?}\"")) && set.contains(&format!("file=\"{file}\"")),
             "{set}"
         );
-        // Our own reader takes it for the mesh it is, and the numbers are those of the tables, to the last bit.
+        // Our own reader takes it for the mesh it is, and the numbers are those of the tables, to the last
+        // bit.
         let shown = palpate(&["inspect", text(&at(&file)), "--json"]);
         let shown: serde_json::Value = serde_json::from_slice(&shown.stdout).expect("JSON");
         assert_eq!(shown["nodes"], soft_beam(mooney_rivlin()).0.nodes_m.len());
@@ -222,7 +223,8 @@ fn scene_to_blob_to_query() {
         1 + 125,
         "the cube of two cells"
     );
-    // The blob tells how far it is from finite elements, at positions that were solved for it and that no fit saw.
+    // The blob tells how far it is from finite elements, at positions that were solved for it and that no fit
+    // saw.
     let shown: serde_json::Value =
         serde_json::from_str(&ok(&["inspect", text(&blob), "--json"])).expect("JSON");
     let certificate = &shown["certificate"]["spaces"][0];

@@ -1,4 +1,5 @@
-//! `palpate doctor`, and the timing options of `palpate run`, as a user meets them. Nothing here depends on how good this PC is.
+//! `palpate doctor`, and the timing options of `palpate run`, as a user meets them. Nothing here depends on
+//! how good this PC is.
 
 use std::path::Path;
 use std::process::{Command, Output};

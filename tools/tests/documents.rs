@@ -1,5 +1,5 @@
-//! README and guide as a reader follows them: every command that they print runs, in order, in a folder that holds what
-//! a clone holds.
+//! README and guide as a reader follows them: every command that they print runs, in order, in a folder that
+//! holds what a clone holds.
 
 use std::ffi::OsString;
 use std::fs;
@@ -22,8 +22,8 @@ fn copy_folder(from: &Path, to: &Path) {
     }
 }
 
-/// Runs every command of the document's `sh` blocks that is not marked `no-run`; panics at the first one whose exit code
-/// is not the announced one. Returns how many there were.
+/// Runs every command of the document's `sh` blocks that is not marked `no-run`; panics at the first one
+/// whose exit code is not the announced one. Returns how many there were.
 fn run_commands_of(name: &str) -> usize {
     let clone = tempfile::tempdir().expect("a folder");
     copy_folder(&documents::root().join("assets"), &clone.path().join("assets"));

@@ -1,5 +1,5 @@
-//! `palpate plan` on the bundled organ: a table and its figures, and what it foretells of a scattered space within a factor of two.
-//! Seconds are printed, not asserted: others may be using the machine.
+//! `palpate plan` on the bundled organ: a table and its figures, and what it foretells of a scattered space
+//! within a factor of two. Seconds are printed, not asserted: others may be using the machine.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,5 +1,5 @@
-//! `palpate report`: the page parses, every file it names is there, its numbers are those of the certificates in the blobs, and a
-//! second run solves nothing again.
+//! `palpate report`: the page parses, every file it names is there, its numbers are those of the certificates
+//! in the blobs, and a second run solves nothing again.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -41,7 +41,8 @@ fn certificate(blob: &Path) -> Value {
     serde_json::from_slice(organ.certificate.expect("it is certified")).expect("JSON")
 }
 
-/// Well-formed, every file it links to is there, every anchor has its place, every plot has marks and two named axes.
+/// Well-formed, every file it links to is there, every anchor has its place, every plot has marks and two
+/// named axes.
 fn check_page(folder: &Path) {
     let page = std::fs::read_to_string(folder.join("report.html")).expect("the page is written");
     let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
@@ -140,7 +141,8 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         "{forms:?}"
     );
 
-    // What is left out, with what could be, and a plot of it: the configurations between those solved as the certificate has them.
+    // What is left out, with what could be, and a plot of it: the configurations between those solved as the
+    // certificate has them.
     let ledger = rows(&out.join("ledger.csv"));
     let line = |what: &str| ledger.iter().find(|row| row["what"].starts_with(what)).expect(what);
     assert_eq!((&*line("nonlinearity")["made"], &*line("nodes inside")["made"]), ("false", "true"));

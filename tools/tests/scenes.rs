@@ -1,4 +1,5 @@
-//! The bundled scenes, from file to certificate: each comes out as it says, and the one that must not be used says so.
+//! The bundled scenes, from file to certificate: each comes out as it says, and the one that must not be used
+//! says so.
 
 use std::path::Path;
 use std::process::Command;

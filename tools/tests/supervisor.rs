@@ -1,4 +1,5 @@
-//! `palpate run` on a Polhem held by its supervisor, killed while the hand leans on the organ. The device is emulated, all else is real.
+//! `palpate run` on a Polhem held by its supervisor, killed while the hand leans on the organ. The device is
+//! emulated, all else is real.
 
 #[path = "../../host/tests/common/synthetic.rs"]
 mod synthetic;
@@ -18,7 +19,8 @@ use std::time::{Duration, Instant};
 
 /// A busy machine is late, and a loop that is late faults: such a session is begun anew, so long.
 const PATIENCE: Duration = Duration::from_secs(240);
-/// Longest time until one of them comes to a touch: the hand presses [`Device::TOUCHES`] after it was first talked to.
+/// Longest time until one of them comes to a touch: the hand presses [`Device::TOUCHES`] after it was first
+/// talked to.
 const SESSION: Duration = Duration::from_secs(4);
 /// They measure time, and loops that run side by side starve each other.
 static ALONE: Mutex<()> = Mutex::new(());
@@ -27,7 +29,8 @@ const LEANS_N: f32 = 0.5;
 /// Target is 20 ms; the rest is for a machine that is shared.
 const GENEROUS: Duration = Duration::from_millis(500);
 
-/// Blob and profile: device z is the outward normal of the first active node, its origin on the surface there.
+/// Blob and profile: device z is the outward normal of the first active node, its origin on the surface
+/// there.
 fn files(folder: &Path) -> (PathBuf, PathBuf) {
     let bytes = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
@@ -56,8 +59,8 @@ struct Felt {
     forced: Option<Instant>,
 }
 
-/// Presses its button when it is first talked to, then leans on the organ again and again. A real one owes this machine's scheduler nothing: it
-/// runs above the loop where that is allowed.
+/// Presses its button when it is first talked to, then leans on the organ again and again. A real one owes
+/// this machine's scheduler nothing: it runs above the loop where that is allowed.
 struct Device {
     felt: Arc<Mutex<Felt>>,
     ends: Arc<AtomicBool>,
@@ -255,7 +258,8 @@ fn a_session_says_who_holds_its_device_and_ends_both() {
     assert!(!Path::new(&format!("/proc/{supervisor}")).exists(), "the port is free again");
 }
 
-/// All is as it will be, and the motors get nothing: armed, leaning on the organ, with forces computed and shown.
+/// All is as it will be, and the motors get nothing: armed, leaning on the organ, with forces computed and
+/// shown.
 #[test]
 fn with_the_motors_off_no_force_ever_leaves() {
     let _alone = alone();

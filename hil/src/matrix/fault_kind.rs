@@ -1,6 +1,6 @@
 //! The kinds of fault, and their parameters in one run.
 
-use super::outcome::Ended;
+use super::ended::Ended;
 use crate::fault::{Faults, REORDER_TIMEOUT_US};
 use crate::rig::{HardwareFault, RigKind};
 use palpate_core::Fault;

@@ -1,7 +1,8 @@
 //! Observes a run from the fault on, tick by tick.
 
-use super::FaultKind;
-use super::outcome::{Ended, Run, STALE_US};
+use super::ended::Ended;
+use super::fault_kind::FaultKind;
+use super::outcome::{Run, STALE_US};
 use super::reference::{ForcePair, ReferenceController};
 use crate::force_record::ForceRecord;
 use crate::session::{self, Bench};

@@ -1,30 +1,9 @@
 //! The outcome of a run, and the limits that it must keep.
 
-use super::FaultKind;
+use super::ended::Ended;
+use super::fault_kind::FaultKind;
 use crate::tick::TICK_US;
-use palpate_core::Fault;
 use std::time::Duration;
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
-    /// The loop recovered and renders on.
-    Recovered,
-    /// The loop latched a fault.
-    Latched(Fault),
-    /// The device is lost and the loop ended.
-    Lost,
-    /// The driver refused to open.
-    Refused,
-    /// The driver opened, without a force.
-    Opened,
-    /// The supervisor set zero force.
-    Supervisor,
-    /// The device's own watchdog set zero force and latched.
-    Watchdog,
-    /// An expected event did not happen.
-    TimedOut(&'static str),
-}
 
 /// One run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,8 +51,8 @@ pub struct Run {
     pub(super) slew_n_per_s: Option<f32>,
 }
 
-/// Longest time from the loss of a host to zero force, of a single run on a busy machine and also with a longer
-/// silence limit. The target for the median is [`hosts::TARGET`](crate::hosts::TARGET).
+/// Longest time from the loss of a host to zero force, of a single run on a busy machine and also with a
+/// longer silence limit. The target for the median is [`hosts::TARGET`](crate::hosts::TARGET).
 pub const MAX_TIME_TO_ZERO: Duration = Duration::from_millis(500);
 /// Age from which a sample is stale, us.
 pub(super) const STALE_US: u64 = 10_000;

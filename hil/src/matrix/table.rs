@@ -1,6 +1,8 @@
 //! The runs as a Markdown table and as comma-separated values.
 
-use super::{Ended, FaultKind, Run};
+use super::ended::Ended;
+use super::fault_kind::FaultKind;
+use super::outcome::Run;
 use core::fmt::{self, Write};
 
 /// One row: all runs of one fault on one rig.

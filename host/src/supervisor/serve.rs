@@ -2,7 +2,7 @@
 
 use super::watch::Watch;
 use super::wire::{OPEN_RESULT_LEN, OpenResult, Order, OrderMessage, Report, ReportedPosition};
-use crate::device::{Device, EmergencyStop};
+use crate::device::{Device, DeviceError, EmergencyStop};
 use crate::sys::{self, Policy};
 use palpate_core::{Sample, Vec3, vec3};
 use std::io;
@@ -225,11 +225,7 @@ impl<D: Device> Server<'_, D> {
         Some(*number)
     }
 
-    fn report_exchange(
-        &mut self,
-        answers: u64,
-        result: Option<Result<Option<Sample>, crate::DeviceError>>,
-    ) -> Host {
+    fn report_exchange(&mut self, answers: u64, result: Option<Result<Option<Sample>, DeviceError>>) -> Host {
         self.report(answers, false, result)
     }
 
@@ -237,7 +233,7 @@ impl<D: Device> Server<'_, D> {
         &mut self,
         answers: u64,
         stopped: bool,
-        result: Option<Result<Option<Sample>, crate::DeviceError>>,
+        result: Option<Result<Option<Sample>, DeviceError>>,
     ) -> Host {
         let (sample, error) = match result {
             Some(Ok(sample)) => (sample, None),

@@ -1,11 +1,13 @@
-//! `palpate-mpi`: rank 0 plans and owns the store, the other ranks solve. The same bits as on one machine, because outcomes
-//! depend on the jobs alone and every job's start is what the store holds.
+//! `palpate-mpi`: rank 0 plans and owns the store, the other ranks solve. The same bits as on one machine,
+//! because outcomes depend on the jobs alone and every job's start is what the store holds.
 //!
-//! [`messages`] is what they say to each other; [`ranks`] is the crew that rank 0 sees; [`worker`] is the other end.
+//! [`messages`] is what they say to each other; [`ranks`] is the crew that rank 0 sees; [`worker`] is the
+//! other end.
 //!
-//! Ending. Rank 0 always releases the others, on success, on an error and when it is asked to stop (Ctrl-C, SIGTERM), and waits
-//! for their last word. Signals to other ranks do nothing: mpirun and Slurm signal all ranks, and rank 0 decides. A rank that
-//! dies takes the others with it (that is MPI's way); what was committed is in the store.
+//! Ending. Rank 0 always releases the others, on success, on an error and when it is asked to stop (Ctrl-C,
+//! SIGTERM), and waits for their last word. Signals to other ranks do nothing: mpirun and Slurm signal all
+//! ranks, and rank 0 decides. A rank that dies takes the others with it (that is MPI's way); what was
+//! committed is in the store.
 
 mod messages;
 mod ranks;
@@ -30,9 +32,11 @@ use crate::interrupt::stop_flag;
 use messages::Basis;
 use ranks::Ranks;
 
-/// `palpate precompute` and `palpate held-out` on many machines: `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
+/// `palpate precompute` and `palpate held-out` on many machines:
+/// `mpirun -n 64 palpate-mpi precompute liver.toml --out liver.space`.
 ///
-/// Rank 0 plans, reads and writes; the others solve. One rank alone does it all. docs/guide.md, section 10, shows how to start it.
+/// Rank 0 plans, reads and writes; the others solve. One rank alone does it all. docs/guide.md, section 10,
+/// shows how to start it.
 #[derive(Debug, Parser)]
 #[command(name = "palpate-mpi", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {

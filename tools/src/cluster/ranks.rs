@@ -12,11 +12,12 @@ use palpate_precompute::space::{Crew, CrewError, Done, Work};
 use super::messages::{Basis, Order, Report, decode, encode};
 use crate::failure::Failure;
 
-/// Pause between two looks for a message. MPI's own waiting would keep a core busy, which a rank that works could use.
+/// Pause between two looks for a message. MPI's own waiting would keep a core busy, which a rank that works
+/// could use.
 pub(super) const PAUSE: Duration = Duration::from_micros(100);
 
-/// MPI's own buffer for jobs on their way, bytes. Without it a send of more than some kilobytes would last until the other end looks
-/// for it, which is milliseconds where its cores are all solving.
+/// MPI's own buffer for jobs on their way, bytes. Without it a send of more than some kilobytes would last
+/// until the other end looks for it, which is milliseconds where its cores are all solving.
 pub(super) const BUFFER: usize = 256 << 20;
 
 /// All ranks but 0. They are released when this goes, whatever the reason.
@@ -26,7 +27,8 @@ pub(super) struct Ranks<'w> {
     present: Vec<bool>,
     /// Rank and thread of every desk, the first threads of all ranks first.
     desks: Vec<(i32, u32)>,
-    /// Bytes of the jobs that each desk has not answered yet, oldest first, and their sum: what may still be in the buffer.
+    /// Bytes of the jobs that each desk has not answered yet, oldest first, and their sum: what may still be
+    /// in the buffer.
     unanswered: Vec<VecDeque<usize>>,
     buffered: usize,
 }

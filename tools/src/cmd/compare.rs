@@ -22,11 +22,11 @@ use crate::output;
 
 /// Pull one body by several laws and draw the deformed shapes over one another.
 ///
-/// The active node is moved from rest along DIRECTION in steps of about 1 mm (the solver halves a step that does not
-/// converge), once by each law. The laws agree at small strain, so what differs is the law alone: the scene's
-/// material is taken over with its moduli, region by region. From Mooney-Rivlin, E = 6 (C10 + C01) and nu = 0.49 for
-/// the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene has it); from Lame's constants,
-/// C10 = C01 = mu / 4.
+/// The active node is moved from rest along DIRECTION in steps of about 1 mm (the solver halves a step that
+/// does not converge), once by each law. The laws agree at small strain, so what differs is the law alone:
+/// the scene's material is taken over with its moduli, region by region. From Mooney-Rivlin, E = 6 (C10 +
+/// C01) and nu = 0.49 for the laws without a pressure, as in the paper (or nu from `bulk_pa`, where the scene
+/// has it); from Lame's constants, C10 = C01 = mu / 4.
 ///
 /// In the picture the scene's own law (or the last of --laws) is the solid; each other law is glass of its
 /// own colour with its outline, and its mesh where it leaves the solid; the grey outline is the shape at

@@ -30,8 +30,8 @@ use crate::{blob, output, touch};
 ///
 /// Solves the 514-point configuration spaces of two active nodes of a liver-like phantom (incompressible
 /// Mooney-Rivlin), packs them, lets a simulated hand palpate at 1 kHz, and compares the felt force with fresh
-/// finite-element solves at 200 visited positions. Everything it makes stays in the output folder. A second run finds
-/// the solved spaces there; --fresh solves them again.
+/// finite-element solves at 200 visited positions. Everything it makes stays in the output folder. A second
+/// run finds the solved spaces there; --fresh solves them again.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds of palpation

@@ -19,8 +19,9 @@ use crate::{hardware, output};
 
 /// Checks this PC for 1 kHz operation and prints how to fix what it finds.
 ///
-/// Looks at kernel, rights, CPUs and ports, in order of importance, starts a supervisor without a device, changes nothing, and measures how late the loop wakes with what this
-/// user is granted. Exit code 0 also where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
+/// Looks at kernel, rights, CPUs and ports, in order of importance, starts a supervisor without a device,
+/// changes nothing, and measures how late the loop wakes with what this user is granted. Exit code 0 also
+/// where things could be better; 1 only if 1 kHz is out of reach: a measured p99 of more than 1 ms late.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Seconds to measure; 0 only looks

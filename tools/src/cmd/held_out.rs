@@ -21,10 +21,11 @@ use crate::progress::WorkProgress;
 
 /// Solve held-out truth into a .space file: positions to measure interpolations at, never used for a fit.
 ///
-/// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose direction turns slowly (both
-/// as in the paper), and uniform positions in the ball that can be reached (|h| < f_max), each solved from the nearest
-/// corner of its cell. The space must be complete for the last kind. Positions follow from the seed alone; more paths or
-/// positions may be asked for later, and those there are kept. A path ends where a step fails or |h| reaches f_max.
+/// Three kinds for every active node: regular paths from rest in 26 directions and random paths whose
+/// direction turns slowly (both as in the paper), and uniform positions in the ball that can be reached (|h|
+/// < f_max), each solved from the nearest corner of its cell. The space must be complete for the last kind.
+/// Positions follow from the seed alone; more paths or positions may be asked for later, and those there are
+/// kept. A path ends where a step fails or |h| reaches f_max.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -152,7 +153,8 @@ pub(crate) fn run_with(
     ))
 }
 
-/// A failure after the truth in the file was forgotten, if it was: the same command would forget what came since.
+/// A failure after the truth in the file was forgotten, if it was: the same command would forget what came
+/// since.
 pub(crate) fn after(again: bool, failure: Failure) -> Failure {
     if again { failure.with("; leave --again out now, or it starts from nothing once more") } else { failure }
 }

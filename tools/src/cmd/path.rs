@@ -16,9 +16,10 @@ use crate::output;
 
 /// Solve the reaction force along a straight loading path.
 ///
-/// The active node is moved from rest along DIRECTION in equal steps; each step starts from the last one with the
-/// tangent predictor. Every converged step is a row of the CSV file. A path that fails keeps its rows, adds a last
-/// one with status `failed` and exits with code 1; so does one that is interrupted, without that row.
+/// The active node is moved from rest along DIRECTION in equal steps; each step starts from the last one with
+/// the tangent predictor. Every converged step is a row of the CSV file. A path that fails keeps its rows,
+/// adds a last one with status `failed` and exits with code 1; so does one that is interrupted, without that
+/// row.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -35,20 +36,23 @@ pub(crate) struct Args {
     /// Number of steps
     #[arg(long)]
     steps: u32,
-    /// Turn the patch of the active node about it on the way, too: rotation vector x,y,z in rad, reached at the last step
+    /// Turn the patch of the active node about it on the way, too: rotation vector x,y,z in rad, reached at
+    /// the last step
     #[arg(long, value_name = "X,Y,Z", value_parser = three, allow_hyphen_values = true)]
     turn: Option<[f64; 3]>,
-    /// More columns after `status`: reason of a failure, unstable modes, whether the step left its branch, moment of a patch
+    /// More columns after `status`: reason of a failure, unstable modes, whether the step left its branch,
+    /// moment of a patch
     #[arg(long)]
     details: bool,
     /// CSV file to write; standard output if not given
     #[arg(long)]
     csv: Option<PathBuf>,
-    /// Displacement of every node at every step: FILE.csv, or FILE.pvd with a folder FILE/ of VTU files for ParaView
+    /// Displacement of every node at every step: FILE.csv, or FILE.pvd with a folder FILE/ of VTU files for
+    /// ParaView
     ///
-    /// The series starts with rest. Its time is the length of the active node's displacement in mm; each VTU file has
-    /// displacement_m on the nodes, and reaction_force_n, active_displacement_m and energy_j as field data. It is
-    /// written step by step, so an interrupted run leaves a series of the steps so far.
+    /// The series starts with rest. Its time is the length of the active node's displacement in mm; each VTU
+    /// file has displacement_m on the nodes, and reaction_force_n, active_displacement_m and energy_j as
+    /// field data. It is written step by step, so an interrupted run leaves a series of the steps so far.
     #[arg(long, value_name = "FILE")]
     displacements: Option<PathBuf>,
     #[command(flatten)]

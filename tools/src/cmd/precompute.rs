@@ -20,16 +20,18 @@ use crate::{memory, output};
 
 /// Solve the configuration spaces of a scene into a .space file.
 ///
-/// Every finished configuration is kept within a second: stop with Ctrl-C (or lose power) and run the same command again to
-/// go on. The numbers do not depend on the number of threads nor on interruptions. A point that cannot be solved from its
-/// parent is tried from its other neighbours; neighbours that seem to lie on different branches are solved again, and the
-/// lower energy is kept.
+/// Every finished configuration is kept within a second: stop with Ctrl-C (or lose power) and run the same
+/// command again to go on. The numbers do not depend on the number of threads nor on interruptions. A point
+/// that cannot be solved from its parent is tried from its other neighbours; neighbours that seem to lie on
+/// different branches are solved again, and the lower energy is kept.
 ///
-/// With a tolerance in the grid instead of a spacing (`cannot_be_felt = true`, `tolerance_n`, `tolerance_relative`) positions are chosen by the
-/// error: each is predicted before it is solved, and solving ends when the predictions hold. Where they do not fall the space folds, and a lattice
-/// takes over. `palpate plan` says beforehand what either takes.
+/// With a tolerance in the grid instead of a spacing (`cannot_be_felt = true`, `tolerance_n`,
+/// `tolerance_relative`) positions are chosen by the error: each is predicted before it is solved, and
+/// solving ends when the predictions hold. Where they do not fall the space folds, and a lattice takes over.
+/// `palpate plan` says beforehand what either takes.
 ///
-/// With `complete_cells` in the grid (the default) the corners outside the radius of the cells that reach into it are solved too.
+/// With `complete_cells` in the grid (the default) the corners outside the radius of the cells that reach
+/// into it are solved too.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)

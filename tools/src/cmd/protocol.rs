@@ -21,12 +21,12 @@ use crate::interrupt::stop_flag;
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of 10 cm in steps of
-/// 1 mm for the scene's law, and count those that do not converge.
+/// Solve the paper's regular paths (section 5.2): 10 active nodes, 26 directions, 2 fixed sets, 520 paths of
+/// 10 cm in steps of 1 mm for the scene's law, and count those that do not converge.
 ///
-/// The active nodes are free surface nodes as far from one another as can be, the scene's first one among them. A force limit
-/// of the scene is left out: the paper's paths go on whatever the force. One .space file a fixed set is written, with every
-/// position; run the same command again to go on.
+/// The active nodes are free surface nodes as far from one another as can be, the scene's first one among
+/// them. A force limit of the scene is left out: the paper's paths go on whatever the force. One .space file
+/// a fixed set is written, with every position; run the same command again to go on.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)
@@ -195,7 +195,8 @@ fn spread(scene: &ResolvedScene, fixed: &[String], wanted: usize) -> Result<Vec<
     Ok(chosen)
 }
 
-/// The scene with another fixed set and these active nodes, and without a force limit: a scene of its own, as its store says.
+/// The scene with another fixed set and these active nodes, and without a force limit: a scene of its own, as
+/// its store says.
 fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> Result<Analysis, Failure> {
     let mut table: toml::Table = toml::from_str(&scene.text).map_err(Failure::input)?;
     let held = toml::Table::from_iter([("group".to_string(), fixed.into())]);
@@ -217,8 +218,8 @@ fn variant(args: &Args, scene: &ResolvedScene, fixed: &str, actives: &[u32]) -> 
 mod tests {
     use super::*;
 
-    /// Every free surface node is as near to a chosen one as the chosen ones are to one another, or nearer: they could not be further
-    /// apart by much.
+    /// Every free surface node is as near to a chosen one as the chosen ones are to one another, or nearer:
+    /// they could not be further apart by much.
     #[test]
     fn the_nodes_are_far_apart_free_and_one_of_them_is_the_scenes_own() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");

@@ -12,9 +12,9 @@ use crate::files::{FileKind, Files, Replace};
 
 /// Ask a blob for the force at given displacements of an active node.
 ///
-/// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is cell,
-/// supercell or scattered where the method has its own data all round, and extrapolated where it has not. The force
-/// is always finite.
+/// Input: CSV with the header x_m,y_m,z_m. Output: x_m,y_m,z_m,fx_n,fy_n,fz_n,coverage, where coverage is
+/// cell, supercell or scattered where the method has its own data all round, and extrapolated where it has
+/// not. The force is always finite.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .blob file
@@ -31,7 +31,8 @@ pub(crate) struct Args {
     /// CSV file to write
     #[arg(long)]
     csv: PathBuf,
-    /// Also write dh/dd (sxx_n_m .. szz_n_m, nine columns, sxy = dhx/dy) and, where the force is its gradient, the energy
+    /// Also write dh/dd (sxx_n_m .. szz_n_m, nine columns, sxy = dhx/dy) and, where the force is its
+    /// gradient, the energy
     #[arg(long)]
     stiffness: bool,
     /// Also write the displacement of every visual node: columns uN_x_m, uN_y_m, uN_z_m, N the mesh node

@@ -34,32 +34,35 @@ use palpate_precompute::certificate::Verdict;
 
 /// Touch the organ in a blob: the 1 kHz loop, a device and the viewer.
 ///
-/// Without a display (or with --headless) PNG frames are written instead of a window. A real device is armed by its
-/// button or by the window's key, never by starting. Ctrl-C ends the session with zero force.
+/// Without a display (or with --headless) PNG frames are written instead of a window. A real device is armed
+/// by its button or by the window's key, never by starting. Ctrl-C ends the session with zero force.
 ///
-/// A real device is held by a supervisor, a process of its own that takes the force away when this one dies, stops or hangs.
+/// A real device is held by a supervisor, a process of its own that takes the force away when this one dies,
+/// stops or hangs.
 ///
-/// With --record every tick goes into an MCAP file. --device replay:FILE.mcap runs the loop over such a file again, on the same blob,
-/// and compares every force: exit code 1 if one differs in a bit. With --method too it is replayed with that method, and the largest
-/// difference is shown.
+/// With --record every tick goes into an MCAP file. --device replay:FILE.mcap runs the loop over such a file
+/// again, on the same blob, and compares every force: exit code 1 if one differs in a bit. With --method too
+/// it is replayed with that method, and the largest difference is shown.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .blob file
     blob: PathBuf,
-    /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step in the force
+    /// More .blob files, other models of the same organ: N in the window goes on to the next, without a step
+    /// in the force
     more: Vec<PathBuf>,
-    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse (drags the organ in the window),
-    /// polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or falcon:FIRMWARE (Novint Falcon on USB, with the file of its firmware
-    /// for when it is silent), link:PORT or link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
+    /// The device: sim (a simulated hand on a tour), sim:random:SEED (the same, palpating at random), mouse
+    /// (drags the organ in the window), polhem:PORT (Polhem / WoodenHaptics on a serial port), falcon or
+    /// falcon:FIRMWARE (Novint Falcon on USB, with the file of its firmware for when it is silent), link:PORT
+    /// or link:PORT@BAUD (a controller that speaks the device link), or replay:FILE.mcap (a recording)
     #[arg(long, default_value = "sim")]
     device: String,
-    /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni, polhem, premium-1.5, sigma.7,
-    /// simulated, touch) or a file that ends in .toml. With sim that device's mechanics are simulated; polhem:PORT, falcon and
-    /// link:PORT have their own
+    /// What the device can do: the name of a bundled profile (delta.3, desktop, falcon, link, omega, omni,
+    /// polhem, premium-1.5, sigma.7, simulated, touch) or a file that ends in .toml. With sim that device's
+    /// mechanics are simulated; polhem:PORT, falcon and link:PORT have their own
     #[arg(long, value_name = "NAME|FILE.toml")]
     profile: Option<String>,
-    /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite, tricubic, rbf-cubic, rbf-linear,
-    /// hybrid, trilinear
+    /// Interpolation method; if not given, the first that the blob holds of energy, kernel, hermite,
+    /// tricubic, rbf-cubic, rbf-linear, hybrid, trilinear
     #[arg(long, value_parser = method)]
     method: Option<Method>,
     /// Seconds to run; until Ctrl-C if not given
@@ -74,13 +77,15 @@ pub(crate) struct Args {
     /// With --headless: an animated GIF instead of PNG frames; the file must not be there yet
     #[arg(long, value_name = "FILE.gif", requires = "headless")]
     gif: Option<PathBuf>,
-    /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite elements
+    /// Run a blob that nobody measured: without a certificate nothing says how far its forces are from finite
+    /// elements
     #[arg(long)]
     uncertified: bool,
     /// Record every tick to this file (MCAP), which must not be there yet
     #[arg(long, value_name = "FILE.mcap")]
     record: Option<PathBuf>,
-    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a number, or stick
+    /// Coulomb friction of a pushing tool where it may slide, over triangles whose corners are all active: a
+    /// number, or stick
     #[arg(long, value_name = "MU", value_parser = friction)]
     friction: Option<f32>,
     /// Go on to the next of several blobs each time so many seconds have passed
@@ -91,7 +96,8 @@ pub(crate) struct Args {
     histograms: Option<PathBuf>,
     #[command(flatten)]
     timing: Timing,
-    /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms at which a sample is stale
+    /// Standstill of the loop after which the watchdog takes the force away past it, ms; not below the 10 ms
+    /// at which a sample is stale
     #[arg(long, value_name = "MS", help_heading = "Timing", default_value_t = DEFAULT_LIMIT_MS)]
     watchdog_ms: u32,
     /// The summary as one JSON object, and nothing else on standard output
@@ -104,8 +110,8 @@ pub(crate) struct Args {
     /// Hold a real device in this process: if it is killed or stopped, the motors keep their last force
     #[arg(long)]
     no_supervisor: bool,
-    /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a second on standard error). For
-    /// the first power-up of a real device: docs/devices.md
+    /// Send no force to the device: positions are read and forces computed, recorded and shown (five times a
+    /// second on standard error). For the first power-up of a real device: docs/devices.md
     #[arg(long)]
     motors_off: bool,
     /// Folder for frames and screenshots; those that are there stay, and the numbers go on
@@ -464,8 +470,8 @@ fn run_replay(
     Ok(())
 }
 
-/// Refuses a blob that nobody measured with this method, or only where no position could speak for the others; and with a real device one
-/// whose numbers are nothing to drive motors with.
+/// Refuses a blob that nobody measured with this method, or only where no position could speak for the
+/// others; and with a real device one whose numbers are nothing to drive motors with.
 fn check_certificate(
     path: &Path,
     organ: &Organ<'_>,

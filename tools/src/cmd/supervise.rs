@@ -9,7 +9,8 @@ use crate::hardware::{self, Hardware};
 
 /// Hold a device for `palpate run`, and take its force away when that dies, stops or hangs.
 ///
-/// Started by `palpate run` with a socket as its standard input, not by hand. Ctrl-C and SIGTERM do not end it: it ends with its host.
+/// Started by `palpate run` with a socket as its standard input, not by hand. Ctrl-C and SIGTERM do not end
+/// it: it ends with its host.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// polhem:PORT or falcon[:FIRMWARE]

@@ -50,8 +50,8 @@ fn salvage_keeps_the_states_on_the_way_and_ends_as_if_nothing_had_been() {
     assert!(saved > 10 * 20 && solved_again > 0, "{saved} saved, {solved_again} solved again");
 }
 
-/// One bit of one number, which SQLite cannot notice: the row's checksum does, in the run and in the salvage, whether the run would
-/// have needed that row or not.
+/// One bit of one number, which SQLite cannot notice: the row's checksum does, in the run and in the salvage,
+/// whether the run would have needed that row or not.
 #[test]
 fn a_single_flipped_bit_is_noticed_and_mended() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,5 +1,5 @@
-//! A disk that is full, at every stage. The disk is a small tmpfs: mounting it needs root, so elsewhere the tests say that they
-//! were skipped.
+//! A disk that is full, at every stage. The disk is a small tmpfs: mounting it needs root, so elsewhere the
+//! tests say that they were skipped.
 
 use std::path::{Path, PathBuf};
 
@@ -53,8 +53,8 @@ pub(super) fn text(path: &Path) -> &str {
     path.to_str().expect("a plain name")
 }
 
-/// Disks from one that takes not even an empty store to one that takes nearly all of it: each run stops with one line and exit
-/// code 1, and with room it goes on to the same bits.
+/// Disks from one that takes not even an empty store to one that takes nearly all of it: each run stops with
+/// one line and exit code 1, and with room it goes on to the same bits.
 #[test]
 fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -17,8 +17,8 @@ enum Moment {
     Committing { skip: usize },
 }
 
-/// Whether the write-ahead log ends in a transaction that is not closed (sqlite.org/fileformat2.html, section 4): of the frames
-/// of the current salt, the last commits nothing.
+/// Whether the write-ahead log ends in a transaction that is not closed (sqlite.org/fileformat2.html, section
+/// 4): of the frames of the current salt, the last commits nothing.
 fn log_is_torn(space: &Path) -> bool {
     let bytes = std::fs::read(format!("{}-wal", space.display())).unwrap_or_default();
     let mut torn = false;

@@ -1,5 +1,6 @@
-//! Faults that a long precomputation must survive, planted round the real binary: kills, signals, a full disk, folders that may
-//! not be written, damaged pages, an edited scene, a second writer. Whatever happens, the same command ends with the same bits.
+//! Faults that a long precomputation must survive, planted round the real binary: kills, signals, a full
+//! disk, folders that may not be written, damaged pages, an edited scene, a second writer. Whatever happens,
+//! the same command ends with the same bits.
 
 mod damage;
 mod disk;
@@ -57,7 +58,8 @@ fn fails(command: Command, code: i32, words: &[&str]) -> String {
     line
 }
 
-/// `palpate inspect --csv` of a store, every try or those that count, as sorted rows. The table is written to `aside`.
+/// `palpate inspect --csv` of a store, every try or those that count, as sorted rows. The table is written to
+/// `aside`.
 fn rows(space: &Path, aside: &Path, all_tries: bool) -> Vec<String> {
     let csv = aside.join("rows.csv");
     let mut command = palpate();
@@ -101,7 +103,8 @@ fn kept(space: &Path, aside: &Path) -> Vec<String> {
     rows
 }
 
-/// Everything a store holds of its space but the wall-clock seconds: the rows that count, then those of every try.
+/// Everything a store holds of its space but the wall-clock seconds: the rows that count, then those of every
+/// try.
 fn dump(space: &Path, aside: &Path) -> [Vec<String>; 2] {
     [false, true].map(|all_tries| {
         let rows = rows(space, aside, all_tries);

@@ -1,4 +1,5 @@
-//! SIGINT, as Ctrl-C sends it: what is finished is kept, the last line says how to go on, and long walks are given up.
+//! SIGINT, as Ctrl-C sends it: what is finished is kept, the last line says how to go on, and long walks are
+//! given up.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -42,8 +43,8 @@ impl Started {
         (self.0.wait().expect("reaped"), said.lines().map(String::from).collect())
     }
 
-    /// It was interrupted: exit code 1, and the last line says what is kept and how to go on, with `more`, after one at most that
-    /// says that it stops.
+    /// It was interrupted: exit code 1, and the last line says what is kept and how to go on, with `more`,
+    /// after one at most that says that it stops.
     fn ends_interrupted(self, kept: &str, more: &str) {
         let (status, lines) = self.end();
         assert_eq!(status.code(), Some(1), "{lines:?}");
@@ -57,7 +58,8 @@ impl Started {
     }
 }
 
-/// SIGINT after SIGINT until the command ends by itself, each when the store has got on a little; how many were heeded.
+/// SIGINT after SIGINT until the command ends by itself, each when the store has got on a little; how many
+/// were heeded.
 fn interrupted_again_and_again(
     command: impl Fn() -> Command,
     kept: &str,
@@ -181,7 +183,8 @@ fn truth(space: &Path, aside: &Path) -> Vec<String> {
     table.lines().map(|row| row.rsplit_once(',').expect("columns").0.to_string()).collect()
 }
 
-/// Walks of minutes end within moments, and leave nothing of themselves: half a walk would be taken for one that ended there.
+/// Walks of minutes end within moments, and leave nothing of themselves: half a walk would be taken for one
+/// that ended there.
 #[test]
 fn long_walks_are_given_up_when_interrupted() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -2,7 +2,7 @@
 //! against it.
 
 use super::Profile;
-use crate::rt::LatencyReport;
+use crate::rt::latency::LatencyReport;
 use core::fmt;
 use palpate_core::stiffness::{passive_n_m, stable_n_m};
 

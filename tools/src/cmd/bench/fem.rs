@@ -16,11 +16,12 @@ use serde::{Deserialize, Serialize};
 use super::common::{Out, assets};
 use crate::failure::Failure;
 
-/// Seconds of the solver on the five bodies of the paper's Table 1, one thread: parts of a Newton iteration, and a whole
-/// configuration 10 mm from a solved neighbour.
+/// Seconds of the solver on the five bodies of the paper's Table 1, one thread: parts of a Newton iteration,
+/// and a whole configuration 10 mm from a solved neighbour.
 ///
-/// With --peer, GetFEM + MUMPS does the same in the same run (tests/peers/install brings it); its seconds are those of its own
-/// calls only. Machines are shared and noisy: pin the run (`taskset -c 1 palpate bench fem --peer ...`) and read ratios.
+/// With --peer, GetFEM + MUMPS does the same in the same run (tests/peers/install brings it); its seconds are
+/// those of its own calls only. Machines are shared and noisy: pin the run
+/// (`taskset -c 1 palpate bench fem --peer ...`) and read ratios.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Folder with liver-small.toml and liver-large.toml.

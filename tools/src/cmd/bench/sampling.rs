@@ -1,8 +1,10 @@
-//! `palpate bench sampling`: how many configurations a scene needs until its error cannot be felt, uniform against driven by the error.
+//! `palpate bench sampling`: how many configurations a scene needs until its error cannot be felt, uniform
+//! against driven by the error.
 //!
-//! Every method is asked at the same fresh positions, solved by finite elements and seen by no fit. The blind loop solves what it counts. A
-//! lattice may need thousands of solves: what the baselines are made of comes from a reference, a fit of a quarter of the tolerance over more
-//! than the tool's reach, whose own error at the same positions is shown; `--real` solves it instead, at the count that was found.
+//! Every method is asked at the same fresh positions, solved by finite elements and seen by no fit. The blind
+//! loop solves what it counts. A lattice may need thousands of solves: what the baselines are made of comes
+//! from a reference, a fit of a quarter of the tolerance over more than the tool's reach, whose own error at
+//! the same positions is shown; `--real` solves it instead, at the count that was found.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -25,10 +27,11 @@ use crate::cmd::plan::{in_parallel, norm};
 use crate::failure::Failure;
 use crate::output;
 
-/// Configurations that scenes need until the error cannot be felt: lattices and radial basis functions against the blind loop.
+/// Configurations that scenes need until the error cannot be felt: lattices and radial basis functions
+/// against the blind loop.
 ///
-/// All are asked at the same fresh random positions within reach. Lattices and centres of the baselines are given with and without knowing
-/// where the tool can be.
+/// All are asked at the same fresh random positions within reach. Lattices and centres of the baselines are
+/// given with and without knowing where the tool can be.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scenes whose sampling is driven by the error
@@ -91,7 +94,8 @@ struct Row {
     /// The blind loop: all that it solved, and what its packed table is worth.
     solved: usize,
     within: f64,
-    /// Of the reference: configurations, how far beyond f_max, and the 99th percentile of its error by the tolerance.
+    /// Of the reference: configurations, how far beyond f_max, and the 99th percentile of its error by the
+    /// tolerance.
     reference: (usize, f64, f64),
     needs: Vec<Need>,
 }
@@ -352,7 +356,8 @@ impl Baselines<'_> {
         Need { way, configurations: None, within: last, within_real: None }
     }
 
-    /// Share of the positions within the tolerance, by the paper's sum of cubes; none if the weights cannot be found.
+    /// Share of the positions within the tolerance, by the paper's sum of cubes; none if the weights cannot
+    /// be found.
     fn share_of_centres(&self, centres: &[Centre], unit_m: f64) -> Option<f64> {
         let RbfFit { centres, weights, .. } = fit_rbf(Kernel::Cubic, centres, 1).ok()?;
         let is_within = |place: &&Place| {

@@ -15,12 +15,13 @@ use super::simulated::{Costs, Simulated, Solves, nanoseconds};
 use crate::failure::Failure;
 use crate::output;
 
-/// Makespan of whole configuration spaces on 1 to 4,096 workers, by discrete simulation: the real planning and hand-out over
-/// workers that only exist in simulated time.
+/// Makespan of whole configuration spaces on 1 to 4,096 workers, by discrete simulation: the real planning
+/// and hand-out over workers that only exist in simulated time.
 ///
-/// With --space the solve times are drawn from that file, its own expansion is simulated as well (with the failures and
-/// retries it had), and what rank 0 does for a try is measured by replaying it: plan, read the parent's state, encode the job,
-/// decode the outcome, store it; all but the transport. Without it every solve takes --solve-ms.
+/// With --space the solve times are drawn from that file, its own expansion is simulated as well (with the
+/// failures and retries it had), and what rank 0 does for a try is measured by replaying it: plan, read the
+/// parent's state, encode the job, decode the outcome, store it; all but the transport. Without it every
+/// solve takes --solve-ms.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Solve times come from this file.
@@ -69,7 +70,8 @@ struct Row {
     bound_s: f64,
     /// Longest chain of solves, each starting from the one before.
     chain_s: f64,
-    /// What rounds with a barrier between them would take: the sum over levels of ceil(tries / workers) mean solves.
+    /// What rounds with a barrier between them would take: the sum over levels of ceil(tries / workers) mean
+    /// solves.
     barrier_s: f64,
     /// Share of the makespan that rank 0 is busy.
     rank0_busy: f64,

@@ -1,4 +1,5 @@
-//! A crew in simulated time: the real expansion hands out to it, nothing is solved. Times are whole nanoseconds.
+//! A crew in simulated time: the real expansion hands out to it, nothing is solved. Times are whole
+//! nanoseconds.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
@@ -28,7 +29,8 @@ pub(super) type Try = (u32, GridIndex, u32);
 /// How long solves take and what they give.
 #[derive(Debug)]
 pub(super) enum Solves<'a> {
-    /// Every point is solved at its first try; durations are drawn from these, ns, the same ones for a point in every run.
+    /// Every point is solved at its first try; durations are drawn from these, ns, the same ones for a point
+    /// in every run.
     Drawn(&'a [u64]),
     /// As they were.
     Known(&'a HashMap<Try, Record>),

@@ -19,11 +19,11 @@ use crate::memory::{forget_peak, peak_mb, shown};
 use crate::output;
 use crate::progress::WorkProgress;
 
-/// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells completed, no
-/// force limit): the paper's Fig. 7 on this machine.
+/// Seconds, memory and work of whole configuration spaces of the bundled organ (A1, F1, r_G = 5 cm, cells
+/// completed, no force limit): the paper's Fig. 7 on this machine.
 ///
-/// Every space is made in a file of its own under --dir and taken away again. Ctrl-C ends the run; what is done so far is
-/// not kept, since a resumed run would measure nothing.
+/// Every space is made in a file of its own under --dir and taken away again. Ctrl-C ends the run; what is
+/// done so far is not kept, since a resumed run would measure nothing.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Folder with liver-small.toml and liver-large.toml.

@@ -24,11 +24,13 @@ const PATIENCE: u64 = 2_000;
 /// More than the last level of most caches holds.
 const EVICTED_BYTES: usize = 64 << 20;
 
-/// Nanoseconds of one whole tick: device, contact with the surface, sliding over blended spaces, limits, histograms, queues.
+/// Nanoseconds of one whole tick: device, contact with the surface, sliding over blended spaces, limits,
+/// histograms, queues.
 ///
-/// A made-up sphere, active round its top, is touched at random places, pressed, stroked over its triangles and left again. Every active node has
-/// tables of its own, so that they compete for the caches as those of an organ do. `hot` runs tick after tick; `cold` empties the caches before
-/// each, which is worse than a loop at 1 kHz on a machine that does nothing else. Both begin with the first tick in touch.
+/// A made-up sphere, active round its top, is touched at random places, pressed, stroked over its triangles
+/// and left again. Every active node has tables of its own, so that they compete for the caches as those of
+/// an organ do. `hot` runs tick after tick; `cold` empties the caches before each, which is worse than a loop
+/// at 1 kHz on a machine that does nothing else. Both begin with the first tick in touch.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Active nodes, at most 256
@@ -148,7 +150,8 @@ fn measure(organ: &Organ<'_>, method: Method, caches: &'static str, ticks: u64) 
     let mut touch = palpate_host::session::TouchStatistics::default();
     let (mut blended, mut evicted) = (0_u64, vec![1_u8; if caches == "cold" { EVICTED_BYTES } else { 0 }]);
     let mut begin = 0;
-    // Arming inside gives no force, so the hand has to come from outside first; a few cold ticks would be all without touch.
+    // Arming inside gives no force, so the hand has to come from outside first; a few cold ticks would be all
+    // without touch.
     loop {
         clock.wait_until(begin * 1_000_000, 0);
         haptic.tick(begin, 0, begin * 1_000_000).map_err(Failure::work)?;
@@ -201,7 +204,8 @@ impl Device for Stroke {
     fn exchange(&mut self, now_us: u64, _: Vec3) -> Result<Option<Sample>, DeviceError> {
         let t = self.calls as f64 * 1e-3;
         self.calls += 1;
-        // Slow, of unrelated periods: never the same way twice. 8 mm deep at most, at 0.1 m/s along the surface.
+        // Slow, of unrelated periods: never the same way twice. 8 mm deep at most, at 0.1 m/s along the
+        // surface.
         let (tilt, turn) = (0.26 * (TAU * t / 3.7).sin(), 0.26 * (TAU * t / 2.9).cos());
         let depth_m = 0.005 + 0.008 * (TAU * t / 0.83).sin();
         // Within the first 200 vertices of 2,000, but for the corners.

@@ -13,7 +13,8 @@ const CSV_HEADER: &str = "active,kind,number,step,x_m,y_m,z_m,training,tag,failu
                           sxy_n_m,sxz_n_m,syz_n_m,residual_n,min_jacobian,inverted,unstable_modes,switched,iterations,\
                           factorisations,seconds";
 
-/// Writes one row a position; `training` is 1 where a fit may have seen it, a grid point or an increment on the way to one.
+/// Writes one row a position; `training` is 1 where a fit may have seen it, a grid point or an increment on
+/// the way to one.
 pub(super) fn write(store: &Store, sampling: &Sampling, file: &Output) -> Result<(), Failure> {
     let mut table = format!("{CSV_HEADER}\n");
     for (active, (name, _)) in store.active()?.into_iter().enumerate() {

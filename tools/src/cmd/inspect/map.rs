@@ -1,4 +1,5 @@
-//! A `.space` file as a picture: the organ coloured by how stiff it is to the touch at rest, and by what that took to know.
+//! A `.space` file as a picture: the organ coloured by how stiff it is to the touch at rest, and by what that
+//! took to know.
 
 use std::collections::HashMap;
 

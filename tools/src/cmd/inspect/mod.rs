@@ -26,35 +26,36 @@ use crate::output;
 
 /// Show what a mesh, scene (.toml), space (.space), blob (.blob) or recording (.mcap) holds.
 ///
-/// Of a space: points by tag, failures by reason, retries, folds (neighbours on different branches), inverted and unstable
-/// states, forces, iterations and seconds.
+/// Of a space: points by tag, failures by reason, retries, folds (neighbours on different branches), inverted
+/// and unstable states, forces, iterations and seconds.
 ///
-/// Of a blob: what it holds, and its certificate: verdict (green, yellow, red) with the reasons, errors at positions that no fit has seen, and
-/// the ledger of what was left out.
+/// Of a blob: what it holds, and its certificate: verdict (green, yellow, red) with the reasons, errors at
+/// positions that no fit has seen, and the ledger of what was left out.
 ///
 /// Of a recording: device, method, length, contacts, peak forces, faults, timing, and what is missing.
 ///
-/// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their smallest
-/// dihedral angles, and warnings with the fix.
+/// Of a mesh, alone or in a scene: counts, size, groups, the quality of its tets with a histogram of their
+/// smallest dihedral angles, and warnings with the fix.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The file
     file: PathBuf,
-    /// Of a .space or .mcap: write one row per configuration (sorted) or tick to this CSV file, full precision
+    /// Of a .space or .mcap: write one row per configuration (sorted) or tick to this CSV file, full
+    /// precision
     #[arg(long)]
     csv: Option<PathBuf>,
     /// With --csv: one row per try, those that were given up or superseded too
     #[arg(long, requires = "csv")]
     all_tries: bool,
-    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file an active node:
-    /// FILE-NAME.vtu when there are several)
+    /// Of a .space: write its configurations to this VTU file, a cloud of points for ParaView (one file an
+    /// active node: FILE-NAME.vtu when there are several)
     #[arg(long)]
     vtu: Option<PathBuf>,
     /// Of a .space: write its held-out truth to this CSV file, one row a position
     #[arg(long, value_name = "CSV")]
     held_out: Option<PathBuf>,
-    /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the configurations that its
-    /// nodes took
+    /// Of a .space: write a picture to this PNG file, the organ coloured by its stiffness at rest and by the
+    /// configurations that its nodes took
     #[arg(long, value_name = "PNG")]
     picture: Option<PathBuf>,
     /// Of a mesh: its unit of length, m, cm or mm (a scene says its own) [default: m]
@@ -235,7 +236,8 @@ fn blob(path: &Path) -> Result<Shown, Failure> {
     Ok((text.trim_end().into(), figures))
 }
 
-/// What sliding costs with the method that `run` would take and its friction, where there is a triangle to slide over.
+/// What sliding costs with the method that `run` would take and its friction, where there is a triangle to
+/// slide over.
 fn sliding(organ: &Organ<'_>) -> Option<SlidingReport> {
     let method = run::preferred(&[organ])?;
     let mut memory = vec![0; TouchSurface::words(organ)];

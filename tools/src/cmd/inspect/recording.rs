@@ -17,7 +17,8 @@ use super::Shown;
 use crate::failure::Failure;
 use crate::files::{Output, Stream};
 
-/// Describes the recording, and writes its ticks if asked to. Both in one pass: an hour does not fit into memory everywhere.
+/// Describes the recording, and writes its ticks if asked to. Both in one pass: an hour does not fit into
+/// memory everywhere.
 pub(super) fn show(path: &Path, csv: Option<&Output>) -> Result<Shown, Failure> {
     let damaged = |error| Failure::input(format!("{}: {error}", path.display()));
     let source = File::open(path).map_err(|error| Failure::file(path, &error))?;
@@ -137,7 +138,8 @@ fn ended(is_cut: bool, end: Option<&End>) -> String {
     }
 }
 
-/// One tick. As in the table of a space, `x_m` is the displacement of the active node and `fx_n` the force by the tool on the body.
+/// One tick. As in the table of a space, `x_m` is the displacement of the active node and `fx_n` the force by
+/// the tool on the body.
 #[derive(Serialize)]
 struct Row<'r> {
     tick: u64,

@@ -42,7 +42,8 @@ impl Compared {
     }
 }
 
-/// The plans of the probed nodes, by their number in the scene; a node that was not probed is as the mean of them.
+/// The plans of the probed nodes, by their number in the scene; a node that was not probed is as the mean of
+/// them.
 pub(super) struct Predicted<'p> {
     /// The plans.
     pub nodes: &'p [NodePlan],

@@ -1,9 +1,9 @@
 //! `palpate plan`: what a scene will take, before it is solved.
 //!
-//! [`probe`] solves a handful of configurations on each active node; [`surrogate`] makes of them a body that costs nothing to ask, on which
-//! the blind loop, the lattice's plan and the packer's fits run as they will on the real one; [`tables`] measures what comes out;
-//! [`node`] puts that together for a node, [`model`] for other discretisations, [`row`] for the scene. [`check`] holds it
-//! against what later happened.
+//! [`probe`] solves a handful of configurations on each active node; [`surrogate`] makes of them a body that
+//! costs nothing to ask, on which the blind loop, the lattice's plan and the packer's fits run as they will
+//! on the real one; [`tables`] measures what comes out; [`node`] puts that together for a node, [`model`] for
+//! other discretisations, [`row`] for the scene. [`check`] holds it against what later happened.
 
 mod check;
 mod model;
@@ -41,14 +41,17 @@ use crate::output;
 const MOST_NODES: usize = 4;
 /// How long the probes may take, all nodes together, once each has its least.
 const PATIENCE: Duration = Duration::from_millis(2400);
-/// Where the scene has no lattice, the step whose time is asked: a cell of the paper's coarsest grid, so many along the radius.
+/// Where the scene has no lattice, the step whose time is asked: a cell of the paper's coarsest grid, so many
+/// along the radius.
 const CELLS_OF_A_STEP: f64 = 5.0;
 
-/// What a scene will take before it is solved: configurations, seconds, memory, bytes, tick and error of the sensible choices.
+/// What a scene will take before it is solved: configurations, seconds, memory, bytes, tick and error of the
+/// sensible choices.
 ///
-/// A handful of probing solves on every active node tells how stiff and how nonlinear the body is there and what a solve takes on this
-/// machine. The loop, the plan and the fits of `precompute` and `pack` then run on a surrogate that meets the probes. Errors are
-/// against the finite elements of the same model; the column `stiffer` says what its discretisation adds on top.
+/// A handful of probing solves on every active node tells how stiff and how nonlinear the body is there and
+/// what a solve takes on this machine. The loop, the plan and the fits of `precompute` and `pack` then run on
+/// a surrogate that meets the probes. Errors are against the finite elements of the same model; the column
+/// `stiffer` says what its discretisation adds on top.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Scene file (TOML)

@@ -1,4 +1,5 @@
-//! Discretisations: what another order of the shape functions or another pressure costs, and what it is worth.
+//! Discretisations: what another order of the shape functions or another pressure costs, and what it is
+//! worth.
 
 use std::sync::Arc;
 
@@ -10,8 +11,9 @@ use super::probe::{Probed, rest_of};
 
 /// Meshes of more tets are not factorised with quadratic elements: it takes longer than a plan may.
 const MOST_TETS: usize = 3000;
-/// Then a solve is said to take so many times that of linear elements (measured: 4.8 times the unknowns on a mesh of 1,800 tets, a
-/// factorisation that takes their square), and memory alike by the entries of the factor.
+/// Then a solve is said to take so many times that of linear elements (measured: 4.8 times the unknowns on a
+/// mesh of 1,800 tets, a factorisation that takes their square), and memory alike by the entries of the
+/// factor.
 const QUADRATIC_TIMES: [f64; 2] = [20.0, 14.0];
 
 /// Shape functions and pressure.
@@ -65,7 +67,8 @@ impl Model {
     }
 }
 
-/// What is known of another model of the scene, from its solve at rest with the same node active; `None` if the scene cannot have it.
+/// What is known of another model of the scene, from its solve at rest with the same node active; `None` if
+/// the scene cannot have it.
 pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed: &Probed) -> Option<Beside> {
     if model.order == 2 && scene.mesh.tets.len() > MOST_TETS {
         let [times, memory] = QUADRATIC_TIMES;
@@ -83,8 +86,8 @@ pub(super) fn beside(scene: &ResolvedScene, active: usize, model: Model, probed:
     })
 }
 
-/// Bytes of one thread's solver, from unknowns, entries of the matrix and of its factor: values, the factor and its work space, a
-/// dozen vectors and three right-hand sides several times over.
+/// Bytes of one thread's solver, from unknowns, entries of the matrix and of its factor: values, the factor
+/// and its work space, a dozen vectors and three right-hand sides several times over.
 pub(super) fn solver_bytes([unknowns, matrix, factor]: [usize; 3]) -> f64 {
     8.0 * (2.0 * matrix as f64 + 1.5 * factor as f64 + 40.0 * unknowns as f64)
 }
@@ -100,8 +103,8 @@ pub(super) fn memory_bytes(tets: usize, order: u8, size: [usize; 3], threads: us
     PROCESS + tets as f64 * tet + threads as f64 * (solver_bytes(size) + analysis)
 }
 
-/// Bytes of the loop's fits in the spaces that are worked on at once, at worst those with the most configurations: four factors of 20 rows a
-/// configuration each.
+/// Bytes of the loop's fits in the spaces that are worked on at once, at worst those with the most
+/// configurations: four factors of 20 rows a configuration each.
 pub(super) fn loop_bytes(configurations: &[f64], threads: usize) -> f64 {
     let mut counts = configurations.to_vec();
     counts.sort_by(|a, b| b.total_cmp(a));

@@ -1,4 +1,5 @@
-//! What one active node's space will be, for every sampling that is sensible: from its probes, on their surrogate.
+//! What one active node's space will be, for every sampling that is sensible: from its probes, on their
+//! surrogate.
 
 use palpate_core::Method;
 use palpate_precompute::adaptive::{Resampled, resample};
@@ -83,7 +84,8 @@ impl NodePlan {
     }
 }
 
-/// The lattices that are looked at: the paper's, and the scene's own; with every cell complete unless the scene says otherwise.
+/// The lattices that are looked at: the paper's, and the scene's own; with every cell complete unless the
+/// scene says otherwise.
 pub(super) fn lattices(sampling: &Sampling) -> Vec<Lattice> {
     let (radius_m, own) = (sampling.radius_m(), sampling.lattice());
     let complete_cells = own.is_none_or(|own| own.complete_cells);
@@ -137,8 +139,9 @@ pub(super) fn plan(
     }];
     // A scattered table is asked by the energy alone: that is what its derivatives are for.
     choices[0].methods.retain(|(method, ..)| *method == Method::Energy);
-    // A loop that ends within the probes has them all: the error is the surrogate's, and what the probes do not show. Where it needs more, its end is a
-    // passed test and not an error: between that and what is allowed.
+    // A loop that ends within the probes has them all: the error is the surrogate's, and what the probes do
+    // not show. Where it needs more, its end is a passed test and not an error: between that and what is
+    // allowed.
     for (_, error, _) in &mut choices[0].methods {
         error.p99_n *= truth.doubt();
     }
@@ -150,7 +153,8 @@ pub(super) fn plan(
             error.p99_n = (error.p99_n * allowed_n).sqrt();
         }
     }
-    // Where the loop would give up, its predictions are not going to fall on the body either: a lattice takes over.
+    // Where the loop would give up, its predictions are not going to fall on the body either: a lattice takes
+    // over.
     if loop_.configurations > wanted.most as f64
         && let Some(FallbackLattice { grid, .. }) = FallbackLattice::within(sampling.radius_m())
     {
@@ -228,7 +232,8 @@ fn eye(probed: &Probed, length_m: f64, on: &Resampled, bound: DisplacementBound)
     Some(Eye { vertices, modes: fit.scale.len(), slopes: fit.slopes, outliers })
 }
 
-/// The methods of a lattice: as built, or where it or one of them was not, from the coarser ones by the order that they show.
+/// The methods of a lattice: as built, or where it or one of them was not, from the coarser ones by the order
+/// that they show.
 fn continued(coarser: &[Choice], choice: &Choice) -> Vec<(Method, Error, f64)> {
     let of = |c: &Choice, method| c.methods.iter().find(|(m, ..)| *m == method).copied();
     METHODS
@@ -270,8 +275,8 @@ fn share_at(known: &[(f64, f64)], spacing_m: f64) -> f64 {
     }
 }
 
-/// Seconds of so many scattered configurations: as the probes at first, then from ever nearer parents, at distances that fall with the
-/// cube root of their number, down to a step of a lattice.
+/// Seconds of so many scattered configurations: as the probes at first, then from ever nearer parents, at
+/// distances that fall with the cube root of their number, down to a step of a lattice.
 fn scattered_s(probed: &Probed, configurations: f64) -> f64 {
     let (far_s, near_s) = (mean(&probed.far_s), mean(&probed.near_s).min(mean(&probed.far_s)));
     let probes = (probed.far_s.len() as f64).min(configurations);
@@ -284,7 +289,8 @@ pub(super) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }
 
-/// So many of these nodes as are probed, spread as far apart as they are: the first, then always the farthest from those taken.
+/// So many of these nodes as are probed, spread as far apart as they are: the first, then always the farthest
+/// from those taken.
 pub(super) fn spread(positions: &[[f64; 3]], most: usize) -> Vec<usize> {
     let mut taken: Vec<usize> = Vec::new();
     let mut gap = vec![f64::INFINITY; positions.len()];

@@ -1,7 +1,9 @@
-//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, two steps of a lattice, and the probes again
-//! from elsewhere: where the body then has another solution, the space folds.
+//! Probing solves: the first batches of the blind loop on one active node, as long as there is time, two
+//! steps of a lattice, and the probes again from elsewhere: where the body then has another solution, the
+//! space folds.
 //!
-//! They are what a scattered space begins with, so that where they reach and what they take is what the space will meet.
+//! They are what a scattered space begins with, so that where they reach and what they take is what the space
+//! will meet.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -113,7 +115,8 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
             if probed.far_s.len() >= MOST || (spent && probed.far_s.len() >= LEAST) {
                 break 'batches;
             }
-            // A parent beyond the seeds kept is one that the search alone knows; it never is, but rest is always a start.
+            // A parent beyond the seeds kept is one that the search alone knows; it never is, but rest is
+            // always a start.
             let seed = &seeds[target.parent.min(seeds.len() - 1)];
             let (reached, seconds) = timed(|| solver.advance(seed, target.displacement_m()));
             probed.far_s.push(seconds);
@@ -208,7 +211,8 @@ impl Probed {
     }
 }
 
-/// Seconds of the solve at rest of another discretisation, with the trace of its stiffness there, N/m, and its size.
+/// Seconds of the solve at rest of another discretisation, with the trace of its stiffness there, N/m, and
+/// its size.
 pub(super) fn rest_of(problem: &Arc<Problem>) -> Option<(f64, f64, [usize; 3])> {
     let mut solver = Solver::new(problem.clone());
     let (rest, seconds) = timed(|| solver.rest());

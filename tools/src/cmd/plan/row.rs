@@ -32,7 +32,8 @@ pub(super) struct Row {
     pub p99_n: f64,
     /// Share of the reachable positions where it is within the tolerance.
     pub within: f64,
-    /// Stiffness at rest over that of quadratic elements on this mesh, less 1; none where those were not solved.
+    /// Stiffness at rest over that of quadratic elements on this mesh, less 1; none where those were not
+    /// solved.
     pub stiffer: Option<f64>,
     /// What the scene asks for.
     pub asked: bool,
@@ -52,7 +53,8 @@ impl Row {
         format!("{}, {sampling}, {}", self.model, self.method)
     }
 
-    /// That this row of another model is both faster and softer than the chosen one, which has the scene's own; nothing if it is not.
+    /// That this row of another model is both faster and softer than the chosen one, which has the scene's
+    /// own; nothing if it is not.
     pub(super) fn speaks_against(&self, chosen: &Self) -> String {
         let is_softer = matches!((self.stiffer, chosen.stiffer), (Some(own), Some(other)) if own <= other);
         if self.solving_s >= chosen.solving_s || !is_softer {
@@ -84,11 +86,12 @@ impl Row {
     }
 }
 
-/// Marks the linear law if it is within the tolerance, or else the cheapest row that is, by seconds and then by bytes, or the closest to it;
-/// says why.
+/// Marks the linear law if it is within the tolerance, or else the cheapest row that is, by seconds and then
+/// by bytes, or the closest to it; says why.
 pub(super) fn recommend(rows: &mut [Row], tolerance: &str) -> (usize, String) {
     let cost = |row: &Row| (row.solving_s, row.blob_bytes);
-    // A linear law has no configurations that are hard to find: within the tolerance it is the choice, whatever the clock said.
+    // A linear law has no configurations that are hard to find: within the tolerance it is the choice,
+    // whatever the clock said.
     let rank = |n: usize| (rows[n].model != LINEAR, cost(&rows[n]));
     let cheapest = (0..rows.len()).filter(|&n| rows[n].is_enough()).min_by(|&a, &b| {
         let ((law, (s, bytes)), (other_law, (other_s, other))) = (rank(a), rank(b));

@@ -1,7 +1,8 @@
-//! A cheap body that answers as the probes do: the same loop, plan and fits run on it that will run on the real one.
+//! A cheap body that answers as the probes do: the same loop, plan and fits run on it that will run on the
+//! real one.
 //!
-//! Its energy is a kernel fit of the probes, a little rougher than the one that predicted them best: between probes a real body
-//! has more to tell than a fit of them.
+//! Its energy is a kernel fit of the probes, a little rougher than the one that predicted them best: between
+//! probes a real body has more to tell than a fit of them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,9 +22,11 @@ const LENGTHS: [f64; 3] = [0.5, 0.9, 1.5];
 /// The surrogate is so much rougher than the fit that predicts the probes best.
 const ROUGHER: f64 = 0.75;
 
-/// A fit of the force by energy, force, stiffness and third derivatives gains so many orders in the distance of its data.
+/// A fit of the force by energy, force, stiffness and third derivatives gains so many orders in the distance
+/// of its data.
 const ORDER: f64 = 6.0;
-/// With so many probes their own errors, each left out in turn, are taken as they are; with fewer as what so many would leave.
+/// With so many probes their own errors, each left out in turn, are taken as they are; with fewer as what so
+/// many would leave.
 const ENOUGH: f64 = 16.0;
 
 /// The energy of the probes.
@@ -32,7 +35,8 @@ pub(crate) struct Surrogate {
     fit: KernelFit,
     rest: EnergyJet,
     wanted: Wanted,
-    /// How much larger the errors of a fit of the body are than those of one of the surrogate; 1 where the probes tell it all.
+    /// How much larger the errors of a fit of the body are than those of one of the surrogate; 1 where the
+    /// probes tell it all.
     doubt: f64,
 }
 
@@ -85,13 +89,14 @@ impl Surrogate {
         Self { fit, rest, wanted: self.wanted, doubt: 1.0 }
     }
 
-    /// How much larger errors of a fit of so few configurations are on the body than on the surrogate. Lattices have enough points to show what the
-    /// probes do not.
+    /// How much larger errors of a fit of so few configurations are on the body than on the surrogate.
+    /// Lattices have enough points to show what the probes do not.
     pub(super) fn doubt(&self) -> f64 {
         self.doubt
     }
 
-    /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`] / 3.
+    /// How many more configurations that takes: errors fall with the number of them to the power of [`ORDER`]
+    /// / 3.
     pub(super) fn more(&self) -> f64 {
         self.doubt.powf(3.0 / ORDER)
     }
@@ -187,8 +192,8 @@ pub(crate) fn sample(index: GridIndex, jet: &EnergyJet, terminating: bool) -> Sa
     Sample { index, attempt: 0, jet: *jet, terminating, inverted: false }
 }
 
-/// Mean square of the errors that the fit would make at every probe without it, by what a hand feels: how rough a body is does not depend on the
-/// tolerance that is asked for.
+/// Mean square of the errors that the fit would make at every probe without it, by what a hand feels: how
+/// rough a body is does not depend on the tolerance that is asked for.
 fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
     let missed = fit.left_out_n().zip(jets).skip(1);
     let felt = |force_n| Tolerance::CANNOT_BE_FELT.at(force_n);
@@ -196,8 +201,9 @@ fn left_out(fit: &KernelFit, jets: &[EnergyJet]) -> f64 {
     sum / (jets.len() - 1).max(1) as f64
 }
 
-/// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it says of a probe that is left
-/// out: `error`, by what a hand feels, with so many probes. What it does not feel is nothing that matters.
+/// Features of the body that the probes are too few to show are missing in the surrogate, and seen in what it
+/// says of a probe that is left out: `error`, by what a hand feels, with so many probes. What it does not
+/// feel is nothing that matters.
 fn doubt(error: f64, probes: usize) -> f64 {
     let fewer = (probes as f64 / ENOUGH).min(1.0);
     (error * fewer.powf(ORDER / 3.0)).max(1.0)

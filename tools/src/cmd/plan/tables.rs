@@ -1,4 +1,5 @@
-//! The tables that a space would get, made of the surrogate by the packer's own fits: their error, their time and their bytes.
+//! The tables that a space would get, made of the surrogate by the packer's own fits: their error, their time
+//! and their bytes.
 
 use std::collections::BTreeMap;
 
@@ -126,8 +127,8 @@ impl Tables {
         Some(Error { p99_n: percentile_99(&mut errors), within: within as f64 / errors.len().max(1) as f64 })
     }
 
-    /// Median nanoseconds of a query on this machine, a little within `places`: rounding puts some of those at the rim beyond it, where
-    /// another, longer answer is given.
+    /// Median nanoseconds of a query on this machine, a little within `places`: rounding puts some of those
+    /// at the rim beyond it, where another, longer answer is given.
     pub(super) fn nanoseconds(&self, method: Method, places: &[Place]) -> f64 {
         let places: Vec<[f32; 3]> = places.iter().map(|place| place.at.map(|x| 0.99 * x as f32)).collect();
         self.space().map_or(f64::NAN, |space| nanoseconds(&space, method, &places))
@@ -159,7 +160,8 @@ pub(super) struct Eye {
     pub outliers: f64,
 }
 
-/// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and what the eye sees.
+/// Bytes of a space's planes (docs/formats.md, section 4): flags, the tables of `methods`, and what the eye
+/// sees.
 pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], eye: Option<&Eye>) -> usize {
     let slots = grid.lattice.slots();
     let rows = Domain::new(grid, true).points().filter(|&p| grid.lattice.slot(p).is_some()).count();
@@ -191,8 +193,8 @@ pub(super) fn space_bytes(grid: &SpaceGrid, solved: usize, methods: &[Method], e
     planes.iter().map(|bytes| bytes.next_multiple_of(ALIGNMENT)).sum()
 }
 
-/// Bytes that a blob has beside its spaces: the skin (vertices, triangles), the header, and the certificate of so many methods, if
-/// there is one, in so many spaces.
+/// Bytes that a blob has beside its spaces: the skin (vertices, triangles), the header, and the certificate
+/// of so many methods, if there is one, in so many spaces.
 pub(super) fn other_bytes([vertices, triangles]: [usize; 2], spaces: usize, methods: Option<usize>) -> usize {
     const HEADER: usize = 512;
     const SPACE_HEADER: usize = 192;

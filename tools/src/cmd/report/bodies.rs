@@ -1,5 +1,5 @@
-//! What the discretisation costs in force: the same displacements of the same tool by other elements, pressure fields and meshes,
-//! against the finest of them.
+//! What the discretisation costs in force: the same displacements of the same tool by other elements,
+//! pressure fields and meshes, against the finest of them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,8 +15,9 @@ use super::plan::{Family, Plan};
 use super::steps::{Steps, kept};
 use crate::failure::Failure;
 
-/// Radius of the patch that the tool holds, m, and as a share of the body's diagonal at most: under a single node the force of a
-/// finer mesh falls without end, so that only a tool of some size has a force to converge to. 25 mm is 8 nodes of the bundled small mesh.
+/// Radius of the patch that the tool holds, m, and as a share of the body's diagonal at most: under a single
+/// node the force of a finer mesh falls without end, so that only a tool of some size has a force to converge
+/// to. 25 mm is 8 nodes of the bundled small mesh.
 const PATCH_M: f64 = 0.025;
 const PATCH_SHARE: f64 = 0.15;
 /// Displacements along each axis, as shares of r_G, each from the one before.

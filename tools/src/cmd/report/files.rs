@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::measure::Measured;
-use super::{PAGE, Report};
+use super::results::Report;
 use crate::failure::Failure;
-use crate::files::{FileKind, Folder};
+use crate::files::Folder;
 use crate::output;
 
 /// A method along one regular path.
@@ -21,25 +21,6 @@ struct AlongRow<'r> {
     method: &'static str,
     force_n: f64,
     error_n: f64,
-}
-
-/// Tables that are written both as CSV and as JSON.
-const TABLES: [&str; 13] = [
-    "methods", "spaces", "paths", "means", "along", "left-out", "curves", "bodies", "hard", "parts",
-    "surfaces", "ledger", "forms",
-];
-/// What is written as JSON alone.
-const FIGURES: [&str; 2] = ["certificates", "machine"];
-
-/// What a file of this name in the folder of a report is.
-pub(super) fn kind_of(name: &str) -> Option<FileKind> {
-    let is_table = |stem: &&str| TABLES.contains(stem);
-    match name.rsplit_once('.')? {
-        _ if name == PAGE => Some(FileKind::Html),
-        (stem, "csv") if is_table(&stem) => Some(FileKind::Table),
-        (stem, "json") if is_table(&stem) || FIGURES.contains(&stem) => Some(FileKind::Json),
-        _ => None,
-    }
 }
 
 /// Writes all tables into a folder.

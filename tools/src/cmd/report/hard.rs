@@ -56,7 +56,8 @@ pub(super) struct HardRow {
 /// Shares of the points that are taken away.
 const MISSING: [f64; 4] = [0.0, 0.02, 0.1, 0.5];
 
-/// Cells along the radius of a grid that is as coarse as can be, and how much wider than the ball it is asked in.
+/// Cells along the radius of a grid that is as coarse as can be, and how much wider than the ball it is asked
+/// in.
 const COARSE_CELLS: u32 = 3;
 const COARSE_FACTOR: f64 = 1.2;
 /// How much further the body is pulled, until it has several branches.
@@ -115,7 +116,8 @@ pub(super) fn measured(
     drop(store);
 
     for (n, family) in plan.families.iter().enumerate() {
-        // The first without a limit of the force, where branches meet; a law that collapses there is asked within its own.
+        // The first without a limit of the force, where branches meet; a law that collapses there is asked
+        // within its own.
         let limited = n > 0;
         let far = family.wider("far", FAR_FACTOR, grid, limited)?;
         let radius_m = FAR_FACTOR * family.radius_m();

@@ -1,4 +1,5 @@
-//! The ledger of the first body: what its blob leaves out, or could, and what each omission changes and saves.
+//! The ledger of the first body: what its blob leaves out, or could, and what each omission changes and
+//! saves.
 
 use palpate_core::{Method, Organ};
 use palpate_precompute::certificate::{Effort, Ledger, Line, ledger};

@@ -262,8 +262,8 @@ impl Measured {
         self.fitted.push(fitted);
     }
 
-    /// Times every method at the positions of the truth; the median of `rounds`, one after the other, so that a disturbance meets all
-    /// of them.
+    /// Times every method at the positions of the truth; the median of `rounds`, one after the other, so that
+    /// a disturbance meets all of them.
     pub(super) fn time(&mut self, rounds: usize) -> Result<(), Failure> {
         let mut all = vec![Vec::new(); self.fitted.len()];
         for _ in 0..rounds {
@@ -333,7 +333,8 @@ fn norm(v: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 impl Along {
-    /// Adds a method's answers along the regular path that goes on longest; of those, the one to the largest force.
+    /// Adds a method's answers along the regular path that goes on longest; of those, the one to the largest
+    /// force.
     fn add(&mut self, method: Method, found: &[Answer]) {
         let regular = || found.iter().filter(|answer| answer.walk.kind == Kind::Regular);
         let mut ends: BTreeMap<u32, (u32, f64)> = BTreeMap::new();

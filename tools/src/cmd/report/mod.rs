@@ -1,9 +1,11 @@
 //! `palpate report`: what every method is worth and what it costs, as tables, plots and one page.
 //!
-//! [`plan`] says what is measured; [`solve`] makes the spaces and the truth, [`tables`] the blobs with their certificates, [`measure`]
-//! the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`], [`ledger`] and [`forms`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with
-//! the drawings of [`plot`]. No number of the page is in the code.
+//! [`plan`] says what is measured; [`solve`] makes the spaces and the truth, [`tables`] the blobs with their
+//! certificates, [`measure`] the rows of the main tables; [`bodies`], [`curves`], [`hard`], [`parts`],
+//! [`ledger`] and [`forms`] the rest; [`files`] writes CSV and JSON; [`page`] the page, with the drawings of
+//! [`plot`]. No number of the page is in the code.
 
+mod args;
 mod bodies;
 mod curves;
 mod files;
@@ -12,10 +14,12 @@ mod hard;
 mod ledger;
 mod machine;
 mod measure;
+mod outputs;
 mod page;
 mod parts;
 mod plan;
 mod plot;
+mod results;
 mod solve;
 mod steps;
 mod tables;
@@ -24,87 +28,18 @@ mod words;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use clap::Args as ClapArgs;
-use palpate_core::Method;
+pub(crate) use args::Args;
 
-use super::bench::forms::FormRow;
 use crate::analysis::threads;
 use crate::failure::Failure;
-use crate::files::Replace;
 use crate::interrupt::stop_flag;
 use crate::output;
 
-use bodies::BodyRow;
-use curves::CurveRow;
-use hard::HardRow;
-use ledger::LedgerRow;
 use machine::{Machine, Ticks};
-use measure::Measured;
-use parts::{PartsRow, SurfaceRow};
+use outputs::PAGE;
 use plan::Plan;
+use results::Report;
 use steps::Steps;
-
-/// Measure speed against error of every method on several grids, and write tables, plots and one page.
-///
-/// Spaces, held-out truth and blobs are kept in DIR/work and used again: after Ctrl-C the same command goes on. The page is
-/// DIR/report.html; it needs no other file and prints well. Beside it stand its tables as CSV and JSON.
-///
-/// Without a scene the bundled organ is measured, by Mooney-Rivlin and by St. Venant-Kirchhoff. Of every scene one active node is
-/// used, with the scene's own force limit and completion of cells.
-///
-/// Example: palpate report --out report --grids 514,1418
-#[derive(Debug, ClapArgs)]
-pub(crate) struct Args {
-    /// Scene files (TOML); the bundled organ if none is given
-    scenes: Vec<PathBuf>,
-    /// Folder for the page, its tables, and what is solved for them
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// Coarse grids and little truth: done in a minute, good for a look
-    #[arg(long)]
-    small: bool,
-    /// Grid points along r_G's ball, several with commas: 514,1418,4168,14146 if not given
-    #[arg(long, value_name = "N,M", value_delimiter = ',')]
-    grids: Vec<u32>,
-    /// Methods, several with commas
-    #[arg(long, value_delimiter = ',', value_parser = super::pack::method, default_values = Method::OF_LATTICE.map(Method::name))]
-    methods: Vec<Method>,
-    /// r_G in mm; each scene's own if not given (20 for the bundled organ with --small)
-    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
-    radius_mm: Option<f64>,
-    /// Active node; each scene's first if not given
-    #[arg(long)]
-    active: Option<String>,
-    /// Fit and measure all tables again, even if the blobs are there
-    #[arg(long)]
-    fit_again: bool,
-    /// Worker threads; one a core if not given
-    #[arg(long)]
-    threads: Option<usize>,
-    /// Print the table of methods as JSON
-    #[arg(long)]
-    json: bool,
-    #[command(flatten)]
-    replace: Replace,
-}
-
-/// Everything that the page shows.
-#[derive(Debug)]
-struct Report {
-    plan: Plan,
-    /// Family by family, and in each grid by grid.
-    cases: Vec<Vec<Measured>>,
-    bodies: Vec<BodyRow>,
-    curves: Vec<CurveRow>,
-    hard: Vec<HardRow>,
-    parts: (Vec<PartsRow>, Vec<SurfaceRow>),
-    ledger: Vec<LedgerRow>,
-    forms: Vec<FormRow>,
-    machine: Machine,
-}
-
-/// Name of the page.
-const PAGE: &str = "report.html";
 
 /// Rounds of timing.
 const ROUNDS: usize = 5;

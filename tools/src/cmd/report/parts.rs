@@ -1,4 +1,5 @@
-//! What states between grid points are worth to radial basis functions, and how the surface for the eye is best interpolated.
+//! What states between grid points are worth to radial basis functions, and how the surface for the eye is
+//! best interpolated.
 
 use palpate_core::{Method, Organ};
 use palpate_host::BlobFile;

@@ -9,7 +9,8 @@ use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::scene::Scene;
 use toml::{Table, Value};
 
-use super::{Args, files};
+use super::args::Args;
+use super::outputs;
 use crate::analysis;
 use crate::failure::Failure;
 use crate::files::{FileKind, Files, Folder};
@@ -176,7 +177,7 @@ impl Plan {
 fn folders(args: &Args) -> Result<(Folder, Folder), Failure> {
     let mut files = Files::new(args.replace);
     args.scenes.iter().try_for_each(|scene| files.read_scene(scene))?;
-    let out = files.folder("--out", &args.out, files::kind_of)?;
+    let out = files.folder("--out", &args.out, outputs::kind_of)?;
     let work = files.folder("--out", &args.out.join("work"), |name| match name.rsplit_once('.')?.1 {
         "space" => Some(FileKind::Space),
         "blob" => Some(FileKind::Blob),
@@ -254,7 +255,8 @@ impl Family {
         self.case(&format!("{}-{points}", self.name), (points, cells), |_| {})
     }
 
-    /// A grid of `cells` along so many times the radius, within the scene's limit of the force or without one.
+    /// A grid of `cells` along so many times the radius, within the scene's limit of the force or without
+    /// one.
     pub(super) fn wider(
         &self,
         word: &str,
@@ -279,7 +281,8 @@ impl Family {
         })
     }
 
-    /// A grid whose transitions are made in so many parts and keep the states between them, with displacements for the eye.
+    /// A grid whose transitions are made in so many parts and keep the states between them, with
+    /// displacements for the eye.
     pub(super) fn in_parts(&self, parts: u32, (points, cells): (u32, u32)) -> Result<Case, Failure> {
         self.case(&format!("{}-parts-{points}", self.name), (points, cells), |table| {
             table.remove("needs");
@@ -301,8 +304,8 @@ impl Family {
         Ok(Case { name: file_name(name), points, bench: Arc::new(variant(&self.bench, &table)?) })
     }
 
-    /// The body with its tool on a patch of this radius, or on the node alone; with another order and pressure field, and without a
-    /// limit of the force.
+    /// The body with its tool on a patch of this radius, or on the node alone; with another order and
+    /// pressure field, and without a limit of the force.
     pub(super) fn discretised(
         &self,
         order: u8,

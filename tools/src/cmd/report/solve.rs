@@ -12,8 +12,8 @@ use super::steps::Steps;
 use crate::failure::Failure;
 use crate::progress::WorkProgress;
 
-/// Solves the space of a case and its truth. Paths start from rest, whatever the grid: those that `sibling`, a space of the same
-/// body, holds already are taken over, so that every grid is asked at the same positions.
+/// Solves the space of a case and its truth. Paths start from rest, whatever the grid: those that `sibling`,
+/// a space of the same body, holds already are taken over, so that every grid is asked at the same positions.
 pub(super) fn solved(
     plan: &Plan,
     case: &Case,

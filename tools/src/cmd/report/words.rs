@@ -1,7 +1,7 @@
 //! Numbers and lists as people read them.
 
-/// A number without noise: up to four digits that count, thousands apart, powers of ten where it is very large or small; a dash where
-/// there is none.
+/// A number without noise: up to four digits that count, thousands apart, powers of ten where it is very
+/// large or small; a dash where there is none.
 pub(super) fn plain(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 {

@@ -1,4 +1,5 @@
-//! `palpate bench core`: nanoseconds of one force, every method on every set of instructions, beside two crates that do the same.
+//! `palpate bench core`: nanoseconds of one force, every method on every set of instructions, beside two
+//! crates that do the same.
 
 #[cfg(feature = "peers")]
 mod peers;
@@ -20,13 +21,14 @@ use crate::{blob, output};
 use tables::Tables;
 use timing::{Run, Timing};
 
-/// Nanoseconds of one force query: every method, on every set of vector instructions this processor has, on the paper's four grids
-/// of a made-up smooth field or on a blob.
+/// Nanoseconds of one force query: every method, on every set of vector instructions this processor has, on
+/// the paper's four grids of a made-up smooth field or on a blob.
 ///
-/// Positions are uniform in the ball and come in no order that could be learnt. All take turns in small batches, so that a busy
-/// machine is busy for all of them; medians and minima are shown, `waits` being the median where each query needs the answer to the
-/// one before. `off` is the largest difference from the same interpolant in f64. Built with `--features peers` it runs the crates
-/// interpn and rbf-interp along. At the end stands the time of a surface for the eye.
+/// Positions are uniform in the ball and come in no order that could be learnt. All take turns in small
+/// batches, so that a busy machine is busy for all of them; medians and minima are shown, `waits` being the
+/// median where each query needs the answer to the one before. `off` is the largest difference from the same
+/// interpolant in f64. Built with `--features peers` it runs the crates interpn and rbf-interp along. At the
+/// end stands the time of a surface for the eye.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Points of the made-up grids: 514, 1418, 4168, 14146.
@@ -208,7 +210,8 @@ fn table(figures: &Figures) -> String {
     text + &ratios(rows)
 }
 
-/// How many times as long a peer takes as the method that answers the same question, on the baseline and on the best.
+/// How many times as long a peer takes as the method that answers the same question, on the baseline and on
+/// the best.
 fn ratios(rows: &[Row]) -> String {
     let mut text = String::new();
     for peer in rows.iter().filter(|row| row.instructions == PEER) {

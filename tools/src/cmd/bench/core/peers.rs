@@ -1,4 +1,5 @@
-//! The same interpolants by two public crates, asked as their documentation says: one query at a time, built once.
+//! The same interpolants by two public crates, asked as their documentation says: one query at a time, built
+//! once.
 
 use std::rc::Rc;
 

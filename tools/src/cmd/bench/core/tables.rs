@@ -77,7 +77,8 @@ impl Tables {
     }
 }
 
-/// W = a |d|^2 / 2 + sum of c_n (1 - cos k_n . d): a few newtons at the rim, no force at rest, every derivative known.
+/// W = a |d|^2 / 2 + sum of c_n (1 - cos k_n . d): a few newtons at the rim, no force at rest, every
+/// derivative known.
 const STIFFNESS_N_M: f64 = 150.0;
 const WAVES: [([f64; 3], f64); 3] =
     [([40.0, 10.0, -15.0], 0.03), ([-5.0, 35.0, 20.0], 0.04), ([15.0, -20.0, 45.0], 0.025)];

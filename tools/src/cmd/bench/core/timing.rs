@@ -7,7 +7,8 @@ use palpate_core::{Method, Vec3};
 
 /// Positions, so many that a branch predictor cannot learn their order.
 const QUERIES: usize = 1 << 16;
-/// A batch should take about this long: much longer than the clock's resolution, much shorter than a time slice.
+/// A batch should take about this long: much longer than the clock's resolution, much shorter than a time
+/// slice.
 const BATCH_NS: f64 = 40_000.0;
 
 /// Answers a batch of positions; the second form hands each answer to the next question.

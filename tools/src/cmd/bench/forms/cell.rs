@@ -1,7 +1,8 @@
-//! The energy's table once more, one polynomial a cell: what the core would read if it kept cells instead of nodes. Measured, not packed.
+//! The energy's table once more, one polynomial a cell: what the core would read if it kept cells instead of
+//! nodes. Measured, not packed.
 //!
-//! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients a cell, rows along c filled up to eight, 1,152 bytes. The very
-//! polynomial that the core makes of the eight nodes in its tick.
+//! W(t) = sum_abc C_abc tx^a ty^b tz^c, a, b, c in 0..=5: 216 coefficients a cell, rows along c filled up to
+//! eight, 1,152 bytes. The very polynomial that the core makes of the eight nodes in its tick.
 
 use palpate_core::grid::CORNERS;
 use palpate_core::lanes::{Baseline, Machine};

@@ -1,4 +1,5 @@
-//! `palpate bench forms`: the forms in which a fitted energy can go into a blob, side by side: bytes, nanoseconds and error in one run.
+//! `palpate bench forms`: the forms in which a fitted energy can go into a blob, side by side: bytes,
+//! nanoseconds and error in one run.
 
 mod cell;
 
@@ -19,11 +20,12 @@ use crate::failure::Failure;
 use crate::output;
 use cell::CellTable;
 
-/// The forms of a fitted energy side by side, of one scattered space: a polynomial a cell (which no blob has), the derivatives a node
-/// (`energy`), and the fit itself (`kernel`).
+/// The forms of a fitted energy side by side, of one scattered space: a polynomial a cell (which no blob
+/// has), the derivatives a node (`energy`), and the fit itself (`kernel`).
 ///
-/// Positions are those that the tool can get to, in no order that could be learnt; all take turns in small batches. Errors are those at
-/// the held-out positions of the space (`palpate pack` solves some, `palpate held-out` more), and the distance from the fit in f64.
+/// Positions are those that the tool can get to, in no order that could be learnt; all take turns in small
+/// batches. Errors are those at the held-out positions of the space (`palpate pack` solves some,
+/// `palpate held-out` more), and the distance from the fit in f64.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// The .space file, of scattered positions

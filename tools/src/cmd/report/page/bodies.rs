@@ -1,8 +1,8 @@
 //! Section (e): what the discretisation costs.
 
-use super::super::Report;
 use super::super::bodies::BodyRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::results::Report;
 use super::super::words::{count, figure, milli, percent, seconds};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
 

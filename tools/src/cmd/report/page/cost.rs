@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use palpate_precompute::certificate::NOT_FELT_N;
 
-use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
 use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::results::Report;
 use super::super::words::{bytes, count, figure, list, milli, plain, seconds, times};
 use super::html::{figure as plots, files, paragraph, says, section};
 use super::{is_of_the_paper, least, method_keys, row, title};
@@ -240,7 +240,8 @@ fn solving_words(cases: &[Measured]) -> Vec<String> {
     lines
 }
 
-/// Configurations for a mean error, along a method's line in the logarithms; whether its coarsest grid is already better.
+/// Configurations for a mean error, along a method's line in the logarithms; whether its coarsest grid is
+/// already better.
 fn needed(line: &[&MethodRow], mean_n: f64) -> Option<(f64, bool)> {
     let first = line.first()?;
     if first.mean_n <= mean_n {

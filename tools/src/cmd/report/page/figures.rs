@@ -1,7 +1,7 @@
 //! Section (h): all figures of the methods and of the spaces, for those who look one up.
 
-use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
+use super::super::results::Report;
 use super::super::words::{bytes, count, figure, milli, percent, seconds};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{method_words, title};

@@ -1,7 +1,7 @@
 //! Machine, versions, date and commands.
 
-use super::super::Report;
 use super::super::plot::escaped;
+use super::super::results::Report;
 use super::super::words::{figure, percent, seconds};
 
 /// The footer.

@@ -1,7 +1,7 @@
 //! Section (j): the forms of a fitted energy, each as what it reads against how long that takes.
 
-use super::super::Report;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::results::Report;
 use super::super::words::{bytes, count, figure, milli};
 use super::html::{Cell, Key, figure as plots, files, paragraph, section as whole, table};
 use crate::cmd::bench::forms::FormRow;

@@ -1,8 +1,8 @@
 //! Section (f): the hard cases of the interpolation.
 
-use super::super::Report;
 use super::super::hard::HardRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::results::Report;
 use super::super::words::{count, figure, milli, percent};
 use super::html::{Cell, figure as plots, files, paragraph, says, section as whole, table};
 use super::method_keys;

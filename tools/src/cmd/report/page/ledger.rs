@@ -1,8 +1,8 @@
 //! Section (i): the ledger, each omission as what it saves against what it changes.
 
-use super::super::Report;
 use super::super::ledger::LedgerRow;
 use super::super::plot::{Axis, Chart, Point, Series, Style};
+use super::super::results::Report;
 use super::super::words::{figure, milli, percent, times};
 use super::html::{Cell, Key, figure as plots, files, paragraph, says, section as whole, table};
 use palpate_precompute::certificate::NOT_FELT_N;
@@ -141,7 +141,8 @@ mod tests {
         }
     }
 
-    /// A change that is none, a cost of nothing and a surface that nobody measured have no place on logarithmic axes.
+    /// A change that is none, a cost of nothing and a surface that nobody measured have no place on
+    /// logarithmic axes.
     #[test]
     fn a_line_without_a_size_is_in_no_plot() {
         let styles = [Style::number(0), Style::number(1).hollow()];

@@ -14,9 +14,9 @@ mod parts;
 
 use palpate_core::Method;
 
-use super::Report;
 use super::measure::{Measured, MethodRow};
 use super::plot::{Style, escaped};
+use super::results::Report;
 use super::words;
 use crate::failure::Failure;
 use crate::files::Output;

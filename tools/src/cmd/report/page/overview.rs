@@ -1,8 +1,8 @@
 //! What was measured, on what, and the main figures at a glance.
 
-use super::super::Report;
 use super::super::measure::{Measured, MethodRow};
 use super::super::plan::Family;
+use super::super::results::Report;
 use super::super::words::{bytes, count, figure, law, milli, percent};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{least, method_words, row, title};

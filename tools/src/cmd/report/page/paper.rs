@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 
 use palpate_core::Method;
 
-use super::super::Report;
 use super::super::curves::CurveRow;
 use super::super::measure::{Along, Measured, PathRow};
 use super::super::plot::{Axis, Bars, Chart, Group, Point, Series, Style, Value};
+use super::super::results::Report;
 use super::super::words::{count, figure, law, list, milli, percent, seconds};
 use super::cost::radius;
 use super::html::{Key, figure as plots, files, heading, paragraph, says, section as whole};

@@ -1,6 +1,6 @@
 //! Section (g): states between grid points, and the surface for the eye.
 
-use super::super::Report;
+use super::super::results::Report;
 use super::super::words::{bytes, count, figure, milli};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 

@@ -1,5 +1,6 @@
-//! Plots as inline SVG, written by hand: a pointer that rests on a marker is told its figures, one style sheet serves screen and
-//! print, and the page needs no file beside it. Crate `plotters` would save little: its SVG has neither titles nor classes.
+//! Plots as inline SVG, written by hand: a pointer that rests on a marker is told its figures, one style
+//! sheet serves screen and print, and the page needs no file beside it. Crate `plotters` would save little:
+//! its SVG has neither titles nor classes.
 
 mod axis;
 mod bars;

@@ -1,5 +1,5 @@
-//! Colours and marker shapes: the palette of Okabe and Ito, which the colour-blind tell apart, and a shape of its own for each
-//! colour, which print in grey needs.
+//! Colours and marker shapes: the palette of Okabe and Ito, which the colour-blind tell apart, and a shape of
+//! its own for each colour, which print in grey needs.
 
 use palpate_core::Method;
 

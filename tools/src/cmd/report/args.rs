@@ -1,0 +1,54 @@
+//! Arguments of the command.
+
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+use palpate_core::Method;
+
+use crate::cmd::pack;
+use crate::files::Replace;
+
+/// Measure speed against error of every method on several grids, and write tables, plots and one page.
+///
+/// Spaces, held-out truth and blobs are kept in DIR/work and used again: after Ctrl-C the same command goes
+/// on. The page is DIR/report.html; it needs no other file and prints well. Beside it stand its tables as CSV
+/// and JSON.
+///
+/// Without a scene the bundled organ is measured, by Mooney-Rivlin and by St. Venant-Kirchhoff. Of every
+/// scene one active node is used, with the scene's own force limit and completion of cells.
+///
+/// Example: palpate report --out report --grids 514,1418
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Scene files (TOML); the bundled organ if none is given
+    pub(super) scenes: Vec<PathBuf>,
+    /// Folder for the page, its tables, and what is solved for them
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: PathBuf,
+    /// Coarse grids and little truth: done in a minute, good for a look
+    #[arg(long)]
+    pub(super) small: bool,
+    /// Grid points along r_G's ball, several with commas: 514,1418,4168,14146 if not given
+    #[arg(long, value_name = "N,M", value_delimiter = ',')]
+    pub(super) grids: Vec<u32>,
+    /// Methods, several with commas
+    #[arg(long, value_delimiter = ',', value_parser = pack::method, default_values = Method::OF_LATTICE.map(Method::name))]
+    pub(super) methods: Vec<Method>,
+    /// r_G in mm; each scene's own if not given (20 for the bundled organ with --small)
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub(super) radius_mm: Option<f64>,
+    /// Active node; each scene's first if not given
+    #[arg(long)]
+    pub(super) active: Option<String>,
+    /// Fit and measure all tables again, even if the blobs are there
+    #[arg(long)]
+    pub(super) fit_again: bool,
+    /// Worker threads; one a core if not given
+    #[arg(long)]
+    pub(super) threads: Option<usize>,
+    /// Print the table of methods as JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) replace: Replace,
+}
