@@ -1,4 +1,5 @@
-//! A finished space is never replayed: its fit is read from the store. One test, because the count is that of the process.
+//! A finished space is never replayed: its fit is read from the store. The count is that of the process, so this
+//! binary has one test.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 

@@ -1,6 +1,6 @@
 //! The lattice that takes over where an adaptive search stalls.
 //!
-//! Its points are those of the lattice of a micrometre too, so that one store holds what the search solved and what the lattice did.
+//! Its points are counted in the micrometres of the search too, so one store holds the configurations of both.
 
 use super::record::Record;
 use crate::spec::{GridIndex, SpaceGrid, UNIT_M};
@@ -18,8 +18,8 @@ pub struct FallbackLattice {
 }
 
 impl FallbackLattice {
-    /// The lattice that would take over within `radius_m`, corners outside the ball included; `None` if the radius is no ball of
-    /// so many cells.
+    /// The lattice within `radius_m`, with the corners outside the ball. `None` if the radius is no ball of so many
+    /// cells.
     pub fn within(radius_m: f64) -> Option<Self> {
         // Rounded up: a spacing that is a little too small would make a cell more.
         let spacing = (radius_m / UNIT_M / f64::from(CELLS) - 1e-6).ceil() as i32;
@@ -32,7 +32,8 @@ impl FallbackLattice {
         of_space.iter().filter_map(|record| self.own(record)).collect()
     }
 
-    /// A record in steps of the lattice; `None` if its point is none of the lattice's: the search's own are not, but for rest.
+    /// A record in steps of the lattice; `None` if its point is not one of the lattice's. Of the search's own points
+    /// only rest is.
     pub(super) fn own(&self, record: &Record) -> Option<Record> {
         let steps = |index: GridIndex| index.map(|n| n / self.spacing);
         let index = steps(record.index);

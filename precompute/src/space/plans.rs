@@ -63,7 +63,7 @@ impl Plans {
         }
     }
 
-    /// How far the space of an active node is: as the store keeps it, or replayed from its attempts if it is not finished.
+    /// How far the space of an active node is: as stored, or replayed from its attempts if it is not finished.
     pub fn state(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
         match store.finished(active)? {
             Some(state) => Ok(state),

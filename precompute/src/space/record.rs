@@ -134,8 +134,8 @@ impl Record {
         EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
     }
 
-    /// [`Self::jet`] as fits take it: rest has neither energy nor force by its definition, S is symmetric to the bit, and zero has no
-    /// sign. So a record that was just solved and the same one read from a store give one fit.
+    /// [`Self::jet`] as fits take it. Rest has neither energy nor force by its definition, S is symmetric to the
+    /// bit, and zero has no sign. So a record just solved and the same one read from a store give one fit.
     pub fn jet_for_fit(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let jet = self.jet(displacement_m);
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));

@@ -407,8 +407,8 @@ impl Store {
         Ok(())
     }
 
-    /// Adds an outcome, and with the last one of a space its state. They are committed with those of the same second, or at
-    /// once when they come slowly.
+    /// Adds an outcome, and with the last one of a space its state. They are committed together with those of the
+    /// same second, or at once when they come slowly.
     pub fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
         self.write(|connection| {
             rows::insert(connection, outcome)?;
