@@ -11,7 +11,9 @@ use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::held_out::{
     Draw, HeldOut, HeldOutError, HeldOutProgress, Summary, is_on_training_lattice,
 };
-use palpate_precompute::space::{Crew, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads};
+use palpate_precompute::space::{
+    Crew, CrewError, Kind, Store, StoreError, Truth, Walk, WalkJob, Work, with_threads,
+};
 use palpate_tests::space_bench::SpaceBench;
 
 const DRAW: Draw =
@@ -129,8 +131,7 @@ fn cancelled_workers_abandon_their_paths() {
             .collect(),
         keep_displacements: false,
     };
-    let mut let_go = Instant::now();
-    with_threads(&bench.workshop(), 2, |crew| {
+    let let_go = with_threads(&bench.workshop(), 2, |crew| {
         for piece in 0..4 {
             crew.give(piece % 2, Work::Walk(walk(piece as u32))).expect("taken");
         }
@@ -138,8 +139,9 @@ fn cancelled_workers_abandon_their_paths() {
             crew.take(Duration::from_millis(300)).expect("no worker failed").is_none(),
             "still on the path"
         );
-        let_go = Instant::now();
+        Ok::<_, CrewError>(Instant::now())
     });
+    let let_go = let_go.expect("threads start");
     assert!(let_go.elapsed() < Duration::from_secs(2), "{:?}", let_go.elapsed());
 }
 

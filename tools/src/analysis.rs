@@ -40,7 +40,22 @@ pub(crate) fn open_space(analysis: &Analysis, file: &Output, salvage: bool) -> R
     Ok(store)
 }
 
+/// Worker threads at most: each holds a solver in memory.
+pub(crate) const MAX_THREADS: usize = 1024;
+
 /// Worker threads: as given, or one a core.
-pub(crate) fn threads(given: Option<usize>) -> usize {
-    given.filter(|&n| n > 0).unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+pub(crate) fn threads(given: Option<usize>) -> Result<usize, Failure> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    threads_or(given, cores.min(MAX_THREADS))
+}
+
+/// Worker threads: as given, or `default`.
+pub(crate) fn threads_or(given: Option<usize>, default: usize) -> Result<usize, Failure> {
+    match given {
+        None => Ok(default),
+        Some(n) if (1..=MAX_THREADS).contains(&n) => Ok(n),
+        Some(n) => Err(Failure::input(format!(
+            "--threads {n}: give 1 to {MAX_THREADS}, or leave it out for as many as this machine has cores"
+        ))),
+    }
 }

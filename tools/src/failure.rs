@@ -4,7 +4,9 @@ use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
 
+use palpate_precompute::certificate::LedgerError;
 use palpate_precompute::held_out::HeldOutError;
+use palpate_precompute::pack::PackError;
 use palpate_precompute::pipeline::PipelineError;
 use palpate_precompute::space::{ExpansionError, StoreError};
 
@@ -88,6 +90,18 @@ impl From<PipelineError> for Failure {
     }
 }
 
+impl From<LedgerError> for Failure {
+    fn from(error: LedgerError) -> Self {
+        PipelineError::from(error).into()
+    }
+}
+
+impl From<PackError> for Failure {
+    fn from(error: PackError) -> Self {
+        PipelineError::Pack(error).into()
+    }
+}
+
 impl From<StoreError> for Failure {
     fn from(error: StoreError) -> Self {
         if error.is_of_the_machine() { Self::work(error) } else { Self::input(error) }
@@ -104,8 +118,4 @@ macro_rules! bad_input {
     )* };
 }
 
-bad_input!(
-    palpate_precompute::error::InputError,
-    palpate_precompute::fem::body::DegenerateElement,
-    palpate_precompute::pack::PackError,
-);
+bad_input!(palpate_precompute::error::InputError, palpate_precompute::fem::body::DegenerateElement,);

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use palpate_core::{ConfigTag, Coverage, Method, Organ};
 use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::num::parallel::Pool;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{Record, Store};
 use serde::Serialize;
@@ -76,34 +77,24 @@ pub(crate) fn check(
         solved[visit.active].iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
     };
     let (next, path) = (AtomicUsize::new(0), store.path());
-    let found: Vec<Vec<(usize, [f64; 3])>> = std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads)
-            .map(|_| {
-                scope.spawn(|| -> Result<Vec<(usize, [f64; 3])>, Failure> {
-                    let reader = Store::open(path)?;
-                    let mut solvers: Vec<Solver> = problems.iter().map(|p| Solver::new(p.clone())).collect();
-                    let mut results = Vec::new();
-                    while !stop.load(Ordering::Relaxed) {
-                        let at = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(visit) = visits.get(at) else { break };
-                        let Some(from) = nearest(visit) else { continue };
-                        let seed = reader.seed(visit.active, from, grid.displacement_m(from.index))?;
-                        let target = visit.displacement_m.map(f64::from);
-                        if let Ok(c) = solvers[visit.active].advance(&seed, target) {
-                            results.push((at, c.jet().force_n));
-                        }
-                    }
-                    Ok(results)
-                })
-            })
-            .collect();
-        workers
-            .into_iter()
-            .map(|worker| {
-                worker.join().map_err(|_| Failure::work("a worker stopped on an internal error"))?
-            })
-            .collect::<Result<_, _>>()
-    })?;
+    let work = || -> Result<Vec<(usize, [f64; 3])>, Failure> {
+        let reader = Store::open(path)?;
+        let mut solvers: Vec<Solver> = problems.iter().map(|p| Solver::new(p.clone())).collect();
+        let mut results = Vec::new();
+        while !stop.load(Ordering::Relaxed) {
+            let at = next.fetch_add(1, Ordering::Relaxed);
+            let Some(visit) = visits.get(at) else { break };
+            let Some(from) = nearest(visit) else { continue };
+            let seed = reader.seed(visit.active, from, grid.displacement_m(from.index))?;
+            let target = visit.displacement_m.map(f64::from);
+            if let Ok(c) = solvers[visit.active].advance(&seed, target) {
+                results.push((at, c.jet().force_n));
+            }
+        }
+        Ok(results)
+    };
+    let pool = Pool::new(threads).map_err(Failure::work)?;
+    let found = pool.each(work).into_iter().collect::<Result<Vec<_>, Failure>>()?;
     if stop.load(Ordering::Relaxed) {
         return Err(Failure::work("interrupted while checking the felt force"));
     }

@@ -64,9 +64,21 @@ impl AdaptiveFit {
         WithinReach { fit: self.fit.clone(), limit_n: REACH_MARGIN * max_force_n, push, workspace_m }
     }
 
+    /// How far the largest force moves the node in its softest direction, by its stiffness at rest, m; infinite where it is unstable.
+    pub fn softest_reach_m(&self) -> f64 {
+        softest_reach_m(&self.wanted, &self.jets)
+    }
+
     fn known(&self) -> Known<'_> {
         Known { wanted: &self.wanted, fit: &self.fit, jets: &self.jets }
     }
+}
+
+/// [`AdaptiveFit::softest_reach_m`] of these configurations, rest first.
+pub(super) fn softest_reach_m(wanted: &Wanted, jets: &[EnergyJet]) -> f64 {
+    let Some(rest) = jets.first() else { return f64::INFINITY };
+    let softest_n_m = rest.stiffness_n_m.symmetric_eigenvalues().min();
+    if softest_n_m > 0.0 { wanted.max_force_n / softest_n_m } else { f64::INFINITY }
 }
 
 /// Leave-one-out errors: every configuration except rest, predicted by the fit to all others.

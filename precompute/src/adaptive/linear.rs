@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn its_table_is_one_cell_and_exact() {
         let (search, _) = searched(RADIUS_M, solved);
-        let on = resample(&search);
+        let on = resample(&search).expect("a lattice");
         assert_eq!((on.samples.len(), on.grid.spacing_m), (27, on.grid.radius_m));
         let nodes = crate::fit::hermite_nodes_known(&on.grid, &on.samples, &on.derivatives);
         let lattice = &on.grid.lattice;

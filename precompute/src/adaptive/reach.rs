@@ -4,7 +4,7 @@
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
-use crate::spec::Wanted;
+use crate::spec::{UNIT_M, Wanted};
 
 /// Number of ray directions.
 const RAYS: u32 = 256;
@@ -65,18 +65,27 @@ impl Known<'_> {
 
     /// Length of a ray within the reachable set, m.
     fn reach(&self, direction: [f64; 3]) -> f64 {
-        let way_m = self.way_out(direction);
-        let at = |t: f64| direction.map(|x| x * t * way_m);
-        let within = |t: f64| self.largest_n(at(t)) <= ALLOWANCE * self.wanted.max_force_n;
-        if within(1.0) {
+        let mut way_m = self.way_out(direction);
+        let within = |share: f64, way_m: f64| {
+            let at = direction.map(|x| x * share * way_m);
+            self.largest_n(at) <= ALLOWANCE * self.wanted.max_force_n
+        };
+        if within(1.0, way_m) {
             return way_m;
         }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if within(middle) { low = middle } else { high = middle }
+        // On a stiff node the reach is a small share of the radius: the search goes on in the first part of the ray.
+        while way_m > UNIT_M {
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..HALVINGS {
+                let middle = 0.5 * (low + high);
+                if within(middle, way_m) { low = middle } else { high = middle }
+            }
+            if low > 0.0 {
+                return low * way_m;
+            }
+            way_m *= high;
         }
-        low * way_m
+        0.0
     }
 
     /// The larger of the two predictions of |h|, N.

@@ -2,12 +2,13 @@
 
 use std::collections::{BTreeMap, HashSet};
 
+use palpate_core::LatticeError;
 use palpate_core::method::hermite::{HermitePlanes, HermiteTable};
 
 use super::{AdaptiveFit, linear};
 use crate::fit::{Derivatives, Sample, hermite_nodes_known};
 use crate::num::vector::{difference, norm};
-use crate::spec::{Domain, GridIndex, SpaceGrid, UNIT_M};
+use crate::spec::{Domain, GridIndex, RADII_M, SpaceGrid};
 
 /// Numbers of cells along the radius, in the order of the attempts.
 const CELLS: [u32; 9] = [2, 3, 4, 5, 6, 7, 8, 10, 12];
@@ -36,29 +37,35 @@ pub struct Resampled {
 }
 
 /// The coarsest lattice whose table adds no more than a tenth of the tolerance to the fit's error. Where none does, because the fit itself is
-/// ragged, the coarsest that finer ones are no better than.
-pub fn resample(search: &AdaptiveFit) -> Resampled {
+/// ragged, the coarsest that finer ones are no better than. A search without configurations, or with none but close
+/// ones to rest, has the smallest ball; an error where not even that is a lattice of the core.
+pub fn resample(search: &AdaptiveFit) -> Result<Resampled, LatticeError> {
     let farthest = search.jets.iter().map(|jet| norm(jet.control_m)).fold(0.0, f64::max);
-    let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).max(UNIT_M);
+    let [smallest, largest] = RADII_M;
+    let radius_m = (MARGIN * farthest).min(search.wanted.radius_m).clamp(smallest, largest);
     if let Some(linear) = linear::table(search, radius_m) {
-        return linear;
+        return Ok(linear);
     }
     let [asked, reached] = places(search);
-    let (mut best, mut in_vain): (Option<Resampled>, u32) = (None, 0);
-    for cells in CELLS {
-        let Ok(grid) = SpaceGrid::new(radius_m / f64::from(cells), radius_m) else { continue };
-        let mut on = on_lattice(search, grid, &reached);
-        on.added = added(search, &on, &asked);
-        let is_better = best.as_ref().is_none_or(|best| on.added < GAIN * best.added);
-        in_vain = if is_better { 0 } else { in_vain + 1 };
-        if is_better {
-            best = Some(on);
-        }
-        if in_vain == IN_VAIN || best.as_ref().is_some_and(|best| best.added <= SHARE) {
+    let measured = |grid: SpaceGrid| {
+        let on = on_lattice(search, grid, &reached);
+        Resampled { added: added(search, &on, &asked), ..on }
+    };
+    let grid = |cells: u32| SpaceGrid::new(radius_m / f64::from(cells), radius_m);
+    let [coarsest, finer @ ..] = CELLS;
+    let (mut best, mut in_vain) = (measured(grid(coarsest)?), 0);
+    for grid in finer.into_iter().filter_map(|cells| grid(cells).ok()) {
+        if in_vain == IN_VAIN || best.added <= SHARE {
             break;
         }
+        let on = measured(grid);
+        let is_better = on.added < GAIN * best.added;
+        in_vain = if is_better { 0 } else { in_vain + 1 };
+        if is_better {
+            best = on;
+        }
     }
-    best.expect("a ball of a few cells is a lattice")
+    Ok(best)
 }
 
 /// Two disjoint sets of reachable positions: one measures the table, the other selects its cells. A cell that
@@ -180,7 +187,7 @@ mod tests {
     #[test]
     fn a_coarse_table_holds_to_the_rim_because_its_corners_are_the_fits_own() {
         let search = searched();
-        let on = resample(&search);
+        let on = resample(&search).expect("a lattice");
         let cells = (on.grid.radius_m / on.grid.spacing_m).round();
         println!("{cells} cells add {:.4} of the tolerance", on.added);
         assert!(cells <= 5.0 && on.added <= SHARE, "{cells} cells, {}", on.added);

@@ -27,14 +27,14 @@
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::fitted::{AdaptiveFit, LeftOut};
+use super::fitted::{AdaptiveFit, LeftOut, softest_reach_m};
 use super::linear::Linear;
 use super::reach::Known;
 use super::stagnation::is_stalled;
 use crate::fit::KernelFit;
 use crate::num::jet::EnergyJet;
 use crate::num::vector::{difference, norm};
-use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
+use crate::spec::{GridIndex, RADII_M, UNIT_M, Wanted, displacement_m, nearest_index};
 
 /// Maximum number of positions of a batch; also the length of the short validation streak.
 const BATCH: usize = 4;
@@ -111,6 +111,21 @@ pub enum Verdict {
     Stalled,
     /// The maximum number of configurations is reached, and the stopping criterion is not met.
     NotReached,
+    /// The largest force does not move the node by the smallest radius of a space, even in its softest direction: nothing is solved.
+    TooStiff,
+}
+
+impl Verdict {
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Passed => "passed",
+            Self::Stalled => "stalled",
+            Self::NotReached => "not reached",
+            Self::TooStiff => "too stiff",
+        }
+    }
 }
 
 /// What to do next.
@@ -174,7 +189,7 @@ impl Search {
         let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).powf(0.25));
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
         // How far a linear body would let the device get, on the average.
-        let reach = (wanted.max_force_n / mean).min(wanted.radius_m);
+        let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);
         let fits = LENGTHS
             .iter()
             .filter_map(|share| {
@@ -275,6 +290,9 @@ impl Search {
         if !self.out.is_empty() {
             return Step::Solve(self.out.clone());
         }
+        if softest_reach_m(&self.wanted, &self.jets) < RADII_M[0] {
+            return Step::Done(Verdict::TooStiff);
+        }
         if self.linear.wants() == Some(0) && self.linear_is_enough() {
             return Step::Done(Verdict::Linear);
         }
@@ -372,8 +390,16 @@ impl Search {
                 }
             }
         }
-        self.fits.retain_mut(|candidate| candidate.fit.add(&learned).is_ok());
-        self.jets.extend(learned);
+        let grown: Vec<bool> =
+            self.fits.iter_mut().map(|candidate| candidate.fit.add(&learned).is_ok()).collect();
+        if grown.contains(&true) {
+            let mut grown = grown.into_iter();
+            self.fits.retain(|_| grown.next().unwrap_or(false));
+            self.jets.extend(learned);
+        } else {
+            // No length of the kernel tells them apart: the fits stay as they are.
+            self.others.extend(learned.iter().map(|jet| jet.control_m));
+        }
         for candidate in &mut self.fits {
             let missed = candidate.fit.left_out_n().zip(&self.jets).skip(1);
             candidate.left_out =

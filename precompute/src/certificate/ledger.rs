@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::displacement::modes_and_digits;
 use super::{Apart, Compared, Errors, SpaceCertificate, Truth, answered, probes, truths};
 use crate::fem::solve::{Problem, Solver};
+use crate::num::parallel::{Pool, ThreadError};
 use crate::scene::ResolvedScene;
 use crate::space::{Kind, Store, StoreError};
 
@@ -61,6 +62,38 @@ impl Line {
     }
 }
 
+/// Why there is no ledger.
+#[derive(Debug)]
+pub enum LedgerError {
+    /// The store could not be read.
+    Store(StoreError),
+    /// The threads did not start.
+    Threads(ThreadError),
+}
+
+impl std::fmt::Display for LedgerError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Store(error) => write!(f, "{error}"),
+            Self::Threads(error) => write!(f, "{error}"),
+        }
+    }
+}
+
+impl std::error::Error for LedgerError {}
+
+impl From<StoreError> for LedgerError {
+    fn from(error: StoreError) -> Self {
+        Self::Store(error)
+    }
+}
+
+impl From<ThreadError> for LedgerError {
+    fn from(error: ThreadError) -> Self {
+        Self::Threads(error)
+    }
+}
+
 /// How much is solved for it, and when to stop.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort<'s> {
@@ -79,7 +112,7 @@ pub fn ledger(
     (organ, certificate): (&Organ<'_>, &SpaceCertificate),
     scene: &ResolvedScene,
     effort: Effort<'_>,
-) -> Result<Option<Ledger>, StoreError> {
+) -> Result<Option<Ledger>, LedgerError> {
     let begun = Instant::now();
     let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *certificate.active) else {
         return Ok(None);
@@ -96,9 +129,9 @@ pub fn ledger(
     let mut lines = vec![linear(store, active, &positions, certificate)?];
     let some = &positions[..effort.positions.min(positions.len())];
     if !some.is_empty() {
-        let own = forces(scene, active, some, effort);
+        let own = forces(scene, active, some, effort)?;
         for (what, made, other) in others(scene) {
-            let there = forces(&other, active, some, effort);
+            let there = forces(&other, active, some, effort)?;
             if effort.stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
@@ -156,9 +189,14 @@ struct At {
 /// Each position; none where it could not be solved.
 type Solved = Vec<Option<At>>;
 
-fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Effort<'_>) -> Solved {
+fn forces(
+    scene: &ResolvedScene,
+    active: usize,
+    positions: &[Truth],
+    effort: Effort<'_>,
+) -> Result<Solved, ThreadError> {
     let nothing = || vec![None; positions.len()];
-    let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return nothing() };
+    let (Ok(body), Some(node)) = (scene.body(), scene.active.get(active)) else { return Ok(nothing()) };
     let mut problem = Problem::with(Arc::new(body), Some(node.handle()), scene.constraints);
     problem.newton.reject_inverted = scene.reject_inverted;
     let (problem, next) = (Arc::new(problem), AtomicUsize::new(0));
@@ -177,16 +215,11 @@ fn forces(scene: &ResolvedScene, active: usize, positions: &[Truth], effort: Eff
         found
     };
     let mut solved = nothing();
-    std::thread::scope(|scope| {
-        let workers: Vec<_> =
-            (0..effort.threads.clamp(1, positions.len())).map(|_| scope.spawn(work)).collect();
-        for worker in workers {
-            for (place, one) in worker.join().unwrap_or_default() {
-                solved[place] = Some(one);
-            }
-        }
-    });
-    solved
+    let pool = Pool::new(effort.threads.clamp(1, positions.len()))?;
+    for (place, one) in pool.each(work).into_iter().flatten() {
+        solved[place] = Some(one);
+    }
+    Ok(solved)
 }
 
 fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {

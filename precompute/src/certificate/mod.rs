@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 pub use displacement::{Apart, DisplacementCertificate, surface_by_rbf};
 pub use errors::{Compared, Errors, NOT_FELT_N, NOT_FELT_SHARE, RELATIVE_FROM_N, Within, certified_share};
 pub use health::{Health, Reason, Verdict};
-pub use ledger::{Effort, Ledger, Line, ledger};
+pub use ledger::{Effort, Ledger, LedgerError, Line, ledger};
 pub use probes::{Probe, Work, nanoseconds};
 pub use reference::force_n as reference_force_n;
 

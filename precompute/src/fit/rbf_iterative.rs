@@ -16,6 +16,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::rbf_weights::Centre;
+use crate::num::parallel::{Pool, ThreadError};
 
 /// Number of centres of a local fit.
 const NEAREST: usize = 48;
@@ -27,8 +28,11 @@ const CYCLES: usize = 4;
 const TOLERANCE: f64 = 1e-10;
 
 /// Weights of the three components, and the largest misfit, N.
-pub(super) fn solve_iteratively(centres: &[Centre], threads: usize) -> ([Vec<f64>; 3], f64) {
-    let system = System::new(centres, threads.max(1));
+pub(super) fn solve_iteratively(
+    centres: &[Centre],
+    threads: usize,
+) -> Result<([Vec<f64>; 3], f64), ThreadError> {
+    let system = System::new(centres, Pool::new(threads)?);
     let mut misfit_n = 0.0f64;
     let weights = std::array::from_fn(|axis| {
         let force: Vec<f64> = centres.iter().map(|c| c.force_n[axis]).collect();
@@ -40,7 +44,7 @@ pub(super) fn solve_iteratively(centres: &[Centre], threads: usize) -> ([Vec<f64
         }
         weights
     });
-    (weights, misfit_n)
+    Ok((weights, misfit_n))
 }
 
 struct System {
@@ -50,15 +54,15 @@ struct System {
     local: Vec<(Vec<u32>, Vec<f64>)>,
     /// Factor of the mean in the preconditioner.
     share: f64,
-    threads: usize,
+    pool: Pool,
 }
 
 impl System {
-    fn new(centres: &[Centre], threads: usize) -> Self {
+    fn new(centres: &[Centre], pool: Pool) -> Self {
         let n = centres.len();
         let positions = std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect());
-        let local = in_parts(n, threads, |i| local_fit(centres, i));
-        let mut system = Self { positions, local, share: 0.0, threads };
+        let local = pool.numbers(n, |i| local_fit(centres, i));
+        let mut system = Self { positions, local, share: 0.0, pool };
         // So large that the term weighs about as much as the local fits.
         let level = system.apply(&vec![1.0 / (n as f64).sqrt(); n]);
         system.share = 1.0 / (n as f64 * dot(&level, &level).sqrt());
@@ -68,7 +72,7 @@ impl System {
     /// A w.
     fn apply(&self, weights: &[f64]) -> Vec<f64> {
         let [x, y, z] = &self.positions;
-        in_parts(weights.len(), self.threads, |i| {
+        self.pool.numbers(weights.len(), |i| {
             const LANES: usize = 8;
             let at = [x[i], y[i], z[i]];
             let mut sums = [0.0; LANES];
@@ -186,19 +190,6 @@ fn local_fit(centres: &[Centre], i: usize) -> (Vec<u32>, Vec<f64>) {
     let weights =
         matrix.lu().solve(&unit).map_or_else(|| vec![0.0; count], |w| w.as_slice()[..count].to_vec());
     (near, weights)
-}
-
-/// `of(i)` for all i below n, by so many threads. Every value is made by one thread, so the bits do not depend on their number.
-fn in_parts<T: Send>(n: usize, threads: usize, of: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let part = n.div_ceil(threads).max(1);
-    let of = &of;
-    std::thread::scope(|scope| {
-        let parts: Vec<_> = (0..n)
-            .step_by(part)
-            .map(|from| scope.spawn(move || (from..(from + part).min(n)).map(of).collect::<Vec<T>>()))
-            .collect();
-        parts.into_iter().flat_map(|part| part.join().expect("a part does not panic")).collect()
-    })
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {

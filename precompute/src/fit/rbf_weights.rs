@@ -5,6 +5,7 @@ use faer::{Mat, Side};
 
 use super::Sample;
 use super::rbf_iterative::solve_iteratively;
+use crate::num::parallel::ThreadError;
 
 /// The kernel phi(r), r in cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,29 +52,43 @@ pub struct RbfFit {
 }
 
 /// The weights could not be found.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FitError {
-    kernel: Kernel,
-    centres: usize,
-    misfit_n: f64,
+#[derive(Debug, Clone, PartialEq)]
+pub enum FitError {
+    /// More centres than memory is taken for.
+    TooMany {
+        /// The kernel.
+        kernel: Kernel,
+        /// How many centres.
+        centres: usize,
+    },
+    /// The weights miss the forces at their own centres, or are no numbers.
+    Singular {
+        /// The kernel.
+        kernel: Kernel,
+        /// How many centres.
+        centres: usize,
+        /// Largest misfit, N.
+        misfit_n: f64,
+    },
+    /// The threads did not start.
+    Threads(ThreadError),
 }
 
 impl std::fmt::Display for FitError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if self.centres > MOST {
-            let (name, centres) = (self.kernel.name(), self.centres);
-            return write!(
+        match self {
+            Self::TooMany { kernel, centres } => write!(
                 f,
-                "{centres} centres are too many for rbf-{name} (at most {MOST}); pack without this method"
-            );
+                "{centres} centres are too many for rbf-{} (at most {MOST}); pack without this method",
+                kernel.name()
+            ),
+            Self::Singular { kernel, centres, misfit_n } => write!(
+                f,
+                "the rbf-{} system of {centres} centres is singular (misfit {misfit_n:.1e} N); pack without this method",
+                kernel.name()
+            ),
+            Self::Threads(error) => write!(f, "{error}"),
         }
-        write!(
-            f,
-            "the rbf-{} system of {} centres is singular (misfit {:.1e} N); pack without this method",
-            self.kernel.name(),
-            self.centres,
-            self.misfit_n
-        )
     }
 }
 
@@ -112,13 +127,13 @@ const MISFIT: f64 = 1e-6;
 pub fn fit_rbf(kernel: Kernel, centres: &[Centre], threads: usize) -> Result<RbfFit, FitError> {
     let n = centres.len();
     let (weights, misfit_n) = match kernel {
-        Kernel::Linear if n > DENSE => solve_iteratively(centres, threads),
-        Kernel::Cubic if n > MOST => return Err(FitError { kernel, centres: n, misfit_n: f64::INFINITY }),
+        Kernel::Linear if n > DENSE => solve_iteratively(centres, threads).map_err(FitError::Threads)?,
+        Kernel::Cubic if n > MOST => return Err(FitError::TooMany { kernel, centres: n }),
         _ => solve_densely(kernel, centres),
     };
     let largest = centres.iter().flat_map(|c| c.force_n).fold(0.0, |m: f64, h| m.max(h.abs()));
-    if misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
-        return Err(FitError { kernel, centres: n, misfit_n });
+    if misfit_n.is_nan() || misfit_n > MISFIT * largest.max(f64::MIN_POSITIVE) {
+        return Err(FitError::Singular { kernel, centres: n, misfit_n });
     }
     Ok(RbfFit {
         centres: std::array::from_fn(|axis| centres.iter().map(|c| c.position[axis]).collect()),
@@ -169,8 +184,8 @@ impl SurfaceRbf {
         let components = configurations.first().map_or(0, |(_, moved)| moved.len());
         let values = Mat::from_fn(positions.len(), components, |i, k| f64::from(configurations[i].1[k]));
         let (weights, misfit) = solve(kernel, &positions, &values);
-        if misfit > MISFIT * values.norm_max().max(f64::MIN_POSITIVE) {
-            return Err(FitError { kernel, centres: positions.len(), misfit_n: misfit });
+        if misfit.is_nan() || misfit > MISFIT * values.norm_max().max(f64::MIN_POSITIVE) {
+            return Err(FitError::Singular { kernel, centres: positions.len(), misfit_n: misfit });
         }
         Ok(Self { kernel, positions, weights })
     }
@@ -249,12 +264,13 @@ mod tests {
     fn the_iterative_route_finds_the_same_weights_whatever_the_threads() {
         let centres = centres(7);
         let (dense, _) = solve_densely(Kernel::Linear, &centres);
-        let (iterative, misfit_n) = solve_iteratively(&centres, 2);
+        let solve = |threads| solve_iteratively(&centres, threads).expect("threads start");
+        let (iterative, misfit_n) = solve(2);
         assert!(misfit_n < 1e-8, "{misfit_n} N");
         let largest = dense.iter().flatten().fold(0.0, |m: f64, w| m.max(w.abs()));
         let apart = dense.iter().flatten().zip(iterative.iter().flatten()).map(|(a, b)| (a - b).abs());
         assert!(apart.fold(0.0, f64::max) < 1e-7 * largest);
-        assert_eq!(iterative, solve_iteratively(&centres, 1).0, "the bits depend on the threads");
+        assert_eq!(iterative, solve(1).0, "the bits depend on the threads");
     }
 
     #[test]

@@ -4,5 +4,6 @@
 pub mod branch;
 pub mod jet;
 pub mod lanes;
+pub mod parallel;
 pub mod tensor;
 pub mod vector;

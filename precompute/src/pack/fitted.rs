@@ -15,6 +15,7 @@ use crate::fit::{
     Derivatives, DisplacementFault, DisplacementFit, Fold, HermiteNodes, KernelPlanes, Moved, Sample,
     ScatteredMotion, fit_displacement, hermite_nodes, hermite_nodes_known,
 };
+use crate::num::parallel::Pool;
 use crate::space::{Record, Store, SurfaceMotion, folds, samples, state};
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid, displacement_m};
 
@@ -88,6 +89,7 @@ impl Fitter<'_> {
         if threads == 1 {
             return chosen.iter().map(|chosen| self.one(store, chosen)).collect();
         }
+        let pool = Pool::new(threads).map_err(PackError::Threads)?;
         let next = AtomicUsize::new(0);
         let done: Vec<Mutex<Option<Result<Fitted, PackError>>>> =
             chosen.iter().map(|_| Mutex::new(None)).collect();
@@ -105,10 +107,7 @@ impl Fitter<'_> {
             }
             Ok(())
         };
-        std::thread::scope(|scope| {
-            let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-            workers.into_iter().try_for_each(|worker| worker.join().expect("a fit does not panic"))
-        })?;
+        pool.each(work).into_iter().collect::<Result<(), PackError>>()?;
         let taken = |done: Mutex<Option<_>>| done.into_inner().expect("nobody panics with it");
         done.into_iter().map(|done| taken(done).expect("every space was worked on")).collect()
     }
@@ -136,7 +135,9 @@ impl Fitter<'_> {
                     return Ok(Known::solved(&lattice.grid, &records, lattice.spacing));
                 }
                 let fit = state.fit.ok_or(PackError::Empty)?;
-                let Resampled { grid, samples, derivatives, .. } = resample(&fit);
+                let resampled = resample(&fit)
+                    .map_err(|error| PackError::Lattice { active: chosen.name.clone(), error })?;
+                let Resampled { grid, samples, derivatives, .. } = resampled;
                 let is_linear = fit.verdict == Some(Verdict::Linear);
                 let wanted = self.methods.contains(&Method::Kernel);
                 let kernel = wanted.then(|| {

@@ -1,90 +1,26 @@
 //! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
 
+mod error;
 mod fitted;
 
+pub use error::PackError;
+
 use bytemuck::Pod;
-use palpate_core::Method;
 use palpate_core::blob::PC_SPACES;
 use palpate_core::blob::format::{
     self, ALIGNMENT, DisplacementHeader, HermiteHeader, KernelHeader, PlaneRef, Preamble, RbfHeader,
     SpaceHeader, SurfaceHeader, VERSION, VERSION_WITHOUT_KERNELS,
 };
 use palpate_core::method::baseline::rbf::LANES;
+use palpate_core::{AlignedBytes, Method, Organ};
 
 use crate::fit::{
-    Centre, DisplacementFit, FitError, HermiteNodes, Kernel, KernelPlanes, Misfit, RbfFit, fit_rbf,
-    flag_folds, lattice_values,
+    Centre, DisplacementFit, HermiteNodes, Kernel, KernelPlanes, RbfFit, fit_rbf, flag_folds, lattice_values,
 };
 use crate::mesh::{Surface, TetMesh};
-use crate::space::{Store, StoreError};
+use crate::space::Store;
 use crate::spec::GridIndex;
 use fitted::{Chosen, Fitted, Fitter, Known};
-
-/// Why a space could not be packed.
-#[derive(Debug)]
-pub enum PackError {
-    /// The store could not be read.
-    Store(StoreError),
-    /// A fit failed.
-    Fit {
-        /// Name of the active node.
-        active: String,
-        /// Why.
-        error: FitError,
-    },
-    /// The displacements could not be packed.
-    Displacement {
-        /// Name of the active node.
-        active: String,
-        /// The configuration beyond the bound, and by how much; none if there are no modes.
-        beyond: Option<(GridIndex, Misfit)>,
-    },
-    /// A node has no kernel.
-    NoKernel {
-        /// Its name.
-        active: String,
-    },
-    /// No space holds a configuration yet.
-    Empty,
-    /// A part does not fit in the layout.
-    TooLarge(&'static str),
-}
-
-impl std::fmt::Display for PackError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Store(error) => write!(f, "{error}"),
-            Self::Fit { active, error } => write!(f, "active node {active}: {error}"),
-            Self::Displacement { active, beyond: Some((index, misfit)) } => write!(
-                f,
-                "active node {active}: the displacement at grid point {index:?} is not packed closer than {:.4} mm rms, \
-                 {:.4} mm at a node; allow more with displacement_rms_mm and displacement_max_mm under [needs]",
-                1e3 * misfit.rms_m,
-                1e3 * misfit.max_m
-            ),
-            Self::Displacement { active, beyond: None } => write!(
-                f,
-                "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
-            ),
-            Self::NoKernel { active } => write!(
-                f,
-                "active node {active} has no kernel to pack: its positions are not scattered, or a lattice took over at a fold; pack `energy`"
-            ),
-            Self::Empty => write!(f, "the store has no solved configuration; run `palpate precompute` first"),
-            Self::TooLarge(what) => {
-                write!(f, "{what} is too large for a blob; shorten it or pack fewer methods")
-            }
-        }
-    }
-}
-
-impl std::error::Error for PackError {}
-
-impl From<StoreError> for PackError {
-    fn from(error: StoreError) -> Self {
-        Self::Store(error)
-    }
-}
 
 /// Bulk data of a blob under construction.
 #[derive(Debug, Default)]
@@ -136,6 +72,13 @@ impl Packed {
             None => Ok(()),
             Some(active) => Err(PackError::NoKernel { active: active.clone() }),
         }
+    }
+
+    /// Reads the file as the core does: a table that is not finite is an error when it is packed, not when it is rendered.
+    fn expect_readable(&self) -> Result<(), PackError> {
+        let bytes = AlignedBytes::from(&self.bytes()?[..]);
+        let read: Result<Organ<'_>, _> = Organ::read(&bytes);
+        read.map(|_| ()).map_err(PackError::Refused)
     }
 
     /// Adds a certificate of the tables, as JSON, in place of an earlier one. They keep their bits.
@@ -220,7 +163,9 @@ pub fn pack_with(
     let wanted = options.methods.contains(&Method::Kernel);
     let without = chosen.iter().zip(&kernels).filter(|(_, kernel)| wanted && kernel.is_none());
     let without_kernel = without.map(|(chosen, _)| chosen.name.clone()).collect();
-    Ok(Packed { preamble, spaces, kernels, planes: packer.planes, without_kernel, left_out })
+    let packed = Packed { preamble, spaces, kernels, planes: packer.planes, without_kernel, left_out };
+    packed.expect_readable()?;
+    Ok(packed)
 }
 
 /// The rest point.

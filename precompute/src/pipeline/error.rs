@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use palpate_core::{BlobError, LatticeError};
 
+use crate::certificate::LedgerError;
 use crate::error::InputError;
 use crate::held_out::HeldOutError;
+use crate::num::parallel::ThreadError;
 use crate::pack::PackError;
 use crate::scene::BodyError;
 use crate::space::{ExpansionError, StoreError};
@@ -63,6 +65,8 @@ pub enum PipelineError {
     HeldOut(HeldOutError),
     /// The tables cannot be packed.
     Pack(PackError),
+    /// The worker threads do not start.
+    Threads(ThreadError),
     /// The core refuses the packed blob.
     Blob(BlobError),
     /// The certificate cannot be written as JSON.
@@ -105,7 +109,11 @@ impl PipelineError {
             | Self::Pack(PackError::Store(error)) => !error.is_of_the_machine(),
             Self::Expansion(error) => matches!(error, ExpansionError::Rest(_)),
             Self::HeldOut(error) => matches!(error, HeldOutError::NoSpace(_) | HeldOutError::NoReach(_)),
-            Self::Blob(_) | Self::Certificate(_) | Self::Interrupted => false,
+            Self::Threads(_)
+            | Self::Pack(PackError::Threads(_))
+            | Self::Blob(_)
+            | Self::Certificate(_)
+            | Self::Interrupted => false,
             _ => true,
         }
     }
@@ -138,6 +146,7 @@ impl std::fmt::Display for PipelineError {
             Self::Expansion(error) => write!(f, "{error}"),
             Self::HeldOut(error) => write!(f, "{error}"),
             Self::Pack(error) => write!(f, "{error}"),
+            Self::Threads(error) => write!(f, "{error}"),
             Self::Blob(error) => write!(f, "the packed blob cannot be read back: {error}; please report it"),
             Self::Certificate(error) => write!(f, "the certificate cannot be written: {error}"),
             Self::Interrupted => {
@@ -148,6 +157,15 @@ impl std::fmt::Display for PipelineError {
 }
 
 impl std::error::Error for PipelineError {}
+
+impl From<LedgerError> for PipelineError {
+    fn from(error: LedgerError) -> Self {
+        match error {
+            LedgerError::Store(error) => Self::Store(error),
+            LedgerError::Threads(error) => Self::Threads(error),
+        }
+    }
+}
 
 macro_rules! from_errors {
     ($($variant:ident($error:ty)),* $(,)?) => { $(

@@ -6,7 +6,7 @@ use super::file::GridTable;
 use super::resolve::{Lookup, positive};
 use super::{GRID_POINTS, GridSpec};
 use crate::error::InputError;
-use crate::spec::{Scattered, Tolerance, Workspace};
+use crate::spec::{RADII_M, Scattered, Tolerance, Workspace};
 
 /// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
@@ -21,6 +21,15 @@ impl Lookup<'_> {
     ) -> Result<GridSpec, InputError> {
         let table = grid.get_ref();
         let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
+        let [smallest, largest] = RADII_M;
+        if !(smallest..=largest).contains(&radius_m) {
+            let what = format!("`radius_m` = {radius_m} is not from {smallest} to {largest}");
+            return Err(self.place.error(
+                table.radius_m.span(),
+                what,
+                "give in metres how far the tool moves the node",
+            ));
+        }
         let size = self.mesh.diagonal_m();
         if radius_m > size {
             self.warnings
@@ -33,6 +42,18 @@ impl Lookup<'_> {
                     grid.span(),
                     what,
                     "add [device] with `max_force_n` or `profile`",
+                ));
+            }
+            if max_force_n <= tolerance.absolute_n {
+                let what = format!(
+                    "the largest force {max_force_n} N is within the tolerance {} N: no force would be felt",
+                    tolerance.absolute_n
+                );
+                let span = table.error_driven().map_or(grid.span(), |(span, _)| span);
+                return Err(self.place.error(
+                    span,
+                    what,
+                    "give [device] a larger `max_force_n` in newtons, or a smaller `tolerance_n`",
                 ));
             }
             return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));

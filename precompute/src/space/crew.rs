@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
+use std::thread::Builder;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -9,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::job::{Done, Work};
 use super::store::{Store, StoreError};
 use super::worker::{Worker, Workshop};
+use crate::num::parallel::ThreadError;
 
 /// Why a crew cannot go on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,6 +23,8 @@ pub enum CrewError {
     Lost(String),
     /// A worker gave back what it was not asked for.
     Confused,
+    /// The operating system does not start so many threads.
+    Threads(ThreadError),
 }
 
 impl std::fmt::Display for CrewError {
@@ -29,6 +33,7 @@ impl std::fmt::Display for CrewError {
             Self::Panicked => write!(f, "a worker stopped on an internal error; please report it"),
             Self::Seed => write!(f, "a stored state does not fit the body; the file is damaged"),
             Self::Confused => write!(f, "a worker gave back what it was not asked for; please report it"),
+            Self::Threads(error) => write!(f, "{error}"),
             Self::Lost(what) => write!(f, "{what}; what it was doing is lost, run the same command to go on"),
         }
     }
@@ -134,16 +139,21 @@ impl Desks {
     }
 }
 
-/// Runs `work` with a crew of `threads` threads, which end with it.
-pub fn with_threads<R>(workshop: &Arc<Workshop>, threads: usize, work: impl FnOnce(&mut Threads) -> R) -> R {
+/// Runs `work` with a crew of `threads` threads, which end with it; an error before it begins if they do not start.
+pub fn with_threads<R, E: From<CrewError>>(
+    workshop: &Arc<Workshop>,
+    threads: usize,
+    work: impl FnOnce(&mut Threads) -> Result<R, E>,
+) -> Result<R, E> {
+    let wanted = threads.max(1);
     std::thread::scope(|scope| {
         let (sender, done) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
-        let desks = (0..threads.max(1))
+        let desks: Result<Vec<_>, std::io::Error> = (0..wanted)
             .map(|number| {
                 let (desk, pieces) = mpsc::channel::<Work>();
                 let (sender, workshop, stop) = (sender.clone(), workshop.clone(), stop.clone());
-                scope.spawn(move || {
+                Builder::new().spawn_scoped(scope, move || {
                     // Without this a panic would leave the others waiting for an outcome that never comes.
                     let alarm = Alarm { number, sender: &sender };
                     let mut worker = Worker::new(workshop, stop);
@@ -154,11 +164,13 @@ pub fn with_threads<R>(workshop: &Arc<Workshop>, threads: usize, work: impl FnOn
                         }
                     }
                     std::mem::forget(alarm);
-                });
-                desk
+                })?;
+                Ok(desk)
             })
             .collect();
         drop(sender);
+        // Those that did start end: nothing is at their desks.
+        let desks = desks.map_err(|why| CrewError::Threads(ThreadError { wanted, why: why.to_string() }))?;
         // The desks go with the crew; a worker without a desk ends.
         work(&mut Threads { desks, done, stop })
     })

@@ -31,6 +31,10 @@ impl SpaceGrid {
 /// Unit of the indices of scattered positions, m; far below the resolution of any device.
 pub const UNIT_M: f64 = 1e-6;
 
+/// Smallest and largest radius r_G of a space, m. Within ten units there are too few positions to choose from;
+/// the lattices of the core end at a kilometre.
+pub const RADII_M: [f64; 2] = [1e-5, 1e3];
+
 /// Displacement of a scattered point, m.
 pub fn displacement_m(index: GridIndex) -> [f64; 3] {
     index.map(|n| f64::from(n) * UNIT_M)

@@ -13,7 +13,7 @@ pub(crate) use domain::REST;
 #[cfg(test)]
 pub(crate) use domain::squared;
 pub use domain::{Domain, neighbours, plus};
-pub use grid::{GridIndex, SpaceGrid, UNIT_M, displacement_m, nearest_index};
+pub use grid::{GridIndex, RADII_M, SpaceGrid, UNIT_M, displacement_m, nearest_index};
 pub use sampling::{Lattice, Sampling, Scattered};
 pub use tolerance::Tolerance;
 pub use wanted::Wanted;

@@ -24,6 +24,7 @@ use mpi::traits::Communicator;
 use palpate_precompute::space::with_threads;
 
 use crate::analysis;
+use crate::analysis::threads_or;
 use crate::cmd::held_out;
 use crate::cmd::precompute::{self, Team};
 use crate::failure::Failure;
@@ -96,10 +97,19 @@ pub fn palpate_mpi() -> ExitCode {
             return ExitCode::from(error.exit_code() as u8);
         }
     };
+    let threads = match threads_or(command.threads(), 1) {
+        Ok(threads) => threads,
+        Err(failure) => {
+            if first {
+                eprintln!("palpate-mpi: {}", failure.line());
+            }
+            return failure.exit_code();
+        }
+    };
     let done = match (first, world.size()) {
-        (_, 1) => alone(&command),
+        (_, 1) => alone(&command, threads),
         (true, _) => lead(&world, &command),
-        (false, _) => stop_flag().and_then(|_| worker::serve(&world, command.scene(), command.threads())),
+        (false, _) => stop_flag().map(|_| worker::serve(&world, command.scene(), threads)),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -111,8 +121,8 @@ pub fn palpate_mpi() -> ExitCode {
 }
 
 /// Rank 0 without others: solves on its own threads.
-fn alone(command: &Command) -> Result<(), Failure> {
-    let (stop, threads) = (stop_flag()?, command.threads().filter(|&n| n > 0).unwrap_or(1));
+fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
+    let stop = stop_flag()?;
     let space = command.space()?;
     let bench = analysis::load(command.scene())?;
     let (workshop, team) = (bench.workshop()?, Team::threads(threads));

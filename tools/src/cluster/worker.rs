@@ -15,18 +15,22 @@ use super::ranks::PAUSE;
 use crate::failure::Failure;
 
 /// Works for rank 0 until it lets go. What goes wrong here is told to rank 0, which says it to the user.
-pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, threads: Option<usize>) -> Result<(), Failure> {
-    let line = Line { world, released: false };
-    let desks = threads.filter(|&n| n > 0).unwrap_or(1);
+pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, desks: usize) {
+    let line = || Line { world, released: false };
     let loaded = Analysis::load(scene).map_err(Failure::from);
     let ready = loaded.and_then(|bench| Ok((Basis::of(&bench), bench.workshop()?)));
     let host = mpi::environment::processor_name().unwrap_or_default();
     let hello = |basis| Report::Hello { host, desks: desks as u32, basis };
-    match ready {
-        Ok((basis, workshop)) => with_threads(&workshop, desks, |crew| line.serve(crew, &hello(Ok(basis)))),
-        Err(failure) => line.apologise(&hello(Err(failure.line()))),
+    let served = ready.and_then(|(basis, workshop)| {
+        let served = with_threads(&workshop, desks, |crew| {
+            line().serve(crew, &hello(Ok(basis)));
+            Ok::<(), CrewError>(())
+        });
+        served.map_err(Failure::work)
+    });
+    if let Err(failure) = served {
+        line().apologise(&hello(Err(failure.line())));
     }
-    Ok(())
 }
 
 /// The connection to rank 0.

@@ -216,7 +216,7 @@ fn solve(bench: &Analysis, store: &Store, stop: &AtomicBool) -> Result<Solved, F
         points: Plans::of(store)?.points().unwrap_or(0),
         solved_now: 0,
         seconds: 0.0,
-        threads: threads(None),
+        threads: threads(None)?,
     };
     let mut progress = WorkProgress::new(&bench.scene.name, "points");
     let counts = bench.solve(

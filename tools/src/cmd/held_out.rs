@@ -76,7 +76,7 @@ impl Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Team::threads(threads), |held_out, store, stop, progress| {

@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let blob = files.write("--out", &args.out, FileKind::Blob)?;
     let store = Store::open(&args.space)?;
     let finished = check_finished(&store, args)?;
-    let threads = threads(args.threads);
+    let threads = threads(args.threads)?;
     let methods = &args.methods;
     let options = PackOptions { methods, intermediate: !args.grid_only, threads };
     if methods.contains(&Method::Kernel) {
@@ -135,7 +135,7 @@ fn expect_kernels(store: &Store) -> Result<(), Failure> {
 /// Solves the positions of the certificate that the space does not hold yet.
 fn solve_certificate(args: &Args, space: &Output) -> Result<(), Failure> {
     let (stop, start) = (stop_flag()?, Instant::now());
-    let run = Run { threads: threads(args.threads), stop: &stop };
+    let run = Run { threads: threads(args.threads)?, stop: &stop };
     let mut progress = WorkProgress::new("held-out truth", "positions");
     let solved = solve_truth(space.path(), args.uniform, run, |p| progress.walks(p));
     progress.finish();

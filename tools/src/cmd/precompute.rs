@@ -93,7 +93,7 @@ impl Args {
 
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let space = args.space()?;
     let bench = analysis::load(&args.scene)?;
     run_with(args, (&bench, &space), &stop, &Team::threads(threads), |expansion, store, stop, progress| {
@@ -136,6 +136,7 @@ pub(crate) fn run_with(
         store.note_peak(bytes)?;
     }
     let names: Vec<&str> = chosen.iter().map(|&i| bench.scene.active[i].name.as_str()).collect();
+    expect_movable(bench, &store, &chosen, &counts)?;
     if args.json {
         let spaces: Vec<_> = names
             .iter()
@@ -178,6 +179,31 @@ pub(crate) fn run_with(
         args.out.display(),
         team.words
     ))
+}
+
+/// Nodes that the device cannot move are left out; without any other there is no space.
+fn expect_movable(
+    bench: &Analysis,
+    store: &Store,
+    chosen: &[usize],
+    counts: &[TagCounts],
+) -> Result<(), Failure> {
+    let mut too_stiff = Vec::new();
+    for (&active, _) in chosen.iter().zip(counts).filter(|(_, counts)| counts.solved() + counts.failed == 0) {
+        let Some(fit) = state(store, active)?.fit else { continue };
+        if fit.verdict == Some(Verdict::TooStiff) {
+            too_stiff.push(format!("{}: {}", bench.scene.active[active].name, scattered::too_stiff(&fit)));
+        }
+    }
+    if let [first, ..] = &too_stiff[..]
+        && too_stiff.len() == chosen.len()
+    {
+        return Err(Failure::input(format!("{}: active node {first}", bench.path.display())));
+    }
+    for node in too_stiff {
+        eprintln!("palpate: warning: {node}; it is left out");
+    }
+    Ok(())
 }
 
 /// Points by tag, for people.

@@ -94,7 +94,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         uniform: 0,
         ..Draw::PAPER
     };
-    let (stop, threads, sets) = (stop_flag()?, threads(args.threads), benches.len());
+    let (stop, threads, sets) = (stop_flag()?, threads(args.threads)?, benches.len());
     let start = Instant::now();
     let (mut lines, mut figures) = (Vec::new(), Vec::new());
     let mut total = Summary::default();

@@ -11,19 +11,20 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 use palpate_core::Method;
-use palpate_precompute::adaptive::{Alone, Verdict, alone, resample};
+use palpate_precompute::adaptive::{Alone, alone, resample};
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::fit::{Centre, Kernel, KernelFit, RbfFit, Sample, fit_rbf};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::num::jet::EnergyJet;
+use palpate_precompute::num::parallel::in_parallel;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::spec::{Domain, GridIndex, Lattice, SpaceGrid, Tolerance, Wanted};
 use serde::Serialize;
 
 use crate::analysis::{self, threads};
+use crate::cmd::plan::norm;
 use crate::cmd::plan::surrogate::{Surrogate, sample};
 use crate::cmd::plan::tables::{Place, Tables};
-use crate::cmd::plan::{in_parallel, norm};
 use crate::failure::Failure;
 use crate::output;
 
@@ -107,7 +108,8 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
         .iter()
         .flat_map(|bench| (0..bench.scene.active.len()).map(move |active| Case { bench, active }))
         .collect();
-    let rows = in_parallel(&cases, threads(args.threads), |case| case.measured(args));
+    let rows =
+        in_parallel(&cases, threads(args.threads)?, |case| case.measured(args)).map_err(Failure::work)?;
     let rows = rows.into_iter().collect::<Result<Vec<Row>, Failure>>()?;
     if args.json {
         return output::line(serde_json::to_string_pretty(&rows).map_err(Failure::work)?);
@@ -161,7 +163,7 @@ impl Case<'_> {
             }
         }
         let (reference, wider, places, p99) = best.expect("at least one reference was made");
-        let on = resample(&own.search.fitted(Some(own.verdict)));
+        let on = resample(&own.search.fitted(Some(own.verdict))).map_err(Failure::work)?;
         let table = Tables::of(&on.grid, &on.samples, Some(&on.derivatives));
         let within = table.share_within(Method::Energy, &places, &wanted.tolerance).unwrap_or(0.0);
         let baselines = Baselines { reference: reference.search.fit().as_it_is(), wanted, places: &places };
@@ -171,12 +173,7 @@ impl Case<'_> {
             scene: scene.name.clone(),
             active: scene.active[self.active].name.clone(),
             positions: places.len(),
-            verdict: match own.verdict {
-                Verdict::Linear => "linear",
-                Verdict::Passed => "passed",
-                Verdict::Stalled => "stalled",
-                Verdict::NotReached => "not reached",
-            },
+            verdict: own.verdict.name(),
             solved: own.solved,
             within,
             reference: (reference.solved, wider, p99),

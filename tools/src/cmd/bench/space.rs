@@ -98,7 +98,10 @@ fn case(name: &str) -> Result<Case, Failure> {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let cases = args.cases.iter().map(|name| Ok((name, case(name)?))).collect::<Result<Vec<_>, Failure>>()?;
     let out = args.out.ready(assets(&args.assets).iter().map(PathBuf::as_path))?;
-    let crews = if args.threads.is_empty() { vec![threads(None)] } else { args.threads.clone() };
+    let crews: Vec<usize> = match &args.threads[..] {
+        [] => vec![threads(None)?],
+        given => given.iter().map(|&n| threads(Some(n))).collect::<Result<_, _>>()?,
+    };
     let dir = match &args.dir {
         Some(dir) => tempfile::tempdir_in(dir),
         None => tempfile::tempdir(),

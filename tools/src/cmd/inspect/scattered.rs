@@ -2,6 +2,7 @@
 
 use palpate_precompute::adaptive::{AdaptiveFit, LeftOut, LinearSuits, PASSES, Test, Verdict};
 use palpate_precompute::space::{FallbackLattice, Record};
+use palpate_precompute::spec::RADII_M;
 use serde_json::json;
 
 /// That the linear body is enough.
@@ -11,6 +12,17 @@ pub(crate) fn in_words(linear: &LinearSuits) -> String {
         "linear model suffices: worst of its {tests} tests {:.0} % of tolerance, {:.0} % from the fit anywhere",
         100.0 * worst,
         100.0 * from_fit
+    )
+}
+
+/// Why a node is too stiff to be solved, and the fix.
+pub(crate) fn too_stiff(fit: &AdaptiveFit) -> String {
+    format!(
+        "{} N move the node by {:.2} um at most, and a space needs {:.0} um; check the units of the material and of the mesh, or raise \
+         `max_force_n`",
+        fit.wanted.max_force_n,
+        1e6 * fit.softest_reach_m(),
+        1e6 * RADII_M[0]
     )
 }
 
@@ -46,6 +58,7 @@ pub(super) fn describe(
             format!("FOLDS: the predictions did not fall{on}")
         }
         Some(Verdict::NotReached) => "NOT REACHED: the predictions do not come within tolerance".into(),
+        Some(Verdict::TooStiff) => format!("TOO STIFF: {}", too_stiff(fit)),
         None => format!("not finished: {} of {PASSES} predictions in a row", fit.passes()),
     };
     let share = |test: &Test| test.error_n / test.tolerance_n;
@@ -66,12 +79,7 @@ pub(super) fn describe(
         .iter()
         .map(|test| json!({ "index": test.index, "error_n": test.error_n, "tolerance_n": test.tolerance_n, "within": test.within }))
         .collect();
-    let verdict = fit.verdict.map(|verdict| match verdict {
-        Verdict::Linear => "linear",
-        Verdict::Passed => "passed",
-        Verdict::Stalled => "stalled",
-        Verdict::NotReached => "not reached",
-    });
+    let verdict = fit.verdict.map(Verdict::name);
     let figures = json!({
         "verdict": verdict, "configurations": fit.jets.len(), "length_m": fit.fit.length_m(), "tests": tests,
         "left_out": { "configurations": left_out, "beyond": beyond, "worst": worst },

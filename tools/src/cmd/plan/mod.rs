@@ -14,12 +14,11 @@ pub(crate) mod surrogate;
 pub(crate) mod tables;
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use palpate_precompute::mesh::Surface;
+use palpate_precompute::num::parallel::in_parallel;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Sampling, Tolerance};
@@ -74,7 +73,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let begun = Instant::now();
     end_when_interrupted()?;
-    let threads = threads(args.threads);
+    let threads = threads(args.threads)?;
     let bench = analysis::load(&args.scene)?;
     let store = args.check.as_ref().map(|path| solved(&bench, path)).transpose()?;
     let plan = Plan::of(&bench, threads)?;
@@ -165,13 +164,18 @@ impl Plan {
             })
             .collect();
         let bound = scene.visual.then_some(scene.displacement_bound);
-        let planned = in_parallel(&orders, threads, |order| node::plan(order, &sampling, bound));
+        let planned = in_parallel(&orders, threads, |order| node::plan(order, &sampling, bound))
+            .map_err(Failure::work)?;
         let nodes = planned.into_iter().collect::<Result<Vec<NodePlan>, Failure>>()?;
+        if sampling.scattered().is_some() {
+            expect_movable(bench, &nodes)?;
+        }
         let has_pressure = bench.body.has_pressure();
         let first = &nodes[0].probed;
         let others = Model::of(scene).others(has_pressure);
         let besides =
-            in_parallel(&others, threads, |&other| model::beside(scene, first.active, other, first));
+            in_parallel(&others, threads, |&other| model::beside(scene, first.active, other, first))
+                .map_err(Failure::work)?;
         Ok(Self {
             besides: besides.into_iter().flatten().collect(),
             nodes,
@@ -365,6 +369,28 @@ impl Plan {
     }
 }
 
+/// Nodes that the largest force cannot move are left out of a space of scattered positions; an error where none is left.
+fn expect_movable(bench: &Analysis, nodes: &[NodePlan]) -> Result<(), Failure> {
+    let why = |node: &NodePlan| {
+        let why = node.probed.too_stiff.as_ref()?;
+        Some(format!(
+            "{}: active node {}: {why}",
+            bench.path.display(),
+            bench.scene.active[node.probed.active].name
+        ))
+    };
+    let too_stiff: Vec<String> = nodes.iter().filter_map(why).collect();
+    if let [first, ..] = &too_stiff[..]
+        && too_stiff.len() == nodes.len()
+    {
+        return Err(Failure::input(first));
+    }
+    for node in too_stiff {
+        eprintln!("palpate: warning: {node}; it is left out");
+    }
+    Ok(())
+}
+
 /// What is wanted of a node's space.
 fn wanted(
     sampling: &Sampling,
@@ -380,29 +406,4 @@ fn wanted(
     });
     // An active node is on the surface; without a normal nothing is known of a side.
     scattered.wanted(max_force_n, rest_m, normal.unwrap_or_default())
-}
-
-/// `work` on every item, on so many threads, in the order of the items.
-pub(crate) fn in_parallel<I: Sync, T: Send>(
-    items: &[I],
-    threads: usize,
-    work: impl Fn(&I) -> T + Sync,
-) -> Vec<T> {
-    let next = AtomicUsize::new(0);
-    let done: Mutex<Vec<(usize, T)>> = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..threads.min(items.len()) {
-            scope.spawn(|| {
-                while let Some((n, item)) =
-                    Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|n| Some((n, items.get(n)?)))
-                {
-                    let result = work(item);
-                    done.lock().expect("a worker that panics ends the scope").push((n, result));
-                }
-            });
-        }
-    });
-    let mut done = done.into_inner().expect("no worker is left");
-    done.sort_by_key(|(n, _)| *n);
-    done.into_iter().map(|(_, result)| result).collect()
 }

@@ -116,7 +116,7 @@ pub(super) fn plan(
     let loop_ = truth.scattered();
     let (wanted, fit) = (probed.wanted, &loop_.fit);
     let places = truth.places(fit, PLACES);
-    let resampled = resample(fit);
+    let resampled = resample(fit).map_err(Failure::work)?;
     let eye = bound.and_then(|bound| eye(&probed, fit.fit.length_m(), &resampled, bound));
     let measure = |tables: &Tables| -> Vec<(Method, Error, f64)> {
         let error = |&method: &Method| {

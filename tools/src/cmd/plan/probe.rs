@@ -8,12 +8,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use palpate_precompute::adaptive::{Found, Search, Step};
+use palpate_precompute::adaptive::{Found, Search, Step, Verdict};
 use palpate_precompute::fem::solve::{Configuration, Problem, Seed, Solver};
 use palpate_precompute::fit::Moved;
 use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::spec::Wanted;
 
+use crate::cmd::inspect::scattered::too_stiff;
 use crate::failure::Failure;
 
 /// Probes on a node, however long they take.
@@ -46,6 +47,8 @@ pub(super) struct Probed {
     pub again: usize,
     /// Those of them that have another solution there.
     pub forked: usize,
+    /// Why the largest force cannot move the node as far as a space needs; none if it can.
+    pub too_stiff: Option<String>,
     /// Unknowns, entries of the matrix and of its factor.
     pub size: [usize; 3],
 }
@@ -99,12 +102,16 @@ pub(super) fn probe(order: &Order) -> Result<Probed, Failure> {
         beyond: 0,
         again: 0,
         forked: 0,
+        too_stiff: None,
         size: [problem.unknowns(), matrix, factor],
     };
     // Rest has no force by its definition.
     let jet = EnergyJet { energy_j: 0.0, force_n: [0.0; 3], ..*rest.jet() };
     probed.keep(jet, &rest, &rest, &order.surface);
     let mut search = Search::new(order.wanted, &jet);
+    if search.step() == Step::Done(Verdict::TooStiff) {
+        probed.too_stiff = Some(too_stiff(&search.fitted(None)));
+    }
     let mut seeds = vec![rest.seed.clone()];
     let mut solved: Vec<Solved> = Vec::new();
     'batches: while let Step::Solve(targets) = search.step() {

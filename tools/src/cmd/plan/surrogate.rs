@@ -260,6 +260,7 @@ pub(super) mod tests {
             beyond: 0,
             again: 0,
             forked: 0,
+            too_stiff: None,
             size: [3000, 100_000, 400_000],
         }
     }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use palpate_precompute::fem::solve::{Problem, Solver};
+use palpate_precompute::num::parallel::Pool;
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::solver_version;
 use serde::{Deserialize, Serialize};
@@ -214,11 +215,6 @@ fn on_threads(
         }
         found
     };
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
-        let found: Result<Vec<_>, _> = workers.into_iter().map(std::thread::ScopedJoinHandle::join).collect();
-        found
-            .map(|all| all.into_iter().flatten().collect())
-            .map_err(|_| Failure::work("a worker stopped on an internal error"))
-    })
+    let pool = Pool::new(threads).map_err(Failure::work)?;
+    Ok(pool.each(work).into_iter().flatten().collect())
 }

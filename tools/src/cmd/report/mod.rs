@@ -47,7 +47,7 @@ const ROUNDS: usize = 5;
 /// Runs the command.
 pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     let (started, ticks) = (Instant::now(), Ticks::now());
-    let (stop, threads) = (stop_flag()?, threads(args.threads));
+    let (stop, threads) = (stop_flag()?, threads(args.threads)?);
     let plan = Plan::new(args, threads)?;
     let cases = 3 * plan.families.len() * plan.grids.len();
     let total = cases

@@ -1,0 +1,79 @@
+//! Work shared among threads, all of which start before any of it begins.
+//!
+//! What an item gives depends on the item alone, so the bits do not depend on the number of threads.
+
+use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::{Deserialize, Serialize};
+
+/// A worker thread that the operating system does not start.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ThreadError {
+    /// Threads that were asked for.
+    pub wanted: usize,
+    /// What the operating system says.
+    pub why: String,
+}
+
+impl std::fmt::Display for ThreadError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { wanted, why } = self;
+        write!(f, "{wanted} worker threads cannot be started ({why}); give fewer with --threads")
+    }
+}
+
+impl std::error::Error for ThreadError {}
+
+/// Threads that are kept for several pieces of work.
+#[derive(Debug)]
+pub struct Pool(ThreadPool);
+
+impl Pool {
+    /// So many threads, at least one.
+    pub fn new(threads: usize) -> Result<Self, ThreadError> {
+        let wanted = threads.max(1);
+        let pool = ThreadPoolBuilder::new().num_threads(wanted).build();
+        pool.map(Self).map_err(|error| ThreadError { wanted, why: error.to_string() })
+    }
+
+    /// `work` of all numbers below `n`, in their order.
+    pub fn numbers<T: Send>(&self, n: usize, work: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+        self.0.install(|| (0..n).into_par_iter().map(work).collect())
+    }
+
+    /// What `work` gives on every thread; the threads share what there is to do among themselves.
+    pub fn each<T: Send>(&self, work: impl Fn() -> T + Sync) -> Vec<T> {
+        self.0.broadcast(|_| work())
+    }
+}
+
+/// `work` of all items, in their order, on `threads` threads at most. Items are long: each is handed out by itself.
+pub fn in_parallel<I: Sync, T: Send>(
+    items: &[I],
+    threads: usize,
+    work: impl Fn(&I) -> T + Sync + Send,
+) -> Result<Vec<T>, ThreadError> {
+    let threads = threads.min(items.len());
+    if threads <= 1 {
+        return Ok(items.iter().map(work).collect());
+    }
+    let pool = Pool::new(threads)?;
+    Ok(pool.0.install(|| items.par_iter().with_max_len(1).map(work).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn results_are_in_the_order_of_the_items_whatever_the_threads() {
+        let items: Vec<u64> = (0..100).collect();
+        for threads in [0, 1, 2, 7, 300] {
+            let squares = in_parallel(&items, threads, |n| n * n).expect("threads start");
+            assert!(squares.iter().zip(&items).all(|(square, n)| *square == n * n), "{threads}");
+        }
+        let pool = Pool::new(3).expect("threads start");
+        assert_eq!(pool.numbers(5, |n| n + 1), [1, 2, 3, 4, 5]);
+        assert_eq!(pool.each(|| 7), [7; 3]);
+    }
+}
