@@ -44,7 +44,7 @@ impl Known<'_> {
             let direction = direction(round * RAYS + n);
             let reach = self.reach(direction);
             for share in SHARES {
-                let at = direction.map(|x| x * reach * f64::cbrt(share));
+                let at = direction.map(|x| x * reach * libm::cbrt(share));
                 if self.presses(at) {
                     found.push(at);
                 }
@@ -112,7 +112,7 @@ impl Known<'_> {
 fn direction(n: u32) -> [f64; 3] {
     const STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
     let [z, turn] = STEPS.map(|step| (0.5 + f64::from(n) * step).fract());
-    let (z, (s, c)) = (2.0 * z - 1.0, (std::f64::consts::TAU * turn).sin_cos());
+    let (z, (s, c)) = (2.0 * z - 1.0, libm::sincos(std::f64::consts::TAU * turn));
     let across = (1.0 - z * z).sqrt();
     [across * c, across * s, z]
 }

@@ -186,7 +186,7 @@ impl Search {
         let eigen = stiffness.symmetric_eigen();
         let mean = (stiffness.trace() / 3.0).max(f64::MIN_POSITIVE);
         // Stiff directions count more: the fourth root of the stiffness, as measured best.
-        let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).powf(0.25));
+        let roots = eigen.eigenvalues.map(|k| (k.max(1e-2 * mean) / mean).sqrt().sqrt());
         let metric = eigen.eigenvectors * Matrix3::from_diagonal(&roots) * eigen.eigenvectors.transpose();
         // How far a linear body would let the device get, on the average.
         let reach = (wanted.max_force_n / mean).min(wanted.radius_m).max(UNIT_M);

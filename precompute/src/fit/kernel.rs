@@ -387,7 +387,7 @@ pub(super) fn polynomials(x: [f64; 3], y: [f64; 3]) -> ([[f64; POLYNOMIALS]; 3],
         }
         he
     });
-    (tables, (-0.5 * r.iter().map(|r| r * r).sum::<f64>()).exp())
+    (tables, libm::exp(-0.5 * r.iter().map(|r| r * r).sum::<f64>()))
 }
 
 #[cfg(test)]

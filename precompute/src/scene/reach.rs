@@ -94,7 +94,7 @@ fn is_hit(direction: &[f64; 3], a: &[f64; 3], b: &[f64; 3], c: &[f64; 3]) -> boo
 fn direction(n: u32) -> [f64; 3] {
     const TURN: f64 = 0.618_033_988_749_894_8;
     let z = 1.0 - (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS);
-    let (s, c) = (std::f64::consts::TAU * (f64::from(n) * TURN).fract()).sin_cos();
+    let (s, c) = libm::sincos(std::f64::consts::TAU * (f64::from(n) * TURN).fract());
     let across = (1.0 - z * z).sqrt();
     [across * c, across * s, z]
 }
