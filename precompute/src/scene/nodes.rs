@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use palpate_core::blob::PC_SPACES;
 use palpate_core::space::SPACE_NAME_LEN;
 use toml::Spanned;
 
@@ -143,6 +144,11 @@ impl Lookup<'_> {
                 }
                 all.push(active);
             }
+        }
+        if all.len() > PC_SPACES {
+            let what = format!("the scene has {} active nodes, and a blob holds {PC_SPACES}", all.len());
+            let fix = "choose a smaller group, a workspace, or split the scene in two";
+            return Err(self.place.error(scene.file.active.span(), what, fix));
         }
         Ok((all, unreachable))
     }
