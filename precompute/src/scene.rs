@@ -15,7 +15,6 @@ mod resolve;
 
 use std::path::{Path, PathBuf};
 
-use palpate_core::LatticeError;
 use serde::{Deserialize, Serialize};
 
 use crate::error::InputError;
@@ -27,7 +26,7 @@ use crate::fem::pressure::PressurePair;
 use crate::fem::solvability::PressureFault;
 use crate::fem::solve::{SolveFailure, settle};
 use crate::mesh::{Refined, TetMesh};
-use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered, SpaceGrid};
+use crate::spec::{DisplacementBound, Lattice, Sampling, Scattered};
 use file::{Place, SceneFile};
 pub use reach::Unreachable;
 
@@ -42,7 +41,7 @@ pub struct Scene {
 }
 
 /// A scene with node and tet indices: the complete input of the solver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ResolvedScene {
     /// The scene's name.
     pub name: String,
@@ -59,7 +58,7 @@ pub struct ResolvedScene {
     /// Numbers of nodes of the scene's groups that are excluded because the tool cannot reach them.
     pub unreachable: Unreachable,
     /// The sampling of the displacements, if the scene has a `[grid]`.
-    pub grid: Option<GridSpec>,
+    pub grid: Option<Sampling>,
     /// Force limit, N: configurations with a larger |h| are terminating. Infinite without a device.
     pub max_force_n: f64,
     /// Force per undeformed volume, N/m^3.
@@ -100,46 +99,6 @@ pub struct ActiveNode {
     pub node: u32,
     /// Nodes that move with the active node as a rigid patch, including itself; empty for a single node.
     pub patch: Vec<u32>,
-}
-
-/// Displacements of an active node at which configurations are solved.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum GridSpec {
-    /// A ball-shaped lattice.
-    Lattice {
-        /// Radius of the ball, m.
-        radius_m: f64,
-        /// Distance between neighbouring points, m.
-        spacing_m: f64,
-        /// Whether to solve also the outer corners of the cells that intersect the ball.
-        complete_cells: bool,
-        /// Number of equal increments of each transition whose states are stored.
-        increments: Option<u32>,
-    },
-    /// Adaptive sampling: as few scattered positions as the tolerance needs.
-    Scattered(Scattered),
-}
-
-impl GridSpec {
-    /// Largest displacement, m.
-    pub fn radius_m(&self) -> f64 {
-        match self {
-            Self::Lattice { radius_m, .. } => *radius_m,
-            Self::Scattered(scattered) => scattered.radius_m,
-        }
-    }
-
-    /// The sampling in grid units; fails if the lattice is too large.
-    pub fn sampling(&self) -> Result<Sampling, LatticeError> {
-        Ok(match *self {
-            Self::Lattice { radius_m, spacing_m, complete_cells, increments } => Sampling::Lattice(Lattice {
-                grid: SpaceGrid::new(spacing_m, radius_m)?,
-                complete_cells,
-                increments,
-            }),
-            Self::Scattered(scattered) => Sampling::Scattered(scattered),
-        })
-    }
 }
 
 impl Scene {
@@ -302,15 +261,15 @@ impl ResolvedScene {
             digest.indices(&active.patch);
         }
         match self.grid {
-            Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m })) => {
+            Some(Sampling::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m })) => {
                 digest.numbers(&[2.0, radius_m, tolerance.relative, tolerance.absolute_n]);
                 digest.count(usize::from(only_push));
                 if let Some(corners) = workspace_m {
                     digest.numbers(corners.as_flattened());
                 }
             }
-            Some(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments }) => {
-                digest.numbers(&[1.0, radius_m, spacing_m]);
+            Some(Sampling::Lattice(Lattice { grid, complete_cells, increments })) => {
+                digest.numbers(&[1.0, grid.radius_m, grid.spacing_m]);
                 digest.count(usize::from(complete_cells));
                 digest.count(increments.unwrap_or(0) as usize);
             }

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::mesh::{MeshReport, Surface};
-use palpate_precompute::scene::{GridSpec, Scene};
+use palpate_precompute::pipeline::{Analysis, Run};
+use palpate_precompute::scene::Scene;
+use palpate_precompute::space::{Store, planned};
+use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 
 fn asset(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
@@ -24,12 +27,11 @@ fn both_organs_resolve_without_a_warning() {
         assert_eq!(active, [("A1", a1), ("A2", a2)]);
         assert_eq!(
             scene.grid,
-            Some(GridSpec::Lattice {
-                radius_m: 0.05,
-                spacing_m: 0.01,
+            Some(Sampling::Lattice(Lattice {
+                grid: SpaceGrid::new(0.01, 0.05).expect("a lattice"),
                 complete_cells: true,
                 increments: None
-            })
+            }))
         );
         assert_eq!(scene.mesh.node_groups["surface"], Surface::of(&scene.mesh).nodes);
         assert_eq!(scene.mesh.tet_groups["tissue"].len(), scene.mesh.tets.len());
@@ -59,4 +61,32 @@ fn the_small_organ_measures_what_its_readme_says() {
     for (found, stated) in normal.into_iter().zip([-0.05, 0.13, 0.99]) {
         assert!(near(found, stated, 0.01), "{normal:?}");
     }
+}
+
+/// The organ that hangs under its weight, touched by a tool that only pushes: positions are pruned by the normal of the
+/// body at rest, which a blob has too, and not by that of the mesh.
+#[test]
+fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
+    let path = asset("scenes/gravity.toml");
+    let text = std::fs::read_to_string(&path).expect("bundled") + "\n[needs]\ncontact = \"push\"\n";
+    let scene = Scene::parse(&path, text).and_then(|scene| scene.resolve()).expect("sound");
+    let (mut mesh, node) = (scene.mesh.clone(), scene.active[0].node);
+    let analysis = Analysis::of_scene(&path, scene).expect("it rests");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let space = folder.path().join("sagged.space");
+    analysis.solve_all(&space, Run::to_the_end()).expect("solved");
+    let store = Store::open(&space).expect("just made");
+    let plan = planned(&store, 0).expect("readable").expect("scattered");
+    let push = plan.search().expect("the rest is solved").wanted().push.expect("the tool pushes");
+
+    let normal = |mesh: &_| Surface::of(mesh).normal(node).expect("on the surface");
+    let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max);
+    let of_the_mesh = normal(&mesh);
+    let rest = store.displacements(0, [0; 3], 0).expect("rest is solved");
+    for (x, moved) in mesh.nodes_m.iter_mut().zip(rest) {
+        *x = std::array::from_fn(|axis| x[axis] + f64::from(moved[axis]));
+    }
+    let at_rest = normal(&mesh);
+    assert!(apart(at_rest, of_the_mesh) > 1e-3, "the body does not sag: {at_rest:?}");
+    assert!(apart(push, at_rest) < 1e-6, "{push:?} {at_rest:?} {of_the_mesh:?}");
 }

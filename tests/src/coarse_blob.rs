@@ -27,6 +27,7 @@ pub fn coarse_blob(scene: &ResolvedScene, grid: SpaceGrid, method: Method) -> Bl
         law: "as in the scene".into(),
         max_force_n: scene.max_force_n,
         sampling,
+        normals: Vec::new(),
         visual: false,
         displacement_bound: scene.displacement_bound,
     };

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use palpate_precompute::fem::solve::Problem;
+use palpate_precompute::mesh::Surface;
 use palpate_precompute::space::{
     Expansion, ExpansionError, Progress, Store, StoreError, StoreIdentity, TagCounts, Workshop, state,
     with_threads,
@@ -42,6 +43,7 @@ impl SpaceBench {
             law: "mooney-rivlin".into(),
             max_force_n,
             sampling: Sampling::Lattice(Lattice { grid, complete_cells: true, increments: None }),
+            normals: vec![Surface::of(&mesh).normal(active).expect("the active node is on the surface")],
             visual: true,
             displacement_bound: DisplacementBound::default(),
         };

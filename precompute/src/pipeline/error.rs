@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use palpate_core::{BlobError, LatticeError};
+use palpate_core::BlobError;
 
 use crate::certificate::LedgerError;
 use crate::error::InputError;
@@ -28,13 +28,6 @@ pub enum PipelineError {
     NoGrid {
         /// The scene.
         path: PathBuf,
-    },
-    /// The grid of the scene is invalid.
-    Grid {
-        /// The scene.
-        path: PathBuf,
-        /// Why.
-        error: LatticeError,
     },
     /// The step needs a lattice, and the scene requests adaptive sampling.
     NotALattice {
@@ -125,7 +118,6 @@ impl std::fmt::Display for PipelineError {
             Self::Input(error) => write!(f, "{error}"),
             Self::Body { path, error } => write!(f, "{}: {error}", path.display()),
             Self::NoGrid { path } => write!(f, "{}: no [grid]; add radius_m and spacing_m", path.display()),
-            Self::Grid { path, error } => write!(f, "{}: [grid]: {error}", path.display()),
             Self::NotALattice { path } => write!(
                 f,
                 "{}: this command needs a lattice; give [grid] a `spacing_m` instead of a tolerance",

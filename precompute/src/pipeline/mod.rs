@@ -21,6 +21,7 @@ use std::sync::atomic::AtomicBool;
 use crate::fem::body::Body;
 use crate::fem::solve::Problem;
 use crate::held_out::{Draw, HeldOut, HeldOutError, HeldOutProgress};
+use crate::mesh::Surface;
 use crate::scene::{ActiveNode, ResolvedScene, Scene};
 use crate::space::{
     Expansion, ExpansionError, Progress, Salvaged, Store, StoreIdentity, TagCounts, Workshop, with_threads,
@@ -111,9 +112,7 @@ impl Analysis {
 
     /// The positions that the scene requests.
     pub fn sampling(&self) -> Result<Sampling, PipelineError> {
-        let path = || self.path.clone();
-        let grid = self.scene.grid.ok_or_else(|| PipelineError::NoGrid { path: path() })?;
-        grid.sampling().map_err(|error| PipelineError::Grid { path: path(), error })
+        self.scene.grid.ok_or_else(|| PipelineError::NoGrid { path: self.path.clone() })
     }
 
     /// The lattice that the scene requests.
@@ -144,9 +143,20 @@ impl Analysis {
             law: self.body.law_names(),
             max_force_n: self.scene.max_force_n,
             sampling: self.sampling()?,
+            normals: self.normals(),
             visual: self.scene.visual,
             displacement_bound: self.scene.displacement_bound,
         })
+    }
+
+    /// Outward normal of each active node, of the body as it rests under its body force.
+    fn normals(&self) -> Vec<[f64; 3]> {
+        let mut mesh = self.scene.mesh.clone();
+        for (x, moved) in mesh.nodes_m.iter_mut().zip(self.body.rest.state.as_chunks::<3>().0) {
+            *x = std::array::from_fn(|axis| x[axis] + moved[axis]);
+        }
+        let surface = Surface::of(&mesh);
+        self.scene.active.iter().map(|active| surface.normal(active.node).unwrap_or_default()).collect()
     }
 
     fn active_nodes(&self) -> Vec<(String, u32)> {

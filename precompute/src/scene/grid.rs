@@ -2,11 +2,11 @@
 
 use toml::Spanned;
 
+use super::GRID_POINTS;
 use super::file::GridTable;
 use super::resolve::{Lookup, positive};
-use super::{GRID_POINTS, GridSpec};
 use crate::error::InputError;
-use crate::spec::{RADII_M, Scattered, Tolerance, Workspace};
+use crate::spec::{Lattice, RADII_M, Sampling, Scattered, SpaceGrid, Tolerance, Workspace};
 
 /// Maximum number of cells along the radius: the limit of the core's tables, 8 million points.
 const MOST_CELLS: f64 = palpate_core::grid::MAX_CELLS as f64;
@@ -18,7 +18,7 @@ impl Lookup<'_> {
         only_push: bool,
         max_force_n: f64,
         workspace_m: Option<Workspace>,
-    ) -> Result<GridSpec, InputError> {
+    ) -> Result<Sampling, InputError> {
         let table = grid.get_ref();
         let radius_m = positive(self.place, "radius_m", &table.radius_m)?;
         let [smallest, largest] = RADII_M;
@@ -56,7 +56,7 @@ impl Lookup<'_> {
                     "give [device] a larger `max_force_n` in newtons, or a smaller `tolerance_n`",
                 ));
             }
-            return Ok(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));
+            return Ok(Sampling::Scattered(Scattered { radius_m, tolerance, only_push, workspace_m }));
         }
         if let Some(corner) = &table.workspace_min_m {
             let what = "a lattice has no workspace";
@@ -118,7 +118,14 @@ impl Lookup<'_> {
             }
         };
         let complete_cells = table.complete_cells.unwrap_or(true);
-        Ok(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments })
+        let space_grid = SpaceGrid::new(spacing_m, radius_m).map_err(|error| {
+            self.place.error(
+                grid.span(),
+                format!("[grid] is no lattice: {error}"),
+                "correct its numbers (metres)",
+            )
+        })?;
+        Ok(Sampling::Lattice(Lattice { grid: space_grid, complete_cells, increments }))
     }
 
     /// The tolerance of adaptive sampling; `None` for a lattice.

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use super::*;
 use crate::fem::material::{Lame, MooneyRivlin, StVenantKirchhoff};
 use crate::mesh::testing::cube;
+use crate::spec::SpaceGrid;
 use crate::spec::Tolerance;
 
 mod device;
@@ -135,7 +136,11 @@ fn a_scene_resolves_to_indices_and_metres() {
     assert_eq!(scene.active, [active("A1", 63), active("A2", 48 + 4 + 1)]);
     assert_eq!(
         scene.grid,
-        Some(GridSpec::Lattice { radius_m: 0.05, spacing_m: 0.01, complete_cells: true, increments: None })
+        Some(Sampling::Lattice(Lattice {
+            grid: SpaceGrid::new(0.01, 0.05).expect("a lattice"),
+            complete_cells: true,
+            increments: None
+        }))
     );
     assert_eq!(scene.max_force_n, 8.0);
     assert_eq!(scene.body_force, None);
@@ -145,8 +150,6 @@ fn a_scene_resolves_to_indices_and_metres() {
     let again =
         Scene::parse(&bench.path("block.toml"), scene.text.clone()).expect("canonical text is a scene");
     assert_eq!(again.resolve().expect("sound"), scene);
-    let bytes = postcard::to_stdvec(&scene).expect("serialises");
-    assert_eq!(postcard::from_bytes::<ResolvedScene>(&bytes).expect("reads back"), scene);
 }
 
 #[test]

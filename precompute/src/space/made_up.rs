@@ -132,6 +132,7 @@ impl MadeUp {
             law: "made-up".into(),
             max_force_n: f64::INFINITY,
             sampling: Sampling::Lattice(Lattice { grid: self.grid, complete_cells: false, increments: None }),
+            normals: Vec::new(),
             visual: false,
             displacement_bound: DisplacementBound::default(),
         }

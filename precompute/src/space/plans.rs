@@ -8,7 +8,6 @@ use super::plan::{Plan, ScatteredPlan, SpacePlan};
 use super::record::Record;
 use super::state::SpaceState;
 use super::store::{Store, StoreError};
-use crate::mesh::Surface;
 use crate::spec::{Domain, GridIndex, Sampling, SpaceGrid, Wanted};
 
 /// Makes the plans of the spaces of one store.
@@ -32,14 +31,14 @@ impl Plans {
             },
             Sampling::Scattered(scattered) => {
                 let (mesh, _) = store.body()?;
-                let surface = Surface::of(&mesh);
-                let wanted = |(name, node): (String, u32)| {
-                    let normal = surface.normal(node);
-                    let normal =
-                        normal.ok_or_else(|| store.corrupt(format!("{name} is not on the surface")))?;
-                    Ok(scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal))
+                let active = store.active()?;
+                if identity.normals.len() != active.len() {
+                    return Err(store.corrupt("it has not one normal for each active node"));
+                }
+                let wanted = |((_, node), normal): ((String, u32), [f64; 3])| {
+                    scattered.wanted(identity.max_force_n, mesh.nodes_m[node as usize], normal)
                 };
-                Kind::Scattered(store.active()?.into_iter().map(wanted).collect::<Result<_, StoreError>>()?)
+                Kind::Scattered(active.into_iter().zip(identity.normals).map(wanted).collect())
             }
         }))
     }

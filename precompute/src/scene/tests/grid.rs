@@ -6,7 +6,7 @@ use super::*;
 fn sampling_driven_by_the_error_is_read() {
     let bench = Bench::new();
     let sampled = |keys: &str| match bench.with("spacing_m = 0.01", keys).expect("sound").grid {
-        Some(GridSpec::Scattered(Scattered { radius_m, tolerance, only_push, .. })) => {
+        Some(Sampling::Scattered(Scattered { radius_m, tolerance, only_push, .. })) => {
             assert_eq!((radius_m, only_push), (0.05, false));
             tolerance
         }
@@ -19,7 +19,7 @@ fn sampling_driven_by_the_error_is_read() {
     let push = SCENE.replacen("spacing_m = 0.01", "cannot_be_felt = true", 1);
     let push = bench.resolve(&push.replacen("[needs]", "[needs]\ncontact = \"push\"", 1)).expect("sound");
     assert!(
-        matches!(push.grid, Some(GridSpec::Scattered(Scattered { only_push: true, .. }))),
+        matches!(push.grid, Some(Sampling::Scattered(Scattered { only_push: true, .. }))),
         "{:?}",
         push.grid
     );
@@ -51,7 +51,7 @@ fn a_workspace_leaves_nodes_out_and_is_refused_where_it_means_nothing() {
     assert!(half.active.iter().all(|active| half.mesh.nodes_m[active.node as usize][2] < 0.15));
     assert_ne!(half.content_hash(), whole.content_hash());
     assert!(
-        matches!(half.grid, Some(GridSpec::Scattered(s)) if s.workspace_m == Some([[0.0, -0.1, -0.1], [0.35, 0.4, 0.15]]))
+        matches!(half.grid, Some(Sampling::Scattered(s)) if s.workspace_m == Some([[0.0, -0.1, -0.1], [0.35, 0.4, 0.15]]))
     );
 
     let refuses = |text: String, what: &str, fix: &str| {
@@ -83,12 +83,11 @@ fn grids_in_every_way() {
         let grid = bench.with("spacing_m = 0.01", &format!("points = {points}")).expect("sound").grid;
         assert_eq!(
             grid,
-            Some(GridSpec::Lattice {
-                radius_m: 0.05,
-                spacing_m: 0.05 / f64::from(cells),
+            Some(Sampling::Lattice(Lattice {
+                grid: SpaceGrid::new(0.05 / f64::from(cells), 0.05).expect("a lattice"),
                 complete_cells: true,
                 increments: None
-            })
+            }))
         );
     }
     let refuses = |from, to, place, what, fix| bench.refuses(from, to, place, what, fix);

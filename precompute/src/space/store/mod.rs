@@ -56,6 +56,8 @@ pub struct StoreIdentity {
     pub max_force_n: f64,
     /// Which positions are solved.
     pub sampling: Sampling,
+    /// Unit outward normal of each active node, of the body at rest.
+    pub normals: Vec<[f64; 3]>,
     /// Whether the scene needs displacements for the eye.
     pub visual: bool,
     /// How far those may be from the solver's.
@@ -161,6 +163,7 @@ impl Store {
             Sampling::Lattice(_) => String::new(),
             Sampling::Scattered(scattered) => serde_json::json!(scattered).to_string(),
         };
+        let normals: Vec<String> = identity.normals.as_flattened().iter().map(|x| format!("{x:?}")).collect();
         let meta = [
             ("layout", LAYOUT.to_string()),
             ("solver", solver_version()),
@@ -178,6 +181,7 @@ impl Store {
             ("complete_cells", identity.sampling.lattice().is_some_and(|l| l.complete_cells).to_string()),
             ("increments", identity.sampling.increments().map_or(String::new(), |n| n.to_string())),
             ("scattered", scattered),
+            ("normals", normals.join(" ")),
         ];
         for (key, value) in meta {
             transaction.execute("INSERT INTO meta VALUES (?1, ?2)", params![key, value]).map_err(at)?;
@@ -290,12 +294,21 @@ impl Store {
             law: self.meta("law")?,
             max_force_n: self.parsed("max_force_n")?,
             sampling: self.sampling()?,
+            normals: self.normals()?,
             visual: self.parsed("visual")?,
             displacement_bound: DisplacementBound {
                 rms_m: self.parsed("displacement_rms_m")?,
                 max_m: self.parsed("displacement_max_m")?,
             },
         })
+    }
+
+    /// Unit outward normal of each active node, of the body at rest.
+    fn normals(&self) -> Result<Vec<[f64; 3]>, StoreError> {
+        let text = self.meta("normals")?;
+        let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
+        let numbers = numbers.map_err(|_| self.corrupt(format!("its normals are `{text}`")))?;
+        Ok(numbers.as_chunks().0.to_vec())
     }
 
     /// Which positions are solved.

@@ -7,7 +7,7 @@ use std::time::Instant;
 use clap::Args as ClapArgs;
 use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::pipeline::Run;
-use palpate_precompute::scene::GridSpec;
+use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
 use serde::Serialize;
 
 use super::common::{Out, assets};
@@ -134,12 +134,11 @@ fn measure(
     }
     bench.scene.max_force_n = f64::INFINITY;
     if let Some(grid) = &mut bench.scene.grid {
-        *grid = GridSpec::Lattice {
-            radius_m: 0.05,
-            spacing_m: 0.05 / case.cells,
+        *grid = Sampling::Lattice(Lattice {
+            grid: SpaceGrid::new(0.05 / case.cells, 0.05).map_err(Failure::work)?,
             complete_cells: true,
             increments: None,
-        };
+        });
     }
     bench.scene.active.retain(|a| a.name == "A1");
     let body = bench.scene.body().map_err(|error| Failure::work(format!("{name}: {error}")))?;

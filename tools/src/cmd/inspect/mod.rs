@@ -13,7 +13,7 @@ use clap::Args as ClapArgs;
 use palpate_core::{ContactConfig, Method, Organ, TouchSurface};
 use palpate_host::sliding::{self, SlidingReport};
 use palpate_precompute::mesh::{LengthUnit, MeshReport, TetMesh, doubtful_for_pressure};
-use palpate_precompute::scene::{GridSpec, Scene, Unreachable};
+use palpate_precompute::scene::{Scene, Unreachable};
 use palpate_precompute::space::Store;
 use palpate_precompute::spec::{Lattice, Sampling, Scattered, Tolerance};
 use serde_json::json;
@@ -123,19 +123,19 @@ fn scene(path: &Path) -> Result<Shown, Failure> {
     let scene = &bench.scene;
     let (mesh_text, mesh_figures) = describe_mesh(&scene.mesh)?;
     let active: Vec<String> = scene.active.iter().map(|a| format!("{} (node {})", a.name, a.node)).collect();
-    let sampling = scene.grid.map(|_| bench.sampling()).transpose()?;
-    let grid_text = sampling.map_or("none".into(), |sampling| match sampling {
+    let grid_text = scene.grid.map_or("none".into(), |sampling| match sampling {
         Sampling::Lattice(Lattice { grid, .. }) => {
             format!("{} points, r_G {} m, spacing {} m", grid.lattice.count(), grid.radius_m, grid.spacing_m)
         }
         Sampling::Scattered(scattered) => in_words(&scattered),
     });
-    let points = sampling.and_then(|sampling| Some(sampling.lattice()?.grid.lattice.count()));
+    let points = scene.grid.and_then(|sampling| Some(sampling.lattice()?.grid.lattice.count()));
     let grid_figures = match scene.grid {
-        Some(GridSpec::Lattice { radius_m, spacing_m, complete_cells, increments }) => json!({
-            "radius_m": radius_m, "spacing_m": spacing_m, "complete_cells": complete_cells, "increments": increments,
+        Some(Sampling::Lattice(Lattice { grid, complete_cells, increments })) => json!({
+            "radius_m": grid.radius_m, "spacing_m": grid.spacing_m, "complete_cells": complete_cells,
+            "increments": increments,
         }),
-        Some(GridSpec::Scattered(scattered)) => json!(scattered),
+        Some(Sampling::Scattered(scattered)) => json!(scattered),
         None => json!(null),
     };
     let doubts = doubtful_for_pressure(&scene.mesh, &scene.fixed);

@@ -7,7 +7,7 @@ use super::super::words::{bytes, count, figure, law, milli, percent};
 use super::html::{Cell, files, heading, paragraph, section as whole, table};
 use super::{least, method_words, row, title};
 use palpate_precompute::certificate::{NOT_FELT_N, NOT_FELT_SHARE};
-use palpate_precompute::scene::GridSpec;
+use palpate_precompute::spec::{Lattice, Sampling};
 
 const PARTS: [(&str, &str); 11] = [
     ("glance", "At a glance"),
@@ -78,7 +78,7 @@ pub(super) fn section(report: &Report) -> String {
 
 fn setting(family: &Family, cases: &[Measured]) -> String {
     let scene = &family.bench.scene;
-    let complete = matches!(scene.grid, Some(GridSpec::Lattice { complete_cells: true, .. }));
+    let complete = matches!(scene.grid, Some(Sampling::Lattice(Lattice { complete_cells: true, .. })));
     let positions = cases.iter().flat_map(|case| case.methods.first()).map(|row| row.positions);
     let (least, most) = positions.fold((usize::MAX, 0), |(low, high), n| (low.min(n), high.max(n)));
     let limit = if scene.max_force_n.is_finite() {
