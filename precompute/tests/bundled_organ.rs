@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
+use palpate_precompute::adaptive::Search;
 use palpate_precompute::fem::material::{Material, MooneyRivlin};
 use palpate_precompute::mesh::{MeshReport, Surface};
+use palpate_precompute::num::jet::EnergyJet;
 use palpate_precompute::pipeline::{Analysis, Run};
 use palpate_precompute::scene::Scene;
-use palpate_precompute::space::{Store, planned};
-use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid};
+use palpate_precompute::space::{Store, state};
+use palpate_precompute::spec::{Lattice, Sampling, SpaceGrid, Tolerance, Wanted};
 
 fn asset(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name)
@@ -76,8 +78,8 @@ fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     let space = folder.path().join("sagged.space");
     analysis.solve_all(&space, Run::to_the_end()).expect("solved");
     let store = Store::open(&space).expect("just made");
-    let plan = planned(&store, 0).expect("readable").expect("scattered");
-    let push = plan.search().expect("the rest is solved").wanted().push.expect("the tool pushes");
+    let fit = state(&store, 0).expect("readable").fit.expect("adaptive");
+    let push = fit.wanted.push.expect("the tool pushes");
 
     let normal = |mesh: &_| Surface::of(mesh).normal(node).expect("on the surface");
     let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f64::max);
@@ -89,4 +91,43 @@ fn a_sagged_body_is_pushed_against_its_normal_at_rest() {
     let at_rest = normal(&mesh);
     assert!(apart(at_rest, of_the_mesh) > 1e-3, "the body does not sag: {at_rest:?}");
     assert!(apart(push, at_rest) < 1e-6, "{push:?} {at_rest:?} {of_the_mesh:?}");
+}
+
+/// Before the first solve, since a blob could not hold the solved spaces.
+#[test]
+fn more_active_nodes_than_a_blob_holds_are_refused() {
+    let path = asset("liver-large.toml");
+    let text = std::fs::read_to_string(&path).expect("bundled");
+    let text =
+        text.replace("node = 337", "group = \"surface\"").replace("group = \"F1\"", "nodes = [0, 1, 2]");
+    let error = Scene::parse(&path, text)
+        .and_then(|scene| scene.resolve())
+        .map(|_| ())
+        .expect_err("too many")
+        .to_string();
+    assert!(error.contains("liver-large.toml:23: the scene has 575"), "{error}");
+    assert!(error.contains("active nodes, and a blob holds 512; choose a smaller group"), "{error}");
+}
+
+/// Every bit of where a search looks, and of the fit that it asks, on every platform: no function of the platform's C
+/// library is in them.
+#[test]
+fn a_search_looks_at_the_same_positions_on_every_platform() {
+    let wanted = Wanted {
+        tolerance: Tolerance::CANNOT_BE_FELT,
+        radius_m: 0.03,
+        max_force_n: 1.0,
+        push: None,
+        workspace_m: None,
+        most: 100,
+    };
+    let mut numbers = [0.0; 20];
+    [numbers[4], numbers[7], numbers[9], numbers[10], numbers[15]] = [90.0, 110.0, 140.0, 1e3, -2e3];
+    let search = Search::new(wanted, &EnergyJet::from_numbers([0.0; 3], &numbers));
+    let mut bits = 0u64;
+    let places = search.fitted(None).places(600);
+    for number in places.iter().flat_map(|&at| [at, search.fit().force_n(at)]).flatten() {
+        bits = bits.rotate_left(5).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ number.to_bits();
+    }
+    assert_eq!((places.len(), bits), (768, 11_294_760_458_309_729_229));
 }
