@@ -235,7 +235,8 @@ impl ResolvedScene {
                 region_of_tet[tet as usize] = index;
             }
         }
-        let region = |r: &MaterialRegion| Region { material: r.material, bulk_modulus_pa: r.bulk_modulus_pa };
+        let region =
+            |r: &MaterialRegion| Region { material: r.material.clone(), bulk_modulus_pa: r.bulk_modulus_pa };
         Model {
             order: Order::from_number(self.order).expect("the scene's order was checked when it was read"),
             pressure_pair: self.pressure_pair,
@@ -289,7 +290,7 @@ impl ResolvedScene {
         digest.count(self.materials.len());
         for region in &self.materials {
             digest.text(region.material.name());
-            digest.numbers(&region.material.parameters());
+            digest.numbers(&region.material.numbers());
             digest.numbers(region.bulk_modulus_pa.as_slice());
             match &region.tets {
                 Some(tets) => {

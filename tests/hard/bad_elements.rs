@@ -25,7 +25,7 @@ fn confined(mesh: &TetMesh, material: Material, order: Order) -> (Configuration,
     let (low, high) = mesh.bounding_box_m();
     let tiny = 1e-9 * high[2];
     let on = |c: f64, side: f64| (c - side).abs() < tiny;
-    let mut model = Model::uniform(material, &nodes_where(mesh, |x| on(x[2], low[2])));
+    let mut model = Model::uniform(material.clone(), &nodes_where(mesh, |x| on(x[2], low[2])));
     model.order = order;
     let sides = (0u32..).zip(&mesh.nodes_m).map(|(n, x)| {
         (n, std::array::from_fn(|axis| axis < 2 && (on(x[axis], low[axis]) || on(x[axis], high[axis]))))
@@ -81,7 +81,7 @@ fn confined_compression_is_exact_on_bad_meshes() {
             Material::NeoHookean(NeoHookean { lame: lame() }),
         ] {
             for order in [Order::Linear, Order::Quadratic] {
-                let (c, equations, error) = confined(mesh, material, order);
+                let (c, equations, error) = confined(mesh, material.clone(), order);
                 let tried = format!("confined, {}, {order:?}, {name}", material.name());
                 let dihedral = report.dihedral_deg.min;
                 let verdict = format!("{error:.0e} from exact; dihedral {dihedral:.3} deg");
@@ -106,7 +106,7 @@ fn slivers_change_force_and_iterations_little() {
         let mut regular: Option<Configuration> = None;
         for gap in [None, Some(2e-3), Some(1e-5)] {
             let mesh = box_of_five([4, 4, 4], 0.02, gap);
-            let model = Model::uniform(material, &nodes_where(&mesh, |x| x[2] == 0.0));
+            let model = Model::uniform(material.clone(), &nodes_where(&mesh, |x| x[2] == 0.0));
             let body = body(&mesh, &model);
             let lid = nodes_where(&mesh, |x| (x[2] - 0.08).abs() < 1e-9);
             let handle = Handle::patch(nearest_node(&mesh, [0.04, 0.04, 0.08]), &lid);

@@ -84,7 +84,7 @@ fn disturb(name: &str, problem: &Arc<Problem>, from: &Configuration, share: f64)
 #[test]
 fn a_perturbed_start_converges_to_the_same_branch() {
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
-        let (_, _, active, body) = soft_beam(material);
+        let (_, _, active, body) = soft_beam(material.clone());
         let problem = problem(&body, Handle::node(active));
         let mut solver = Solver::new(problem.clone());
         let rest = solver.rest().expect("the beam is fixed");

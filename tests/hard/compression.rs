@@ -17,7 +17,7 @@ fn press(material: Material, plate: bool, reject_inverted: bool) -> Walk {
     let lid = nodes_where(&mesh, |x| (x[2] - 0.04).abs() < 1e-9);
     let centre = nearest_node(&mesh, [0.02, 0.02, 0.04]);
     let handle = if plate { Handle::patch(centre, &lid) } else { Handle::node(centre) };
-    let body = body(&mesh, &Model::uniform(material, &foot));
+    let body = body(&mesh, &Model::uniform(material.clone(), &foot));
     let mut solver = Solver::new(problem(&body, handle));
     solver.newton.reject_inverted = reject_inverted;
     let path_result = walk(&mut solver, [0.0, 0.0, -1.0], 1e-3, 36).expect("the cube is fixed");
@@ -66,7 +66,7 @@ fn pressing_into_the_organ_ends_with_a_reason_or_flags() {
         let inward = skin.normal(active.node).expect("active nodes are on the surface").map(|c| -c);
         for material in [st_venant_kirchhoff(), neo_hookean(), mooney_rivlin()] {
             let mut scene = scene.clone();
-            scene.materials[0].material = material;
+            scene.materials[0].material = material.clone();
             let body = body(&scene.mesh, &scene.model());
             let mut solver = Solver::new(problem(&body, active.handle()));
             solver.newton.reject_inverted = true;

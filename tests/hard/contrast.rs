@@ -54,7 +54,7 @@ fn pull(right: Material, left: Option<Material>, hold_left: bool) -> (Configurat
 #[test]
 fn a_stiff_half_acts_like_a_fixed_one() {
     for (soft, stiff) in laws(1.0).into_iter().zip(laws(CONTRAST)) {
-        let (wall, equations) = pull(soft, None, true);
+        let (wall, equations) = pull(soft.clone(), None, true);
         let name = soft.name();
         row(
             Case::Contrast,
@@ -63,7 +63,7 @@ fn a_stiff_half_acts_like_a_fixed_one() {
             &state(&wall),
             "the limit",
         );
-        let (c, equations) = pull(soft, Some(stiff), false);
+        let (c, equations) = pull(soft.clone(), Some(stiff.clone()), false);
         let error = relative_error(c.jet().force_n, wall.jet().force_n);
         let verdict = format!("force {error:.0e} from the fixed half");
         row(
@@ -77,7 +77,7 @@ fn a_stiff_half_acts_like_a_fixed_one() {
         // lengths.
         assert!(error < 100.0 / CONTRAST, "{name}: {error:e}");
         assert!(error > 1e-3 / CONTRAST, "{name}: the stiff half is not in the model");
-        let (uniform, _) = pull(soft, None, false);
+        let (uniform, _) = pull(soft.clone(), None, false);
         assert!(
             relative_error(uniform.jet().force_n, wall.jet().force_n) > 0.05,
             "{name}: the case is not sensitive"

@@ -50,8 +50,10 @@ fn linear_elements_lock_and_quadratic_ones_do_not() {
     let plain = PressurePair::Plain;
     let lame = |nu: f64| Lame::from_young_poisson(2.0 * MU_PA * (1.0 + nu), nu);
     let incompressible = Material::MooneyRivlin(MooneyRivlin { c10_pa: 0.5 * MU_PA, c01_pa: 0.0 });
-    let limit = bend(incompressible, Order::Quadratic, plain, "incompressible neo-Hookean, P2/P1", None);
-    let p1 = bend(incompressible, Order::Linear, plain, "incompressible neo-Hookean, P1/P1", Some(limit));
+    let limit =
+        bend(incompressible.clone(), Order::Quadratic, plain, "incompressible neo-Hookean, P2/P1", None);
+    let p1 =
+        bend(incompressible.clone(), Order::Linear, plain, "incompressible neo-Hookean, P1/P1", Some(limit));
     let stabilised = PressurePair::Stabilised;
     let name = "incompressible neo-Hookean, P1/P1 stabilised";
     let cured = bend(incompressible, Order::Linear, stabilised, name, Some(limit));

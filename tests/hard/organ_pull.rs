@@ -1,9 +1,9 @@
 //! Pulls of 60 mm on the bundled organ: every law, both active nodes.
 
 use nalgebra::Vector3;
+use palpate_precompute::fem::material::Material;
 use palpate_precompute::fem::solve::Solver;
 use palpate_precompute::mesh::Surface;
-use palpate_tests::every_law;
 
 use crate::table::{Case, Cost, row};
 use crate::walk::{body, norm, organ, problem, relative_error, state, walk};
@@ -18,9 +18,9 @@ fn every_law_converges_over_a_pull_of_60_mm() {
     for active in &scene.active {
         let outward = skin.normal(active.node).expect("active nodes are on the surface");
         let end = Vector3::from(outward).normalize() * (STEP_M * f64::from(STEPS));
-        for law in every_law() {
+        for law in Material::livers() {
             let mut scene = scene.clone();
-            scene.materials[0].material = law;
+            scene.materials[0].material = law.clone();
             let body = body(&scene.mesh, &scene.model());
             let mut solver = Solver::new(problem(&body, active.handle()));
             let name = format!("{}, {}", law.name(), active.name);

@@ -47,7 +47,7 @@ fn a_poor_real_mesh_converges_or_gives_its_reason() {
                 (mooney_rivlin(), Order::Linear),
                 (mooney_rivlin(), Order::Quadratic),
             ] {
-                let model = Model { order, ..Model::uniform(law, &fixed) };
+                let model = Model { order, ..Model::uniform(law.clone(), &fixed) };
                 let body = body(&mesh, &model);
                 let handle = Handle::node(node);
                 assert_eq!(body.check_pressures(Some(&handle)), Ok(()));

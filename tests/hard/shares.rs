@@ -48,7 +48,7 @@ fn share(law: Material) -> (usize, usize) {
         .map(|fixed| {
             let mut scene = scene.clone();
             scene.fixed.clone_from(&scene.mesh.node_groups[fixed]);
-            scene.materials[0].material = law;
+            scene.materials[0].material = law.clone();
             (fixed, crate::walk::body(&scene.mesh, &scene.model()))
         })
         .into();

@@ -63,7 +63,7 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
     assert!(message.contains("line") && message.contains("fix at least three nodes"), "{message}");
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
         let name = material.name();
-        let outcome = solve(&mesh, material, &line, in_line);
+        let outcome = solve(&mesh, material.clone(), &line, in_line);
         report(&format!("2 fixed nodes, tool in their line: solver, {name}"), &outcome);
         // At rest the body can rotate freely. The tool's motion off the line prevents that, so the solver may
         // converge.
@@ -72,7 +72,7 @@ fn two_fixed_nodes_in_line_with_the_tool_are_refused() {
             Ok(c) => assert!(c.residual_n < 1e-8 * norm(c.jet().force_n), "{:e} N", c.residual_n),
         }
         // Off the line the tool itself prevents the rotation: three points fix a body.
-        let outcome = solve(&mesh, material, &line, off_line);
+        let outcome = solve(&mesh, material.clone(), &line, off_line);
         report(&format!("2 fixed nodes, tool off their line: solver, {name}"), &outcome);
         // An unconstrained body follows the tool without a force, or is refused. It must not give a force.
         let none = solve(&mesh, material, &[], off_line);
@@ -96,9 +96,9 @@ fn a_loose_piece_is_refused_and_a_fixed_one_has_no_effect() {
     let both: Vec<u32> = wall.iter().flat_map(|&node| [node, node + n]).collect();
     for material in [st_venant_kirchhoff(), mooney_rivlin()] {
         let name = material.name();
-        let loose = solve(&mesh, material, &wall, active);
+        let loose = solve(&mesh, material.clone(), &wall, active);
         report(&format!("two pieces, one loose: solver, {name}"), &loose);
-        let held = solve(&mesh, material, &both, active);
+        let held = solve(&mesh, material.clone(), &both, active);
         report(&format!("two pieces, both fixed: solver, {name}"), &held);
         let (held, alone) = (held.expect("fixed"), solve(&one, material, &wall, active).expect("fixed"));
         // The matrix of the loose piece is singular with a zero right-hand side: a failure, or the force of

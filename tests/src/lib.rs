@@ -11,10 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate_precompute::fem::body::{Body, Model};
-use palpate_precompute::fem::material::{
-    HolzapfelGasserOgden, Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
-    StVenantKirchhoff,
-};
+use palpate_precompute::fem::material::{Material, MooneyRivlin, StVenantKirchhoff};
 use palpate_precompute::mesh::TetMesh;
 
 /// The paper's Mooney-Rivlin liver.
@@ -25,26 +22,6 @@ pub fn mooney_rivlin() -> Material {
 /// The paper's St. Venant-Kirchhoff liver.
 pub fn st_venant_kirchhoff() -> Material {
     Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.49))
-}
-
-/// Every law, with parameters of the order of a liver.
-pub fn every_law() -> Vec<Material> {
-    let lame = Lame::from_young_poisson(15480.0, 0.45);
-    vec![
-        Material::LinearElastic(LinearElastic { lame }),
-        st_venant_kirchhoff(),
-        Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
-        mooney_rivlin(),
-        Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 }),
-        Material::NeoHookean(NeoHookean { lame }),
-        Material::HolzapfelGasserOgden(HolzapfelGasserOgden {
-            c10_pa: 2500.0,
-            k1_pa: 3000.0,
-            k2: 2.0,
-            dispersion: 0.1,
-            fibre: [0.8, 0.0, 0.6],
-        }),
-    ]
 }
 
 /// A box of `cells` cubes of edge `edge_m`, each split into six tetrahedra around its main diagonal (Kuhn).

@@ -26,7 +26,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
     let at_left = |node: &u32| mesh.nodes_m[*node as usize][0] == 0.0;
     let model = Model {
         order,
-        regions: vec![region],
+        regions: vec![region.clone()],
         rollers: (0..count).map(|node| (node, [false, false, true])).collect(),
         ..Model::uniform(region.material, &(0..count).filter(at_left).collect::<Vec<_>>())
     };
@@ -59,7 +59,7 @@ fn tip(n: usize, order: Order, region: Region, force: f64) -> f64 {
 }
 
 fn row(name: &str, sizes: &[usize], order: Order, region: Region, force: f64) -> f64 {
-    let tips: Vec<f64> = sizes.iter().map(|&n| tip(n, order, region, force)).collect();
+    let tips: Vec<f64> = sizes.iter().map(|&n| tip(n, order, region.clone(), force)).collect();
     println!("{name:34} {}", tips.iter().map(|t| format!("{t:8.4}")).collect::<Vec<_>>().join(" "));
     tips[tips.len() - 1]
 }
@@ -82,7 +82,7 @@ fn cooks_membrane_matches_published_displacements() {
         bulk_modulus_pa: Some(mu_pa * 2.0 * 0.4999 / (1.0 - 2.0 * 0.4999)),
     };
     let small = 1e-3;
-    let mixed = row("mixed P2/P1, times 1e5", &few, Order::Quadratic, neo, 100.0 * small) / small;
+    let mixed = row("mixed P2/P1, times 1e5", &few, Order::Quadratic, neo.clone(), 100.0 * small) / small;
     println!("mixed P2/P1, small load scaled up  {mixed:8.4}");
     let finite = row("mixed P2/P1, finite strain", &few, Order::Quadratic, neo, 100.0);
     assert!((tet10 / 32.25 - 1.0).abs() < 0.01 && tet4 < tet10 && tet4 > 0.93 * tet10);

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use palpate_precompute::fem::body::Body;
 use palpate_precompute::fem::material::{
-    Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin, StVenantKirchhoff,
+    Lame, LinearElastic, Material, ModifiedStVenantKirchhoff, MooneyRivlin, NeoHookean, ReducedMooneyRivlin,
+    StVenantKirchhoff,
 };
 use palpate_precompute::fem::solve::{Problem, Solver};
 use palpate_precompute::scene::Scene;
@@ -56,7 +57,9 @@ fn material(law: &str) -> Material {
     match law {
         "linear" => Material::LinearElastic(LinearElastic { lame }),
         "st-venant-kirchhoff" => Material::StVenantKirchhoff(StVenantKirchhoff { lame }),
-        "modified-st-venant-kirchhoff" => Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
+        "modified-st-venant-kirchhoff" => {
+            Material::ModifiedStVenantKirchhoff(ModifiedStVenantKirchhoff { lame })
+        }
         "mooney-rivlin" => Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }),
         "mooney-rivlin-reduced" => Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }),
         "neo-hookean" => Material::NeoHookean(NeoHookean { lame }),

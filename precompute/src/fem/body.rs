@@ -15,7 +15,7 @@ use crate::mesh::TetMesh;
 pub const ABSENT: u32 = u32::MAX;
 
 /// Material of a part of the body.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Region {
     /// The constitutive law.
     pub material: Material,
@@ -166,13 +166,13 @@ impl Body {
             let corners = vertices.map(|n| mesh.nodes_m[n as usize]);
             let tet = Tetrahedron::new(corners).ok_or(DegenerateElement { element: index })?;
             let region = model.region_of_tet.get(index).copied().unwrap_or(0);
-            let Region { material, bulk_modulus_pa } = model.regions[usize::from(region)];
+            let Region { material, bulk_modulus_pa } = &model.regions[usize::from(region)];
             let mut element = Element { tet, region, pressures: [ABSENT; 4], pressure_block: [[0.0; 4]; 4] };
             if material.rest_pressure_pa().is_some() {
                 element.pressures = vertices.map(|vertex| sites.of(vertex, region));
                 let shear_pa = material.shear_modulus_pa();
                 if let Some(block) =
-                    pressure_block(tet.volume_m3, shear_pa, bulk_modulus_pa, model.pressure_pair)
+                    pressure_block(tet.volume_m3, shear_pa, *bulk_modulus_pa, model.pressure_pair)
                 {
                     element.pressure_block = block;
                     sites.blocks = true;

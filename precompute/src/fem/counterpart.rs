@@ -1,23 +1,7 @@
 //! The same tissue by another law: moduli at small strain carried over, so that what differs is the law alone.
 
-use super::material::{
-    Lame, LinearElastic, Material, MooneyRivlin, NeoHookean, ReducedMooneyRivlin, StVenantKirchhoff,
-};
+use super::material::{LAWS, Material};
 use crate::fem::body::Region;
-
-/// Poisson's ratio that stands for incompressible in a law without a pressure, as in the paper.
-pub const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
-
-/// Every law by its name in the scene file.
-pub const LAWS: [&str; 7] = [
-    "linear",
-    "st-venant-kirchhoff",
-    "modified-st-venant-kirchhoff",
-    "mooney-rivlin",
-    "mooney-rivlin-reduced",
-    "neo-hookean",
-    "holzapfel-gasser-ogden",
-];
 
 /// Why a law has no counterpart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +10,8 @@ pub enum NoCounterpart {
     UnknownLaw,
     /// One of the two laws has fibres: no isotropic law has its moduli.
     Fibres,
+    /// A law of one's own, whose moduli at small strain are not known.
+    Own,
 }
 
 impl std::fmt::Display for NoCounterpart {
@@ -33,6 +19,9 @@ impl std::fmt::Display for NoCounterpart {
         match self {
             Self::UnknownLaw => write!(f, "no such law; choose from {}", LAWS.join(", ")),
             Self::Fibres => write!(f, "fibres have no counterpart in an isotropic law; leave it out"),
+            Self::Own => {
+                write!(f, "the moduli of a law of one's own are not known; give the other law itself")
+            }
         }
     }
 }
@@ -50,48 +39,22 @@ impl Region {
             return Err(NoCounterpart::UnknownLaw);
         }
         if name == self.material.name() {
-            return Ok(*self);
+            return Ok(self.clone());
         }
-        let lame = self.lame().ok_or(NoCounterpart::Fibres)?;
-        let (c10_pa, c01_pa) = match self.material {
-            Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })
-            | Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }) => (c10_pa, c01_pa),
-            _ => (0.25 * lame.mu_pa, 0.25 * lame.mu_pa),
+        let unknown = match self.material {
+            Material::Own(_) => NoCounterpart::Own,
+            _ => NoCounterpart::Fibres,
         };
-        let material = match name {
-            "linear" => Material::LinearElastic(LinearElastic { lame }),
-            "st-venant-kirchhoff" => Material::StVenantKirchhoff(StVenantKirchhoff { lame }),
-            "modified-st-venant-kirchhoff" => Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame }),
-            "mooney-rivlin" => Material::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa }),
-            "mooney-rivlin-reduced" => Material::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }),
-            "neo-hookean" => Material::NeoHookean(NeoHookean { lame }),
-            _ => return Err(NoCounterpart::Fibres),
-        };
+        let moduli = self.material.small_strain(self.bulk_modulus_pa).ok_or(unknown)?;
+        let material = Material::with_small_strain(name, &moduli).ok_or(NoCounterpart::Fibres)?;
         let bulk_modulus_pa = self.bulk_modulus_pa.filter(|_| material.rest_pressure_pa().is_some());
         Ok(Self { material, bulk_modulus_pa })
-    }
-
-    /// Lame's constants at small strain; `None` with fibres.
-    fn lame(&self) -> Option<Lame> {
-        match self.material {
-            Material::LinearElastic(LinearElastic { lame })
-            | Material::StVenantKirchhoff(StVenantKirchhoff { lame })
-            | Material::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame })
-            | Material::NeoHookean(NeoHookean { lame }) => Some(lame),
-            Material::MooneyRivlin(_) | Material::ReducedMooneyRivlin(_) => {
-                let mu = self.material.shear_modulus_pa();
-                Some(match self.bulk_modulus_pa {
-                    None => Lame::from_young_poisson(3.0 * mu, NEARLY_INCOMPRESSIBLE),
-                    Some(bulk) => Lame { lambda_pa: bulk - 2.0 / 3.0 * mu, mu_pa: mu },
-                })
-            }
-            Material::HolzapfelGasserOgden(_) => None,
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::material::{Lame, MooneyRivlin, StVenantKirchhoff};
     use super::*;
 
     const PAPER: MooneyRivlin = MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 };
@@ -111,7 +74,7 @@ mod tests {
     fn shear_moduli_agree_and_a_bulk_modulus_is_kept() {
         let lame = Lame::from_young_poisson(9000.0, 0.4);
         let from = region(Material::StVenantKirchhoff(StVenantKirchhoff { lame }));
-        for name in LAWS.into_iter().filter(|name| *name != "holzapfel-gasser-ogden") {
+        for name in LAWS.iter().copied().filter(|name| *name != "holzapfel-gasser-ogden") {
             let found = from.counterpart(name).expect("isotropic");
             assert_eq!(found.material.name(), name);
             assert!((found.material.shear_modulus_pa() / lame.mu_pa - 1.0).abs() < 1e-12, "{name}");

@@ -54,6 +54,11 @@ impl<R: Real> Kinematics<R> {
         }
     }
 
+    /// The deformation of one lane.
+    pub(crate) fn lane(&self, lane: usize) -> Kinematics {
+        Kinematics::new(self.displacement_gradient.lane(lane))
+    }
+
     /// Jacobian J = det F.
     #[inline(always)]
     pub fn jacobian(&self) -> R {

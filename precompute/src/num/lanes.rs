@@ -29,7 +29,13 @@ pub fn dispatch<W: WithSimd>(work: W) -> W::Output {
     pulp::Arch::new().dispatch(work)
 }
 
+/// No machine has more lanes.
+pub const MAX_LANES: usize = 8;
+
 /// A real number, or several side by side.
+///
+/// A law is written once for both: arithmetic with the operators, numbers that are the same everywhere as f64 on the
+/// right of one, functions by [`Real::map`], choices by [`Real::where_less`].
 pub trait Real:
     Copy
     + Debug
@@ -55,6 +61,9 @@ pub trait Real:
 
     /// `value` in every lane.
     fn constant(self, value: f64) -> Self;
+
+    /// The number that `value` gives for each lane, on the machine of this one.
+    fn from_lanes(self, value: impl FnMut(usize) -> f64) -> Self;
 
     /// One of the lanes.
     fn lane(&self, lane: usize) -> f64;
@@ -90,6 +99,11 @@ impl Real for f64 {
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         value
+    }
+
+    #[inline(always)]
+    fn from_lanes(self, mut value: impl FnMut(usize) -> f64) -> Self {
+        value(0)
     }
 
     #[inline(always)]
@@ -145,6 +159,11 @@ impl<S: Simd> Real for Lanes<S> {
     #[inline(always)]
     fn constant(self, value: f64) -> Self {
         self.with(self.machine.splat_f64s(value))
+    }
+
+    #[inline(always)]
+    fn from_lanes(self, value: impl FnMut(usize) -> f64) -> Self {
+        Self::new(self.machine, value)
     }
 
     #[inline(always)]

@@ -60,6 +60,19 @@ impl<R: Real> Mat3<R> {
         Self::zeros(like).plus_diagonal(like.constant(1.0))
     }
 
+    /// The matrix of one lane.
+    #[inline(always)]
+    pub fn lane(&self, lane: usize) -> Mat3<f64> {
+        Mat3(self.0.map(|column| Vec3(column.0.map(|entry| entry.lane(lane)))))
+    }
+
+    /// The matrix that `value` gives for each lane; `like` is any number.
+    #[inline(always)]
+    pub fn from_lanes<'m>(like: R, value: impl Fn(usize) -> &'m Mat3<f64>) -> Self {
+        let entry = |i: usize, j: usize| like.from_lanes(|lane| value(lane).at(i, j));
+        Self([0, 1, 2].map(|j| Vec3([0, 1, 2].map(|i| entry(i, j)))))
+    }
+
     /// Entry of row `i` and column `j`.
     #[inline(always)]
     pub fn at(&self, i: usize, j: usize) -> R {

@@ -18,7 +18,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use crate::error::InputError;
 use crate::fem::body::Body;
+use crate::fem::material::Material;
 use crate::fem::solve::Problem;
 use crate::held_out::{Draw, HeldOut, HeldOutError, HeldOutProgress};
 use crate::mesh::Surface;
@@ -134,7 +136,15 @@ impl Analysis {
         Ok(Store::salvage(path, &identity, &self.scene.mesh, &self.scene.fixed, &active)?)
     }
 
+    /// A store keeps the text of the scene, from which its laws are built again: it holds laws of the list only.
     fn identity(&self) -> Result<StoreIdentity, PipelineError> {
+        for region in &self.scene.materials {
+            if let Material::Own(_) = region.material {
+                let what = format!("the law \"{}\" is one of your own", region.material.name());
+                let fix = "a .space file cannot hold it: solve it with fem::solve::Solver, or give the scene a built-in law";
+                return Err(InputError::new(&self.path, what, fix).into());
+            }
+        }
         Ok(StoreIdentity {
             scene_name: self.scene.name.clone(),
             scene: self.scene.text.clone(),

@@ -9,6 +9,7 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use toml::Spanned;
 
+use super::material::MaterialTable;
 use crate::error::{InputError, nearest_word};
 
 /// The whole file.
@@ -35,26 +36,6 @@ pub(super) struct MeshTable {
     pub(super) file: Spanned<String>,
     pub(super) unit: Option<Spanned<String>>,
     pub(super) order: Option<Spanned<i64>>,
-}
-
-#[derive(Debug, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct MaterialTable {
-    pub(super) law: Spanned<String>,
-    pub(super) group: Option<Spanned<String>>,
-    pub(super) young_pa: Option<Spanned<f64>>,
-    pub(super) poisson: Option<Spanned<f64>>,
-    pub(super) lambda_pa: Option<Spanned<f64>>,
-    pub(super) mu_pa: Option<Spanned<f64>>,
-    pub(super) c10_pa: Option<Spanned<f64>>,
-    pub(super) c01_pa: Option<Spanned<f64>>,
-    /// Of a law with a pressure: nearly incompressible instead of exactly.
-    pub(super) bulk_pa: Option<Spanned<f64>>,
-    pub(super) k1_pa: Option<Spanned<f64>>,
-    pub(super) k2: Option<Spanned<f64>>,
-    pub(super) dispersion: Option<Spanned<f64>>,
-    /// Direction, of any length.
-    pub(super) fibre: Option<Spanned<[f64; 3]>>,
 }
 
 #[derive(Debug, serde::Deserialize)]

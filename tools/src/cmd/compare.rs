@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use clap::Args as ClapArgs;
 use palpate_host::viewer::comparison::{Comparison, DeformedShape, draw};
 use palpate_host::viewer::frames::still;
-use palpate_precompute::fem::counterpart::LAWS;
+use palpate_precompute::fem::material::LAWS;
 use palpate_precompute::fem::solve::{Configuration, Solver};
 use palpate_precompute::mesh::Surface;
 use palpate_precompute::pipeline::Analysis;

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third, no_third};
+use super::invariants::{Derivatives, I1, I4, Invariants, J, OfInvariants, Third, no_third};
+use super::parameters::{BuiltIn, Key, ParameterError, Parameters};
+use super::{Describe, Value};
 use crate::num::lanes::Real;
 
 /// W = C10 (I1 - 3) + k1/(2 k2) [ exp(k2 s(E)^2) - 1 ] with the multiplier (p0 + q)(1 - J),
@@ -42,12 +44,6 @@ pub struct HolzapfelGasserOgden {
 const SWITCH_WIDTH: f64 = 0.02;
 
 impl HolzapfelGasserOgden {
-    /// p0 = 2 C10, Pa: the fibres are slack at rest.
-    #[inline(always)]
-    pub fn rest_pressure_pa(&self) -> f64 {
-        2.0 * self.c10_pa
-    }
-
     /// Slopes of E by I1 and I4.
     #[inline(always)]
     fn strain_slopes(&self) -> [f64; 2] {
@@ -72,6 +68,58 @@ impl HolzapfelGasserOgden {
     }
 }
 
+impl Describe for HolzapfelGasserOgden {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        vec![
+            ("c10_pa", self.c10_pa.into()),
+            ("k1_pa", self.k1_pa.into()),
+            ("k2", self.k2.into()),
+            ("dispersion", self.dispersion.into()),
+            ("fibre", self.fibre.into()),
+        ]
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        2.0 * self.c10_pa
+    }
+
+    /// p0 = 2 C10: the fibres are slack at rest.
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        Some(2.0 * self.c10_pa)
+    }
+}
+
+impl BuiltIn for HolzapfelGasserOgden {
+    const KEYS: &'static [Key] = &[
+        Key::Number("c10_pa"),
+        Key::Number("k1_pa"),
+        Key::Number("k2"),
+        Key::Number("dispersion"),
+        Key::Vector("fibre"),
+    ];
+    const WANTED: &'static str = "`c10_pa`, `k1_pa`, `k2` and `fibre`, and `dispersion` if it is not 0";
+
+    fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
+        given.only(&["c10_pa", "k1_pa", "k2", "dispersion", "fibre"])?;
+        let keys = ["c10_pa", "k1_pa", "k2"];
+        let numbers @ [c10_pa, k1_pa, k2] = given.numbers(keys)?;
+        if let Some((key, number)) = keys.into_iter().zip(numbers).find(|(_, number)| *number <= 0.0) {
+            return Err(given.wrong(key, number, "must be positive", "correct the value"));
+        }
+        let dispersion = given.number("dispersion")?.unwrap_or(0.0);
+        if !(0.0..=1.0 / 3.0).contains(&dispersion) {
+            let fix = "0 is all fibres parallel, 0.3333 is isotropic";
+            return Err(given.wrong("dispersion", dispersion, "must be from 0 to 1/3", fix));
+        }
+        let fibre = given.direction("fibre", "[1.0, 0.0, 0.0]")?;
+        Ok(Self { c10_pa, k1_pa, k2, dispersion, fibre })
+    }
+
+    fn liver() -> Self {
+        Self { c10_pa: 2500.0, k1_pa: 3000.0, k2: 2.0, dispersion: 0.1, fibre: [0.8, 0.0, 0.6] }
+    }
+}
+
 impl OfInvariants for HolzapfelGasserOgden {
     const CURVED: [bool; 4] = [true, false, false, true];
     const THIRD: bool = true;
@@ -85,7 +133,7 @@ impl OfInvariants for HolzapfelGasserOgden {
 
     #[inline(always)]
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
-        let rest_pa = self.rest_pressure_pa();
+        let rest_pa = 2.0 * self.c10_pa;
         let [by_i1, by_i4] = self.strain_slopes();
         let [g, g1, g2, _] = self.fibre_energy(at);
         let mut d = Derivatives::of_energy(at.i1 * self.c10_pa - at.j * rest_pa + g);

@@ -1,20 +1,23 @@
-//! The chain rule from the derivatives of f(I1, I2, J, I4) to those of W.
+//! Laws of invariants, W = f(I1, I2, J, I4): what they give, and the chain rule from the derivatives of f to those of W.
 
-use super::{Law, Tangent};
+use super::{Describe, Law, Tangent};
 use crate::fem::kinematics::{Kinematics, mixed_cofactor};
 use crate::num::jet::THIRD_INDICES;
 use crate::num::lanes::Real;
 use crate::num::tensor::{Mat3, Vec3};
 
-/// Positions of the invariants in [`Derivatives`].
-pub(super) const I1: usize = 0;
-pub(super) const I2: usize = 1;
-pub(super) const J: usize = 2;
-pub(super) const I4: usize = 3;
+/// Position of I1 = tr C in [`Derivatives`] and [`Third`].
+pub const I1: usize = 0;
+/// Position of I2 = cof F : cof F.
+pub const I2: usize = 1;
+/// Position of J = det F.
+pub const J: usize = 2;
+/// Position of I4 = |F a|^2, a the fibre direction.
+pub const I4: usize = 3;
 
 /// Invariants of the deformation less their values at rest.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Invariants<R> {
+pub struct Invariants<R> {
     /// I1 - 3.
     pub i1: R,
     /// I2 - 3.
@@ -27,37 +30,41 @@ pub(super) struct Invariants<R> {
 
 /// Value of f and its first and second derivatives by (I1, I2, J, I4), Pa.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Derivatives<R> {
+pub struct Derivatives<R> {
     /// f, J/m^3, zero at rest.
     pub energy: R,
-    /// First derivatives.
+    /// First derivatives, by position.
     pub first: [R; 4],
-    /// Second derivatives, symmetric.
+    /// Second derivatives by two positions, symmetric.
     pub second: [[R; 4]; 4],
 }
 
 impl<R: Real> Derivatives<R> {
     /// f alone; its derivatives are zero until they are filled in.
     #[inline(always)]
-    pub(super) fn of_energy(energy: R) -> Self {
+    pub fn of_energy(energy: R) -> Self {
         let zero = energy.constant(0.0);
         Self { energy, first: [zero; 4], second: [[zero; 4]; 4] }
     }
 }
 
-/// Third derivatives of f; only the upper part m <= n <= o is read.
-pub(super) type Third<R> = [[[R; 4]; 4]; 4];
+/// Third derivatives of f by three positions, Pa; only the upper part m <= n <= o is read.
+pub type Third<R> = [[[R; 4]; 4]; 4];
 
 /// No third derivatives; `like` is any number.
 #[inline(always)]
-pub(super) fn no_third<R: Real>(like: R) -> Third<R> {
+pub fn no_third<R: Real>(like: R) -> Third<R> {
     [[[like.constant(0.0); 4]; 4]; 4]
 }
 
-/// A law that is a function of invariants. What is constantly zero in it is said in its constants, so that the compiler leaves out
-/// whatever would be multiplied by it.
-pub(super) trait OfInvariants {
-    /// Invariants in which f has second derivatives.
+/// A law that is a function f of invariants: every such law is a [`Law`].
+///
+/// f is zero at rest, and so is its stress: 2 f1 + 4 f2 + fJ = 0 and f4 = 0. A law with a pressure has the term
+/// -p0 (J - 1) in f, with p0 its [`Describe::rest_pressure_pa`]; the excess pressure comes from the solver. What is
+/// constantly zero is said in the constants, so that the compiler leaves out whatever would be multiplied by it.
+/// `precompute/examples/own_law.rs` is such a law from outside this crate, and [`super::check`] tests one.
+pub trait OfInvariants: Describe {
+    /// Invariants in which f has second derivatives, by position; only those of [`Derivatives::second`] are read.
     const CURVED: [bool; 4] = [false; 4];
     /// Whether f has third derivatives.
     const THIRD: bool = false;
@@ -66,7 +73,7 @@ pub(super) trait OfInvariants {
     /// Whether f depends on I4.
     const FIBRES: bool = false;
 
-    /// Derivatives of f.
+    /// f and its first and second derivatives.
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R>;
 
     /// Third derivatives of f.

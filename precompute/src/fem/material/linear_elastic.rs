@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Lame, Law, Tangent};
+use super::parameters::OfLame;
+use super::{Describe, Lame, Law, Tangent, Value};
 use crate::fem::kinematics::Kinematics;
 use crate::num::lanes::Real;
-use crate::num::tensor::{Mat3, Vec3};
+use crate::num::tensor::Mat3;
 
 /// With eps = (H + H^T) / 2,
 ///
@@ -21,6 +22,26 @@ use crate::num::tensor::{Mat3, Vec3};
 pub struct LinearElastic {
     /// Lame's constants.
     pub lame: Lame,
+}
+
+impl Describe for LinearElastic {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        self.lame.parameters()
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        self.lame.mu_pa
+    }
+}
+
+impl OfLame for LinearElastic {
+    fn lame(&self) -> Lame {
+        self.lame
+    }
+
+    fn with_lame(lame: Lame) -> Self {
+        Self { lame }
+    }
 }
 
 impl Law for LinearElastic {
@@ -39,20 +60,11 @@ impl Law for LinearElastic {
     fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>) {
         let (energy, stress) = self.stress(k, q_pa);
         let Lame { lambda_pa, mu_pa } = self.lame;
-        let zero = q_pa.constant(0.0);
         let tangent = Tangent {
-            map: Mat3::identity(zero),
             forward: q_pa.constant(lambda_pa),
             crosswise: q_pa.constant(mu_pa),
-            left: Mat3::zeros(zero),
-            stretch: zero,
             isotropic: q_pa.constant(mu_pa),
-            determinant: zero,
-            fibre: Vec3::constant(zero, [0.0; 3]),
-            along_fibre: zero,
-            second: [[zero; 4]; 4],
-            slopes: [Mat3::zeros(zero); 4],
-            rows: [false; 4],
+            ..Tangent::zero(q_pa)
         };
         (energy, stress, tangent)
     }

@@ -1,10 +1,14 @@
 //! Hyperelastic laws: strain energy density W, stress, material tangent, and the third derivative along given directions.
 //!
-//! Every law but the linear one is a function of invariants,
+//! Two traits make a law: [`Describe`], its parameters and moduli, and [`Law`], its derivatives; [`check`] tests them.
+//! [`Material::own`] takes a law from outside this crate. A law that scenes can name is one file with both and
+//! `BuiltIn`, how its parameters are given, and one line in the list [`LAWS`].
+//!
+//! Every law of the list but the linear one is a function of invariants,
 //!
 //! W = f(I1, I2, J, I4),   I1 = tr C,  I2 = cof F : cof F,  J = det F,  I4 = |F a|^2,
 //!
-//! and has its own file with f, its derivatives, the second Piola stress and the material tangent they make. `invariants`
+//! and its file has f, its derivatives, the second Piola stress and the material tangent they make. [`invariants`]
 //! turns derivatives of f into those of W by the chain rule:
 //!
 //! - second Piola stress S = dW/dgamma = 2 f1 I + 2 f2 (I1 I - C) + fJ J C^-1 + 2 f4 a (x) a,
@@ -22,135 +26,93 @@
 //! An incompressible law carries the multiplier term (p0 + q)(1 - J): the rest pressure p0, which makes the undeformed
 //! state free of stress, is part of f; the excess q over it comes from [`crate::fem::pressure`].
 
+mod check;
 mod holzapfel_gasser_ogden;
-mod invariants;
+pub mod invariants;
+mod lame;
+mod law;
 mod linear_elastic;
+mod list;
 mod mooney_rivlin;
 mod neo_hookean;
+mod own;
+mod parameters;
 mod st_venant_kirchhoff;
 mod tangent;
 
 #[cfg(test)]
 mod tests;
 
+pub use crate::fem::kinematics::Kinematics;
+pub use crate::num::lanes::Real;
+pub use crate::num::tensor::{Mat3, Vec3};
+pub use check::{LawCheck, check};
 pub use holzapfel_gasser_ogden::HolzapfelGasserOgden;
+pub use lame::Lame;
+pub use law::{Describe, Law, Value};
 pub use linear_elastic::LinearElastic;
 pub use mooney_rivlin::{MooneyRivlin, ReducedMooneyRivlin};
 pub use neo_hookean::NeoHookean;
-pub use st_venant_kirchhoff::{Lame, StVenantKirchhoff};
+pub use own::OwnLaw;
+pub use parameters::ParameterError;
+pub use st_venant_kirchhoff::{ModifiedStVenantKirchhoff, StVenantKirchhoff};
 pub use tangent::{Tangent, TangentNode};
 
 use nalgebra::Matrix3;
-use serde::{Deserialize, Serialize};
 
-use crate::fem::kinematics::Kinematics;
 use crate::num::jet::SymmetricThird;
-use crate::num::lanes::Real;
-use crate::num::tensor::Mat3;
-use invariants::{Derivatives, I1, I2, I4, Invariants, J, OfInvariants, Third, no_third};
+use list::laws;
+pub(crate) use parameters::{Key, SmallStrain};
 
-/// What the assembly asks of a law at a point, or at the points of several elements side by side.
-pub(crate) trait Law {
-    /// Energy density with the multiplier term of the excess pressure `q`, J/m^3, and first Piola stress, Pa.
-    fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>);
-
-    /// [`Law::stress`] with the tangent dP/dF at fixed pressure.
-    fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>);
-
-    /// Third derivatives of W + q (1 - J) along three directions of (F, q), in the order of [`crate::num::jet::THIRD_INDICES`], J/m^3.
-    fn third_along<R: Real>(
-        &self,
-        k: &Kinematics<R>,
-        q_pa: R,
-        gradients: &[Mat3<R>; 3],
-        dq_pa: &[R; 3],
-    ) -> [R; 10];
-}
-
-/// Evaluates an expression with the law inside a [`Material`], once compiled for each law.
-macro_rules! with_law {
-    ($material:expr, $law:ident => $work:expr) => {
-        match $material {
-            $crate::fem::material::Material::LinearElastic($law) => $work,
-            $crate::fem::material::Material::StVenantKirchhoff($law)
-            | $crate::fem::material::Material::ModifiedStVenantKirchhoff($law) => $work,
-            $crate::fem::material::Material::MooneyRivlin($law) => $work,
-            $crate::fem::material::Material::ReducedMooneyRivlin($law) => $work,
-            $crate::fem::material::Material::NeoHookean($law) => $work,
-            $crate::fem::material::Material::HolzapfelGasserOgden($law) => $work,
-        }
-    };
-}
-pub(crate) use with_law;
-
-/// A hyperelastic law with its parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub enum Material {
+laws! {
     /// Small strain, linear.
-    LinearElastic(LinearElastic),
+    "linear" => LinearElastic,
     /// Geometrically nonlinear, linear material (paper, Eq. 6).
-    StVenantKirchhoff(StVenantKirchhoff),
+    "st-venant-kirchhoff" => StVenantKirchhoff,
     /// The same with J = 1 by a multiplier (the paper's "modified St. Venant").
-    ModifiedStVenantKirchhoff(StVenantKirchhoff),
-    /// Incompressible, unreduced invariants (paper, Eq. 7 with its misprint mended).
-    MooneyRivlin(MooneyRivlin),
+    "modified-st-venant-kirchhoff" => ModifiedStVenantKirchhoff,
+    /// Incompressible, unreduced invariants (paper, Eq. 7 with its misprint corrected).
+    "mooney-rivlin" => MooneyRivlin,
     /// Incompressible, reduced invariants.
-    ReducedMooneyRivlin(ReducedMooneyRivlin),
+    "mooney-rivlin-reduced" => ReducedMooneyRivlin,
     /// Compressible, with a barrier at J -> 0.
-    NeoHookean(NeoHookean),
+    "neo-hookean" => NeoHookean,
     /// Incompressible with one family of fibres.
-    HolzapfelGasserOgden(HolzapfelGasserOgden),
+    "holzapfel-gasser-ogden" => HolzapfelGasserOgden,
 }
 
 impl Material {
-    /// Name in the scene file.
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::LinearElastic(_) => "linear",
-            Self::StVenantKirchhoff(_) => "st-venant-kirchhoff",
-            Self::ModifiedStVenantKirchhoff(_) => "modified-st-venant-kirchhoff",
-            Self::MooneyRivlin(_) => "mooney-rivlin",
-            Self::ReducedMooneyRivlin(_) => "mooney-rivlin-reduced",
-            Self::NeoHookean(_) => "neo-hookean",
-            Self::HolzapfelGasserOgden(_) => "holzapfel-gasser-ogden",
-        }
+    /// A law of one's own: `name` stands in messages and tables.
+    ///
+    /// Such a material is solved like any other by [`crate::fem::solve::Solver`]. It is code, so it can be neither
+    /// serialised nor kept: no `.space` file is made for a scene that holds one, and no scene file can name it.
+    pub fn own(name: &'static str, law: impl Law) -> Self {
+        Self::Own(OwnLaw::new(name, law))
     }
 
-    /// Every parameter of the law, in a fixed order: what a hash of the model takes in.
-    pub fn parameters(&self) -> Vec<f64> {
-        match self {
-            Self::LinearElastic(LinearElastic { lame })
-            | Self::StVenantKirchhoff(StVenantKirchhoff { lame })
-            | Self::ModifiedStVenantKirchhoff(StVenantKirchhoff { lame })
-            | Self::NeoHookean(NeoHookean { lame }) => vec![lame.lambda_pa, lame.mu_pa],
-            Self::MooneyRivlin(MooneyRivlin { c10_pa, c01_pa })
-            | Self::ReducedMooneyRivlin(ReducedMooneyRivlin { c10_pa, c01_pa }) => vec![*c10_pa, *c01_pa],
-            Self::HolzapfelGasserOgden(HolzapfelGasserOgden { c10_pa, k1_pa, k2, dispersion, fibre }) => {
-                vec![*c10_pa, *k1_pa, *k2, *dispersion, fibre[0], fibre[1], fibre[2]]
-            }
-        }
+    /// Every parameter of the law by name, in a fixed order: [`Material::from_parameters`] takes them.
+    pub fn parameters(&self) -> Vec<(&'static str, Value)> {
+        with_law!(self, law => law.parameters())
+    }
+
+    /// The numbers of [`Material::parameters`]: what a hash of the model takes in.
+    pub fn numbers(&self) -> Vec<f64> {
+        self.parameters().iter().flat_map(|(_, value)| value.numbers().to_vec()).collect()
     }
 
     /// Pressure at rest of an incompressible law, Pa; `None` if the law needs no multiplier.
     pub fn rest_pressure_pa(&self) -> Option<f64> {
-        match self {
-            Self::LinearElastic(_) | Self::StVenantKirchhoff(_) | Self::NeoHookean(_) => None,
-            Self::ModifiedStVenantKirchhoff(_) | Self::ReducedMooneyRivlin(_) => Some(0.0),
-            Self::MooneyRivlin(law) => Some(law.rest_pressure_pa()),
-            Self::HolzapfelGasserOgden(law) => Some(law.rest_pressure_pa()),
-        }
+        with_law!(self, law => law.rest_pressure_pa())
     }
 
     /// Shear modulus at rest, Pa (of the matrix, where there are fibres): the scale of residuals and pressures.
     pub fn shear_modulus_pa(&self) -> f64 {
-        match self {
-            Self::LinearElastic(law) => law.lame.mu_pa,
-            Self::StVenantKirchhoff(law) | Self::ModifiedStVenantKirchhoff(law) => law.lame.mu_pa,
-            Self::NeoHookean(law) => law.lame.mu_pa,
-            Self::MooneyRivlin(law) => 2.0 * (law.c10_pa + law.c01_pa),
-            Self::ReducedMooneyRivlin(law) => 2.0 * (law.c10_pa + law.c01_pa),
-            Self::HolzapfelGasserOgden(law) => 2.0 * law.c10_pa,
-        }
+        with_law!(self, law => law.shear_modulus_pa())
+    }
+
+    /// [`check`] of the law.
+    pub fn check(&self) -> LawCheck {
+        with_law!(self, law => check(law))
     }
 }
 

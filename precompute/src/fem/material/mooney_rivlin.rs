@@ -2,8 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third};
+use super::invariants::{Derivatives, I1, I2, Invariants, J, OfInvariants, Third, no_third};
+use super::parameters::{BuiltIn, Key, ParameterError, Parameters, SmallStrain};
+use super::{Describe, Lame, Value};
 use crate::num::lanes::Real;
+
+/// Poisson's ratio that stands for incompressible in a law without a pressure, as in the paper.
+pub(crate) const NEARLY_INCOMPRESSIBLE: f64 = 0.49;
 
 /// W = C10 (I1 - 3) + C01 (I2 - 3), with C = I + 2 gamma, so that
 ///
@@ -33,15 +38,73 @@ pub struct MooneyRivlin {
 impl MooneyRivlin {
     /// p0 = 2 C10 + 4 C01, Pa.
     #[inline(always)]
-    pub fn rest_pressure_pa(&self) -> f64 {
+    fn p0_pa(&self) -> f64 {
         2.0 * self.c10_pa + 4.0 * self.c01_pa
+    }
+}
+
+impl Describe for MooneyRivlin {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        vec![("c10_pa", self.c10_pa.into()), ("c01_pa", self.c01_pa.into())]
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        2.0 * (self.c10_pa + self.c01_pa)
+    }
+
+    #[inline(always)]
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        Some(self.p0_pa())
+    }
+}
+
+impl BuiltIn for MooneyRivlin {
+    const KEYS: &'static [Key] = &[Key::Number("c10_pa"), Key::Number("c01_pa")];
+    const WANTED: &'static str = "`c10_pa` and `c01_pa`";
+
+    fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
+        given.only(&["c10_pa", "c01_pa"])?;
+        let [c10_pa, c01_pa] = given.numbers(["c10_pa", "c01_pa"])?;
+        if c10_pa + c01_pa <= 0.0 {
+            let rule = "and `c01_pa` must have a positive sum (the shear modulus is twice it)";
+            return Err(given.wrong("c10_pa", c10_pa, rule, "give positive constants in pascals"));
+        }
+        Ok(Self { c10_pa, c01_pa })
+    }
+
+    fn liver() -> Self {
+        Self { c10_pa: 1300.0, c01_pa: 1280.0 }
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let negative =
+            [("c10_pa", self.c10_pa), ("c01_pa", self.c01_pa)].into_iter().filter(|(_, c)| *c < 0.0);
+        let warning = |(key, value)| {
+            format!("`{key}` = {value} is negative: the material may lose its stability when strained")
+        };
+        negative.map(warning).collect()
+    }
+
+    /// E = 3 mu and nu = 0.49 without a bulk modulus, as in the paper.
+    fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
+        let mu_pa = self.shear_modulus_pa();
+        let lame = match bulk_modulus_pa {
+            None => Lame::from_young_poisson(3.0 * mu_pa, NEARLY_INCOMPRESSIBLE),
+            Some(bulk_pa) => Lame { lambda_pa: bulk_pa - 2.0 / 3.0 * mu_pa, mu_pa },
+        };
+        Some(SmallStrain { lame, mooney_rivlin_pa: [self.c10_pa, self.c01_pa] })
+    }
+
+    fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
+        let [c10_pa, c01_pa] = moduli.mooney_rivlin_pa;
+        Some(Self { c10_pa, c01_pa })
     }
 }
 
 impl OfInvariants for MooneyRivlin {
     #[inline(always)]
     fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
-        let rest_pa = self.rest_pressure_pa();
+        let rest_pa = self.p0_pa();
         let energy = at.i1 * self.c10_pa + at.i2 * self.c01_pa - at.j * rest_pa;
         let mut d = Derivatives::of_energy(energy);
         d.first[I1] = energy.constant(self.c10_pa);
@@ -74,6 +137,57 @@ pub struct ReducedMooneyRivlin {
     pub c10_pa: f64,
     /// Coefficient of the reduced I2 - 3, Pa.
     pub c01_pa: f64,
+}
+
+impl Describe for ReducedMooneyRivlin {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        vec![("c10_pa", self.c10_pa.into()), ("c01_pa", self.c01_pa.into())]
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        2.0 * (self.c10_pa + self.c01_pa)
+    }
+
+    #[inline(always)]
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        Some(0.0)
+    }
+}
+
+impl ReducedMooneyRivlin {
+    fn unreduced(&self) -> MooneyRivlin {
+        MooneyRivlin { c10_pa: self.c10_pa, c01_pa: self.c01_pa }
+    }
+
+    fn with_constants_of(law: MooneyRivlin) -> Self {
+        Self { c10_pa: law.c10_pa, c01_pa: law.c01_pa }
+    }
+}
+
+/// As [`MooneyRivlin`].
+impl BuiltIn for ReducedMooneyRivlin {
+    const KEYS: &'static [Key] = MooneyRivlin::KEYS;
+    const WANTED: &'static str = MooneyRivlin::WANTED;
+
+    fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
+        MooneyRivlin::from_parameters(given).map(Self::with_constants_of)
+    }
+
+    fn liver() -> Self {
+        Self::with_constants_of(MooneyRivlin::liver())
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        self.unreduced().warnings()
+    }
+
+    fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
+        self.unreduced().small_strain(bulk_modulus_pa)
+    }
+
+    fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
+        MooneyRivlin::with_small_strain(moduli).map(Self::with_constants_of)
+    }
 }
 
 impl OfInvariants for ReducedMooneyRivlin {

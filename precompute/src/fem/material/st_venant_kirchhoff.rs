@@ -2,28 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Derivatives, I1, I2, Invariants, OfInvariants};
+use super::invariants::{Derivatives, I1, I2, Invariants, OfInvariants};
+use super::parameters::OfLame;
+use super::{Describe, Lame, Value};
 use crate::num::lanes::Real;
-
-/// Lame's constants.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Lame {
-    /// First Lame coefficient, Pa.
-    pub lambda_pa: f64,
-    /// Second Lame coefficient (shear modulus), Pa.
-    pub mu_pa: f64,
-}
-
-impl Lame {
-    /// From Young's modulus E and Poisson's ratio nu:
-    /// lambda = E nu / ((1 + nu)(1 - 2 nu)),  mu = E / (2 (1 + nu)).
-    pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
-        Self {
-            lambda_pa: young_pa * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)),
-            mu_pa: young_pa / (2.0 * (1.0 + poisson)),
-        }
-    }
-}
 
 /// W = lambda/2 (tr gamma)^2 + mu gamma:gamma
 ///
@@ -36,8 +18,7 @@ impl Lame {
 /// f = lambda/8 i1^2 + mu (i1^2/4 + i1 - i2/2),   f1 = (lambda/4 + mu/2) i1 + mu,   f2 = -mu/2,   f11 = lambda/4 + mu/2.
 ///
 /// It has no barrier at J -> 0: a compressed element can collapse, which is why half of the paper's loading paths
-/// end early with this law. The "modified" law of the paper adds the multiplier term q (1 - J) and keeps lambda; its
-/// rest pressure is zero. Source: Peterlik 2010, section 2.1. Deviation: none.
+/// end early with this law. Source: Peterlik 2010, section 2.1. Deviation: none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct StVenantKirchhoff {
     /// Lame's constants.
@@ -48,6 +29,30 @@ impl StVenantKirchhoff {
     /// From Young's modulus and Poisson's ratio.
     pub fn from_young_poisson(young_pa: f64, poisson: f64) -> Self {
         Self { lame: Lame::from_young_poisson(young_pa, poisson) }
+    }
+}
+
+impl Describe for StVenantKirchhoff {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        self.lame.parameters()
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        self.lame.mu_pa
+    }
+}
+
+impl OfLame for StVenantKirchhoff {
+    fn lame(&self) -> Lame {
+        self.lame
+    }
+
+    fn with_lame(lame: Lame) -> Self {
+        Self { lame }
+    }
+
+    fn liver_lame() -> Lame {
+        Lame::from_young_poisson(15480.0, 0.49)
     }
 }
 
@@ -64,5 +69,46 @@ impl OfInvariants for StVenantKirchhoff {
         d.first[I2] = energy.constant(-0.5 * mu_pa);
         d.second[I1][I1] = energy.constant(slope);
         d
+    }
+}
+
+/// [`StVenantKirchhoff`] with J = 1: the multiplier q (1 - J) is added, lambda is kept, and the rest pressure is zero. The
+/// paper's "modified St. Venant". Source: Peterlik 2010, section 2.1. Deviation: none.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ModifiedStVenantKirchhoff {
+    /// Lame's constants.
+    pub lame: Lame,
+}
+
+impl Describe for ModifiedStVenantKirchhoff {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        self.lame.parameters()
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        self.lame.mu_pa
+    }
+
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        Some(0.0)
+    }
+}
+
+impl OfLame for ModifiedStVenantKirchhoff {
+    fn lame(&self) -> Lame {
+        self.lame
+    }
+
+    fn with_lame(lame: Lame) -> Self {
+        Self { lame }
+    }
+}
+
+impl OfInvariants for ModifiedStVenantKirchhoff {
+    const CURVED: [bool; 4] = StVenantKirchhoff::CURVED;
+
+    #[inline(always)]
+    fn derivatives<R: Real>(&self, at: &Invariants<R>) -> Derivatives<R> {
+        StVenantKirchhoff { lame: self.lame }.derivatives(at)
     }
 }

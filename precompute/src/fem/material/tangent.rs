@@ -10,21 +10,34 @@ use crate::num::tensor::{Mat3, Vec3};
 /// g_a . A . g_b = forward x_a x_b^T + crosswise x_b x_a^T + left (g_a . g_b) + determinant e_ijk m_k
 ///   + [ isotropic (g_a . g_b) + stretch (x_a . x_b) + along_fibre (a . g_a)(a . g_b) ] I
 ///   + sum_mn f_mn (I_m' g_a) (I_n' g_b)^T
+///
+/// Every law of [`super::invariants`] has an elasticity of this form.
 #[derive(Debug, Clone, Copy)]
 pub struct Tangent<R = f64> {
-    pub(super) map: Mat3<R>,
-    pub(super) forward: R,
-    pub(super) crosswise: R,
-    pub(super) left: Mat3<R>,
-    pub(super) stretch: R,
-    pub(super) isotropic: R,
-    pub(super) determinant: R,
-    pub(super) fibre: Vec3<R>,
-    pub(super) along_fibre: R,
-    pub(super) second: [[R; 4]; 4],
-    pub(super) slopes: [Mat3<R>; 4],
-    /// Rows of `second` that are not zero.
-    pub(super) rows: [bool; 4],
+    /// F of x_a = F g_a and m; the identity for a law of small strain.
+    pub map: Mat3<R>,
+    /// Factor of x_a x_b^T, Pa.
+    pub forward: R,
+    /// Factor of x_b x_a^T, Pa.
+    pub crosswise: R,
+    /// Matrix multiplied by g_a . g_b, Pa.
+    pub left: Mat3<R>,
+    /// Factor of (x_a . x_b) I, Pa.
+    pub stretch: R,
+    /// Factor of (g_a . g_b) I, Pa.
+    pub isotropic: R,
+    /// Factor of e_ijk m_k, Pa: the slope of W by J.
+    pub determinant: R,
+    /// Fibre direction a.
+    pub fibre: Vec3<R>,
+    /// Factor of (a . g_a)(a . g_b) I, Pa.
+    pub along_fibre: R,
+    /// f_mn, Pa, symmetric.
+    pub second: [[R; 4]; 4],
+    /// I_m' = dI_m/dF.
+    pub slopes: [Mat3<R>; 4],
+    /// Rows of `second` that are not zero; the others are not read. The same for every deformation.
+    pub rows: [bool; 4],
 }
 
 /// What a [`Tangent`] needs of one shape function.
@@ -39,6 +52,45 @@ pub struct TangentNode<R = f64> {
 }
 
 impl<R: Real> Tangent<R> {
+    /// No elasticity, with F the identity; `like` is any number.
+    #[inline(always)]
+    pub fn zero(like: R) -> Self {
+        let zero = like.constant(0.0);
+        Self {
+            map: Mat3::identity(zero),
+            forward: zero,
+            crosswise: zero,
+            left: Mat3::zeros(zero),
+            stretch: zero,
+            isotropic: zero,
+            determinant: zero,
+            fibre: Vec3::constant(zero, [0.0; 3]),
+            along_fibre: zero,
+            second: [[zero; 4]; 4],
+            slopes: [Mat3::zeros(zero); 4],
+            rows: [false; 4],
+        }
+    }
+
+    /// The elasticity that `value` gives for each lane; `like` is any number.
+    pub(super) fn from_lanes<'t>(like: R, value: impl Fn(usize) -> &'t Tangent) -> Self {
+        let number = |of: &dyn Fn(&Tangent) -> f64| like.from_lanes(|lane| of(value(lane)));
+        Self {
+            map: Mat3::from_lanes(like, |lane| &value(lane).map),
+            forward: number(&|t| t.forward),
+            crosswise: number(&|t| t.crosswise),
+            left: Mat3::from_lanes(like, |lane| &value(lane).left),
+            stretch: number(&|t| t.stretch),
+            isotropic: number(&|t| t.isotropic),
+            determinant: number(&|t| t.determinant),
+            fibre: Vec3([0, 1, 2].map(|i| number(&|t| t.fibre.0[i]))),
+            along_fibre: number(&|t| t.along_fibre),
+            second: [0, 1, 2, 3].map(|m| [0, 1, 2, 3].map(|n| number(&|t| t.second[m][n]))),
+            slopes: [0, 1, 2, 3].map(|m| Mat3::from_lanes(like, |lane| &value(lane).slopes[m])),
+            rows: value(0).rows,
+        }
+    }
+
     /// Prepares the gradient of one shape function.
     #[inline(always)]
     pub fn node(&self, gradient: Vec3<R>) -> TangentNode<R> {

@@ -33,7 +33,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
     )?;
     for (name, law, order, cells) in [
         ("neo-hookean P1", barrier, Order::Linear, &[8, 12, 16, 22, 28, 31][..]),
-        ("mooney-rivlin P1/P1", law, Order::Linear, &[8, 12, 16, 22, 28]),
+        ("mooney-rivlin P1/P1", law.clone(), Order::Linear, &[8, 12, 16, 22, 28]),
         ("mooney-rivlin P2/P1", law, Order::Quadratic, &[4, 6, 8, 10, 12, 14, 15]),
     ] {
         for &n in cells {
@@ -45,7 +45,7 @@ pub(crate) fn run(args: &Args) -> Result<(), Failure> {
             let active = (0..mesh.nodes_m.len())
                 .min_by(|&a, &b| away(&mesh.nodes_m[a]).total_cmp(&away(&mesh.nodes_m[b])))
                 .expect("a cube has nodes");
-            let model = Model { order, ..Model::uniform(law, &fixed) };
+            let model = Model { order, ..Model::uniform(law.clone(), &fixed) };
             forget_peak();
             let start = Instant::now();
             let body = Arc::new(Body::new(&mesh, &model)?);

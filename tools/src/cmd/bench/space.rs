@@ -130,7 +130,7 @@ fn measure(
 ) -> Result<Row, Failure> {
     let mut bench = analysis::load(&assets.join(format!("{}.toml", case.scene)))?;
     for region in &mut bench.scene.materials {
-        (region.material, region.bulk_modulus_pa) = (case.law, None);
+        (region.material, region.bulk_modulus_pa) = (case.law.clone(), None);
     }
     bench.scene.max_force_n = f64::INFINITY;
     if let Some(grid) = &mut bench.scene.grid {

@@ -21,7 +21,7 @@ fn a_matrix_without_an_inverse_is_no_solution_whatever_route_is_taken() {
     let stiff = Material::StVenantKirchhoff(StVenantKirchhoff::from_young_poisson(15480.0, 0.3));
     let soft = Material::MooneyRivlin(MooneyRivlin { c10_pa: 1300.0, c01_pa: 1280.0 });
     for law in [stiff, soft] {
-        let (problem, tangent) = floating(law);
+        let (problem, tangent) = floating(law.clone());
         let n = problem.unknowns();
         let mut factor = Factor::new(&problem.symbolic, &problem.pattern);
         // A load that only a reaction can balance.

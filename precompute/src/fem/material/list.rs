@@ -1,0 +1,105 @@
+//! The list of laws: what follows from each line of it.
+
+/// Makes [`super::Material`], [`super::LAWS`] and all that depends on which laws there are, from lines
+/// `"name in scenes" => Type`. Each type has [`super::Law`] and [`super::parameters::BuiltIn`].
+macro_rules! laws {
+    ($($(#[$doc:meta])* $name:literal => $law:ident),* $(,)?) => {
+        $crate::fem::material::list::laws! { @with ($) $($(#[$doc])* $name => $law),* }
+    };
+    (@with ($d:tt) $($(#[$doc:meta])* $name:literal => $law:ident),*) => {
+        /// A hyperelastic law with its parameters.
+        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        pub enum Material {
+            $($(#[$doc])* $law($law),)*
+            /// A law of one's own.
+            Own(OwnLaw),
+        }
+
+        /// Every law by its name in the scene file.
+        pub const LAWS: &[&str] = &[$($name),*];
+
+        /// Evaluates an expression with the law inside a [`Material`], once compiled for each law.
+        macro_rules! with_law {
+            ($d material:expr, $d law:ident => $d work:expr) => {
+                match $d material {
+                    $($crate::fem::material::Material::$law($d law) => $d work,)*
+                    $crate::fem::material::Material::Own($d law) => $d work,
+                }
+            };
+        }
+        pub(crate) use with_law;
+
+        impl Material {
+            /// Name of the law, as in the scene file.
+            pub fn name(&self) -> &'static str {
+                match self {
+                    $(Self::$law(_) => $name,)*
+                    Self::Own(law) => law.name(),
+                }
+            }
+
+            /// Every law of [`LAWS`], in its order, with constants like those of a liver.
+            pub fn livers() -> Vec<Self> {
+                vec![$(Self::$law(parameters::BuiltIn::liver())),*]
+            }
+
+            /// The law of [`LAWS`] called `name` with these parameters, by the keys of the scene file.
+            pub fn from_parameters(name: &str, given: &[(&str, Value)]) -> Result<Self, ParameterError> {
+                match name {
+                    $($name => {
+                        let given = parameters::Parameters::of::<$law>(name, given);
+                        parameters::BuiltIn::from_parameters(&given).map(Self::$law)
+                    })*
+                    _ => Err(ParameterError {
+                        key: None,
+                        what: format!("unknown law \"{name}\""),
+                        fix: format!("choose one of {}", LAWS.join(", ")),
+                    }),
+                }
+            }
+
+            /// What is odd about the parameters but can be solved.
+            pub(crate) fn warnings(&self) -> Vec<String> {
+                match self {
+                    $(Self::$law(law) => parameters::BuiltIn::warnings(law),)*
+                    Self::Own(_) => Vec::new(),
+                }
+            }
+
+            /// Moduli at small strain; `None` if there is no isotropic law with these moduli, or none is known.
+            pub(crate) fn small_strain(&self, bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
+                match self {
+                    $(Self::$law(law) => parameters::BuiltIn::small_strain(law, bulk_modulus_pa),)*
+                    Self::Own(_) => None,
+                }
+            }
+
+            /// The law called `name` with these moduli at small strain.
+            pub(crate) fn with_small_strain(name: &str, moduli: &SmallStrain) -> Option<Self> {
+                match name {
+                    $($name => parameters::BuiltIn::with_small_strain(moduli).map(Self::$law),)*
+                    _ => None,
+                }
+            }
+
+            /// Every parameter that some law may be given, each once.
+            pub(crate) fn keys() -> Vec<Key> {
+                let mut keys: Vec<Key> = Vec::new();
+                for key in [$(<$law as parameters::BuiltIn>::KEYS),*].concat() {
+                    if !keys.contains(&key) {
+                        keys.push(key);
+                    }
+                }
+                keys
+            }
+        }
+
+        $(impl From<$law> for Material {
+            fn from(law: $law) -> Self {
+                Self::$law(law)
+            }
+        })*
+    };
+}
+
+pub(super) use laws;

@@ -1,0 +1,135 @@
+//! A law from outside this crate, behind a table of functions.
+
+use std::sync::Arc;
+
+use serde::de::Error as _;
+use serde::ser::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::{Describe, Law, Tangent, Value};
+use crate::fem::kinematics::Kinematics;
+use crate::num::lanes::{MAX_LANES, Real};
+use crate::num::tensor::Mat3;
+
+/// A law of one's own with its name: [`super::Material::own`] makes one.
+///
+/// Every evaluation is a call for each element through a table of functions, where the built-in laws are compiled into
+/// the assembly. Two of them are equal if their names and parameters are.
+#[derive(Debug, Clone)]
+pub struct OwnLaw {
+    name: &'static str,
+    law: Arc<dyn ErasedLaw>,
+}
+
+/// [`Law`] of one f64, which a table of functions can hold.
+trait ErasedLaw: Describe {
+    fn stress_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>);
+    fn response_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>, Tangent);
+    fn third_at(&self, k: &Kinematics, q_pa: f64, gradients: &[Mat3<f64>; 3], dq_pa: &[f64; 3]) -> [f64; 10];
+}
+
+impl<L: Law> ErasedLaw for L {
+    fn stress_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>) {
+        self.stress(k, q_pa)
+    }
+
+    fn response_at(&self, k: &Kinematics, q_pa: f64) -> (f64, Mat3<f64>, Tangent) {
+        self.response(k, q_pa)
+    }
+
+    fn third_at(&self, k: &Kinematics, q_pa: f64, gradients: &[Mat3<f64>; 3], dq_pa: &[f64; 3]) -> [f64; 10] {
+        self.third_along(k, q_pa, gradients, dq_pa)
+    }
+}
+
+impl OwnLaw {
+    pub(super) fn new(name: &'static str, law: impl Law) -> Self {
+        Self { name, law: Arc::new(law) }
+    }
+
+    pub(super) fn name(&self) -> &'static str {
+        self.name
+    }
+}
+
+impl PartialEq for OwnLaw {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name && self.parameters() == other.parameters()
+    }
+}
+
+impl Describe for OwnLaw {
+    fn parameters(&self) -> Vec<(&'static str, Value)> {
+        self.law.parameters()
+    }
+
+    fn shear_modulus_pa(&self) -> f64 {
+        self.law.shear_modulus_pa()
+    }
+
+    fn rest_pressure_pa(&self) -> Option<f64> {
+        self.law.rest_pressure_pa()
+    }
+}
+
+/// What `at` gives for each lane of an `R`.
+#[inline(always)]
+fn each_lane<R: Real, T: Copy>(mut at: impl FnMut(usize) -> T) -> [T; MAX_LANES] {
+    let mut all = [at(0); MAX_LANES];
+    for (lane, value) in all.iter_mut().enumerate().take(R::LANES).skip(1) {
+        *value = at(lane);
+    }
+    all
+}
+
+impl Law for OwnLaw {
+    #[inline(always)]
+    fn stress<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>) {
+        let all = each_lane::<R, _>(|lane| self.law.stress_at(&k.lane(lane), q_pa.lane(lane)));
+        (q_pa.from_lanes(|lane| all[lane].0), Mat3::from_lanes(q_pa, |lane| &all[lane].1))
+    }
+
+    #[inline(always)]
+    fn response<R: Real>(&self, k: &Kinematics<R>, q_pa: R) -> (R, Mat3<R>, Tangent<R>) {
+        let all = each_lane::<R, _>(|lane| self.law.response_at(&k.lane(lane), q_pa.lane(lane)));
+        let energy = q_pa.from_lanes(|lane| all[lane].0);
+        let stress = Mat3::from_lanes(q_pa, |lane| &all[lane].1);
+        (energy, stress, Tangent::from_lanes(q_pa, |lane| &all[lane].2))
+    }
+
+    #[inline(always)]
+    fn third_along<R: Real>(
+        &self,
+        k: &Kinematics<R>,
+        q_pa: R,
+        gradients: &[Mat3<R>; 3],
+        dq_pa: &[R; 3],
+    ) -> [R; 10] {
+        let all = each_lane::<R, _>(|lane| {
+            let gradients = gradients.map(|gradient| gradient.lane(lane));
+            self.law.third_at(&k.lane(lane), q_pa.lane(lane), &gradients, &dq_pa.map(|dq| dq.lane(lane)))
+        });
+        let mut third = [q_pa; 10];
+        for (index, value) in third.iter_mut().enumerate() {
+            *value = q_pa.from_lanes(|lane| all[lane][index]);
+        }
+        third
+    }
+}
+
+/// Always an error: a law is code, and code is not data.
+impl Serialize for OwnLaw {
+    fn serialize<S: Serializer>(&self, _: S) -> Result<S::Ok, S::Error> {
+        let name = self.name;
+        Err(S::Error::custom(format!(
+            "the law \"{name}\" is one of your own and cannot be stored or sent; build the material where it is used"
+        )))
+    }
+}
+
+/// Always an error, as [`Serialize`] is.
+impl<'de> Deserialize<'de> for OwnLaw {
+    fn deserialize<D: Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
+        Err(D::Error::custom("a law of one's own cannot be read; build the material where it is used"))
+    }
+}

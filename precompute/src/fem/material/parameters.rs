@@ -1,0 +1,196 @@
+//! What a law of the list needs beside its energy: how its parameters are given, and how it compares with other laws.
+
+use super::{Lame, Law, Value};
+
+/// A parameter that a scene may give.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Key {
+    /// A number.
+    Number(&'static str),
+    /// Three numbers.
+    Vector(&'static str),
+}
+
+impl Key {
+    pub(crate) fn name(self) -> &'static str {
+        let (Self::Number(name) | Self::Vector(name)) = self;
+        name
+    }
+}
+
+/// Why parameters make no law.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ParameterError {
+    /// The parameter at fault; `None` if it is the law itself.
+    pub key: Option<String>,
+    /// What is wrong.
+    pub what: String,
+    /// What to do about it.
+    pub fix: String,
+}
+
+impl std::fmt::Display for ParameterError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}; {}", self.what, self.fix)
+    }
+}
+
+impl std::error::Error for ParameterError {}
+
+/// A law of the list [`super::LAWS`].
+pub(crate) trait BuiltIn: Law + Sized {
+    /// Parameters that the law may be given.
+    const KEYS: &'static [Key];
+    /// Which of them to give, in words.
+    const WANTED: &'static str;
+
+    /// The law with these parameters, as a scene or [`super::Describe::parameters`] gives them.
+    fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError>;
+
+    /// The law with constants like those of a liver.
+    fn liver() -> Self;
+
+    /// What is odd about the parameters but can be solved.
+    fn warnings(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Moduli at small strain, with the bulk modulus where a law with a pressure is given one; `None` if there is no
+    /// isotropic law with these moduli.
+    fn small_strain(&self, _bulk_modulus_pa: Option<f64>) -> Option<SmallStrain> {
+        None
+    }
+
+    /// The law with these moduli at small strain.
+    fn with_small_strain(_moduli: &SmallStrain) -> Option<Self> {
+        None
+    }
+}
+
+/// An isotropic law at small strain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct SmallStrain {
+    /// Lame's constants.
+    pub(crate) lame: Lame,
+    /// C10 and C01 of a law of Mooney and Rivlin, Pa.
+    pub(crate) mooney_rivlin_pa: [f64; 2],
+}
+
+/// A law of Lame's two constants.
+pub(crate) trait OfLame: Law + Sized {
+    fn lame(&self) -> Lame;
+    fn with_lame(lame: Lame) -> Self;
+
+    /// Constants like those of a liver.
+    fn liver_lame() -> Lame {
+        Lame::from_young_poisson(15480.0, 0.45)
+    }
+}
+
+impl<L: OfLame> BuiltIn for L {
+    const KEYS: &'static [Key] =
+        &[Key::Number("young_pa"), Key::Number("poisson"), Key::Number("lambda_pa"), Key::Number("mu_pa")];
+    const WANTED: &'static str = "either `young_pa` and `poisson`, or `lambda_pa` and `mu_pa`";
+
+    fn from_parameters(given: &Parameters<'_>) -> Result<Self, ParameterError> {
+        Ok(Self::with_lame(Lame::from_parameters(given)?))
+    }
+
+    fn liver() -> Self {
+        Self::with_lame(Self::liver_lame())
+    }
+
+    fn small_strain(&self, _: Option<f64>) -> Option<SmallStrain> {
+        let lame = self.lame();
+        Some(SmallStrain { lame, mooney_rivlin_pa: [0.25 * lame.mu_pa; 2] })
+    }
+
+    fn with_small_strain(moduli: &SmallStrain) -> Option<Self> {
+        Some(Self::with_lame(moduli.lame))
+    }
+}
+
+/// Parameters given for a law.
+#[derive(Debug)]
+pub(crate) struct Parameters<'a> {
+    law: &'a str,
+    wanted: &'static str,
+    given: &'a [(&'a str, Value)],
+}
+
+impl<'a> Parameters<'a> {
+    /// Those for the law `L` of this name.
+    pub(crate) fn of<L: BuiltIn>(law: &'a str, given: &'a [(&'a str, Value)]) -> Self {
+        Self { law, wanted: L::WANTED, given }
+    }
+
+    /// Whether `key` is given.
+    pub(crate) fn has(&self, key: &str) -> bool {
+        self.given.iter().any(|(given, _)| *given == key)
+    }
+
+    /// Refuses keys of other laws.
+    pub(crate) fn only(&self, keys: &[&str]) -> Result<(), ParameterError> {
+        let Some((key, _)) = self.given.iter().find(|(given, _)| !keys.contains(given)) else {
+            return Ok(());
+        };
+        Err(ParameterError {
+            key: Some((*key).into()),
+            what: format!("`{key}` does not belong to the law \"{}\" here", self.law),
+            fix: format!("give {}", self.wanted),
+        })
+    }
+
+    /// Numbers that must be given and finite.
+    pub(crate) fn numbers<const N: usize>(&self, keys: [&str; N]) -> Result<[f64; N], ParameterError> {
+        let mut numbers = [0.0; N];
+        for (number, key) in numbers.iter_mut().zip(keys) {
+            *number = self.number(key)?.ok_or_else(|| self.lacks(key, format!("give {}", self.wanted)))?;
+        }
+        Ok(numbers)
+    }
+
+    /// A number that must be finite if it is given.
+    pub(crate) fn number(&self, key: &str) -> Result<Option<f64>, ParameterError> {
+        match self.value(key) {
+            None => Ok(None),
+            Some(Value::Number(number)) if number.is_finite() => Ok(Some(number)),
+            Some(Value::Number(number)) => {
+                Err(self.wrong(key, number, "must be a finite number", "correct the value"))
+            }
+            Some(vector) => {
+                let what = format!("`{key}` = {:?} is not one number", vector.numbers());
+                Err(ParameterError { key: Some(key.into()), what, fix: "give a number".into() })
+            }
+        }
+    }
+
+    /// The unit vector along a direction that must be given; `example` is a value.
+    pub(crate) fn direction(&self, key: &str, example: &str) -> Result<[f64; 3], ParameterError> {
+        let fix = format!("give the {key} direction, for example `{key} = {example}`");
+        let value = self.value(key).ok_or_else(|| self.lacks(key, fix))?;
+        let vector = match value {
+            Value::Vector(vector) => nalgebra::Vector3::from(vector),
+            Value::Number(_) => nalgebra::Vector3::zeros(),
+        };
+        let unit = vector.try_normalize(0.0).filter(|unit| unit.iter().all(|c| c.is_finite()));
+        unit.map(Into::into).ok_or_else(|| ParameterError {
+            key: Some(key.into()),
+            what: format!("`{key}` = {:?} is no direction", value.numbers()),
+            fix: "give a vector that is not zero".into(),
+        })
+    }
+
+    /// A number is not one that the law can have.
+    pub(crate) fn wrong(&self, key: &str, number: f64, rule: &str, fix: &str) -> ParameterError {
+        ParameterError { key: Some(key.into()), what: format!("`{key}` = {number} {rule}"), fix: fix.into() }
+    }
+
+    fn value(&self, key: &str) -> Option<Value> {
+        self.given.iter().find(|(given, _)| *given == key).map(|(_, value)| *value)
+    }
+
+    fn lacks(&self, key: &str, fix: String) -> ParameterError {
+        ParameterError { key: None, what: format!("the law \"{}\" lacks `{key}`", self.law), fix }
+    }
+}
