@@ -194,10 +194,7 @@ fn sound_laws_pass_the_check_and_a_slip_is_named() {
     named(check(&Hooke(LAME)).faults(), &["a rotation changes"]);
     let slipped = |shares| check(&Neo { shares, ..NEO }).faults();
     named(slipped([1.0, 1.001]), &["the third derivatives"]);
-    named(
-        slipped([1.001, 1.0]),
-        &["the elasticity is not the derivative", "the third derivatives", "shear modulus"],
-    );
+    named(slipped([1.001, 1.0]), &["the elasticity is not the derivative", "the third derivatives"]);
     named(
         check(&Mooney([f64::NAN, 1.0])).faults(),
         &["stress is not", "elasticity is not", "not symmetric", "third", "differ", "rotation", "undeformed"],
