@@ -1,7 +1,7 @@
 //! The device profiles that come with Palpate, as text.
 //!
-//! The host reads all of a profile, precompute reads its force limit. Neither may depend on the other, and the core
-//! knows no TOML, so the texts are a crate of their own.
+//! The host reads the whole profile, precompute only its force limit. Neither may depend on the other, and
+//! the core does not read TOML. The texts are therefore a separate crate.
 
 /// Name and text of each profile.
 pub const PROFILES: [(&str, &str); 11] = [

@@ -145,8 +145,8 @@ fn a_pressed_column_has_more_than_one_equilibrium() {
     assert!(ends.len() > 1, "large perturbations find other equilibria");
 }
 
-/// A branch that ends on the path: W was not the integral of h there. The path continues on another branch
-/// and flags this step and no other.
+/// The path meets the end of a branch: there W is not the integral of h. The path continues on another branch
+/// and flags only this step.
 #[test]
 fn a_branch_jump_is_flagged_at_its_step() {
     let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/liver-small.toml");

@@ -42,7 +42,7 @@ fn a_collapse_has_a_reason_and_a_barrier_delays_it() {
         assert!(collapsed.last.inverted == 0 && collapsed.last.min_jacobian > 0.0);
         let known = [FailureReason::Inverted, FailureReason::LineSearch, FailureReason::MaxIterations];
         assert!(known.contains(&failure.reason), "{failure}");
-        // States with inverted elements are flagged if they are accepted.
+        // Accepted states with inverted elements are flagged.
         let kept = press(st_venant_kirchhoff(), plate, false);
         assert!(kept.failure.is_some() || kept.inverted_at_m.is_some(), "{kept:?}");
         assert!(kept.reached_m >= collapsed.reached_m);

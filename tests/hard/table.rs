@@ -64,7 +64,7 @@ static ROWS: Mutex<Vec<Row>> = Mutex::new(Vec::new());
 const HEAD: [&str; 8] =
     ["case", "tried", "equations", "iterations", "factorisations", "increments", "result", "verdict"];
 
-/// Adds a row: prints it and rewrites the Markdown file, so that the file is complete after any test.
+/// Prints a row and rewrites the Markdown file, so that the file is complete after any test.
 pub(crate) fn row(case: Case, tried: &str, cost: Cost, result: &str, verdict: &str) {
     let count = |n: u64| if n == 0 { "-".to_owned() } else { n.to_string() };
     let cells = [

@@ -263,8 +263,8 @@ fn relative_errors_are_independent_of_the_force_scale() {
 }
 
 /// Forces grow a thousandfold per cell, from 1e-9 N next to rest to 1e3 N at the rim. No interpolant is
-/// accurate between the points, but each method must reproduce every solved force to its own accuracy, for
-/// any neighbours, without overflow.
+/// accurate between the points. Each method must reproduce every solved force to its own accuracy, for any
+/// neighbours, without overflow.
 #[test]
 fn solved_forces_over_twelve_decades_are_reproduced() {
     const STEEP: [([f64; 3], f64); 3] =

@@ -1,7 +1,7 @@
 //! Code blocks of the Markdown documents, for tests that run what a reader would type.
 //!
-//! A block that opens with ```` ```sh ```` holds commands that run as printed, one after the other, in a clone. The mark
-//! `no-run` is for commands that need hardware, a display, administrator rights or minutes.
+//! A block that opens with ```` ```sh ```` contains commands that run as printed, in order, in a clone. The
+//! mark `no-run` is for commands that need hardware, a display, administrator rights or minutes.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 pub struct Block {
     /// First word after the fence; empty if there is none.
     pub language: String,
-    /// Whether `no-run` stands behind it.
+    /// Whether `no-run` follows it.
     pub no_run: bool,
     /// 1-based line of the fence.
     pub line: usize,
@@ -26,7 +26,7 @@ pub struct Command {
     pub line: usize,
     /// The command without its comment.
     pub text: String,
-    /// Exit code that the comment announces (`# exit code 1`), or 0.
+    /// Exit code that the comment states (`# exit code 1`), or 0.
     pub exit_code: i32,
 }
 

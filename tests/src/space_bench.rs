@@ -31,7 +31,7 @@ pub struct SpaceBench {
 }
 
 impl SpaceBench {
-    /// The bench with a force limit, N.
+    /// The test space with a force limit, N.
     pub fn new(max_force_n: f64) -> Self {
         let (mesh, fixed, active, body) = soft_beam(mooney_rivlin());
         let grid = SpaceGrid::new(0.005, 0.01).expect("the grid is valid");
@@ -89,7 +89,7 @@ impl SpaceBench {
         (store, counts)
     }
 
-    /// Number of configurations that are not solved yet.
+    /// Number of configurations that are not yet solved.
     pub fn still_to_solve(&self, store: &Store) -> usize {
         state(store, 0).expect("records").open
     }

@@ -65,7 +65,7 @@ struct Walk<'c> {
     src: &'c Path,
     order: &'c [ModulePath],
     file: &'c Path,
-    /// Folder of the files that the module at hand declares.
+    /// Folder of the files that the current module declares.
     folder: PathBuf,
     module: ModulePath,
     children: Vec<String>,
@@ -89,7 +89,7 @@ fn declared(items: &[Item]) -> Vec<String> {
 }
 
 impl Walk<'_> {
-    /// Place in the order of the stratum of a module or an item.
+    /// Index of the stratum of a module or an item.
     fn rank(&self, path: &[String]) -> Option<usize> {
         let ranked = self.order.iter().enumerate().filter(|(_, prefix)| path.starts_with(prefix));
         ranked.max_by_key(|(_, prefix)| prefix.len()).map(|(rank, _)| rank)
@@ -100,7 +100,7 @@ impl Walk<'_> {
         self.findings.push(Finding { file, line: span.start().line, what });
     }
 
-    /// A path as it is written: an import if it begins with a module of this crate.
+    /// A path in the source: an import if it begins with a module of this crate.
     fn path(&mut self, segments: &[String], span: Span) {
         let [first, .., _] = segments else { return };
         let supers = segments.iter().take_while(|segment| *segment == "super").count();
@@ -126,7 +126,7 @@ impl Walk<'_> {
             (Some(_), None) => {
                 self.report(span, format!("{module} imports crate::{name}, which is in no stratum"));
             }
-            // Reported where the module is declared.
+            // Reported at the declaration of the module.
             (None, _) => {}
         }
     }
@@ -276,7 +276,7 @@ fn path_attribute(attribute: &Attribute) -> Option<String> {
     }
 }
 
-/// The module of a file by its place in the source folder.
+/// The module of a file, from its location in the source folder.
 fn module_of_file(file: &Path) -> ModulePath {
     let file = if file.ends_with("mod.rs") { file.with_file_name("") } else { file.with_extension("") };
     file.iter().map(|part| part.to_string_lossy().into_owned()).collect()

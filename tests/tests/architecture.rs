@@ -28,7 +28,7 @@ const TESTED: [DependencyKind; 1] = [DependencyKind::Development];
 #[test]
 fn dependencies_point_one_way() {
     assert_eq!(ours("palpate-core", &LINKED), set(&[]));
-    // Itself: its tests and examples need its feature `alloc`.
+    // The crate itself: its tests and examples need its feature `alloc`.
     assert_eq!(ours("palpate-core", &TESTED), set(&["palpate-core"]));
     assert_eq!(ours("palpate-link", &LINKED), set(&[]));
     assert_eq!(ours("palpate-link", &TESTED), set(&[]));

@@ -1,13 +1,14 @@
-//! `cargo test --workspace` needs Rust, gcc and git and nothing else: no test, example or build script starts a program that Debian
-//! does not install with its essential packages.
+//! `cargo test --workspace` needs only Rust, gcc and git: no test, example or build script starts a program
+//! that Debian does not install with its essential packages.
 //!
-//! Every `Command::new(..)` of the workspace must be listed here, with the reason why its program is there or is not needed.
+//! Every `Command::new(..)` of the workspace must be listed here, with the reason why its program is present
+//! or is not needed.
 
 use std::path::{Path, PathBuf};
 
 use cargo_metadata::MetadataCommand;
 
-/// Programs by the expression that names them, wherever it stands.
+/// Programs by the expression that names them, in any file.
 const ANYWHERE: [(&str, &str); 3] = [
     ("env!(\"CARGO_BIN_EXE_palpate\")", "built by cargo for the tests of its package"),
     ("env!(\"CARGO_BIN_EXE_palpate-hil\")", "built by cargo for the tests of its package"),
@@ -47,13 +48,13 @@ fn programs(source: &str) -> Vec<&str> {
         .collect()
 }
 
-/// Whether the program of a call is one of those listed.
+/// Whether the program of a call is in the list.
 fn is_listed(file: &str, program: &str) -> bool {
     ANYWHERE.iter().any(|(known, _)| *known == program)
         || HERE.iter().any(|(at, known, _)| (*at, *known) == (file, program))
 }
 
-/// Rust files below a folder, without those that a build made.
+/// Rust files below a folder, except build output.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> =
         std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();

@@ -55,8 +55,8 @@ fn the_certificate_separates_good_tables_from_bad_ones() {
     assert_eq!(space.folded_volume, 0.0);
     for m in &space.methods {
         assert_eq!((m.uniform.count, m.random.count, m.folded.count), (40, 120, 0), "{}", m.method);
-        // 26 paths of ten steps of 1 mm. Along the six axes the fifth and the tenth step are grid points; the
-        // tenth is on the rim, and rounding decides on which side.
+        // 26 paths of ten steps of 1 mm. Along the six axes, steps 5 and 10 are grid points. Step 10 is on
+        // the rim, so rounding determines on which side it lies.
         assert!((26 * 9 - 6..=26 * 10 - 12).contains(&m.regular.count), "{}: {}", m.method, m.regular.count);
         let rings: usize = m.by_radius.iter().map(|ring| ring.count).sum();
         assert_eq!(rings, 40, "{}", m.method);

@@ -1,16 +1,17 @@
-//! The documents hold together: links lead somewhere, programs and tests that they name are there, and they stay short.
+//! Checks the documents: links have targets, the programs and tests that they name exist, and the word limits
+//! hold.
 
 use std::collections::BTreeSet;
 
 use cargo_metadata::{Metadata, MetadataCommand};
 use palpate_tests::documents;
 
-/// Words of README.md, at most.
+/// Maximum number of words of README.md.
 const README_WORDS: usize = 600;
-/// Words of all documents in docs/ but tables and commands of the measurements, at most.
+/// Maximum number of words of all documents in docs/, except tables and commands of the measurements.
 const DOCS_WORDS: usize = 20_500;
 
-/// The anchor that a heading gets.
+/// The anchor of a heading.
 fn anchor(heading: &str) -> String {
     let kept = heading.trim().to_lowercase();
     let kept = kept.chars().filter(|c| c.is_alphanumeric() || matches!(c, ' ' | '-' | '_'));
@@ -65,7 +66,7 @@ fn every_link_leads_somewhere() {
     assert!(links > 30, "only {links} links were found");
 }
 
-/// What `cargo` is asked for by an option, and the kind of target that this is.
+/// The target that a `cargo` option names, and the kind of that target.
 const NAMED: [(&str, &str); 4] = [("--test", "test"), ("--example", "example"), ("--bin", "bin"), ("-p", "")];
 
 fn is_there(metadata: &Metadata, kind: &str, name: &str) -> bool {

@@ -39,7 +39,7 @@ fn every_hazard_names_tests_that_exist() {
                 is_test = false;
             }
             is_test |= line == "#[test]";
-            // Inside `proptest!` too.
+            // Also inside `proptest!`.
             is_test &= !line.is_empty();
         }
     }

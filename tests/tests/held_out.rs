@@ -1,4 +1,4 @@
-//! Held-out truth: the same bits for any number of threads and interruptions, at the drawn positions, and
+//! Held-out solutions: the same bits for any number of threads and interruptions, at the drawn positions, and
 //! never on a grid point.
 
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ fn solved(bench: &SpaceBench, path: &Path, draw: Draw, threads: usize) -> Store 
     store
 }
 
-/// Every truth by kind, walk and step.
+/// Every held-out solution by kind, walk and step.
 fn truths(store: &Store) -> BTreeMap<(Kind, u32, u32), Truth> {
     let mut all = BTreeMap::new();
     store
@@ -49,7 +49,7 @@ fn truths(store: &Store) -> BTreeMap<(Kind, u32, u32), Truth> {
     all
 }
 
-/// All held-out truth except the seconds, bit for bit.
+/// All held-out solutions except the seconds, bit for bit.
 fn bits(store: &Store) -> Vec<String> {
     let truths = truths(store).into_iter();
     truths.map(|(key, truth)| format!("{key:?} {:?}", Truth { seconds: 0.0, ..truth })).collect()
@@ -109,7 +109,7 @@ fn every_kind_is_at_its_position_and_in_equilibrium() {
             assert!(error < 1e-9, "{kind:?} {number} {step}: {error} N");
         }
     }
-    // The truth of a uniform position displaces the active node to that position.
+    // The solution of a uniform position displaces the active node to that position.
     let ((_, number, _), truth) =
         all.iter().find(|((k, ..), _)| *k == Kind::Uniform).expect("there is a uniform position");
     let active = &truth.displacements[12 * bench.active as usize..][..12];

@@ -21,7 +21,8 @@ fn reader(arguments: &[&Path]) -> Output {
     Command::new(PYTHON).arg("-B").arg(script).args(arguments).output().expect("Python starts")
 }
 
-/// A blob of the soft beam with all its parts, and its folder. A tight bound makes slopes worth their bytes.
+/// A blob of the soft beam with all its parts, and its folder. A tight error bound makes the packer store
+/// slopes.
 fn blob(folder: &Path) -> (PathBuf, BlobFile) {
     let mut bench = SpaceBench::new(f64::INFINITY);
     bench.identity.displacement_bound = DisplacementBound { rms_m: 2e-5, max_m: 2e-4 };
@@ -142,7 +143,7 @@ fn the_reader_refuses_a_damaged_file() {
     }
 }
 
-/// A fit of scattered positions, which only version 4 of the format holds.
+/// A fit of scattered positions, which only version 4 of the format can store.
 #[test]
 #[ignore = "needs numpy: tests/peers/numpy runs it"]
 fn the_reader_gives_the_cores_forces_of_a_kernel() {

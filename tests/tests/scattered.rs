@@ -32,7 +32,7 @@ fn bench() -> SpaceBench {
 }
 
 /// With small displacements the linear body suffices, for any number of threads, and independent held-out
-/// truth agrees.
+/// solutions agree.
 #[test]
 fn small_displacements_are_stored_as_a_linear_body() {
     let (mut bench, folder) = (bench(), tempfile::tempdir().expect("a folder for the stores"));
@@ -156,7 +156,7 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     let ended = state(&one, 0).expect("readable");
     assert_eq!((ended.fit.expect("scattered").verdict, ended.open), (Some(Verdict::Passed), 0));
 
-    // Held-out truth, and the errors of the blob at its positions.
+    // Held-out solutions, and the errors of the blob at their positions.
     let draw = Draw { uniform: 60, random: 0, regular_m: None, ..Draw::PAPER };
     let held_out = HeldOut {
         actives: vec![(0, "A".into())],
@@ -179,12 +179,11 @@ fn threads_and_interruptions_change_no_bit_and_the_error_is_within_tolerance() {
     assert_eq!(uniform.count, 60);
     // Absolute tolerance 5 mN, with forces of up to 1 N.
     assert!(uniform.p99_n < 0.02 && uniform.mean_n < 0.005, "{uniform:?}");
-    // The certificate judges by the scene's own tolerance, which is a quarter of the human just-noticeable
-    // difference.
+    // The certificate uses the scene's tolerance, which is a quarter of the human just-noticeable difference.
     let tolerated = energy(space).tolerated.expect("the certificate has a tolerance");
     assert_eq!(tolerated.tolerance, TOLERANCE);
     assert!(tolerated.count >= 57 && tolerated.count <= uniform.not_felt, "{tolerated:?}");
-    // The kernel fit itself: the table is within a tenth of the tolerance of it.
+    // The table differs from the kernel fit by at most a tenth of the tolerance.
     let of = |method: Method| space.methods.iter().find(|m| m.method == method.name()).expect("packed");
     let (energy, kernel) = (of(Method::Energy), of(Method::Kernel));
     assert!(

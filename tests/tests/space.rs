@@ -91,7 +91,7 @@ fn points_beyond_the_force_limit_end_the_expansion() {
     let bench = SpaceBench::new(0.5 * largest);
     let (limited, counts) = bench.solve(&folder.path().join("limited.space"), 2);
     assert!(counts.terminating > 0 && counts.expandable > 0, "{counts:?}");
-    // Points that have only terminating neighbours are not pending.
+    // Points whose neighbours all terminate are not pending.
     assert_eq!(bench.still_to_solve(&limited), 0);
     for record in limited.records(0).expect("records") {
         let beyond = record.force_norm_n() >= 0.5 * largest;
@@ -184,7 +184,7 @@ fn only_one_process_writes_a_store_and_others_may_read_it() {
     let folder = tempfile::tempdir().expect("a folder for the stores");
     let path = folder.path().join("a.space");
     let (writer, _) = bench.solve(&path, 2);
-    // A lock within one process must refuse as well.
+    // The lock also excludes a second writer in the same process.
     let refused = bench.store(&path).expect_err("one writer");
     assert!(refused.to_string().contains("another process is writing it"), "{refused}");
     let reader = Store::open(&path).expect("readers are allowed");
@@ -206,7 +206,7 @@ fn a_store_with_a_damaged_page_is_salvaged_and_completes_to_the_same_bits() {
     let whole = std::fs::read(&path).expect("checkpointed when the last handle closed");
     let pages = whole.len() / PAGE;
     let (mut noticed, mut most_saved) = (0, 0);
-    // Every seventh page is a sample of its kind; the first page is SQLite's header.
+    // Every seventh page represents its kind; the first page is SQLite's header.
     for page in (0..pages).step_by(7) {
         let torn = folder.path().join(format!("torn{page}.space"));
         let mut bytes = whole.clone();

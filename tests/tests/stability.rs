@@ -2,7 +2,7 @@
 //! oscillate and adds no energy, and a minute of random palpation ends without a fault. One case oscillates
 //! without the stiffness cap.
 //!
-//! The blobs are made here from the bundled scenes on coarse grids. The stiffness of a body at rest and at
+//! The test makes the blobs from the bundled scenes on coarse grids. The stiffness of a body at rest and at
 //! its reach is that of its solved configurations, for any number of configurations in between.
 
 #[path = "../../host/tests/common/closed_loop.rs"]
@@ -72,8 +72,7 @@ fn check_no_oscillation(organ: &Organ<'_>, device: &str, profile: &Profile) {
                 assert!(held.peak_to_peak_m < quantum_m, "{}: {held:?}", case());
                 assert!(held.hold_j < step_j, "{}: {held:?}", case());
             }
-            // After a press and release the hand gets no further energy back, with the friction of its
-            // device.
+            // After a press and release the hand gains no further energy, with the friction of its device.
             assert!(quiet.cycle_j < step_j || !friction.is_empty(), "{}: {quiet:?}", case());
             assert!(quiet.peak_n > 0.05 || depth_m < 0.01, "{}: contact force too small, {quiet:?}", case());
             most_m = most_m.max(quiet.peak_to_peak_m).max(knocked.peak_to_peak_m);

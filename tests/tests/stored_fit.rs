@@ -1,5 +1,5 @@
-//! A finished space is never replayed: its fit is read from the store. The count is that of the process, so this
-//! binary has one test.
+//! A complete space is never replayed: its fit is read from the store. The count is that of the process, so
+//! this binary has one test.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,7 +21,7 @@ fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
         Sampling::Scattered(Scattered { radius_m: 0.01, tolerance, only_push: false, workspace_m: None });
     let path = folder.path().join("one.space");
 
-    // Interrupted, and looked at: the count sees a replay.
+    // Interrupted, and then inspected: the count includes a replay.
     let (store, stop) = (bench.store(&path).expect("the store opens"), AtomicBool::new(false));
     let ended = bench.expand(&store, 2, &stop, |p| stop.store(p.solved_now >= 4, Ordering::Relaxed));
     assert!(ended.is_err() && replays() == 0, "{ended:?}, {} replays", replays());
@@ -29,7 +29,7 @@ fn a_finished_space_is_solved_packed_and_certified_without_a_replay() {
     assert_eq!(replays(), 1);
 
     bench.expand(&store, 2, &AtomicBool::new(false), |_| ()).expect("the run completes");
-    // Run again when there is nothing left to do.
+    // A second run, with nothing left to solve.
     let counts = bench.expand(&store, 2, &AtomicBool::new(false), |_| ()).expect("nothing is to be done");
     assert_eq!(state(&store, 0).expect("readable").counts, counts);
     let held_out = HeldOut {

@@ -1,12 +1,12 @@
-//! Strata inside the crates, see [`palpate_tests::strata`]. The arrows between crates are in
-//! `architecture.rs`.
+//! Strata inside the crates, see [`palpate_tests::strata`]. `architecture.rs` checks the dependencies between
+//! crates.
 
 use std::fs;
 use std::path::Path;
 
 use palpate_tests::strata::findings;
 
-/// The findings in a crate of three strata, of which one file is replaced.
+/// The findings in a crate of three strata after one file is replaced.
 fn planted(file: &str, text: &str) -> Vec<String> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let sound = [
@@ -67,7 +67,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
     assert!(found.contains(&"low.rs:2: low::copy imports crate::high from above it".into()), "{found:?}");
     let found = planted("src/high.rs", "#[path = \"../shared.rs\"]\nmod device;\npub struct Top;");
     assert!(found.len() == 1 && found[0].starts_with("high.rs:2: high::device compiles "), "{found:?}");
-    // What it imports counts for the module that compiles it.
+    // The imports of the included file count for the module that compiles it.
     let found = planted(
         "src/middle/inner.rs",
         "pub struct Deep;\npub fn deep() {}\n#[path = \"../../shared.rs\"]\nmod device;",
@@ -80,7 +80,7 @@ fn a_file_shared_by_a_path_attribute_is_an_import() {
     );
 }
 
-/// The offline half, lowest stratum first.
+/// The precompute crate, lowest stratum first.
 const PRECOMPUTE: [&str; 40] = [
     "error",
     "files",

@@ -103,7 +103,7 @@ fn the_moment_of_a_patch_is_the_derivative_of_the_energy_by_its_rotation() {
     let plain = Model::uniform(mooney_rivlin(), &fixed());
     moment_of_a_patch("P1/P1", &plain);
     moment_of_a_patch("P2/P1", &Model { order: Order::Quadratic, ..plain.clone() });
-    // Under gravity the patch rotates about its centre at rest, and not about that of the mesh.
+    // Under gravity the patch rotates about its centre at rest, and not about its centre in the mesh.
     moment_of_a_patch("P1/P1 under gravity", &Model { body_force_n_m3: [0.0, 0.0, -3.0e4], ..plain });
 }
 
