@@ -1,4 +1,4 @@
-//! The command line as a user types it: exit codes, the files it writes, one clear line for bad input.
+//! Tests the command line as a user types it: exit codes, output files, and one clear line for bad input.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -13,7 +13,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("the folder's name is plain")
 }
 
-/// Runs a command that must be refused with exit code 2 and one line holding every word.
+/// Runs a command that must be refused with exit code 2 and one line that contains every word.
 fn refused(arguments: &[&str], words: &[&str]) {
     let output = palpate(arguments);
     let line = String::from_utf8_lossy(&output.stderr).trim().to_string();
@@ -67,7 +67,7 @@ fn a_path_is_a_table_with_every_column() {
     assert_eq!(displacements.lines().count(), 1 + 4 * nodes);
 }
 
-/// The array of a VTU file of our own: inline base64 with an 8-byte header.
+/// The array of a VTU file that Palpate writes: inline base64 with an 8-byte header.
 fn vtu_array(vtu: &Path, parent: &str, name: &str) -> Vec<f64> {
     let text = std::fs::read_to_string(vtu).expect("the step is there");
     let inside = text.split(&format!("<{parent}>")).nth(1).expect("the section");
@@ -102,8 +102,7 @@ fn a_path_is_a_series_for_paraview() {
             set.contains(&format!("timestep=\"{time:?}\"")) && set.contains(&format!("file=\"{file}\"")),
             "{set}"
         );
-        // Our own reader takes it for the mesh it is, and the numbers are those of the tables, to the last
-        // bit.
+        // The project's reader recognises the mesh, and the numbers are those of the tables, to the last bit.
         let shown = palpate(&["inspect", text(&at(&file)), "--json"]);
         let shown: serde_json::Value = serde_json::from_slice(&shown.stdout).expect("JSON");
         assert_eq!(shown["nodes"], soft_beam(mooney_rivlin()).0.nodes_m.len());
@@ -180,7 +179,7 @@ fn a_path_that_fails_keeps_its_rows_and_says_so() {
     let svk = "law = \"st-venant-kirchhoff\"\nyoung_pa = 15480.0\npoisson = 0.49";
     let scene = write_beam_scene(folder.path(), svk, GRID, 100.0);
     let csv = folder.path().join("path.csv");
-    // St. Venant-Kirchhoff has no barrier: pressed through the whole beam it must collapse somewhere.
+    // St. Venant-Kirchhoff has no barrier at J = 0: pressed through the whole beam it must collapse.
     let arguments = [
         "path",
         text(&scene),
@@ -223,8 +222,8 @@ fn scene_to_blob_to_query() {
         1 + 125,
         "the cube of two cells"
     );
-    // The blob tells how far it is from finite elements, at positions that were solved for it and that no fit
-    // saw.
+    // The blob contains its errors against finite elements, at positions that were solved for the certificate
+    // and that no fit has used.
     let shown: serde_json::Value =
         serde_json::from_str(&ok(&["inspect", text(&blob), "--json"])).expect("JSON");
     let certificate = &shown["certificate"]["spaces"][0];
@@ -256,7 +255,7 @@ fn scene_to_blob_to_query() {
     assert_eq!(rows[1][3..], ["0.0", "0.0", "0.0", "cell"]);
     assert_eq!(rows[3][6], "extrapolated");
     assert!(rows[3][3].parse::<f64>().expect("a number").is_finite());
-    // What was solved at a grid point is what the query says there.
+    // The query must return the solved force at a grid point.
     let dumped = std::fs::read_to_string(&dump).expect("the dump");
     let solved = dumped.lines().find(|l| l.starts_with("A,1,0,0,")).expect("the point is in the dump");
     let exact: f64 = solved.split(',').nth(14).expect("fx_n").parse().expect("a number");
@@ -307,7 +306,7 @@ fn damaged_and_newer_blobs_are_refused_in_one_line() {
     refused(&["inspect", text(&blob)], &["a.blob", "checksum", "palpate pack"]);
     std::fs::write(&blob, &good[..good.len() - 100]).expect("the folder can be written");
     refused(&["inspect", text(&blob)], &["a.blob", "cut short"]);
-    // A newer version with a checksum of its own.
+    // A newer version with a valid checksum.
     let mut newer = good;
     newer[8] = palpate_core::blob::format::VERSION as u8 + 1;
     let end = newer.len() - 4;
@@ -343,7 +342,7 @@ fn bad_scenes_are_refused_in_one_line_and_leave_nothing_behind() {
     let fixed_line = good.lines().find(|l| l.starts_with("nodes = ")).expect("fixed nodes").to_string();
     refuse(good.replace(&fixed_line, "nodes = []"), &["beam.toml:", "fixed"]);
     refuse(good.replace(&fixed_line, "nodes = [0]"), &["beam.toml:", "line"]);
-    // Everything fixed but the active node and its neighbour inside: nothing is left to meet the pressures.
+    // All nodes are fixed except the active node and its neighbour inside: the pressures are undetermined.
     let (beam, _, active, _) = soft_beam(mooney_rivlin());
     let inside = nearest_node(&beam, [0.06, 0.02, 0.02]);
     let all: Vec<u32> = (0..beam.nodes_m.len() as u32).filter(|n| ![active, inside].contains(n)).collect();
@@ -353,7 +352,7 @@ fn bad_scenes_are_refused_in_one_line_and_leave_nothing_behind() {
         .expect("written");
     let output = palpate(&["path", text(&scene), "--direction=0,0,-1", "--step-mm", "1", "--steps", "1"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    // A mesh cut off in the middle, and one with a tetrahedron turned inside out.
+    // A truncated mesh, and one with an inverted tetrahedron.
     std::fs::write(&mesh, &good_mesh[..good_mesh.len() / 2]).expect("the folder can be written");
     refuse(good.clone(), &["beam.msh:"]);
     let tet = good_mesh.lines().find(|l| l.contains(" 4 2 1 1 ")).expect("a tetrahedron");
@@ -430,7 +429,7 @@ fn a_comparison_is_a_picture_of_the_size_asked_and_a_table() {
     assert_eq!(json[2]["law"], "mooney-rivlin");
     assert_eq!(json[0]["volume_change"].as_f64(), Some(number("linear", 7)));
 
-    // The same pull by `path` ends at the same force.
+    // The same pull by `path` ends with the same force.
     let path = folder.path().join("path.csv");
     let arguments = ["path", text(&scene), "--direction=0,0,-1", "--steps", "12", "--csv", text(&path)];
     assert!(palpate(&arguments).status.success());
@@ -445,7 +444,7 @@ fn a_law_that_fails_is_shown_as_far_as_it_came() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = write_beam_scene(folder.path(), MR, GRID, 100.0);
     let (png, csv) = (folder.path().join("laws.png"), folder.path().join("laws.csv"));
-    // St. Venant-Kirchhoff has no barrier at J = 0: far enough inwards it collapses.
+    // St. Venant-Kirchhoff has no barrier at J = 0: under sufficient compression it collapses.
     let arguments = [
         "compare",
         text(&scene),
@@ -570,7 +569,7 @@ fn the_protocol_counts_the_paths_of_every_fixed_set() {
     refused(&twice, &["--fixed", "F1", "twice"]);
 }
 
-/// The scene's force limit would end paths that the paper's go on.
+/// The scene's force limit would end paths that the paper continues.
 #[test]
 fn the_protocol_leaves_the_force_limit_out_and_begins_anew_if_asked() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -598,7 +597,7 @@ fn the_protocol_leaves_the_force_limit_out_and_begins_anew_if_asked() {
     assert_ne!(run(&["--again"])["total"]["seconds"].as_f64(), kept, "unless it is asked for");
 }
 
-/// Columns of a CSV by name, without those named in `but`.
+/// Columns of a CSV by name, except those named in `but`.
 fn rows(csv: &Path, but: &[&str]) -> Vec<std::collections::BTreeMap<String, String>> {
     let table = std::fs::read_to_string(csv).expect("the table is written");
     let header: Vec<&str> = table.lines().next().expect("a header").split(',').collect();
@@ -609,7 +608,7 @@ fn rows(csv: &Path, but: &[&str]) -> Vec<std::collections::BTreeMap<String, Stri
     table.lines().skip(1).map(named).collect()
 }
 
-/// Several active nodes share a store, the workers and their solvers, and nothing else.
+/// Several active nodes share only a store, the workers and their solvers.
 #[test]
 fn several_active_nodes_are_solved_as_if_each_were_alone() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -653,7 +652,7 @@ fn several_active_nodes_are_solved_as_if_each_were_alone() {
             let found = table.iter().find(|row| row["active"] == name && row[key] == value);
             found.unwrap_or_else(|| panic!("{name} has no row with {key} = {value}")).clone()
         };
-        // The force at a grid point is the one of a path that this node is moved along.
+        // The force at a grid point is that of a path that displaces this node to the point.
         let point =
             points.iter().find(|r| r["active"] == name && r["i"] == "1" && r["j"] == "0" && r["k"] == "0");
         let point = point.expect("the first neighbour along x");
@@ -676,7 +675,7 @@ fn several_active_nodes_are_solved_as_if_each_were_alone() {
             let [a, b] = [fresh, point].map(|row| row[force].parse::<f64>().expect("a number"));
             assert!((a - b).abs() < 1e-9, "{name}: {force} is {b}, alone {a}");
         }
-        // Random positions are the node's own.
+        // Each node has its own random positions.
         let first = of_node(&truth, "kind", "random");
         let same = truth.iter().filter(|row| row["kind"] == "random" && row["x_m"] == first["x_m"]).count();
         assert_eq!(same, 1, "{name} shares its random path");

@@ -1,5 +1,5 @@
-//! `palpate doctor`, and the timing options of `palpate run`, as a user meets them. Nothing here depends on
-//! how good this PC is.
+//! Tests `palpate doctor`, and the timing options of `palpate run`. No result depends on the performance of
+//! this PC.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -12,7 +12,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("text")
 }
 
-/// Share of the ticks in the last row of a quantity, and its ticks.
+/// Share of the ticks in the last row of a quantity, and the number of ticks.
 fn rows(csv: &str, quantity: &str) -> (f64, u64) {
     assert_eq!(csv.lines().next(), Some("quantity,ns,count,share"));
     let of = csv.lines().filter(|line| line.split(',').next() == Some(quantity));
@@ -33,7 +33,7 @@ fn it_looks_without_measuring() {
     );
     let json = palpate(&["doctor", "--seconds", "0", "--json", "--cpu", "0"]);
     let figures: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
-    // It was really started, and there is none left.
+    // The supervisor was started, and none remains.
     let supervisor = figures["checks"].as_array().and_then(|checks| {
         checks.iter().find(|check| check["name"] == "supervisor").map(|check| check.to_string())
     });
@@ -53,7 +53,7 @@ fn a_measurement_has_its_histogram() {
     let args =
         ["doctor", "--measure", "0.2", "--fifo", "0", "--period-us", "2000", "--json", "--histograms", file];
     let measured = palpate(&args);
-    // 1 where this machine is too busy for 1 kHz just now.
+    // 1 if this machine is currently too busy for 1 kHz.
     assert!(matches!(measured.status.code(), Some(0 | 1)), "{}", text(&measured.stderr));
     let figures: serde_json::Value = serde_json::from_slice(&measured.stdout).expect("JSON");
     let of = &figures["measured"];

@@ -1,5 +1,4 @@
-//! README and guide as a reader follows them: every command that they print runs, in order, in a folder that
-//! holds what a clone holds.
+//! Runs every command that README and guide print, in order, in a folder with the content of a clone.
 
 use std::ffi::OsString;
 use std::fs;
@@ -22,8 +21,8 @@ fn copy_folder(from: &Path, to: &Path) {
     }
 }
 
-/// Runs every command of the document's `sh` blocks that is not marked `no-run`; panics at the first one
-/// whose exit code is not the announced one. Returns how many there were.
+/// Runs every command of the document's `sh` blocks that is not marked `no-run`. Panics at the first command
+/// whose exit code is not the stated one. Returns the number of commands.
 fn run_commands_of(name: &str) -> usize {
     let clone = tempfile::tempdir().expect("a folder");
     copy_folder(&documents::root().join("assets"), &clone.path().join("assets"));

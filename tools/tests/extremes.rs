@@ -1,4 +1,4 @@
-//! Scenes that are well formed and far from any organ: the right answer or one line with exit code 2, and never a panic.
+//! Valid scenes with extreme parameters: the result is correct or one line with exit code 2, never a panic.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -17,7 +17,7 @@ fn text(path: &Path) -> &str {
     path.to_str().expect("the folder's name is plain")
 }
 
-/// Ends with `code`; a refusal is one line that holds every word, warnings and progress aside.
+/// Ends with `code`; a refusal is one line that contains every word. Warnings and progress are ignored.
 fn ends(arguments: &[&str], code: i32, words: &[&str]) {
     let output = palpate(arguments);
     let said = String::from_utf8_lossy(&output.stderr);
@@ -33,7 +33,7 @@ fn ends(arguments: &[&str], code: i32, words: &[&str]) {
     }
 }
 
-/// A folder with a scene and the names of what is made of it.
+/// A folder with a scene and the names of the files made from it.
 struct Bench {
     folder: tempfile::TempDir,
     scene: PathBuf,
@@ -66,7 +66,7 @@ impl Bench {
     }
 }
 
-/// The largest force moves the node by 30 um, a 300th of the radius: it is solved as any other.
+/// The largest force moves the node by 30 um, a 300th of the radius: it is solved like any other.
 #[test]
 fn a_stiff_node_is_sampled_within_its_reach() {
     let bench = Bench::new(&LAW.replace("1300.0", "4e6"), ADAPTIVE, 8.0);
@@ -92,7 +92,8 @@ fn a_stiff_node_is_sampled_within_its_reach() {
     assert!(forces_n.len() > 8 && (6.0..10.0).contains(&largest_n), "{forces_n:?}");
 }
 
-/// Four million times stiffer, the node moves by less than the positions are apart.
+/// At four million times the stiffness, the displacement of the node is less than the distance between
+/// positions.
 #[test]
 fn a_node_that_the_device_cannot_move_is_refused() {
     let bench = Bench::new(&LAW.replace("1300.0", "4e10"), ADAPTIVE, 8.0);
@@ -125,7 +126,7 @@ fn a_force_that_the_tolerance_swallows_is_refused() {
     Bench::new(LAW, "radius_m = 0.01\ntolerance_n = 0.0001", 0.001).precompute(0, &[]);
 }
 
-/// Forces of a million tonnes are beyond what the core takes; a limit that is zero in f32 is none.
+/// Forces of a million tonnes exceed the range of the core. A limit that is zero in f32 is no limit.
 #[test]
 fn a_blob_that_the_core_would_refuse_is_not_written() {
     let words = ["could not be read", "is not written", "units"];
@@ -165,7 +166,7 @@ fn a_number_of_threads_is_bounded_alike_everywhere() {
     assert!(!Path::new(out).exists() && !Path::new(blob).exists(), "nothing is written");
 }
 
-/// The operating system gives no thread a stack of sixteen terabytes.
+/// The operating system provides no thread with a stack of sixteen terabytes.
 #[test]
 fn threads_that_do_not_start_are_one_line() {
     let bench = Bench::new(LAW, LATTICE, 8.0);

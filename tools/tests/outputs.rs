@@ -1,4 +1,4 @@
-//! No command writes over what it reads, over another of its outputs, or over a file of another kind.
+//! No command overwrites its inputs, another of its outputs, or a file of another kind.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ impl Bench {
         assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
     }
 
-    /// Every file with its content, and every folder; without the files that SQLite makes to read a space.
+    /// Every file with its content, and every folder, except the files that SQLite creates to read a space.
     fn content(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let (mut content, mut folders) = (BTreeMap::new(), vec![self.folder.path().to_path_buf()]);
         while let Some(folder) = folders.pop() {
@@ -65,7 +65,7 @@ impl Bench {
         content
     }
 
-    /// The command ends with exit code 2 and one line that holds every word, and nothing is touched.
+    /// The command ends with exit code 2 and one line that contains every word, and it changes no file.
     fn refuses(&self, line: &str, words: &[&str]) {
         let before = self.content();
         let output = self.palpate(line);
@@ -83,7 +83,7 @@ const RUN: &str = "run a.blob --uncertified --headless";
 const PATH: &str = "path beam.toml --direction=0,0,-1 --steps 1";
 const COMPARE: &str = "compare beam.toml --direction=0,0,-1 --length-mm 1";
 
-/// Commands with one output, which comes last, and what they read.
+/// Commands whose last argument is the one output, and their inputs.
 const COMMANDS: [(&str, &[&str]); 17] = [
     ("pack a.space --no-certificate --out", &["a.space"]),
     ("precompute beam.toml --out", &["beam.toml", "beam.msh"]),
@@ -125,12 +125,12 @@ fn no_output_replaces_an_input_under_any_name() {
             }
         }
     }
-    // Names that must end in something.
+    // Options that require an extension.
     std::fs::hard_link(bench.at("beam.msh"), bench.at("beam.png")).expect("a link");
     bench.refuses(&format!("{COMPARE} --out beam.png"), &["beam.png", "beam.msh"]);
     std::fs::hard_link(bench.at("beam.msh"), bench.at("mesh.csv")).expect("a link");
     bench.refuses(&format!("{PATH} --displacements mesh.csv"), &["mesh.csv", "beam.msh"]);
-    // The files that a scene names are inputs, too.
+    // The files that a scene names are also inputs.
     let scene = std::fs::read_to_string(bench.at("beam.toml")).expect("the scene");
     bench.put("sets.csv", b"{\"F\": [0, 1, 2, 3, 4, 5]}");
     let fixed = scene.lines().find(|line| line.starts_with("nodes = ")).expect("fixed nodes");
@@ -177,7 +177,7 @@ fn two_outputs_of_a_command_are_two_files() {
     let bench = Bench::new();
     std::os::unix::fs::symlink("new.csv", bench.at("link.csv")).expect("a link");
     std::os::unix::fs::symlink("new.csv", bench.at("link.png")).expect("a link");
-    // What a link to nothing points to is not there to be read.
+    // `content` cannot read a dangling link, so this closure checks only its target.
     let refuses = |line: &str, words: &[&str]| {
         let output = bench.palpate(line);
         let said = String::from_utf8_lossy(&output.stderr);
@@ -224,7 +224,7 @@ fn only_force_replaces_a_file_of_another_kind_and_nothing_stands_in_the_way_of_t
     }
     bench.refuses(&format!("{query} nowhere/out.csv"), &["nowhere/out.csv", "check the name, the folder"]);
     bench.refuses(&format!("{query} ."), &["is a folder"]);
-    // A database has no other file's place: rows are added to what is there.
+    // A space never replaces another file: rows are added to an existing space.
     for name in ["notes.csv", "a.blob", "a.mcap", "other.db"] {
         for more in ["", " --salvage"] {
             bench.refuses(&format!("precompute beam.toml --out {name}{more}"), &[name, "not a space"]);
@@ -232,7 +232,7 @@ fn only_force_replaces_a_file_of_another_kind_and_nothing_stands_in_the_way_of_t
         bench.refuses(&format!("held-out beam.toml --out {name}"), &[name, "not a space"]);
     }
     bench.succeeds(&format!("{query} notes.csv --force"));
-    // The same command again, of every kind.
+    // The same commands twice, with every kind of output.
     for _ in 0..2 {
         bench.succeeds(&format!("{query} out.csv"));
         bench.succeeds("pack a.space --method energy --no-certificate --out own.blob");
@@ -251,7 +251,7 @@ fn swap(name: &str) -> &str {
     if name == "a.space" { "in.csv" } else { name }
 }
 
-/// The bytes of an SQLite database that is no space.
+/// The bytes of an SQLite database that is not a space.
 fn foreign_database(path: &Path) -> Vec<u8> {
     let connection = rusqlite::Connection::open(path).expect("made");
     connection.execute_batch("CREATE TABLE meta (key TEXT); INSERT INTO meta VALUES ('x')").expect("filled");
@@ -259,7 +259,7 @@ fn foreign_database(path: &Path) -> Vec<u8> {
     std::fs::read(path).expect("there")
 }
 
-/// Only a damaged space is salvaged; what never was one is not even suggested to be.
+/// Only a damaged space is salvaged. Salvage is not suggested for a file that never was a space.
 #[test]
 fn what_never_was_a_space_is_not_salvaged() {
     let bench = Bench::new();
@@ -289,7 +289,7 @@ fn what_never_was_a_space_is_not_salvaged() {
     }
     bench.put("empty.space", b"");
     bench.refuses("precompute beam.toml --out empty.space --salvage", &["empty.space", "nothing in it yet"]);
-    // Without its magic number, and without its first page.
+    // A space without its magic number, and one without its first page.
     let whole = std::fs::read(bench.at("b.space")).expect("there");
     for lost in [16, 4096] {
         let mut bytes = whole.clone();
@@ -327,7 +327,7 @@ fn sessions_never_replace_each_others_pictures() {
     bench.refuses(&format!("{RUN} --seconds 0.1 --record a.mcap --force"), &["a.mcap", "already exists"]);
 }
 
-/// A write that goes round [`Files`] would go round its checks.
+/// A write that bypasses [`Files`] bypasses its checks.
 #[test]
 fn no_command_opens_a_file_for_writing_by_itself() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
@@ -341,7 +341,7 @@ fn no_command_opens_a_file_for_writing_by_itself() {
                 continue;
             }
             let text = std::fs::read_to_string(&path).expect("text");
-            // Tests of a module come last in it.
+            // The test module is the last item of a file.
             let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
             for word in
                 ["fs::write", "File::create", "OpenOptions", "fs::rename", "fs::copy", "write_atomically"]

@@ -1,5 +1,5 @@
-//! `palpate plan` on the bundled organ: a table and its figures, and what it foretells of a scattered space
-//! within a factor of two. Seconds are printed, not asserted: others may be using the machine.
+//! Tests `palpate plan` on the bundled organ: its table and figures, and its predictions for a scattered
+//! space within a factor of two. Seconds are printed, not asserted, because the machine may be shared.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,4 +1,4 @@
-//! `run --record`, `--device replay:`, `inspect FILE.mcap`: as a user types them.
+//! Tests `run --record`, `--device replay:` and `inspect FILE.mcap` as a user types them.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -8,14 +8,14 @@ use std::process::{Command, Output};
 use palpate_host::recording::TickWriter;
 use palpate_host::{Recording, TickRecord};
 
-/// A real organ with every method, and nobody's certificate.
+/// A real organ with every method, without a certificate.
 const BLOB: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../firmware-like-core/golden/organ-514.blob");
 
 fn palpate(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).output().expect("the binary runs")
 }
 
-/// Exit code and what was said, on both streams.
+/// Exit code and the text on both streams.
 fn said(arguments: &[&str]) -> (Option<i32>, String) {
     let output = palpate(arguments);
     let text = [output.stdout, output.stderr].concat();
@@ -65,7 +65,7 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let figures: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let ticks = figures["ticks"].as_u64().expect("a number");
-    // A tick that would have been late at the end of the session is neither.
+    // A tick whose deadline passes at the end of the session is neither recorded nor skipped.
     let late = (figures["max_lateness_us"].as_f64().expect("a number") * 1e-3).ceil() as u64;
     let periods = ticks + figures["skipped_periods"].as_u64().expect("a number");
     assert!(periods <= 2_000 && 2_000 - periods <= late, "{figures}");
@@ -74,7 +74,7 @@ fn a_session_is_recorded_inspected_and_replayed() {
     let (code, told) = said(&["inspect", text(&recording)]);
     assert!(code == Some(0) && told.contains("simulated hand") && told.contains("peak force"), "{told}");
 
-    // Full precision: what is in the table is what was recorded, to the bit.
+    // Full precision: the table holds the recorded numbers, to the bit.
     let table = std::fs::read_to_string(&csv).expect("the table");
     let mut lines = table.lines();
     let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
@@ -97,20 +97,20 @@ fn a_session_is_recorded_inspected_and_replayed() {
     assert!(told.contains(&format!("{ticks} ticks, all forces bit-identical")), "{told}");
     assert!(std::fs::read_dir(&frames).expect("frames").count() >= 4, "frames of the replay");
 
-    // One bit of one sample.
+    // Changes one bit of one sample.
     let planted = at("planted.mcap");
     rewritten(&recording, &planted, |record| {
         if let (500, Some(sample)) = (record.tick, &mut record.sample) {
             sample.position_m[0] = f32::from_bits(sample.position_m[0].to_bits() ^ 1);
         }
     });
-    // The machine may have skipped that very deadline.
+    // The loop may have skipped this deadline.
     if table.lines().any(|line| line.starts_with("500,")) {
         let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
         assert_eq!(code, Some(1), "{told}");
         assert!(told.contains("the first is tick 500 (0.50") && told.contains("planted.mcap"), "{told}");
     }
-    // A force that nobody felt.
+    // A force that was not applied.
     rewritten(&recording, &planted, |record| record.hand_force_n[1] += 1.0);
     let (code, told) = said(&[&["run", BLOB, "--device", &replay_of(&planted)], &shown[..]].concat());
     assert_eq!(code, Some(1), "{told}");
@@ -119,7 +119,7 @@ fn a_session_is_recorded_inspected_and_replayed() {
     let (code, told) = said(&[&other[..], &shown].concat());
     assert_eq!(code, Some(0), "{told}");
 
-    // What is left of a killed session.
+    // A recording truncated by a killed session.
     let cut = at("cut.mcap");
     let bytes = std::fs::read(&recording).expect("there");
     std::fs::write(&cut, &bytes[..bytes.len() / 2]).expect("writable");
@@ -132,7 +132,7 @@ fn a_session_is_recorded_inspected_and_replayed() {
     );
 }
 
-/// One object on standard output whatever else is asked for, and the same exit codes.
+/// Standard output is one JSON object for any other options, and the exit codes are the same.
 #[test]
 fn a_session_and_its_replay_as_json() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -228,7 +228,7 @@ fn what_cannot_be_replayed_is_refused_in_one_line() {
     bytes[digit] ^= 1;
     std::fs::write(&other, &bytes).expect("writable");
     refused(&["run", BLOB, "--device", &device(&other)], &["other.mcap"]);
-    // Another blob: the same organ under another name.
+    // A different blob: the same organ under another name.
     let mut blob = std::fs::read(BLOB).expect("the golden blob");
     let end = blob.len() - 4;
     let scene = figures(&recording)["scene"].as_str().expect("a name").as_bytes().to_vec();

@@ -1,5 +1,5 @@
-//! `palpate report`: the page parses, every file it names is there, its numbers are those of the certificates
-//! in the blobs, and a second run solves nothing again.
+//! Tests `palpate report`: the page parses, every file that it names exists, its numbers are those of the
+//! certificates in the blobs, and a second run solves nothing.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -41,8 +41,8 @@ fn certificate(blob: &Path) -> Value {
     serde_json::from_slice(organ.certificate.expect("it is certified")).expect("JSON")
 }
 
-/// Well-formed, every file it links to is there, every anchor has its place, every plot has marks and two
-/// named axes.
+/// The page is well-formed, every linked file exists, every anchor has its target, every plot has marks and
+/// two named axes.
 fn check_page(folder: &Path) {
     let page = std::fs::read_to_string(folder.join("report.html")).expect("the page is written");
     let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
@@ -63,7 +63,7 @@ fn check_page(folder: &Path) {
         let labels = plot.descendants().filter(|node| node.attribute("class") == Some("label")).count();
         let marks = plot.descendants().filter(|n| n.has_tag_name("path") || n.has_tag_name("rect")).count();
         assert!(labels == 2 && marks > 0, "{title}: {labels} labels, {marks} marks");
-        // A number that is none must not get into a drawing.
+        // No coordinate of a drawing may be NaN or infinite.
         let numbers = ["x", "y", "d", "points", "height"];
         for node in plot.descendants() {
             for value in numbers.iter().filter_map(|name| node.attribute(*name)) {
@@ -96,7 +96,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         let blob = out.join(format!("work/beam-{grid}-{method}.blob"));
         let certificate = certificate(&blob);
         let space = &certificate["spaces"][0];
-        // Tables of one method may serve another as well.
+        // Tables of one method may also serve another.
         let of_blob = space["methods"].as_array().expect("a list");
         let of_method = of_blob.iter().find(|m| m["method"] == method.as_str()).expect("the method");
         let uniform = &of_method["uniform"];
@@ -131,7 +131,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     };
     assert!(error("energy", "122") < error("trilinear", "122") / 10.0);
 
-    // The forms of a fit: the same energy, so about the same error, and the fit itself is the smallest.
+    // The forms of a fit: the same energy, hence about the same error. The fit itself is the smallest form.
     let forms = rows(&out.join("forms.csv"));
     let of = |form: &str| forms.iter().find(|row| row["form"] == form).expect(form);
     let [cell, node, kernel] = ["cell", "node", "kernel"].map(|form| number(of(form), "bytes"));
@@ -141,8 +141,8 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         "{forms:?}"
     );
 
-    // What is left out, with what could be, and a plot of it: the configurations between those solved as the
-    // certificate has them.
+    // The omissions, made or possible, and a plot of them. The errors at configurations between the solved
+    // ones are those of the certificate.
     let ledger = rows(&out.join("ledger.csv"));
     let line = |what: &str| ledger.iter().find(|row| row["what"].starts_with(what)).expect(what);
     assert_eq!((&*line("nonlinearity")["made"], &*line("nodes inside")["made"]), ("false", "true"));
@@ -176,7 +176,8 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     assert!(number(coarse[0], "positions") > 10.0 && number(coarse[0], "mean_n") > 0.0, "{coarse:?}");
     assert!((number(coarse[0], "radius_m") / number(coarse[0], "within_m") - 1.2).abs() < 1e-9, "{coarse:?}");
 
-    // States between grid points help radial basis functions; the surface is as good as its packing allows.
+    // States between grid points improve radial basis functions. The error of the surface is within the
+    // packing bound.
     let parts = rows(&out.join("parts.csv"));
     let mean = |method: &str, intermediate: &str| {
         let row = parts.iter().find(|row| row["method"] == method && row["intermediate"] == intermediate);
@@ -191,7 +192,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
     let bodies = rows(&out.join("bodies.csv"));
     assert!(bodies.iter().any(|row| row["finest"] == "true" && number(row, "mean_n") == 0.0));
 
-    // Again: nothing is solved or fitted, and nothing but times changes.
+    // A second run solves and fits nothing, and changes only times.
     let written = |name: &str| std::fs::metadata(out.join(name)).and_then(|m| m.modified()).expect("a time");
     let kept = ["work/beam-122-energy.blob", "work/beam-far-32-energy.blob"];
     let before = kept.map(written);
@@ -207,7 +208,7 @@ fn a_small_report_is_whole_and_agrees_with_its_certificates() {
         assert_eq!(but(old), but(&new));
     }
 
-    // Another scene under the same name is refused by the space that is there.
+    // The existing space refuses another scene with the same name.
     write_beam_scene(folder.path(), MR, GRID, 1.0);
     let output = palpate(&arguments);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

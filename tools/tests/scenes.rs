@@ -1,12 +1,12 @@
-//! The bundled scenes, from file to certificate: each comes out as it says, and the one that must not be used
-//! says so.
+//! Tests the bundled scenes from file to certificate: each has the result that it states, and the scene that
+//! must not be used is reported as such.
 
 use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
 
-/// `palpate`, which must end well; what it printed as JSON.
+/// Runs `palpate`, which must succeed. Returns its output as JSON.
 fn palpate(args: &[&str]) -> Value {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut command = Command::new(env!("CARGO_BIN_EXE_palpate"));
@@ -15,7 +15,7 @@ fn palpate(args: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Solved, packed and measured at so many fresh positions: the spaces of the certificate.
+/// Solves, packs and measures at this number of new positions. Returns the spaces of the certificate.
 fn certified(scene: &str, uniform: &str) -> Vec<Value> {
     let folder = tempfile::tempdir().expect("a folder");
     let [space, blob] = ["space", "blob"].map(|end| folder.path().join(scene).with_extension(end));
@@ -32,13 +32,13 @@ fn verdict(space: &Value) -> (&str, String) {
     (space["health"]["verdict"].as_str().expect("a verdict"), words.join("; "))
 }
 
-/// What independent positions say of the method that `run` takes.
+/// The errors at independent positions of the method that `run` selects.
 fn uniform(space: &Value) -> &Value {
     let methods = space["methods"].as_array().expect("some");
     &methods.iter().find(|of| of["method"] == "energy").expect("it is packed")["uniform"]
 }
 
-/// What a hand feels of them is the organ.
+/// The force errors are below the just-noticeable difference.
 #[test]
 fn the_six_scenes_cannot_be_felt_and_none_is_red() {
     for (scene, nodes) in
@@ -52,7 +52,7 @@ fn the_six_scenes_cannot_be_felt_and_none_is_red() {
             assert_ne!(colour, "red", "{scene}: {why}");
             let uniform = uniform(&space);
             let [count, not_felt] = ["count", "not_felt"].map(|key| uniform[key].as_u64().expect("a number"));
-            // One in a hundred may be felt; of sixty that is two, seldom.
+            // One position in a hundred may exceed it; two of sixty are improbable.
             assert!(count >= 40 && not_felt + 2 >= count, "{scene}: {not_felt} of {count}");
         }
     }

@@ -1,5 +1,5 @@
-//! `palpate run` on a Polhem held by its supervisor, killed while the hand leans on the organ. The device is
-//! emulated, all else is real.
+//! Tests `palpate run` on a Polhem with a supervisor, killed while the hand pushes on the organ. Only the
+//! device is emulated.
 
 #[path = "../../host/tests/common/synthetic.rs"]
 mod synthetic;
@@ -17,20 +17,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// A busy machine is late, and a loop that is late faults: such a session is begun anew, so long.
+/// Time limit for repeated sessions. On a busy machine the loop may miss its deadlines and fault, and the
+/// session is then started again.
 const PATIENCE: Duration = Duration::from_secs(240);
-/// Longest time until one of them comes to a touch: the hand presses [`Device::TOUCHES`] after it was first
-/// talked to.
+/// Longest time until a session reaches contact: the hand pushes [`Device::TOUCHES`] after the first request.
 const SESSION: Duration = Duration::from_secs(4);
-/// They measure time, and loops that run side by side starve each other.
+/// The tests measure time, and concurrent loops starve each other.
 static ALONE: Mutex<()> = Mutex::new(());
-/// A force that is one, N.
+/// Smallest force that counts as contact, N.
 const LEANS_N: f32 = 0.5;
-/// Target is 20 ms; the rest is for a machine that is shared.
+/// The target is 20 ms; the margin is for a shared machine.
 const GENEROUS: Duration = Duration::from_millis(500);
 
-/// Blob and profile: device z is the outward normal of the first active node, its origin on the surface
-/// there.
+/// Blob and profile. Device z is the outward normal of the first active node, and its origin is on the
+/// surface there.
 fn files(folder: &Path) -> (PathBuf, PathBuf) {
     let bytes = synthetic::organ(&synthetic::Shape::default());
     let organ: Organ<'_> = Organ::read(&bytes).expect("a sound blob");
@@ -51,7 +51,7 @@ fn files(folder: &Path) -> (PathBuf, PathBuf) {
     (blob, toml)
 }
 
-/// The force on the motors, and when the last request with one came.
+/// The force on the motors, and the time of the last request with a force.
 #[derive(Debug, Clone, Copy)]
 struct Felt {
     force_n: Vec3,
@@ -59,8 +59,9 @@ struct Felt {
     forced: Option<Instant>,
 }
 
-/// Presses its button when it is first talked to, then leans on the organ again and again. A real one owes
-/// this machine's scheduler nothing: it runs above the loop where that is allowed.
+/// An emulated device that presses its button after the first request and then pushes on the organ
+/// repeatedly. A real device does not depend on this machine's scheduler, so its thread has a higher priority
+/// than the loop if permitted.
 struct Device {
     felt: Arc<Mutex<Felt>>,
     ends: Arc<AtomicBool>,
@@ -70,7 +71,7 @@ struct Device {
 }
 
 impl Device {
-    /// The first touch, and half of the time from one to the next.
+    /// Time of the first contact, and half of the period of contacts.
     const TOUCHES: Duration = Duration::from_millis(400);
 
     fn new() -> Self {
@@ -89,7 +90,7 @@ impl Device {
             let mut begun = None;
             while !stop.load(Ordering::Relaxed) {
                 device.set_info(i16::from((100..200).contains(&device.requests())));
-                // Its hand waits for the first word.
+                // The motion starts with the first request.
                 let now = begun.map_or(Duration::ZERO, |begun: Instant| begun.elapsed());
                 device.poll(now.as_micros() as u64, &mut link).expect("the terminal is open");
                 if device.requests() > 0 {
@@ -127,7 +128,7 @@ impl Device {
         Session(Some(child))
     }
 
-    /// Waits until the hand leans on the organ; false if it does not come to that.
+    /// Waits until the hand pushes on the organ; false after `SESSION`.
     fn leans(&self) -> bool {
         let begun = Instant::now();
         while begun.elapsed() < SESSION {
@@ -139,7 +140,7 @@ impl Device {
         false
     }
 
-    /// Time from the last request with a force to zero.
+    /// Time from the last request with a force until zero force.
     fn released(&self) -> Option<Duration> {
         let begun = Instant::now();
         while begun.elapsed() < GENEROUS {
@@ -171,7 +172,7 @@ impl Session {
         kill(self.pid(), signal).expect("it is there");
     }
 
-    /// The process whose parent it is.
+    /// The process whose parent is the session.
     fn supervisor(&self) -> Option<Pid> {
         let parent = self.pid().to_string();
         std::fs::read_dir("/proc").ok()?.flatten().find_map(|entry| {
@@ -200,7 +201,7 @@ fn alone() -> MutexGuard<'static, ()> {
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// A device that is leant on by a session; what came before it had a fault.
+/// A device in contact in a running session; earlier sessions may end in a fault.
 fn leaning(files: &(PathBuf, PathBuf), more: &[&str]) -> (Device, Session) {
     let begun = Instant::now();
     while begun.elapsed() < PATIENCE {
@@ -227,7 +228,7 @@ fn a_killed_session_is_zeroed_by_its_supervisor_and_not_without() {
     let files = files(folder.path());
     let (device, session) = leaning(&files, &[]);
     let supervisor = session.supervisor().expect("a child");
-    // It is its host's to end, not the user's.
+    // Only its host ends the supervisor; it ignores the user's signals.
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
         kill(supervisor, signal).expect("it is there");
     }
@@ -258,8 +259,8 @@ fn a_session_says_who_holds_its_device_and_ends_both() {
     assert!(!Path::new(&format!("/proc/{supervisor}")).exists(), "the port is free again");
 }
 
-/// All is as it will be, and the motors get nothing: armed, leaning on the organ, with forces computed and
-/// shown.
+/// With the motors off all else is as usual: the device is armed and in contact, and forces are computed and
+/// shown, but the motors receive none.
 #[test]
 fn with_the_motors_off_no_force_ever_leaves() {
     let _alone = alone();
@@ -280,7 +281,7 @@ fn with_the_motors_off_no_force_ever_leaves() {
         assert!(device.felt().requests > 500, "{:?}", device.felt());
         let (out, shown) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
         assert!(shown.contains(" mm, buttons ") && shown.contains("; not sent "), "{shown}");
-        // A busy machine is late and latches a fault before it came to a touch: begun anew.
+        // On a busy machine the loop may fault before contact; the session is then started again.
         let computed =
             out.lines().find_map(|line| line.split_once("on the body, ")?.1.split(' ').next()?.parse().ok());
         if computed.is_some_and(|newtons: f32| newtons > LEANS_N) {

@@ -1,4 +1,4 @@
-//! Damaged pages, through the binary, with intermediate states in the file.
+//! Damaged pages, tested with the binary, with intermediate states in the file.
 
 use std::path::Path;
 
@@ -50,8 +50,8 @@ fn salvage_keeps_the_states_on_the_way_and_ends_as_if_nothing_had_been() {
     assert!(saved > 10 * 20 && solved_again > 0, "{saved} saved, {solved_again} solved again");
 }
 
-/// One bit of one number, which SQLite cannot notice: the row's checksum does, in the run and in the salvage,
-/// whether the run would have needed that row or not.
+/// One flipped bit of one number, which SQLite does not detect. The row's checksum detects it, in the run and
+/// in the salvage, whether or not the run needs that row.
 #[test]
 fn a_single_flipped_bit_is_noticed_and_mended() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -60,7 +60,7 @@ fn a_single_flipped_bit_is_noticed_and_mended() {
     succeeds(precompute(&scene, &space, 2));
     let (expected, on_the_way) = (dump(&space, folder.path()), intermediate(&space));
     let records = Store::open(&space).and_then(|store| store.records(0)).expect("intact");
-    // SQLite keeps a REAL with the high byte first, a blob of ours with the low byte first.
+    // SQLite stores a REAL with the high byte first; Palpate's binary columns have the low byte first.
     let energy = records[20].energy_j.to_be_bytes().to_vec();
     let force_on_the_way = on_the_way[40].2.force_n[2].to_le_bytes().to_vec();
     let store = Store::open(&space).expect("intact");
@@ -70,7 +70,7 @@ fn a_single_flipped_bit_is_noticed_and_mended() {
     let state: Vec<u8> = moved[far].iter().flat_map(|x| x.to_le_bytes()).collect();
     for (number, lowest) in [(energy, 7), (force_on_the_way, 0), (state, 4)] {
         let mut bytes = std::fs::read(&space).expect("checkpointed");
-        // A page that was split may have left a copy in the free space of another; nobody reads that.
+        // A page split may leave a copy in the free space of another page, which is never read.
         let found = bytes.windows(number.len()).enumerate().filter(|(_, window)| *window == number);
         let places: Vec<usize> = found.map(|(at, _)| at).collect();
         assert!((1..4).contains(&places.len()), "the number is there {} times", places.len());
@@ -95,7 +95,7 @@ fn a_single_flipped_bit_is_noticed_and_mended() {
     }
 }
 
-/// Nothing is solved again of what is there, the states on the way included.
+/// Nothing that exists is solved again, including the intermediate states.
 #[test]
 fn an_intact_file_is_salvaged_whole() {
     let folder = tempfile::tempdir().expect("a folder");

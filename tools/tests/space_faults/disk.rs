@@ -1,5 +1,5 @@
-//! A disk that is full, at every stage. The disk is a small tmpfs: mounting it needs root, so elsewhere the
-//! tests say that they were skipped.
+//! A full disk, at every stage. The disk is a small tmpfs. Mounting it needs root; without root the tests
+//! report that they were skipped.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use super::{LARGE, dump, kept, output, precompute, scene, succeeds, undisturbed}
 pub(super) struct Mount(pub(super) PathBuf);
 
 impl Mount {
-    /// `None`, and a line on the terminal, where this process may not mount.
+    /// `None`, and a line on the terminal, if this process may not mount.
     pub(super) fn tmpfs(at: &Path, size: &str) -> Option<Self> {
         std::fs::create_dir_all(at).expect("a folder");
         let size = format!("size={size}");
@@ -19,7 +19,7 @@ impl Mount {
         if mount(source, at, Some("tmpfs"), MsFlags::empty(), Some(size.as_str())).is_ok() {
             return Some(Self(at.to_path_buf()));
         }
-        // Straight to the terminal: the test harness swallows what a passing test prints.
+        // Directly to the terminal: the test harness hides the output of a test that passes.
         let loud = "SKIPPED: a test that needs a small disk may not mount one here; run it as root\n";
         use std::io::Write;
         let _ = std::io::stderr().write_all(loud.as_bytes());
@@ -53,8 +53,8 @@ pub(super) fn text(path: &Path) -> &str {
     path.to_str().expect("a plain name")
 }
 
-/// Disks from one that takes not even an empty store to one that takes nearly all of it: each run stops with
-/// one line and exit code 1, and with room it goes on to the same bits.
+/// Disks from one without room for an empty store to one with room for nearly all of it. Each run stops with
+/// one line and exit code 1; with room it continues to the same bits.
 #[test]
 fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -71,7 +71,7 @@ fn a_full_disk_is_one_clear_line_and_the_store_goes_on_when_there_is_room() {
         assert_eq!(line.lines().count(), 1, "{kib} KiB: {line}");
         assert!(line.contains("a.space: the disk is full; "), "{kib} KiB: {line}");
         assert!(line.contains("make room and run the same command again"), "{kib} KiB: {line}");
-        // Still full: still the same.
+        // Still full: the same error.
         assert_eq!(output(precompute(&scene, &space, 1)).status.code(), Some(1), "{kib} KiB, again");
         disk.resize("16m");
         let rows = kept(&space, folder.path()).len();

@@ -1,4 +1,4 @@
-//! SIGKILL, fifty times.
+//! Fifty runs ended by SIGKILL.
 
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -11,14 +11,15 @@ const KILLS: usize = 50;
 /// When a run is killed.
 #[derive(Clone, Copy)]
 enum Moment {
-    /// So long after its start.
+    /// This time after its start.
     After(Duration),
-    /// When its log grows past `skip` commits or so: in the middle of writing one, if we are quick.
+    /// When its log grows after about `skip` commits: during the write of a commit, if the kill is fast
+    /// enough.
     Committing { skip: usize },
 }
 
-/// Whether the write-ahead log ends in a transaction that is not closed (sqlite.org/fileformat2.html, section
-/// 4): of the frames of the current salt, the last commits nothing.
+/// Whether the write-ahead log ends in an open transaction (sqlite.org/fileformat2.html, section 4): of the
+/// frames with the current salt, the last one is not a commit.
 fn log_is_torn(space: &Path) -> bool {
     let bytes = std::fs::read(format!("{}-wal", space.display())).unwrap_or_default();
     let mut torn = false;
@@ -33,10 +34,10 @@ fn log_is_torn(space: &Path) -> bool {
     torn
 }
 
-/// Waits for the moment and kills. False if the run had ended by itself, and then it must have ended well.
+/// Waits for the moment and kills. False if the run had already ended, which must then be a success.
 fn killed(mut run: Child, space: &Path, moment: Moment) -> bool {
     match moment {
-        // The one place where time is what is tested.
+        // Time itself is the tested quantity here.
         Moment::After(wait) => std::thread::sleep(wait),
         Moment::Committing { mut skip } => {
             let name = format!("{}-wal", space.display());
@@ -60,7 +61,7 @@ fn killed(mut run: Child, space: &Path, moment: Moment) -> bool {
         return false;
     }
     run.kill().expect("SIGKILL");
-    // It may have ended between the two.
+    // The run may have ended between the two calls.
     !run.wait().expect("reaped").success()
 }
 
@@ -79,7 +80,7 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
         let moment = match draws.next() % 4 {
             0 => Moment::After(Duration::from_secs_f64(0.03 * draws.unit())),
             1 => Moment::Committing { skip: (draws.next() % 3) as usize },
-            // Up to four tenths of the whole: several kills to a space.
+            // Up to four tenths of a whole run: several kills per space.
             _ => Moment::After(Duration::from_secs_f64(0.4 * whole_s.min(2.0) * draws.unit())),
         };
         let threads = 1 + (draws.next() % 3) as usize;
@@ -89,7 +90,7 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
             kills += 1;
             torn += usize::from(log_is_torn(&space));
             let after = kept(&space, folder.path());
-            // Not one row that was there is gone or changed, its seconds included.
+            // No existing row is lost or changed, including its seconds.
             let lost: Vec<&String> = before.iter().filter(|row| after.binary_search(row).is_err()).collect();
             assert!(
                 lost.is_empty(),
@@ -103,7 +104,8 @@ fn fifty_kills_lose_nothing_but_the_work_in_flight() {
             *(if gained { &mut solving } else { &mut at_start }) += 1;
             before = after;
         } else {
-            // Done in spite of us: it must be right, and the rest of the kills go to a new one.
+            // The run ended before the kill: its space must be correct, and the remaining kills use a new
+            // one.
             ended += 1;
             assert!(dump(&space, folder.path()) == expected, "after {kills} kills the space is another one");
             std::fs::remove_file(&space).expect("removed");

@@ -1,6 +1,6 @@
-//! Faults that a long precomputation must survive, planted round the real binary: kills, signals, a full
-//! disk, folders that may not be written, damaged pages, an edited scene, a second writer. Whatever happens,
-//! the same command ends with the same bits.
+//! Faults that a long precomputation must survive, injected around the real binary: kills, signals, a full
+//! disk, read-only folders, damaged pages, an edited scene, a second writer. After each fault the same
+//! command ends with the same bits.
 
 mod damage;
 mod disk;
@@ -45,7 +45,7 @@ fn succeeds(command: Command) {
     assert!(output.status.success(), "{:?}: {}", output.status, String::from_utf8_lossy(&output.stderr));
 }
 
-/// Runs a command that must end with `code` and one line that holds every word; gives the line.
+/// Runs a command that must end with `code` and one line that contains every word. Returns the line.
 fn fails(command: Command, code: i32, words: &[&str]) -> String {
     let shown = format!("{command:?}");
     let output = output(command);
@@ -58,8 +58,8 @@ fn fails(command: Command, code: i32, words: &[&str]) -> String {
     line
 }
 
-/// `palpate inspect --csv` of a store, every try or those that count, as sorted rows. The table is written to
-/// `aside`.
+/// `palpate inspect --csv` of a store, every attempt or only those that count, as sorted rows. The table is
+/// written to `aside`.
 fn rows(space: &Path, aside: &Path, all_tries: bool) -> Vec<String> {
     let csv = aside.join("rows.csv");
     let mut command = palpate();
@@ -70,12 +70,12 @@ fn rows(space: &Path, aside: &Path, all_tries: bool) -> Vec<String> {
     succeeds(command);
     let table = std::fs::read_to_string(&csv).expect("the table is written");
     let mut rows: Vec<String> = table.lines().map(String::from).collect();
-    // Behind the head.
+    // All rows after the header.
     rows[1..].sort_unstable();
     rows
 }
 
-/// The rows of every try that a run kept, sorted; none if it was stopped before it wrote its tables.
+/// The rows of every attempt that a run kept, sorted; none if it stopped before it created its tables.
 fn kept(space: &Path, aside: &Path) -> Vec<String> {
     if !space.exists() {
         return Vec::new();
@@ -89,7 +89,7 @@ fn kept(space: &Path, aside: &Path) -> Vec<String> {
         return Vec::new();
     }
     let mut rows = rows(space, aside, true);
-    // `counts` and the fold flags of a row change with its neighbours.
+    // `counts` and the `fold_` columns of a row change with its neighbours.
     let head: Vec<String> = rows.remove(0).split(',').map(String::from).collect();
     let of_the_row = |column: usize| head[column] != "counts" && !head[column].starts_with("fold_");
     let mut rows: Vec<String> = rows
@@ -103,8 +103,7 @@ fn kept(space: &Path, aside: &Path) -> Vec<String> {
     rows
 }
 
-/// Everything a store holds of its space but the wall-clock seconds: the rows that count, then those of every
-/// try.
+/// The content of a store except the wall-clock seconds: the rows that count, then those of every attempt.
 fn dump(space: &Path, aside: &Path) -> [Vec<String>; 2] {
     [false, true].map(|all_tries| {
         let rows = rows(space, aside, all_tries);
@@ -117,7 +116,7 @@ fn dump(space: &Path, aside: &Path) -> [Vec<String>; 2] {
     })
 }
 
-/// The dump of a space that nothing disturbed.
+/// The dump of a space without interruptions.
 fn undisturbed(scene: &Path, folder: &Path) -> [Vec<String>; 2] {
     let space = folder.join("undisturbed.space");
     succeeds(precompute(scene, &space, 2));

@@ -1,4 +1,4 @@
-//! A full disk, and signals, while a command works on tables and pictures.
+//! A full disk, and signals, while a command writes tables and pictures.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -44,7 +44,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
     succeeds(command(&["pack", space, "--method", "energy", "--no-certificate", "--out", blob]));
     let path = ["path", scene, "--direction=0,0,-1", "--steps", "2"];
     let query = ["query", blob, "--method", "energy", "--points", points, "--csv", "/dev/full"];
-    // A device that is always full needs no rights.
+    // /dev/full is always full and needs no rights.
     reports_a_full_disk(command(&query), "/dev/full");
     reports_a_full_disk(command(&[&path[..], &["--csv", "/dev/full"]].concat()), "/dev/full");
     let mut to_stdout = command(&path);
@@ -79,7 +79,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
         reports_a_full_disk(command, name);
         let left: Vec<PathBuf> =
             files(&disk.0).into_iter().filter(|file| !file.ends_with("filler")).collect();
-        // What came of a session until then cannot be made again.
+        // The recording of a session cannot be repeated, so the part before the error is kept.
         if name == "a.mcap" {
             assert_eq!(left, [disk.0.join(name)]);
             std::fs::remove_file(&left[0]).expect("removed");
@@ -87,7 +87,7 @@ fn a_full_disk_is_reported_as_such_and_no_part_of_a_file_is_left() {
             assert!(left.is_empty(), "{arguments:?} {option:?} {name}: {left:?}");
         }
     }
-    // The rows of a path are kept where there is room, whatever becomes of its displacements.
+    // The rows of a path are kept if there is room for them, even if its displacements cannot be written.
     let csv = folder.path().join("kept.csv");
     let rows = ["--csv", text(&csv), "--displacements", &at("moved.csv")];
     reports_a_full_disk(command(&[&path[..], &rows].concat()), "moved.csv");
@@ -117,7 +117,7 @@ impl Started {
         }
     }
 
-    /// Sends `signal`; the command ends with exit code 1 and this last line.
+    /// Sends `signal`. The command ends with exit code 1 and this last line.
     fn ends_with(self, signal: Signal, line: &str) {
         kill(Pid::from_raw(self.0.id() as i32), signal).expect("it is there");
         let ended = self.0.wait_with_output().expect("reaped");
@@ -143,7 +143,7 @@ fn an_interrupted_path_keeps_its_rows_and_its_series() {
         let rows = std::fs::read_to_string(&csv).expect("the rows so far");
         assert!(rows.lines().count() > 3 && rows.lines().skip(1).all(|row| row.ends_with(",ok")), "{rows}");
         let series = std::fs::read_to_string(&pvd).expect("the steps so far");
-        // Rest has no row, the table has a header.
+        // The series contains rest. The table has no row for rest, but a header, so the counts agree.
         assert_eq!(series.matches("<DataSet").count(), rows.lines().count());
     }
 }

@@ -1,4 +1,4 @@
-//! Folders and files that may not be written.
+//! Read-only folders and files.
 
 use std::path::Path;
 use std::process::Command;
@@ -37,7 +37,7 @@ fn a_folder_that_may_not_be_written_is_one_line_and_its_stores_can_be_read() {
     succeeds(pack);
 }
 
-/// The log of a run that was killed, on a shelf: it can only be read where SQLite may make its index.
+/// The log of a killed run on a read-only disk: it can only be read if SQLite may create its index.
 #[test]
 fn a_store_with_a_log_left_over_is_read_whole_or_not_at_all() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -46,7 +46,7 @@ fn a_store_with_a_log_left_over_is_read_whole_or_not_at_all() {
     let space = disk.0.join("a.space");
     let mut run = precompute(&scene, &space, 1);
     let mut run = run.stdout(std::process::Stdio::null()).spawn().expect("runs");
-    // A commit or more, so that there are rows in the log alone.
+    // At least one commit, so that the log holds rows that the database file does not.
     while kept(&space, folder.path()).is_empty() {
         assert!(run.try_wait().expect("a state").is_none(), "it kept nothing before its end");
     }

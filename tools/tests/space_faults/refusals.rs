@@ -1,4 +1,4 @@
-//! Stores that must not go on: of an edited scene, of another solver, or being written.
+//! Stores that must not be continued: of an edited scene, of another solver, or with a writer.
 
 use std::process::Stdio;
 
@@ -24,7 +24,7 @@ fn a_scene_edited_between_runs_is_refused_and_the_line_names_what_differs() {
         let differs = format!("({old}, now {new})");
         fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh", &differs, "--out"]);
     }
-    // Lines put in and taken out: they move the others. A new name is no difference.
+    // Inserted and deleted lines move the other lines. A new name is not a difference.
     let limit = "[device]\nmax_force_n = 100.0\n";
     let weight = "[body_force]\nforce_n_per_m3 = [0.0, 0.0, -1.0]\n";
     let moves = [
@@ -42,11 +42,11 @@ fn a_scene_edited_between_runs_is_refused_and_the_line_names_what_differs() {
         }
     }
     std::fs::write(&file, &text).expect("written");
-    // The last corner of the box, a hair further out.
+    // The last corner of the box, moved outwards by 0.1 mm.
     std::fs::write(&mesh_file, mesh.replace(" 0.08 0.04 0.04\n", " 0.0801 0.04 0.04\n")).expect("written");
     fails(precompute(&file, &space, 2), 2, &["a.space", "another scene or mesh (mesh ", "--out"]);
     std::fs::write(&mesh_file, &mesh).expect("written");
-    // What changes no number is no reason.
+    // A change that affects no number is accepted.
     std::fs::write(&file, format!("# a remark\n{text}")).expect("written");
     succeeds(precompute(&file, &space, 2));
     assert_eq!(dump(&space, folder.path()), before);
@@ -58,7 +58,7 @@ fn a_store_of_another_solver_is_refused_by_that_name() {
     let file = scene(folder.path(), SMALL);
     let space = folder.path().join("a.space");
     succeeds(precompute(&file, &space, 2));
-    // The version stands in the file as text; one of the same length takes its place.
+    // The version is text in the file; another one of the same length replaces it.
     let mut bytes = std::fs::read(&space).expect("checkpointed");
     let version = concat!(env!("CARGO_PKG_VERSION"), ".").as_bytes();
     let at =

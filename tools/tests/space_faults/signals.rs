@@ -1,5 +1,5 @@
-//! SIGINT, as Ctrl-C sends it: what is finished is kept, the last line says how to go on, and long walks are
-//! given up.
+//! SIGINT, as Ctrl-C sends it: finished work is kept, the last line states how to continue, and long walks
+//! are abandoned.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use palpate_precompute::space::{Kind, Store};
 
 use super::{Draws, LARGE, SMALL, dump, kept, palpate, precompute, scene, succeeds, undisturbed};
 
-/// A started command whose standard error is heard at its end.
+/// A started command whose standard error is read at its end.
 struct Started(Child);
 
 impl Started {
@@ -28,7 +28,7 @@ impl Started {
         kill(Pid::from_raw(self.0.id() as i32), Signal::SIGINT).expect("SIGINT is sent");
     }
 
-    /// Waits until `seen`, which must be before it ends.
+    /// Waits until `seen`, which must occur before the command ends.
     fn wait_until(&mut self, what: &str, mut seen: impl FnMut() -> bool) {
         while !seen() {
             assert!(self.is_running(), "ended before {what}");
@@ -36,15 +36,15 @@ impl Started {
         }
     }
 
-    /// How it ended and what it said, line by line.
+    /// Exit status and the lines of standard error.
     fn end(mut self) -> (ExitStatus, Vec<String>) {
         let mut said = String::new();
         self.0.stderr.take().expect("piped").read_to_string(&mut said).expect("text");
         (self.0.wait().expect("reaped"), said.lines().map(String::from).collect())
     }
 
-    /// It was interrupted: exit code 1, and the last line says what is kept and how to go on, with `more`,
-    /// after one at most that says that it stops.
+    /// The command was interrupted: exit code 1, and the last line states what is kept and how to continue,
+    /// followed by `more`. At most one line before it states that the command is stopping.
     fn ends_interrupted(self, kept: &str, more: &str) {
         let (status, lines) = self.end();
         assert_eq!(status.code(), Some(1), "{lines:?}");
@@ -58,8 +58,8 @@ impl Started {
     }
 }
 
-/// SIGINT after SIGINT until the command ends by itself, each when the store has got on a little; how many
-/// were heeded.
+/// Repeats SIGINT, each after some progress of the store, until the command ends by itself. Returns the
+/// number of interrupted runs.
 fn interrupted_again_and_again(
     command: impl Fn() -> Command,
     kept: &str,
@@ -102,19 +102,19 @@ fn an_interrupted_precompute_keeps_what_is_finished_and_goes_on_to_the_same_bits
     run.ends_interrupted("configuration", "");
     let after = kept(&space, folder.path());
     assert!(before.iter().all(|row| after.binary_search(row).is_ok()), "what was there is still there");
-    // Whatever is not there is solved by the next run, and nothing else is.
+    // The next run solves only what is missing.
     let mut rest = precompute(&scene, &space, 2);
     rest.arg("--json");
     let rest = super::output(rest);
     let figures: serde_json::Value = serde_json::from_slice(&rest.stdout).expect("JSON");
     let again = figures["solved_now"].as_u64().expect("a number") as usize;
     assert!(again > 0, "it was interrupted when all was done");
-    // Behind the head.
+    // All rows after the header.
     assert_eq!(after.len() + again, expected[1].len() - 1);
     assert_eq!(dump(&space, folder.path()), expected);
 }
 
-/// Two active nodes share the store: neither takes the other's points for its own.
+/// Two active nodes share the store: neither uses the other's points.
 #[test]
 fn interrupts_of_a_store_of_two_nodes_change_no_bit() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -163,7 +163,7 @@ fn held_out(scene: &Path, space: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// The bundled organ: its walks have millimetres to go, each of some milliseconds.
+/// The bundled organ: its walks are millimetres long, with some milliseconds per step.
 fn protocol(out: &Path, more: &[&str]) -> Command {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/liver-small.toml");
     let mut command = palpate();
@@ -171,7 +171,7 @@ fn protocol(out: &Path, more: &[&str]) -> Command {
     command
 }
 
-/// Every held-out row of a store but its seconds, the last column.
+/// Every held-out row of a store except its last column, the seconds.
 fn truth(space: &Path, aside: &Path) -> Vec<String> {
     let csv = aside.join("truth.csv");
     let mut command = palpate();
@@ -183,13 +183,13 @@ fn truth(space: &Path, aside: &Path) -> Vec<String> {
     table.lines().map(|row| row.rsplit_once(',').expect("columns").0.to_string()).collect()
 }
 
-/// Walks of minutes end within moments, and leave nothing of themselves: half a walk would be taken for one
-/// that ended there.
+/// Walks that take minutes end within moments and store nothing. A partial walk would be read as one that
+/// ended there.
 #[test]
 fn long_walks_are_given_up_when_interrupted() {
     let folder = tempfile::tempdir().expect("a folder");
     let (scene, space) = (scene(folder.path(), SMALL), folder.path().join("a.space"));
-    // 26 short walks, then two that are 100 m long.
+    // 26 short walks, then two of 100,000 steps, 100 m long.
     let long = ["--regular-mm", "2", "--random", "2", "--random-steps", "100000", "--uniform", "0"];
     let mut run = Started::of(held_out(&scene, &space, &long));
     run.wait_until("the short walks were kept", || walks_of(&space) == 26);
@@ -212,7 +212,7 @@ fn long_walks_are_given_up_when_interrupted() {
     std::thread::sleep(Duration::from_millis(500));
     let asked = Instant::now();
     run.interrupt();
-    // The same command would forget what it keeps now.
+    // The same command would delete what it keeps now.
     run.ends_interrupted("path", "; leave --again out now, or it starts from nothing once more");
     let took = asked.elapsed();
     assert!(took < Duration::from_secs(2), "{took:?} to give up a walk");
@@ -254,7 +254,8 @@ fn interrupted_walks_go_on_to_the_same_bits() {
     println!("{heeded} interrupts of held-out, {heeded_there} of the protocol");
 }
 
-/// A solve of many seconds is waited for, unless a second signal comes that is not the echo of the first.
+/// The command waits for a solve of many seconds, unless a second signal arrives that is not an echo of the
+/// first.
 #[test]
 fn a_later_second_signal_ends_at_once() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -262,7 +263,7 @@ fn a_later_second_signal_ends_at_once() {
     let text = std::fs::read_to_string(assets.join("liver-large.toml")).expect("the scene");
     let mesh = format!("file = {:?}", assets.join("liver-large.msh"));
     let text = text.replace("file = \"liver-large.msh\"", &mesh);
-    // A transition in a hundred equal parts.
+    // A transition in a hundred equal increments.
     let text = text.replace("radius_m = 0.05", "increments = 100\nradius_m = 0.05");
     let scene = folder.path().join("large.toml");
     std::fs::write(&scene, text).expect("written");
