@@ -1,4 +1,5 @@
-//! Those who do the jobs: threads here, processes elsewhere ([`Crew`] is all the expansion sees of them).
+//! The executor of jobs: threads of this process or processes elsewhere. The expansion uses only the trait
+//! [`Crew`].
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, mpsc};
@@ -12,18 +13,18 @@ use super::store::{Store, StoreError};
 use super::worker::{Worker, Workshop};
 use crate::num::parallel::ThreadError;
 
-/// Why a crew cannot go on.
+/// Why a crew failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CrewError {
     /// A worker stopped on an internal error.
     Panicked,
-    /// The state a job started from is not one of this body.
+    /// The start state of a job does not fit this body.
     Seed,
-    /// A worker on another machine is lost.
+    /// The connection to a worker on another machine is lost.
     Lost(String),
-    /// A worker gave back what it was not asked for.
+    /// A worker returned a result that was not requested.
     Confused,
-    /// The operating system does not start so many threads.
+    /// The operating system refuses to start so many threads.
     Threads(ThreadError),
 }
 
@@ -39,51 +40,52 @@ impl std::fmt::Display for CrewError {
     }
 }
 
-/// Workers with a number each. Outcomes depend on the jobs alone, never on who does them or when.
+/// A pool of numbered workers. Results depend on the jobs alone, not on the worker or the time.
 pub trait Crew {
-    /// How many workers there are.
+    /// Number of workers.
     fn size(&self) -> usize;
 
-    /// Gives work to a worker; it may still be busy with something else.
+    /// Sends work to a worker, which may still be busy.
     fn give(&mut self, worker: usize, work: Work) -> Result<(), CrewError>;
 
-    /// Whoever is done next; `None` if nobody is within `patience`.
+    /// The next result with its worker; `None` if no result arrives within `patience`.
     fn take(&mut self, patience: Duration) -> Result<Option<(usize, Done)>, CrewError>;
 
-    /// Whatever can be given up is: it comes back as [`Done::Abandoned`]. What follows is no longer worked on.
+    /// Cancels what can be cancelled, which returns as [`Done::Abandoned`]. Later work is not executed.
     fn stop(&mut self);
 }
 
-/// How long what is done may wait for the next before it is committed.
+/// Longest wait for the next result before finished results are committed.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A crew at work for one store.
+/// Dispatcher of a crew for one store.
 pub(crate) struct Shift<'a> {
     crew: &'a mut dyn Crew,
     store: &'a Store,
     stop: &'a AtomicBool,
-    /// The crew knows that it is to stop.
+    /// The crew was asked to stop.
     stopped: bool,
     desks: Desks,
 }
 
 impl<'a> Shift<'a> {
-    /// A crew with nothing to do yet.
+    /// Dispatcher with no work in flight.
     pub(crate) fn new(crew: &'a mut dyn Crew, store: &'a Store, stop: &'a AtomicBool) -> Self {
         Self { desks: Desks(vec![Desk::default(); crew.size()]), crew, store, stop, stopped: false }
     }
 
-    /// Whether somebody wants all of this to end.
+    /// Whether a stop was requested.
     pub(crate) fn is_stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// The worker with the least to do and the active node it knows, if it has room and there is time.
+    /// The worker with the least work in flight and the active node of its last piece. `None` if every worker
+    /// has enough work.
     pub(crate) fn free(&self) -> Option<(usize, Option<usize>)> {
         if self.is_stopping() { None } else { self.desks.free() }
     }
 
-    /// Gives a worker a piece of work on this active node.
+    /// Sends a worker a piece of work for this active node.
     pub(crate) fn give(&mut self, worker: usize, active: usize, work: Work) -> Result<(), CrewError> {
         self.crew.give(worker, work)?;
         self.desks.0[worker].pieces += 1;
@@ -91,17 +93,19 @@ impl<'a> Shift<'a> {
         Ok(())
     }
 
-    /// Pieces of work that are out.
+    /// Pieces of work in flight.
     pub(crate) fn out(&self) -> usize {
         self.desks.0.iter().map(|desk| desk.pieces).sum()
     }
 
-    /// Once it was asked to stop: workers that still have something in hand. What lies at their desks beside it is not begun.
+    /// After a stop request: number of workers that still have work in flight. Their queued pieces are not
+    /// started.
     pub(crate) fn stopping(&self) -> Option<usize> {
         self.is_stopping().then(|| self.desks.0.iter().filter(|desk| desk.pieces > 0).count())
     }
 
-    /// What is done next; `None` if nothing was for a while, or was given up. Meanwhile what was done before is committed.
+    /// The next result; `None` if none arrived within [`PATIENCE`] or it was abandoned. A wait without a
+    /// result commits the earlier ones.
     pub(crate) fn take<E: From<StoreError> + From<CrewError>>(&mut self) -> Result<Option<Done>, E> {
         if self.is_stopping() && !std::mem::replace(&mut self.stopped, true) {
             self.crew.stop();
@@ -119,16 +123,17 @@ impl<'a> Shift<'a> {
     }
 }
 
-/// Pieces of work a worker has at once: the one it does and the next, so that it never waits for the store.
+/// Pieces of work per worker in flight: the current and the next one, so that a worker never waits for the
+/// store.
 const AT_A_DESK: usize = 2;
 
-/// What every worker of a crew has before it.
+/// In-flight work of every worker.
 struct Desks(Vec<Desk>);
 
 #[derive(Clone, Copy, Default)]
 struct Desk {
     pieces: usize,
-    /// The active node of its last piece.
+    /// Active node of its last piece.
     last: Option<usize>,
 }
 
@@ -139,7 +144,11 @@ impl Desks {
     }
 }
 
-/// Runs `work` with a crew of `threads` threads, which end with it; an error before it begins if they do not start.
+/// Runs `work` with a pool of `threads` threads, which end when `work` returns.
+///
+/// # Errors
+///
+/// [`CrewError::Threads`] if the threads cannot be started; `work` then does not run.
 pub fn with_threads<R, E: From<CrewError>>(
     workshop: &Arc<Workshop>,
     threads: usize,
@@ -154,7 +163,7 @@ pub fn with_threads<R, E: From<CrewError>>(
                 let (desk, pieces) = mpsc::channel::<Work>();
                 let (sender, workshop, stop) = (sender.clone(), workshop.clone(), stop.clone());
                 Builder::new().spawn_scoped(scope, move || {
-                    // Without this a panic would leave the others waiting for an outcome that never comes.
+                    // Reports a panic. Otherwise the pool would wait for a result that never arrives.
                     let alarm = Alarm { number, sender: &sender };
                     let mut worker = Worker::new(workshop, stop);
                     for work in pieces {
@@ -169,14 +178,14 @@ pub fn with_threads<R, E: From<CrewError>>(
             })
             .collect();
         drop(sender);
-        // Those that did start end: nothing is at their desks.
+        // On an error the started threads end because their queues are empty and closed.
         let desks = desks.map_err(|why| CrewError::Threads(ThreadError { wanted, why: why.to_string() }))?;
-        // The desks go with the crew; a worker without a desk ends.
+        // The queues are dropped with the pool, and a worker without a queue ends.
         work(&mut Threads { desks, done, stop })
     })
 }
 
-/// Threads of this process.
+/// Worker threads of this process.
 #[derive(Debug)]
 pub struct Threads {
     desks: Vec<mpsc::Sender<Work>>,
@@ -185,7 +194,7 @@ pub struct Threads {
 }
 
 impl Drop for Threads {
-    /// Nobody takes what comes now, whatever the reason: a walk is given up, and what lies at the desks is not begun.
+    /// Cancels the work in flight, because no result is received any more. Queued pieces are not started.
     fn drop(&mut self) {
         self.stop();
     }

@@ -1,6 +1,6 @@
-//! Runs the plans of one or many spaces with a crew, and keeps what comes back.
+//! Runs the plans of one or several spaces on a crew and stores the results.
 //!
-//! Resuming is nothing special: the same plans are walked, and a task that the store already holds is not done again.
+//! A resumed run walks the same plans. A task that is already in the store is not solved again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::AtomicBool;
@@ -19,28 +19,30 @@ use crate::spec::GridIndex;
 /// The spaces to expand.
 #[derive(Debug, Clone)]
 pub struct Expansion {
-    /// Active nodes, by their number in the store.
+    /// Active nodes by their number in the store.
     pub actives: Vec<usize>,
 }
 
-/// What a caller is told after every outcome.
+/// Progress after each result.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress {
     /// Points by tag, over all spaces.
     pub counts: TagCounts,
-    /// Points of all spaces, the rest points not counted; not known beforehand where they are scattered.
+    /// Number of points of all spaces without the rest points; `None` for adaptive sampling, where it is not
+    /// known in advance.
     pub total: Option<usize>,
-    /// Where they are scattered: predictions that passed since the last that did not, and how many must, over all spaces.
+    /// Adaptive sampling: current and required length of the validation streak, summed over all spaces.
     pub passes: Option<(usize, usize)>,
-    /// Spaces that are done, and all of them.
+    /// Finished spaces and number of spaces.
     pub spaces: (usize, usize),
-    /// Highest round of a space so far.
+    /// Highest round of any space so far.
     pub round: u32,
-    /// Tries of this run, not found in the store.
+    /// Attempts solved in this run (not read from the store).
     pub solved_now: usize,
-    /// Points of failed tries and of folds are being solved again: how many is not known beforehand.
+    /// Points of failed attempts or of branch jumps are being solved again. Their number is not known in
+    /// advance.
     pub again: bool,
-    /// Solves that are waited for, once it was asked to stop.
+    /// Solves still running after a stop request.
     pub stopping: Option<usize>,
 }
 
@@ -49,9 +51,9 @@ pub struct Progress {
 pub enum ExpansionError {
     /// The store failed.
     Store(StoreError),
-    /// The body has no equilibrium at rest: it is not held, or the mesh is not usable.
+    /// The body has no equilibrium at rest: it is not fixed, or the mesh is unusable.
     Rest(String),
-    /// Asked to stop; everything finished is committed.
+    /// A stop was requested; all finished work is committed.
     Interrupted,
     /// The workers failed.
     Crew(CrewError),
@@ -92,16 +94,16 @@ impl From<CrewError> for ExpansionError {
 /// A space in progress.
 struct Space {
     plan: SpacePlan,
-    /// The next task, if it was looked for already.
+    /// The next task, if it has been determined.
     ahead: Option<Task>,
-    /// Outcomes of earlier runs that the plan has not asked for yet.
+    /// Outcomes of earlier runs that the plan has not requested yet.
     known: HashMap<(GridIndex, u32), Record>,
     counted: TagCounts,
     passed: usize,
 }
 
 impl Space {
-    /// The space of an active node with what earlier runs solved of it.
+    /// The space of an active node with the outcomes of earlier runs.
     fn begin(store: &Store, plans: &Plans, active: usize) -> Result<Self, ExpansionError> {
         let known = store.attempts(active)?;
         store.check_states(active)?;
@@ -126,7 +128,8 @@ impl Space {
         self.plan.is_done().then(|| self.plan.state(0))
     }
 
-    /// Takes an outcome. The state of the space if that was the last one: the next task is looked for, so that both are kept together.
+    /// Records an outcome. Returns the state of the space if this outcome was the last one. It determines the
+    /// next task first, so that outcome and state are stored together.
     fn take(&mut self, record: &Record, store: &Store) -> Result<Option<SpaceState>, ExpansionError> {
         self.plan.decide(record);
         if self.ahead.is_none() {
@@ -135,7 +138,7 @@ impl Space {
         Ok(self.state())
     }
 
-    /// The next task that must be done now; those of earlier runs are answered from the store on the way.
+    /// The next task to solve. Tasks that earlier runs solved are answered from the store.
     fn next(&mut self, store: &Store) -> Result<Option<Task>, ExpansionError> {
         if let Some(task) = self.ahead.take() {
             return Ok(Some(task));
@@ -153,7 +156,7 @@ impl Space {
     }
 }
 
-/// Without a rest there is no space, whether that was found now or by an earlier run.
+/// An error if the rest point failed, in this run or an earlier one: without it there is no space.
 fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
     match &record.failure {
         Some(failure) if record.parent.is_none() => Err(ExpansionError::Rest(failure.clone())),
@@ -162,7 +165,8 @@ fn expect_rest(record: &Record) -> Result<(), ExpansionError> {
 }
 
 impl Expansion {
-    /// Runs to the end, or until `stop` is raised. `progress` is called on this thread. Returns the points by tag, a space each.
+    /// Runs to the end, or until `stop` is set. Calls `progress` on the calling thread. Returns the points by
+    /// tag of each space.
     pub fn run(
         &self,
         store: &Store,
@@ -171,7 +175,7 @@ impl Expansion {
         mut progress: impl FnMut(&Progress),
     ) -> Result<Vec<TagCounts>, ExpansionError> {
         let outcome = self.run_to_commit(store, crew, stop, &mut progress);
-        // Whatever ended it: what is done is kept. The first error is the one that matters.
+        // Finished work is committed however the run ended. The first error is returned.
         let committed = store.commit();
         let counts = outcome?;
         committed?;
@@ -187,8 +191,8 @@ impl Expansion {
     ) -> Result<Vec<TagCounts>, ExpansionError> {
         let plans = Plans::of(store)?;
         let mut shift = Shift::new(crew, store, stop);
-        // Spaces in hand, by position in `actives`. A space is begun only when those in hand have nothing certain to do, so that
-        // a worker stays with its active node and only a few plans are in memory.
+        // Spaces in progress, by position in `actives`. A new space starts only when those in progress have
+        // no certain task. So a worker keeps its active node, and only a few plans are in memory.
         let mut spaces: BTreeMap<usize, Space> = BTreeMap::new();
         let mut begun = 0;
         let mut finished: Vec<Option<TagCounts>> = vec![None; self.actives.len()];
@@ -245,7 +249,7 @@ impl Expansion {
                 (Ok(()), Some(space)) => space.take(&outcome.record, store),
                 (rest, _) => rest.map(|()| None),
             };
-            // What was solved is kept, whatever is wrong beside it.
+            // The outcome is stored even if the space cannot use it.
             store.add(&outcome, taken.as_ref().ok().and_then(Option::as_ref))?;
             taken?;
             if let Some(space) = space {
@@ -264,7 +268,8 @@ impl Expansion {
         self.actives.iter().position(|&a| a == active)
     }
 
-    /// A task of the space the worker knows, or else of any space in hand, or else of a new one.
+    /// A task of the space of the worker's last active node; otherwise of any space in progress; otherwise of
+    /// a new one.
     fn next_task(
         &self,
         store: &Store,
@@ -280,7 +285,7 @@ impl Expansion {
                 return Ok(Some((at, task)));
             }
         }
-        // A space that earlier runs finished is let go of before the next one is begun.
+        // A space that earlier runs finished is removed before the next one starts.
         if *begun < self.actives.len() && spaces.values().all(|space| !space.plan.is_done()) {
             let at = *begun;
             *begun += 1;
@@ -296,7 +301,7 @@ impl Expansion {
 }
 
 impl Progress {
-    /// Takes over what changed in a space since it was last looked at.
+    /// Adds what changed in a space since the last call.
     fn account(&mut self, space: &mut Space) {
         let (old, new) = (space.counted, space.plan.counts());
         let mut sum = self.counts;
@@ -309,7 +314,7 @@ impl Progress {
         };
         space.counted = new;
         if let (Some((sum, _)), Some(passed)) = (&mut self.passes, space.plan.passes()) {
-            // Those of a space that is done have passed, whatever the last ones of it said.
+            // The streak of a finished space counts as complete.
             let passed = if space.plan.is_done() { PASSES } else { passed };
             *sum = *sum + passed - std::mem::replace(&mut space.passed, passed);
         }

@@ -1,39 +1,41 @@
-//! The lattice that takes over where an adaptive search stalls.
+//! The fallback lattice, which replaces an adaptive search that stagnates.
 //!
-//! Its points are counted in the micrometres of the search too, so one store holds the configurations of both.
+//! Its points use the micrometre units of the search, so that one store holds the configurations of both.
 
 use super::record::Record;
 use crate::spec::{GridIndex, SpaceGrid, UNIT_M};
 
-/// Cells along the radius. Three suffice for a smooth space; a fold asks for more, and five would be 1,014 solves.
+/// Cells along the radius. Three suffice for a smooth space. A branch jump needs more; five would be 1,014
+/// solves.
 const CELLS: i32 = 4;
 
-/// The lattice, with points that are counted in [`UNIT_M`] too.
+/// The fallback lattice; its points are in units of [`UNIT_M`], as those of the search.
 #[derive(Debug, Clone)]
 pub struct FallbackLattice {
     /// The lattice.
     pub grid: SpaceGrid,
-    /// Units of a step.
+    /// Spacing in units of [`UNIT_M`].
     pub spacing: i32,
 }
 
 impl FallbackLattice {
-    /// The lattice within `radius_m`, with the corners outside the ball. `None` if the radius is no ball of so many
-    /// cells.
+    /// The lattice within `radius_m`, with the corners outside the ball. `None` if the radius is not a valid
+    /// multiple of the spacing.
     pub fn within(radius_m: f64) -> Option<Self> {
-        // Rounded up: a spacing that is a little too small would make a cell more.
+        // Rounded up: a spacing slightly too small would add a cell.
         let spacing = (radius_m / UNIT_M / f64::from(CELLS) - 1e-6).ceil() as i32;
         let grid = SpaceGrid::new(f64::from(spacing) * UNIT_M, radius_m).ok()?;
         Some(Self { grid, spacing })
     }
 
-    /// The records of its points among those of the space, counted in its own steps, in their order.
+    /// The records at lattice points among those of the space, with indices in lattice steps, in the same
+    /// order.
     pub fn records(&self, of_space: &[Record]) -> Vec<Record> {
         of_space.iter().filter_map(|record| self.own(record)).collect()
     }
 
-    /// A record in steps of the lattice; `None` if its point is not one of the lattice's. Of the search's own points
-    /// only rest is.
+    /// The record with its index in lattice steps; `None` if it is not a lattice point. Of the points of the
+    /// search only rest is one.
     pub(super) fn own(&self, record: &Record) -> Option<Record> {
         let steps = |index: GridIndex| index.map(|n| n / self.spacing);
         let index = steps(record.index);

@@ -1,4 +1,4 @@
-//! What a worker is given and what it gives back; the same on a thread and on another machine.
+//! Input and output of a worker, the same on a thread and on another machine.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,46 +7,45 @@ use super::task::Task;
 use super::walk::{WalkJob, WalkOutcome};
 use crate::num::jet::EnergyJet;
 
-/// What a worker is asked for.
+/// Work for a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum Work {
     /// A point of a space.
     Point(Job),
-    /// Held-out truth.
+    /// A held-out path or position.
     Walk(WalkJob),
 }
 
-/// What a worker gives back.
+/// Result of a worker.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum Done {
     /// A point of a space.
     Point(Box<Outcome>),
-    /// Held-out truth.
+    /// Held-out reference values.
     Walk(WalkOutcome),
-    /// Nothing: there was no time left to do it.
+    /// No result: the run was stopped first.
     Abandoned,
 }
 
-/// A task of one space, with what it starts from.
+/// A task of one space with its start state.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Job {
-    /// Which active node.
+    /// Active node.
     pub active: u32,
-    /// The task.
     pub task: Task,
     /// State of the parent; `None` for the rest point.
     pub seed: Option<StoredSeed>,
 }
 
-/// What a worker found.
+/// Result of a task.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Outcome {
-    /// Which active node.
+    /// Active node.
     pub active: u32,
-    /// The record.
     pub record: Record,
-    /// State for the children; `None` if failed.
+    /// State for the children; `None` if the solve failed.
     pub seed: Option<StoredSeed>,
-    /// Configurations on the way, where the scene asks for them: scattered centres for radial basis functions.
+    /// Intermediate configurations of the transition, if the scene requests them (scattered centres of radial
+    /// basis functions).
     pub intermediate: Vec<EnergyJet>,
 }

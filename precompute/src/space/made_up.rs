@@ -1,4 +1,4 @@
-//! A crew without a solver: its body has a made-up energy, so that a whole space costs milliseconds.
+//! A crew without a solver. Its body has an analytic energy, so that a whole space costs milliseconds.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -17,23 +17,23 @@ use crate::space::{Truth, WalkJob, WalkOutcome};
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
 const SPACING_M: f64 = 0.01;
-/// The fold is the plane halfway between the grid points of i = 1 and those of i = 2.
+/// The branch jump is at the plane halfway between the grid points i = 1 and i = 2.
 const FOLD_M: f64 = 1.5 * SPACING_M;
 
-/// W = scale (k r^2 / 2 + c r^4 / 4), and beyond the fold a second branch of higher energy whose force is `jump_n` more along x.
-/// Active node n is 1 + n times as stiff.
+/// W = scale (k r^2 / 2 + c r^4 / 4). Beyond the jump plane there is a second branch of higher energy, whose
+/// force is larger by `jump_n` along x. The stiffness of active node n is multiplied by 1 + n.
 ///
-/// A transition straight across the fold lands on the upper branch, an oblique one on the lower; else a child is on its parent's
-/// branch. The branch travels in the stored state, as that of a body does.
+/// A transition perpendicular to the plane arrives on the upper branch, an oblique one on the lower branch.
+/// All other transitions keep the branch of the parent. The stored state contains the branch.
 pub(crate) struct MadeUp {
     pub(crate) grid: SpaceGrid,
     scale: f64,
     jump_n: f64,
-    /// What was asked, in order.
+    /// The work received, in order.
     pub(crate) given: Vec<Work>,
-    /// Tag of a position that a walk comes to, by the walk's number.
+    /// Tag of a held-out position, by the number of its walk.
     pub(crate) tag_of_walk: fn(u32) -> ConfigTag,
-    /// Whether the body has no rest.
+    /// Whether the rest point fails.
     pub(crate) restless: bool,
     done: VecDeque<Done>,
 }
@@ -45,7 +45,7 @@ impl MadeUp {
         Self { grid, scale, jump_n, given: Vec::new(), tag_of_walk, restless: false, done: VecDeque::new() }
     }
 
-    /// What happens at `task`.
+    /// The outcome of `task`.
     pub(crate) fn record(&self, active: u32, task: &Task, upper: bool) -> Record {
         let scale = self.scale * f64::from(1 + active);
         let (k, c) = (200.0 * scale, 4e4 * scale);
@@ -122,7 +122,7 @@ impl MadeUp {
         WalkOutcome { walk: job.walk, truths: job.positions_m[..steps].iter().map(truth).collect() }
     }
 
-    /// What its stores are made of.
+    /// Identity of its stores.
     pub(crate) fn identity(&self) -> StoreIdentity {
         StoreIdentity {
             scene_name: "made-up".into(),
@@ -138,17 +138,17 @@ impl MadeUp {
         }
     }
 
-    /// Its store at `path`, of so many active nodes.
+    /// Its store at `path` with `nodes` active nodes.
     pub(crate) fn store(&self, path: &Path, nodes: u32) -> Store {
         Store::create_or_resume(path, &self.identity(), &mesh(), &[0], &actives(nodes)).expect("a store")
     }
 
-    /// The expansion of the spaces of so many nodes.
+    /// The expansion of the spaces of `nodes` nodes.
     pub(crate) fn expansion(&self, nodes: u32) -> Expansion {
         Expansion { actives: (0..nodes as usize).collect() }
     }
 
-    /// Runs the expansion of so many nodes to its end.
+    /// Runs the expansion of `nodes` nodes to its end.
     pub(crate) fn expand(&mut self, store: &Store, nodes: u32) -> Vec<TagCounts> {
         let expansion = self.expansion(nodes);
         let counts = expansion.run(store, self, &AtomicBool::new(false), |_| ()).expect("runs to its end");
@@ -165,12 +165,12 @@ impl MadeUp {
     }
 }
 
-/// A mesh that nobody looks at.
+/// A placeholder mesh.
 pub(crate) fn mesh() -> TetMesh {
     TetMesh::cuboid([1, 1, 1], 0.01)
 }
 
-/// So many active nodes.
+/// `nodes` active nodes.
 pub(crate) fn actives(nodes: u32) -> Vec<(String, u32)> {
     (0..nodes).map(|n| (format!("A{n}"), n + 1)).collect()
 }

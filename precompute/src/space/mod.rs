@@ -1,7 +1,8 @@
 //! The configuration space: positions of the active node, solved point by point (paper, 4.3 and 5.1).
 //!
-//! A [`SpacePlan`] decides what to solve and from which parent; a [`Job`] is one solve, done by a [`Worker`] of a
-//! [`crew`] of threads or processes; [`expansion`] brings them together; [`store`] keeps every try in SQLite.
+//! A [`SpacePlan`] selects the next point and its parent. A [`Job`] is one solve by a [`Worker`] of a
+//! [`crew`] of threads or processes. [`expansion`] connects them, and [`store`] keeps every attempt in
+//! SQLite.
 
 pub mod crew;
 pub mod expansion;

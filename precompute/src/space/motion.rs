@@ -1,10 +1,10 @@
-//! How the surface moves, from the states in the store.
+//! Surface displacements from the states in the store.
 
 use super::store::{Store, StoreError};
 use crate::fit::Moved;
 use crate::spec::GridIndex;
 
-/// The surface nodes of the body with one node active, and where they are at rest.
+/// Surface nodes of the body with one active node, and their rest positions.
 #[derive(Debug)]
 pub struct SurfaceMotion<'s> {
     store: &'s Store,
@@ -14,7 +14,7 @@ pub struct SurfaceMotion<'s> {
 }
 
 impl<'s> SurfaceMotion<'s> {
-    /// Of these mesh nodes, with this active node held.
+    /// The motion of `nodes` for this active node.
     pub fn new(store: &'s Store, active: usize, nodes: &'s [u32]) -> Result<Self, StoreError> {
         let rest = store.displacements(active, [0; 3], 0)?;
         if nodes.iter().any(|&n| n as usize >= rest.len()) {
@@ -23,7 +23,7 @@ impl<'s> SurfaceMotion<'s> {
         Ok(Self { store, active, nodes, rest })
     }
 
-    /// Displacement from rest and its slopes at a configuration.
+    /// Displacement from rest and its derivatives at a configuration.
     pub fn at(&self, index: GridIndex, attempt: u32) -> Result<Moved, StoreError> {
         let [displacement, slopes @ ..] = self.store.displacements_and_slopes(self.active, index, attempt)?;
         let of_surface = |all: &Vec<[f32; 3]>| self.nodes.iter().flat_map(|&n| all[n as usize]).collect();
@@ -33,7 +33,7 @@ impl<'s> SurfaceMotion<'s> {
         })
     }
 
-    /// Displacement from rest of held-out truth, from its bytes; `None` if they were not kept.
+    /// Displacements from rest of a held-out position from its bytes; `None` if they were not stored.
     pub fn of_truth(&self, bytes: &[u8]) -> Option<Vec<f32>> {
         let numbers: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let all = numbers.as_chunks::<3>().0;

@@ -1,4 +1,4 @@
-//! The plan of every space of a store, lattice or scattered.
+//! The plan of every space of a store, lattice or adaptive.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ enum Kind {
 }
 
 impl Plans {
-    /// What the scene of `store` asks for.
+    /// The plans that the scene of `store` defines.
     pub fn of(store: &Store) -> Result<Self, StoreError> {
         let identity = store.identity()?;
         Ok(Self(match identity.sampling {
@@ -43,7 +43,8 @@ impl Plans {
         }))
     }
 
-    /// Points of one space, the rest point not counted; not known beforehand where they are scattered.
+    /// Points of one space without the rest point; `None` for adaptive sampling, where it is not known in
+    /// advance.
     pub fn points(&self) -> Option<usize> {
         match &self.0 {
             Kind::Lattice { domain, .. } => Some(domain.len() - 1),
@@ -54,6 +55,7 @@ impl Plans {
     /// Plan of an active node with nothing solved.
     ///
     /// # Panics
+    ///
     /// If the store has no such active node.
     pub fn plan(&self, active: usize) -> SpacePlan {
         match &self.0 {
@@ -62,7 +64,8 @@ impl Plans {
         }
     }
 
-    /// How far the space of an active node is: as stored, or replayed from its attempts if it is not finished.
+    /// State of the space of an active node: as stored if it is finished, otherwise replayed from its
+    /// attempts.
     pub fn state(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
         match store.finished(active)? {
             Some(state) => Ok(state),
@@ -70,7 +73,7 @@ impl Plans {
         }
     }
 
-    /// The state of a space from its attempts. A search makes all of its fits again on the way.
+    /// The state of a space from its attempts. A search repeats all of its fits.
     fn replayed(&self, store: &Store, active: usize) -> Result<SpaceState, StoreError> {
         REPLAYS.fetch_add(1, Ordering::Relaxed);
         let (mut plan, attempts) = (self.plan(active), store.attempts(active)?);
@@ -87,7 +90,7 @@ impl Plans {
     }
 }
 
-/// How far the space of one active node is ([`Plans::state`]).
+/// State of the space of one active node ([`Plans::state`]).
 pub fn state(store: &Store, active: usize) -> Result<SpaceState, StoreError> {
     match store.finished(active)? {
         Some(state) => Ok(state),
@@ -97,7 +100,7 @@ pub fn state(store: &Store, active: usize) -> Result<SpaceState, StoreError> {
 
 static REPLAYS: AtomicU64 = AtomicU64::new(0);
 
-/// How often this process replayed a space from its attempts: none of a finished one.
+/// Number of replays of this process. A finished space needs none.
 pub fn replays() -> u64 {
     REPLAYS.load(Ordering::Relaxed)
 }

@@ -1,4 +1,5 @@
-//! A space with a fold in it, from a made-up energy: what the flags see of it, and that the expansion mends it.
+//! A space with a branch jump from an analytic energy: tests of its flags, and of the repeated solves that
+//! remove it.
 
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
@@ -16,7 +17,7 @@ fn first_tries(attempts: &[Record]) -> Vec<Record> {
     attempts.iter().filter(|r| r.attempt == 0).cloned().collect()
 }
 
-/// The jump is some four tenths of the force there, at every scale of the forces.
+/// The jump is about 40 % of the force there, at every scale of the forces.
 #[test]
 fn a_jump_halfway_between_grid_points_is_flagged_by_the_force_where_the_energy_is_blind() {
     for scale in [1.0, 30.0, 1000.0] {

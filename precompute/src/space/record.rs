@@ -1,4 +1,4 @@
-//! One try at one point: what it gave, or why it failed.
+//! One attempt at one point: its solution or the reason of its failure.
 
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
@@ -14,15 +14,15 @@ use crate::spec::GridIndex;
 pub struct Record {
     /// The grid point.
     pub index: GridIndex,
-    /// 0 for the point's first try, then counting.
+    /// Number of the attempt at this point, from 0.
     pub attempt: u32,
     /// Expandable, terminating or failed.
     pub tag: ConfigTag,
-    /// Level of the expansion, or round of retries, that it belongs to.
+    /// Level of the expansion, or round of retries.
     pub round: u32,
-    /// Where the transition started: the point, and which of its solutions.
+    /// Start of the transition: the point and the attempt whose solution is used.
     pub parent: Option<(GridIndex, u32)>,
-    /// Reason, if failed.
+    /// Reason of a failure.
     pub failure: Option<String>,
     /// W, J.
     pub energy_j: f64,
@@ -36,26 +36,26 @@ pub struct Record {
     pub residual_n: f64,
     /// Smallest J.
     pub min_jacobian: f64,
-    /// Inverted elements.
+    /// Number of inverted elements.
     pub inverted: u32,
-    /// Unstable modes, where the factorisation tells them.
+    /// Number of unstable modes, if the factorisation gives it.
     pub unstable_modes: Option<u32>,
-    /// Whether the transition left the branch it started on.
+    /// Whether the transition switched to another branch.
     pub switched: bool,
     /// Deformed volume, m^3.
     pub volume_m3: f64,
     /// Newton iterations.
     pub iterations: u32,
-    /// Factorisations among them.
+    /// Number of factorisations.
     pub factorisations: u32,
     /// Load increments.
     pub increments: u32,
-    /// Wall seconds of the solve.
+    /// Wall time of the solve, s.
     pub seconds: f64,
 }
 
 impl Record {
-    /// Record of a task before anything is known of its outcome.
+    /// Record of a task without an outcome.
     pub(crate) fn blank(task: &Task) -> Self {
         Self {
             index: task.target,
@@ -81,7 +81,8 @@ impl Record {
         }
     }
 
-    /// Record of a solved configuration; beyond `max_force_n` it is terminating. One that is not finite is none.
+    /// Record of a solved configuration. It is terminating beyond `max_force_n`, and failed if a number is
+    /// not finite.
     pub(super) fn solved(task: &Task, c: &Configuration, max_force_n: f64, seconds: f64) -> Self {
         let mut record = Self {
             energy_j: c.jet().energy_j,
@@ -110,7 +111,7 @@ impl Record {
         record
     }
 
-    /// Record of a transition that failed.
+    /// Record of a failed transition.
     pub(super) fn failed(task: &Task, failure: &SolveFailure, seconds: f64) -> Self {
         Self {
             tag: ConfigTag::Failed,
@@ -122,20 +123,20 @@ impl Record {
         }
     }
 
-    /// Whether every number of a solution that others rest on is one.
+    /// Whether all numbers of the solution that fits and later solves use are finite.
     pub(super) fn is_finite(&self) -> bool {
         let numbers = self.force_n.iter().chain(self.stiffness_n_m.iter()).chain(&self.third_n_m2);
         numbers.chain([&self.energy_j]).all(|x| x.is_finite())
     }
 
-    /// W, h, S and W_ijk of a solution at this displacement, m.
+    /// W, h, S and W_ijk of the solution at this displacement, m.
     pub fn jet(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let Self { energy_j, force_n, stiffness_n_m, third_n_m2, .. } = *self;
         EnergyJet { control_m: displacement_m, energy_j, force_n, stiffness_n_m, third_n_m2 }
     }
 
-    /// [`Self::jet`] as fits take it. Rest has neither energy nor force by its definition, S is symmetric to the
-    /// bit, and zero has no sign. So a record just solved and the same one read from a store give one fit.
+    /// [`Self::jet`] for fits. At rest W and h are zero by definition, S is exactly symmetric, and no zero
+    /// has a sign. So a new record and the same record from a store give identical fits.
     pub fn jet_for_fit(&self, displacement_m: [f64; 3]) -> EnergyJet {
         let jet = self.jet(displacement_m);
         let jet = EnergyJet::from_numbers(displacement_m, &jet.numbers().map(|x| x + 0.0));
@@ -148,8 +149,8 @@ impl Record {
     }
 }
 
-/// What later solves start from, as the store keeps it: little-endian f32, and the condensed energy. Because every child starts from what is stored, an
-/// interrupted run gives the same bits as an undisturbed one.
+/// Start state of later solves as stored: little-endian f32, and the condensed energy. Every child starts
+/// from the stored state. So an interrupted run gives the same bits as an uninterrupted one.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StoredSeed {
     /// State vector.
@@ -158,12 +159,12 @@ pub struct StoredSeed {
     /// d(state)/dd along x, then y, then z.
     #[serde(with = "serde_bytes")]
     pub(super) sensitivity: Vec<u8>,
-    /// W, h, S and W_ijk, [`EnergyJet::numbers`]: the store keeps them with the record.
+    /// W, h, S and W_ijk, [`EnergyJet::numbers`]. The store keeps them in the record.
     pub(super) numbers: [f64; 20],
 }
 
 impl StoredSeed {
-    /// Rounds `seed` to what is stored.
+    /// Rounds `seed` to the stored precision.
     pub fn pack(seed: &crate::fem::solve::Seed) -> Self {
         let bytes =
             |values: &[f64]| values.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect::<Vec<u8>>();
@@ -174,7 +175,7 @@ impl StoredSeed {
         }
     }
 
-    /// The seed at `displacement_m`; `None` if the bytes are no seed.
+    /// The seed at `displacement_m`; `None` if the bytes are invalid.
     pub fn unpack(&self, displacement_m: [f64; 3]) -> Option<crate::fem::solve::Seed> {
         let numbers = |bytes: &[u8]| -> Vec<f64> {
             bytes.as_chunks().0.iter().map(|b| f64::from(f32::from_le_bytes(*b))).collect()

@@ -1,4 +1,4 @@
-//! Saves what is intact of a damaged store.
+//! Copies the intact part of a damaged store.
 
 use std::path::{Path, PathBuf};
 
@@ -10,25 +10,26 @@ use super::store::{LAYOUT, Store, StoreError, StoreIdentity, held_out, lock, row
 use crate::mesh::TetMesh;
 use crate::spec::{Domain, GridIndex, Lattice, Sampling};
 
-/// What was saved.
+/// Result of a salvage.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Salvaged {
-    /// Tries that were copied.
+    /// Attempts copied.
     pub saved: usize,
-    /// Rows that were there and damaged.
+    /// Damaged rows found.
     pub damaged: usize,
-    /// Walks of held-out truth that were copied.
+    /// Held-out walks copied.
     pub walks: usize,
-    /// Where the damaged file is now.
+    /// New path of the damaged file.
     pub moved_to: PathBuf,
 }
 
 impl Store {
-    /// Copies every intact try of the damaged file at `path` into a new one; the old one is kept beside it under another name.
+    /// Copies every intact attempt of the damaged file at `path` into a new file, and keeps the old one under
+    /// another name.
     ///
-    /// Rows are read one by one, so a damaged page costs only its own rows. Scene and mesh come from the
-    /// caller. Before the file is moved, its meta table is checked against them, if it can still be read. A
-    /// file that another process writes, and one that is not a space, are left as they are.
+    /// Rows are read one by one, so that a damaged page costs only its own rows. Scene and mesh come from the
+    /// caller. Before the file is moved, its meta table is compared with them if it is readable. A file that
+    /// another process writes, and a file that is not a space, remain unchanged.
     pub fn salvage(
         path: &Path,
         identity: &StoreIdentity,
@@ -52,7 +53,7 @@ impl Store {
                 }
             }
         }
-        // What an earlier salvage left is kept too.
+        // Files of an earlier salvage are kept too.
         let mut names = (1_u32..).map(|n| path.with_extension(format!("damaged-{n}.space")));
         let moved_to = names.find(|name| !name.exists()).expect("some number is free");
         for suffix in ["", "-wal", "-shm"] {
@@ -73,7 +74,7 @@ impl Store {
                     }
                 }
                 Sampling::Scattered(_) => {
-                    // Which positions there are the search says, from one batch to the next.
+                    // The search determines its positions batch by batch.
                     let mut plan = Plans::of(&store)?.plan(number);
                     while let Some(task) = plan.next_task() {
                         salvaged.copy(&old, &store, number, task.target, None)?;
@@ -92,7 +93,8 @@ impl Store {
 }
 
 impl Salvaged {
-    /// Copies the tries at one point, the first damaged one and what came after it not: later ones may rest on it.
+    /// Copies the attempts at one point up to the first damaged one. Later attempts are dropped because they
+    /// may depend on it.
     fn copy(
         &mut self,
         old: &Connection,
@@ -121,7 +123,8 @@ impl Salvaged {
             } else {
                 None
             };
-            // A transition of n parts has n - 1 states on its way; the rest point has no transition, a failed one none that count.
+            // A transition of n parts has n - 1 intermediate states. The rest point and failed attempts have
+            // none.
             let parts = match increments {
                 Some(parts) if seed.is_some() && record.parent.is_some() => parts - 1,
                 _ => 0,

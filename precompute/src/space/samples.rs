@@ -1,4 +1,4 @@
-//! Solved configurations as the fits take them.
+//! Solved configurations as input of the fits.
 
 use palpate_core::ConfigTag;
 
@@ -23,7 +23,7 @@ pub fn samples(grid: &SpaceGrid, records: &[Record]) -> Vec<Sample> {
     samples
 }
 
-/// The folds among the solutions of a space that tables must not smooth over.
+/// The branch jumps between solutions of a space, across which tables must not interpolate.
 pub fn folds(grid: &SpaceGrid, records: &[Record]) -> Vec<Fold> {
     let solved = records.iter().filter(|r| r.tag.is_solved());
     fit::folds(&solved.map(|r| (r.index, r.jet(grid.displacement_m(r.index)))).collect::<Vec<_>>())

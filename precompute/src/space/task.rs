@@ -1,4 +1,4 @@
-//! One solve of a space, and how many of them came to what.
+//! One solve of a space, and the counts of their outcomes.
 
 use palpate_core::ConfigTag;
 
@@ -7,26 +7,26 @@ use crate::spec::GridIndex;
 /// One configuration to solve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Task {
-    /// Where.
+    /// The point.
     pub target: GridIndex,
-    /// 0 for the first try of a point, then counting.
+    /// Number of the attempt at this point, from 0.
     pub attempt: u32,
-    /// Level, or round of retries or folds.
+    /// Level of the expansion, or round of retries or of repeated solves at branch jumps.
     pub round: u32,
-    /// Where the transition starts: a point, and which of its solutions; `None` for the rest point.
+    /// Start of the transition: a point and the attempt whose solution is used; `None` for the rest point.
     pub parent: Option<(GridIndex, u32)>,
 }
 
 /// Number of points by tag.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TagCounts {
-    /// Solved, reachable.
+    /// Solved and reachable.
     pub expandable: usize,
     /// Solved, beyond the force limit.
     pub terminating: usize,
     /// Not solvable from any neighbour tried.
     pub failed: usize,
-    /// Not decided yet; at the end: behind terminating or failed points.
+    /// Not decided yet. At the end: points that terminating or failed points cut off.
     pub unknown: usize,
 }
 

@@ -1,4 +1,4 @@
-//! One path, or one position: what a worker is asked, and what it gives back.
+//! A held-out path or position: the job and the outcome of a worker.
 
 use nalgebra::Matrix3;
 use palpate_core::ConfigTag;
@@ -10,19 +10,18 @@ use super::record::StoredSeed;
 use crate::fem::solve::{Configuration, Seed, SolveFailure, Solver};
 use crate::spec::GridIndex;
 
-/// Which kind of held-out truth.
+/// Kind of held-out reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
 pub enum Kind {
     /// One of the 26 straight paths towards the neighbours of a lattice point.
     Regular,
-    /// A path of small steps whose direction turns slowly.
+    /// A path of small steps with a slowly turning direction.
     Random,
     /// A position drawn uniformly from the ball, solved from the nearest solved corner of its cell.
     Uniform,
 }
 
 impl Kind {
-    /// All kinds.
     pub const ALL: [Self; 3] = [Self::Regular, Self::Random, Self::Uniform];
 
     /// Name in files.
@@ -40,47 +39,44 @@ impl Kind {
     }
 }
 
-/// Which walk.
+/// Identity of a walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Walk {
     /// Active node.
     pub active: u32,
-    /// Kind.
     pub kind: Kind,
     /// Number within the kind.
     pub number: u32,
 }
 
-/// Solve along these positions, each from the one before.
+/// Solve these positions in order, each from the one before.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct WalkJob {
-    /// Which walk.
     pub walk: Walk,
-    /// Where it starts: a point of the space and its state; `None` for rest.
+    /// Start: a point of the space and its state; `None` for rest.
     pub start: Option<(GridIndex, StoredSeed)>,
     /// Displacements of the active node, m.
     pub positions_m: Vec<[f64; 3]>,
-    /// Whether the displacements of all nodes are wanted.
+    /// Whether the displacements of all nodes are stored.
     pub keep_displacements: bool,
 }
 
-/// What a walk gave, as far as it went.
+/// Outcome of a walk up to its end or its first failure.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct WalkOutcome {
-    /// Which walk.
     pub walk: Walk,
-    /// Step after step; the last one may be terminating or failed.
+    /// One entry per step; the last one may be terminating or failed.
     pub truths: Vec<Truth>,
 }
 
-/// One position.
+/// Reference values at one position.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Truth {
     /// Displacement of the active node, m.
     pub displacement_m: [f64; 3],
-    /// Expandable: |h| < f_max; terminating: at or beyond it; failed.
+    /// Expandable: |h| < f_max. Terminating: |h| >= f_max. Otherwise failed.
     pub tag: ConfigTag,
-    /// Reason, if failed.
+    /// Reason of a failure.
     pub failure: Option<String>,
     /// W, J.
     pub energy_j: f64,
@@ -92,19 +88,19 @@ pub struct Truth {
     pub residual_n: f64,
     /// Smallest J.
     pub min_jacobian: f64,
-    /// Inverted elements.
+    /// Number of inverted elements.
     pub inverted: u32,
-    /// Unstable modes, where the factorisation tells them.
+    /// Number of unstable modes, if the factorisation gives it.
     pub unstable_modes: Option<u32>,
-    /// Whether the step left the branch it started on.
+    /// Whether the step switched to another branch.
     pub switched: bool,
     /// Newton iterations.
     pub iterations: u32,
-    /// Factorisations among them.
+    /// Number of factorisations.
     pub factorisations: u32,
-    /// Wall seconds.
+    /// Wall time, s.
     pub seconds: f64,
-    /// Displacements of all nodes (f32 x, y, z, little-endian), m; empty if not kept.
+    /// Displacements of all nodes (f32 x, y, z, little-endian), m; empty if not stored.
     pub displacements: Vec<u8>,
 }
 
@@ -152,8 +148,9 @@ impl Truth {
 }
 
 impl WalkJob {
-    /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches `max_force_n`; `None` if `stop`
-    /// is raised meanwhile: half a walk would be taken for one that ended there.
+    /// Walks from `start` (rest if `None`) until the positions end, a step fails, or |h| reaches
+    /// `max_force_n`. `None` if `stop` is set meanwhile, because a partial walk would look like a complete
+    /// one.
     pub fn solve(
         &self,
         solver: &mut Solver,

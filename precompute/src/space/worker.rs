@@ -1,4 +1,4 @@
-//! One worker: the solver of the active node it was last asked for, and what it must know beside the job.
+//! One worker: the solver of its current active node, and the data that all workers share.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,19 +12,20 @@ use crate::fem::solve::{Configuration, LoadingOptions, Problem, Seed, SolveFailu
 use crate::num::jet::EnergyJet;
 use crate::spec::{GridIndex, Sampling};
 
-/// Everything a worker must know beside the job.
+/// Context that all workers share.
 pub struct Workshop {
     problem: Box<dyn Fn(usize) -> Arc<Problem> + Send + Sync>,
-    /// The problem of an active node while a worker has it in hand: with its numbering and analysis one serves them all.
+    /// The problem of an active node while a worker uses it. All workers on that node share its numbering and
+    /// symbolic analysis.
     problems: Mutex<HashMap<u32, Arc<Mutex<Weak<Problem>>>>>,
-    /// What the positions are.
+    /// Definition of the positions.
     pub sampling: Sampling,
-    /// Force beyond which a configuration is terminating, N.
+    /// Force limit of expandable configurations, N.
     pub max_force_n: f64,
 }
 
 impl Workshop {
-    /// Workshop where `problem` builds that of an active node.
+    /// Context in which `problem` builds the problem of an active node.
     pub fn new(
         problem: impl Fn(usize) -> Arc<Problem> + Send + Sync + 'static,
         sampling: Sampling,
@@ -34,10 +35,10 @@ impl Workshop {
     }
 
     fn problem(&self, active: u32) -> Arc<Problem> {
-        // A worker that panicked while it built one left nothing half-done here.
+        // A panic while a problem is built leaves this map consistent.
         let mut problems = self.problems.lock().unwrap_or_else(PoisonError::into_inner);
         let place = problems.entry(active).or_default().clone();
-        // Nobody waits for the problem of another node; whoever comes second to this one does.
+        // Released here: only a second request for the same node waits, not a request for another one.
         drop(problems);
         let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
         place.upgrade().unwrap_or_else(|| {
@@ -57,7 +58,7 @@ impl std::fmt::Debug for Workshop {
     }
 }
 
-/// One worker: the solver of the active node it was last asked for.
+/// One worker with the solver of its current active node.
 #[derive(Debug)]
 pub struct Worker {
     workshop: Arc<Workshop>,
@@ -65,23 +66,24 @@ pub struct Worker {
     solver: Option<(u32, Solver)>,
 }
 
-/// How hard the first try at a point is. Where a branch ends the space has other neighbours to come from: they cost less than many
-/// small steps towards a fold, and without snapping through W stays single-valued where it can be.
+/// Effort of the first attempt at a point. Where a branch ends, a solve from another neighbour is cheaper
+/// than many small steps towards the bifurcation. Without snap-through W stays single-valued where that is
+/// possible.
 const FIRST_TRY: LoadingOptions = LoadingOptions { max_halvings: 3, perturbations: 1, snap_through: false };
-/// How hard a later try is: most of those that fail at all have no solution near.
+/// Effort of a later attempt. Most points that still fail have no solution nearby.
 const AGAIN: LoadingOptions = LoadingOptions { max_halvings: 1, perturbations: 0, snap_through: false };
 
-/// The state a job starts from is not one of this body.
+/// The start state of a job does not fit this body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct UnusableSeed;
 
 impl Worker {
-    /// A worker that has not done anything yet, and that does no more once `stop` is raised.
+    /// A worker without a solver, which stops working once `stop` is set.
     pub fn new(workshop: Arc<Workshop>, stop: Arc<AtomicBool>) -> Self {
         Self { workshop, stop, solver: None }
     }
 
-    /// Does what is asked.
+    /// Executes a piece of work.
     pub fn work(&mut self, work: &Work) -> Result<Done, UnusableSeed> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(Done::Abandoned);
@@ -95,7 +97,8 @@ impl Worker {
     /// The solver of an active node.
     fn solver(&mut self, active: u32) -> &mut Solver {
         if self.solver.as_ref().is_none_or(|(there, _)| *there != active) {
-            // The old one goes first: two factors of a large body need not stand side by side.
+            // The old solver is dropped first, so that two factors of a large body are not in memory
+            // together.
             self.solver = None;
         }
         let workshop = &self.workshop;
@@ -103,7 +106,7 @@ impl Worker {
         solver
     }
 
-    /// A stored state as the seed at a grid point, if it is one of this body.
+    /// The stored state as the seed at a grid point, if it fits this body.
     fn seed(&mut self, active: u32, at: GridIndex, stored: &StoredSeed) -> Result<Seed, UnusableSeed> {
         let seed = stored.unpack(self.workshop.sampling.displacement_m(at)).ok_or(UnusableSeed)?;
         let fits = seed.state.len() == self.solver(active).problem().body.state_len();
@@ -155,7 +158,7 @@ impl Worker {
     }
 }
 
-/// One transition, in equal parts if asked; iterations and the like are summed.
+/// One transition, in equal parts if requested. Iterations and the other counters are summed.
 fn transition(
     solver: &mut Solver,
     mut seed: Seed,

@@ -1,4 +1,4 @@
-//! What is kept when a run ends early, and what a resumed one makes of it.
+//! What an interrupted run keeps, and what a resumed run does with it.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -10,7 +10,7 @@ use super::super::made_up::{MadeUp, actives, mesh};
 use super::super::{Outcome, Store};
 use super::*;
 
-/// Runs until `tries` are solved now; how many the caller was told of.
+/// Runs until `tries` attempts are solved in this run; returns the last reported number.
 fn stopped(made_up: &mut MadeUp, store: &Store, nodes: u32, tries: usize) -> usize {
     let (stop, mut told) = (AtomicBool::new(false), 0);
     let ended = made_up.expansion(nodes).run(store, made_up, &stop, |p| {
@@ -21,7 +21,7 @@ fn stopped(made_up: &mut MadeUp, store: &Store, nodes: u32, tries: usize) -> usi
     told
 }
 
-/// Tries of so many nodes that a kill would leave.
+/// Committed attempts of so many nodes, which a kill would leave.
 fn committed(path: &std::path::Path, nodes: usize) -> usize {
     let reader = Store::open(path).expect("readers are welcome");
     (0..nodes).map(|active| reader.attempts(active).expect("records").len()).sum()
@@ -32,7 +32,7 @@ fn all_that_was_done_before_a_stop_is_committed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.space");
     let mut made_up = MadeUp::new(1.0, 1.3);
-    // The writer stays open: what it holds back the reader does not see.
+    // The writer stays open: the reader does not see its uncommitted rows.
     let store = made_up.store(&path, 1);
     let mut before = 0;
     for tries in [1, 7, 30] {
@@ -41,7 +41,7 @@ fn all_that_was_done_before_a_stop_is_committed() {
     }
 }
 
-/// A crew that ends after so many outcomes.
+/// A crew that fails after so many outcomes.
 struct Dies(MadeUp, usize);
 
 impl Crew for Dies {
@@ -74,7 +74,7 @@ fn all_that_was_done_before_a_worker_is_lost_is_committed() {
     assert_eq!(committed(&path, 1), 23);
 }
 
-/// Every outcome after a silence of ten seconds, which nobody has to sit through.
+/// Reports ten seconds of silence before every outcome, without an actual wait.
 struct Slow {
     made_up: MadeUp,
     path: PathBuf,
@@ -121,7 +121,7 @@ fn what_is_done_before_a_long_silence_is_committed_within_a_second() {
     assert!(slow.given_back >= 4);
 }
 
-/// Everything a node's store holds, in order.
+/// All rows of a node's store, in order.
 fn outcomes(store: &Store, active: usize) -> Vec<Outcome> {
     let attempts = store.attempts(active).expect("records");
     let outcome = |record: Record| {
@@ -169,7 +169,7 @@ fn a_stored_try_from_another_parent_or_of_another_round_is_refused() {
     }
 }
 
-/// Interrupted anywhere, and saved from a file that is not damaged: each node keeps its own.
+/// After an interruption at any point, and after a salvage of an undamaged file, each node has its own rows.
 #[test]
 fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -199,7 +199,7 @@ fn two_nodes_of_one_store_are_resumed_and_salvaged_each_by_itself() {
     assert!([0, 1].map(|active| saved.attempts(active).expect("records")) == expected);
 }
 
-/// The failed rest point is kept like any other outcome: it must not pass for a space that is done.
+/// The failed rest point is stored like any other outcome. The space must not count as finished.
 #[test]
 fn a_body_without_a_rest_is_refused_the_second_time_too() {
     let folder = tempfile::tempdir().expect("a folder");

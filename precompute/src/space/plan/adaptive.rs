@@ -1,4 +1,4 @@
-//! A search as tasks of a configuration space.
+//! An adaptive search as tasks of a configuration space.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -9,27 +9,27 @@ use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
 use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
 
-/// The point at rest.
+/// The rest point.
 const REST: GridIndex = [0; 3];
 
-/// The plan of one scattered space: the counterpart of [`super::Plan`].
+/// The plan of one adaptive space: the counterpart of [`super::Plan`].
 #[derive(Debug)]
 pub struct ScatteredPlan {
     wanted: Wanted,
-    /// None before the rest is known.
+    /// `None` before rest is solved.
     search: Option<Search>,
-    /// What the search learned from, in its order: parents are counted in it.
+    /// The points of the search in its order. Parents are indices into this list.
     learned: Vec<GridIndex>,
-    /// The batch that is out.
+    /// The batch in progress.
     batch: Vec<Target>,
     found: HashMap<GridIndex, Found>,
     ready: VecDeque<Task>,
     counts: TagCounts,
     round: u32,
     verdict: Option<Verdict>,
-    /// What a lattice begins with.
+    /// The rest record, with which the fallback lattice starts.
     rest: Option<Record>,
-    /// What has taken over.
+    /// The fallback lattice, after stagnation.
     switched: Option<Switched>,
 }
 
@@ -51,29 +51,29 @@ impl ScatteredPlan {
         }
     }
 
-    /// The fit so far; `None` before the rest is known.
+    /// The current fit; `None` before rest is solved.
     pub fn fit(&self) -> Option<AdaptiveFit> {
         self.search.as_ref().map(|search| search.fitted(self.verdict))
     }
 
-    /// Predictions within tolerance since the last that was not.
+    /// Length of the validation streak: successive predictions within tolerance.
     pub fn passes(&self) -> usize {
         self.search.as_ref().map_or(0, Search::passes)
     }
 
-    /// Points by tag, the rest point not counted: those of the search, and of the lattice.
+    /// Points by tag of the search and of the fallback lattice, without the rest point.
     pub fn counts(&self) -> TagCounts {
         let mut counts = self.counts;
         counts += self.switched.as_ref().map(Switched::counts).unwrap_or_default();
         counts
     }
 
-    /// Batches so far, or levels of the lattice.
+    /// Number of batches so far, or level of the lattice.
     pub fn round(&self) -> u32 {
         self.round.max(self.switched.as_ref().map_or(0, Switched::round))
     }
 
-    /// Whether failed points or those at folds are being solved once more.
+    /// Whether failed points or those at branch jumps are being solved again.
     pub fn is_solving_again(&self) -> bool {
         self.switched.as_ref().is_some_and(Switched::is_solving_again)
     }
@@ -83,7 +83,7 @@ impl ScatteredPlan {
         self.verdict.is_some() && self.switched.as_ref().is_none_or(Switched::is_done)
     }
 
-    /// The next task; `None` while the batch must come back first, or when all is done.
+    /// The next task. `None` while results of the batch are outstanding, or when all is done.
     pub fn next_task(&mut self) -> Option<Task> {
         if self.ready.is_empty() && self.batch.is_empty() && self.verdict.is_none() {
             self.begin_batch();
@@ -117,7 +117,7 @@ impl ScatteredPlan {
         }
     }
 
-    /// Takes the outcome of a task that was handed out.
+    /// Records the outcome of a task.
     pub fn decide(&mut self, record: &Record) {
         if let Some(lattice) = &mut self.switched {
             return lattice.decide(record);
@@ -165,7 +165,7 @@ mod tests {
 
     const RADIUS_M: f64 = 0.03;
 
-    /// A body that jumps to another branch, with `jump_n` more force, at a plane askew to every axis.
+    /// A body whose force jumps by `jump_n` to another branch, at a plane oblique to every axis.
     fn record(task: &Task, jump_n: f64) -> Record {
         let jet = made_up::jet(displacement_m(task.target));
         let [x, y, z] = jet.control_m;
@@ -194,7 +194,7 @@ mod tests {
         most: 160,
     };
 
-    /// Solves to the end, `width` tasks at a time; what was solved, in the order of the points.
+    /// Solves to the end with `width` tasks in flight. Returns the solved records in the order of the points.
     fn solved(wanted: Wanted, jump_n: f64, width: usize) -> (ScatteredPlan, Vec<Record>) {
         let (mut plan, mut records) = (ScatteredPlan::new(wanted), Vec::new());
         while !plan.is_done() {
@@ -221,13 +221,14 @@ mod tests {
         let lattice = FallbackLattice::within(RADIUS_M).expect("a lattice");
         assert!((40..160).contains(&jets), "{jets}");
         assert_eq!(f64::from(lattice.spacing) * UNIT_M, lattice.grid.spacing_m);
-        // All of the ball and the corners that complete its cells, and no point of the search among them but rest.
+        // All points of the ball and the corners that complete its cells. Of the search only rest is among
+        // them.
         let own = lattice.records(&records);
         let points: std::collections::BTreeSet<GridIndex> = own.iter().map(|r| r.index).collect();
         assert_eq!(points.len(), 613);
         let all: std::collections::BTreeSet<GridIndex> = records.iter().map(|r| r.index).collect();
         assert_eq!(plan.counts().solved(), all.len() - 1);
-        // Its folds lie at the plane, and nowhere else.
+        // Its branch jumps are at the plane and nowhere else.
         let kept: Vec<Record> = own.into_iter().filter(|r| r.attempt == 0).collect();
         let folds = folds(&lattice.grid, &kept);
         assert!(folds.len() > 50, "{}", folds.len());
@@ -238,7 +239,7 @@ mod tests {
             });
             assert_ne!(beyond[0], beyond[1], "{fold:?}");
         }
-        // Whoever solves how many at once.
+        // The number of tasks in flight does not matter.
         let (_, again) = solved(ANYWHERE, 2.0, 7);
         assert_eq!(again, records);
     }
@@ -262,7 +263,7 @@ mod tests {
             let is_inside = (0..3).all(|i| at[i] >= low[i] && at[i] <= high[i]);
             inside += usize::from(is_inside);
             if is_inside && -record.force_n[2] <= 0.0 && lattice.grid.lattice.contains(*index) {
-                // All corners of its cells are there.
+                // All corners of its cells exist.
                 pressing += 1;
                 let beside = |code: i32| {
                     std::array::from_fn(|axis| index[axis] + code / 3i32.pow(axis as u32) % 3 - 1)

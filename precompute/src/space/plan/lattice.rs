@@ -1,18 +1,21 @@
-//! What to solve next, in one space: a pure function of the lattice and of what was solved, never of who was done first.
+//! Selects the next solve of one space. The selection is a pure function of the lattice and the outcomes, not
+//! of the order in which they arrive.
 //!
-//! **Expansion** (paper, 5.1). The rest point has level 0. An undecided point p belongs to level r if the least level of the
-//! expandable points it can be solved from is r - 1, and its parent is the best of those. This is what rounds with a barrier
-//! between them would do; but a point is handed out as soon as its level and parent are certain, so no worker waits for a
-//! round to end. Certain means: its `floor`, one more than the least level that any of its neighbours has or may still get, is
-//! reached by an expandable one, and every neighbour that could be as low is decided. Floors are shortest paths from the
-//! points that are expandable or being solved, through the undecided ones; they only rise, so an old one is merely cautious.
+//! **Expansion** (paper, 5.1). The rest point has level 0. An undecided point p has level r if the lowest
+//! level of the expandable points that can be its parent is r - 1. Its parent is the best of those. The
+//! result is that of rounds with a barrier between them. But a point is issued as soon as its level and
+//! parent are certain, so that no worker waits for the end of a round. The `floor` of a point is one more
+//! than the lowest level that any of its neighbours has or can still get. A point is certain when an
+//! expandable neighbour has level `floor` - 1 and every neighbour that could have a level as low is decided.
+//! Floors are shortest paths from the expandable and pending points through the undecided ones. They only
+//! rise, so an outdated floor only delays a point.
 //!
-//! **Retries.** When nothing is left to expand, every failed point is tried from its other solved neighbours, one after the
-//! other until one succeeds. What becomes expandable then opens a new level.
+//! **Retries.** When no expansion is left, every failed point is tried from its other solved neighbours, one
+//! after the other until one succeeds. A point that becomes expandable then opens a new level.
 //!
-//! **Folds.** When nothing is left to retry, points of flagged pairs ([`crate::fit::Fold`]) are solved once more from another parent,
-//! and a second time where the other end of such a pair has found a better solution. Of all solutions of a point the one of lowest
-//! energy is kept; every try is recorded.
+//! **Branch jumps.** When no retry is left, the points of flagged pairs ([`crate::fit::Fold`]) are solved
+//! again from another parent. A second repetition follows where the other end of such a pair has found a
+//! better solution. The solution of lowest energy of each point is kept, and every attempt is recorded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -25,7 +28,7 @@ use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, REST, SpaceGrid};
 
-/// How often a point of a flagged pair is solved again.
+/// Maximum number of repeated solves of a point of a flagged pair.
 const FOLD_TRIES: usize = 2;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,22 +42,22 @@ enum Phase {
 /// State of one point.
 #[derive(Debug, Clone)]
 struct Point {
-    /// Level at which it was solved or is being solved.
+    /// Level at which it was or is being solved.
     level: u32,
     /// Lower bound on the level of an undecided point.
     floor: u32,
-    /// A try is out.
+    /// An attempt is in flight.
     pending: bool,
     /// In the queue of certain points.
     queued: bool,
-    /// Parents tried, and which of their solutions, in order: one for each attempt.
+    /// Parents tried, each with the attempt whose solution was used; one entry per attempt.
     tried: Vec<(u32, u32)>,
-    /// The first attempt that was made because of a fold.
+    /// The first attempt made because of a branch jump.
     first_at_fold: Option<u32>,
-    /// Parents yet to be tried in this phase, and which of their solutions, the next one last. Named when the phase begins:
-    /// a solution found meanwhile must not matter.
+    /// Parents to try in this phase, each with the attempt whose solution is used, the next one last. The
+    /// list is fixed at the start of the phase, so that solutions found meanwhile have no influence.
     left: Vec<(u32, u32)>,
-    /// The solution that counts; the last failure if there is none.
+    /// The accepted solution; the last failure if there is none.
     kept: Option<Record>,
 }
 
@@ -63,7 +66,7 @@ impl Point {
         self.kept.as_ref().map_or(ConfigTag::Unknown, |record| record.tag)
     }
 
-    /// Which attempt gave the kept solution.
+    /// The attempt of the accepted solution.
     fn solution(&self) -> u32 {
         self.kept.as_ref().map_or(0, |record| record.attempt)
     }
@@ -73,7 +76,7 @@ impl Point {
     }
 }
 
-/// Level of what cannot be reached.
+/// Level of a point that cannot be reached.
 const NEVER: u32 = u32::MAX;
 
 /// The plan of one space.
@@ -83,10 +86,10 @@ pub struct Plan {
     grid: SpaceGrid,
     points: Vec<Point>,
     phase: Phase,
-    /// Points certain and not handed out.
+    /// Certain points that are not issued yet.
     ready: VecDeque<u32>,
     pending: usize,
-    /// A point was decided that opens nothing: floors may have risen.
+    /// A point was decided that opens no other: floors may have risen.
     floors_stale: bool,
     /// Highest level so far.
     round: u32,
@@ -120,7 +123,7 @@ impl Plan {
         }
     }
 
-    /// Points by tag, the rest point not counted.
+    /// Points by tag, without the rest point.
     pub fn counts(&self) -> TagCounts {
         self.counts
     }
@@ -130,7 +133,7 @@ impl Plan {
         self.round
     }
 
-    /// Whether failed points or those at folds are being solved once more.
+    /// Whether failed points or those at branch jumps are being solved again.
     pub fn is_solving_again(&self) -> bool {
         matches!(self.phase, Phase::Retry | Phase::Fold)
     }
@@ -140,7 +143,7 @@ impl Plan {
         self.phase == Phase::Done
     }
 
-    /// The next task that is certain; `None` while what is out must come back first, or when all is done.
+    /// The next certain task. `None` while outstanding results decide what is next, or when all is done.
     pub fn next_task(&mut self) -> Option<Task> {
         loop {
             if let Some(point) = self.ready.pop_front() {
@@ -192,7 +195,7 @@ impl Plan {
         Task { target: self.domain.index(p), attempt, round, parent: from }
     }
 
-    /// The best parent of the lowest level; the list is sorted best first.
+    /// The best parent of the lowest level. The list is sorted, best first.
     fn best_parent(&self, p: u32) -> Option<(u32, u32)> {
         let floor = self.points[p as usize].floor;
         let solution = |w: u32| {
@@ -210,10 +213,11 @@ impl Plan {
         }
     }
 
-    /// Takes the outcome of a task that was handed out.
+    /// Records the outcome of a task.
     ///
     /// # Panics
-    /// If no try of that point is out.
+    ///
+    /// If no attempt at that point is in flight.
     pub fn decide(&mut self, record: &Record) {
         let p = self.domain.position(record.index).expect("a task's target is a point of the domain");
         let point = &mut self.points[p as usize];
@@ -247,7 +251,7 @@ impl Plan {
                 if !settled && !self.points[p as usize].left.is_empty() {
                     self.queue(p);
                 } else if self.pending == 0 && self.ready.is_empty() {
-                    // Whatever this round opened is expanded before anything else is tried.
+                    // Points that this round opened are expanded before further retries.
                     self.phase = Phase::Expand;
                     self.floors_stale = true;
                 }
@@ -256,7 +260,7 @@ impl Plan {
         }
     }
 
-    /// Queues a point whose level and parent nothing that is still open can change.
+    /// Queues a point whose level and parent can no longer change.
     fn release_if_certain(&mut self, p: u32) {
         let point = &self.points[p as usize];
         if point.pending || point.kept.is_some() || point.floor == 0 || point.floor == NEVER {
@@ -283,7 +287,7 @@ impl Plan {
         }
     }
 
-    /// Floors from scratch, by levels, and every point that is certain now.
+    /// Recomputes all floors by levels, and queues every point that is certain.
     fn raise_floors(&mut self) {
         self.floors_stale = false;
         let mut buckets: Vec<Vec<u32>> = Vec::new();
@@ -305,7 +309,7 @@ impl Plan {
         let mut level = 0;
         while level < buckets.len() {
             for w in std::mem::take(&mut buckets[level]) {
-                // A point reached again at a higher level has passed on the lower one.
+                // A point reached again at a higher level was already processed at the lower one.
                 if !self.points[w as usize].is_source() && self.points[w as usize].floor < level as u32 {
                     continue;
                 }
@@ -327,7 +331,7 @@ impl Plan {
         }
     }
 
-    /// Failed points and the solved neighbours they have not been tried from, expandable ones first.
+    /// Queues failed points with the solved neighbours they were not tried from, expandable ones first.
     fn begin_retries(&mut self) {
         let opened = self.round + 1;
         for p in 1..self.points.len() as u32 {
@@ -352,10 +356,11 @@ impl Plan {
         }
     }
 
-    /// Points of flagged pairs, each with one solution of a neighbour that it has not been tried from.
+    /// Queues points of flagged pairs, each with one solution of a neighbour that it was not tried from.
     ///
-    /// The first time that is the other end of a flagged pair, or if it came from there, any other neighbour. Once more it is tried
-    /// only where the other end has found a better solution since: a fold that stays is not worth a second look.
+    /// In the first repetition that is the other end of a flagged pair, or any other neighbour if the point
+    /// was solved from there. The second repetition requires that the other end has found a better solution
+    /// since: a persistent branch jump is not tried again.
     fn begin_folds(&mut self) {
         let solved = |record: &Record| -> Option<EnergyJet> {
             record.tag.is_solved().then(|| record.jet(self.grid.displacement_m(record.index)))

@@ -1,4 +1,4 @@
-//! What to solve next, in one space.
+//! Selection of the next solve in one space.
 
 mod adaptive;
 mod lattice;
@@ -17,14 +17,14 @@ use crate::adaptive::PASSES;
 pub enum SpacePlan {
     /// Of a lattice.
     Lattice(Box<Plan>),
-    /// Of scattered positions.
+    /// Of adaptive sampling.
     Scattered(Box<ScatteredPlan>),
     /// Of a space with nothing left to solve.
     Finished(Box<SpaceState>),
 }
 
 impl SpacePlan {
-    /// The next task that is certain; `None` while what is out must come back first, or when all is done.
+    /// The next certain task. `None` while outstanding results decide what is next, or when all is done.
     pub fn next_task(&mut self) -> Option<Task> {
         match self {
             Self::Lattice(plan) => plan.next_task(),
@@ -33,7 +33,7 @@ impl SpacePlan {
         }
     }
 
-    /// Takes the outcome of a task that was handed out.
+    /// Records the outcome of a task.
     pub fn decide(&mut self, record: &Record) {
         match self {
             Self::Lattice(plan) => plan.decide(record),
@@ -42,7 +42,7 @@ impl SpacePlan {
         }
     }
 
-    /// Points by tag, the rest point not counted.
+    /// Points by tag, without the rest point.
     pub fn counts(&self) -> TagCounts {
         match self {
             Self::Lattice(plan) => plan.counts(),
@@ -60,7 +60,7 @@ impl SpacePlan {
         }
     }
 
-    /// Whether failed points or those at folds are being solved once more.
+    /// Whether failed points or those at branch jumps are being solved again.
     pub fn is_solving_again(&self) -> bool {
         match self {
             Self::Lattice(plan) => plan.is_solving_again(),
@@ -78,7 +78,7 @@ impl SpacePlan {
         }
     }
 
-    /// Predictions that passed, of those that must, where the space is scattered.
+    /// Length of the validation streak of adaptive sampling; `None` on a lattice.
     pub fn passes(&self) -> Option<usize> {
         match self {
             Self::Lattice(_) => None,
@@ -87,7 +87,7 @@ impl SpacePlan {
         }
     }
 
-    /// How far it is, with so many attempts open.
+    /// The state of the space with `open` open attempts.
     pub(super) fn state(&self, open: usize) -> SpaceState {
         let fit = match self {
             Self::Lattice(_) => None,
@@ -98,11 +98,11 @@ impl SpacePlan {
     }
 }
 
-/// Energies closer than this share are one solution.
+/// Relative difference below which two energies belong to one solution.
 const SAME_ENERGY: f64 = 1e-6;
 
-/// Whether a later attempt at a point counts instead of the one kept so far: any solution instead of none, a lower energy
-/// instead of a higher one.
+/// Whether an attempt at a point replaces the accepted one: a solution replaces a failure, a lower energy a
+/// higher one.
 pub(super) fn supersedes(new: &Record, kept: Option<&Record>) -> bool {
     match kept {
         None => true,

@@ -1,7 +1,8 @@
-//! The lattice that takes over where the search stalls.
+//! The lattice that replaces a stagnating search.
 //!
-//! Folds are what a lattice is good at: neighbours on different branches are found, solved again from the other side and flagged, and the
-//! table does not smooth over them; an error at a fold stays in its cells.
+//! A lattice handles branch jumps well. It finds neighbours on different branches, solves them again from the
+//! other side and flags them. The table does not interpolate across a flagged pair, so an error at a branch
+//! jump stays in its cells.
 
 use std::sync::Arc;
 
@@ -13,7 +14,7 @@ use crate::space::record::Record;
 use crate::space::task::{TagCounts, Task};
 use crate::spec::{Domain, GridIndex, Wanted};
 
-/// The plan of the lattice.
+/// The plan of the fallback lattice.
 #[derive(Debug)]
 pub(super) struct Switched {
     wanted: Wanted,
@@ -22,17 +23,18 @@ pub(super) struct Switched {
 }
 
 impl Switched {
-    /// The plan for what is wanted, with its rest known. `None` if the radius is no ball of so many cells.
+    /// The plan for `wanted` with its rest point solved. `None` if the radius is not a valid multiple of the
+    /// spacing.
     pub(super) fn new(wanted: Wanted, rest: &Record) -> Option<Self> {
         let lattice = FallbackLattice::within(wanted.radius_m)?;
         let mut plan = Plan::new(Arc::new(Domain::new(&lattice.grid, true)), lattice.grid);
-        // The first task is the rest, which the search has solved.
+        // The first task is the rest point, which the search has solved.
         plan.next_task()?;
         plan.decide(rest);
         Some(Self { wanted, plan, lattice })
     }
 
-    /// Its points by tag, the rest point not counted.
+    /// Points of the lattice by tag, without the rest point.
     pub(super) fn counts(&self) -> TagCounts {
         self.plan.counts()
     }
@@ -60,7 +62,7 @@ impl Switched {
         let Some(mut record) = self.lattice.own(record) else { return };
         let at = self.lattice.grid.displacement_m(record.index);
         if record.tag == ConfigTag::Expandable && !self.wanted.lattice_goes_on_from(at, record.force_n) {
-            // As at the force limit: solved, and nothing is solved from it.
+            // As at the force limit: the point is solved, and no other point is solved from it.
             record.tag = ConfigTag::Terminating;
         }
         self.plan.decide(&record);

@@ -1,4 +1,4 @@
-//! Why a store cannot be used, each with what to do about it.
+//! Why a store cannot be used, with the remedy.
 
 use std::path::{Path, PathBuf};
 
@@ -7,31 +7,31 @@ use rusqlite::ErrorCode;
 /// Why a store cannot be used.
 #[derive(Debug)]
 pub enum StoreError {
-    /// SQLite refused.
+    /// SQLite reports an error.
     Sqlite {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// The error.
         error: rusqlite::Error,
     },
-    /// The system refused.
+    /// The operating system reports an error.
     Io {
         /// The file.
         path: PathBuf,
-        /// What it said.
+        /// The error.
         error: std::io::Error,
     },
-    /// The file cannot be read without its write-ahead log, and that not in a folder that may not be written.
+    /// The file has a write-ahead log and lies in a folder without write permission.
     LogBeside {
         /// The file.
         path: PathBuf,
     },
-    /// A run was stopped before it wrote anything.
+    /// A run was stopped before its first commit.
     Empty {
         /// The file.
         path: PathBuf,
     },
-    /// The file never was a space.
+    /// The file is not a space.
     NotASpace {
         /// The file.
         path: PathBuf,
@@ -41,42 +41,42 @@ pub enum StoreError {
         /// The file.
         path: PathBuf,
     },
-    /// The file belongs to something else.
+    /// The file belongs to another scene, mesh or solver.
     Mismatch {
         /// The file.
         path: PathBuf,
-        /// What differs.
+        /// The property that differs.
         what: &'static str,
-        /// In the file.
+        /// Value in the file.
         stored: String,
-        /// Asked for.
+        /// Value of this run.
         wanted: String,
     },
-    /// Its held-out truth was drawn in another way.
+    /// The held-out positions of the file were drawn by another rule.
     Drawn {
         /// The file.
         path: PathBuf,
-        /// In the file.
+        /// Value in the file.
         stored: String,
-        /// Asked for.
+        /// Value of this run.
         wanted: String,
     },
-    /// A value in the file makes no sense.
+    /// A value in the file is invalid.
     Corrupt {
         /// The file.
         path: PathBuf,
-        /// Which.
+        /// The value.
         what: String,
     },
 }
 
-/// A full disk by any of its names: the index of the log has a code of its own.
+/// Whether the disk is full. SQLite reports a full disk under a separate code for the index of the log.
 fn is_full_disk(error: &rusqlite::Error) -> bool {
     error.sqlite_error_code() == Some(ErrorCode::DiskFull)
         || error.sqlite_error().is_some_and(|e| e.extended_code == rusqlite::ffi::SQLITE_IOERR_SHMSIZE)
 }
 
-/// How a damaged file is saved.
+/// How to salvage a damaged file.
 const SALVAGE: &str = "run the same precompute with --salvage to save what is intact";
 
 impl StoreError {
@@ -84,13 +84,13 @@ impl StoreError {
         Self::Sqlite { path: path.to_path_buf(), error }
     }
 
-    /// Whether the machine failed, not what it was given: the same command may succeed later.
+    /// Whether the machine failed, not the input: the same command can succeed later.
     pub fn is_of_the_machine(&self) -> bool {
         let Self::Sqlite { error, .. } = self else { return false };
         matches!(error.sqlite_error_code(), Some(ErrorCode::DiskFull | ErrorCode::SystemIoFailure))
     }
 
-    /// Whether the file itself is damaged, so that salvaging it makes sense.
+    /// Whether the file itself is damaged, so that a salvage makes sense.
     pub fn is_damage(&self) -> bool {
         match self {
             Self::Corrupt { .. } => true,

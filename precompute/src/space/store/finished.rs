@@ -1,4 +1,4 @@
-//! Finished spaces in the store: the points by tag, and the fit of adaptive sampling.
+//! Finished spaces in the store: points by tag, and the fit of adaptive sampling.
 
 use rusqlite::{Connection, OptionalExtension, params};
 use serde::{Deserialize, Serialize};
@@ -12,13 +12,13 @@ use crate::space::state::SpaceState;
 use crate::space::task::TagCounts;
 use crate::spec::{GridIndex, Wanted, displacement_m, nearest_index};
 
-/// The fit as its column holds it, in postcard. The configurations are those of their rows.
+/// The stored form of the fit, in postcard. The jets of its configurations are in their rows.
 #[derive(Serialize, Deserialize)]
 struct StoredFit {
     wanted: Wanted,
     verdict: Verdict,
     length_m: f64,
-    /// Indices and weights of the configurations in the fit, rest first.
+    /// Indices and weights of the configurations of the fit, rest first.
     configurations: Vec<(GridIndex, [f64; 20])>,
     tests: Vec<Test>,
     left_out: Vec<f64>,
@@ -28,7 +28,7 @@ struct StoredFit {
 }
 
 impl StoredFit {
-    /// None while the search goes on.
+    /// `None` while the search continues.
     fn of(fit: &AdaptiveFit) -> Option<Self> {
         let configuration = |(jet, weights): (&EnergyJet, &_)| (nearest_index(jet.control_m), *weights);
         Some(Self {
@@ -44,7 +44,7 @@ impl StoredFit {
         })
     }
 
-    /// With the jets of its configurations; `None` without rest.
+    /// The fit with the jets of its configurations; `None` without rest.
     fn with(self, jets: Vec<EnergyJet>) -> Option<AdaptiveFit> {
         let weighed =
             self.configurations.iter().zip(&jets).map(|((_, weights), jet)| (jet.control_m, *weights));
@@ -56,7 +56,7 @@ impl StoredFit {
 }
 
 impl Store {
-    /// The state of a space that has nothing left to solve; `None` if it is not finished.
+    /// The state of a finished space; `None` if it is not finished.
     pub fn finished(&self, active: usize) -> Result<Option<SpaceState>, StoreError> {
         let sql = "SELECT expandable, terminating, failed, unknown, attempts, fit, checksum, \
                    (SELECT count(*) FROM configuration AS c WHERE c.active = f.active) FROM finished AS f \
@@ -87,19 +87,18 @@ impl Store {
         Ok(Some(SpaceState { open: 0, counts, fit }))
     }
 
-    /// The jet of a scattered configuration, as a fit takes it.
+    /// The jet of an adaptively sampled configuration, as fits use it.
     fn jet(&self, active: usize, index: GridIndex) -> Result<EnergyJet, StoreError> {
         let row = self.wrap(rows::record(&self.connection, active, index, 0))?;
         Ok(self.checked(active, row)?.jet_for_fit(displacement_m(index)))
     }
 
-    /// Keeps the state of a space that has nothing left to solve.
+    /// Stores the state of a finished space.
     pub fn finish(&self, active: usize, state: &SpaceState) -> Result<(), StoreError> {
         self.write(|connection| insert(connection, active, state))
     }
 }
 
-/// Writes the state of a space.
 pub(super) fn insert(connection: &Connection, active: usize, state: &SpaceState) -> rusqlite::Result<()> {
     let TagCounts { expandable, terminating, failed, unknown } = state.counts;
     let count = "SELECT count(*) FROM configuration WHERE active = ?1";
@@ -136,7 +135,7 @@ mod tests {
     use crate::space::{Outcome, Plans, Record, Task};
     use crate::spec::{Sampling, Scattered, Tolerance};
 
-    /// A body that jumps to another branch, with `jump_n` more force, beyond a plane.
+    /// A body whose force jumps by `jump_n` to another branch beyond a plane.
     fn outcome(task: &Task, jump_n: f64) -> Outcome {
         let jet = jet(displacement_m(task.target));
         let beyond = jet.control_m[0] - 0.011;
@@ -156,7 +155,7 @@ mod tests {
         Outcome { active: 0, record, seed: None, intermediate: Vec::new() }
     }
 
-    /// A store whose only space is solved to its end and not yet kept, with its plan.
+    /// A store whose only space is solved to its end but not stored as finished, with its plan.
     fn solved(folder: &std::path::Path, radius_m: f64, jump_n: f64) -> (Store, SpacePlan) {
         let scattered = Scattered {
             radius_m,
@@ -179,7 +178,7 @@ mod tests {
         (store, plan)
     }
 
-    /// Everything of a fit, with the bits of what it answers.
+    /// All fields of a fit and the bits of its predictions.
     fn bits(state: &SpaceState) -> (TagCounts, Wanted, Option<Verdict>, Vec<u64>, Vec<Test>) {
         let fit = state.fit.as_ref().expect("a fit");
         let answers = (0..50).map(|n| spread(n, fit.wanted.radius_m)).flat_map(|at| {

@@ -1,4 +1,4 @@
-//! Held-out truth in the store.
+//! Held-out reference values in the store.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,8 +17,8 @@ const COLUMNS: &str = "kind, number, step, x_m, y_m, z_m, tag, failure, energy_j
                        factorisations, seconds, displacements, checksum";
 
 impl Store {
-    /// Keeps how held-out positions are drawn and how long regular paths are, or sees that it is as before: truths of two
-    /// draws do not mix.
+    /// Stores the rule of the held-out draw and the length of regular paths, or compares them with the stored
+    /// ones: values of two draws are never mixed.
     pub fn agree_on_draw(&self, identity: &str, regular_m: Option<f64>) -> Result<(), StoreError> {
         self.agree("held_out", identity)?;
         regular_m.map_or(Ok(()), |length| {
@@ -26,7 +26,7 @@ impl Store {
         })
     }
 
-    /// How the truth in the store was drawn; `None` if nothing was yet.
+    /// The rule of the stored draw; `None` if nothing is drawn yet.
     pub fn draw_identity(&self) -> Result<Option<String>, StoreError> {
         let sql = "SELECT value FROM meta WHERE key = 'held_out'";
         self.wrap(self.connection.query_row(sql, [], |row| row.get(0)).optional())
@@ -46,14 +46,14 @@ impl Store {
         }
     }
 
-    /// Forgets all held-out truth, so that it can be drawn anew.
+    /// Deletes all held-out values, so that they can be drawn again.
     pub fn forget_held_out(&self) -> Result<(), StoreError> {
         self.wrap(self.connection.execute_batch(
             "BEGIN; DELETE FROM held_out; DELETE FROM meta WHERE key LIKE 'held_out%'; COMMIT",
         ))
     }
 
-    /// Adds what a walk gave, all or nothing.
+    /// Adds the outcome of a walk in one transaction.
     pub fn add_walk(&self, outcome: &WalkOutcome) -> Result<(), StoreError> {
         self.write(|connection| {
             connection.execute_batch("SAVEPOINT walk")?;
@@ -70,7 +70,7 @@ impl Store {
         })
     }
 
-    /// Walks of an active node that are done, each with its last tag.
+    /// Finished walks of an active node, each with its last tag.
     pub fn walks_done(&self, active: usize) -> Result<BTreeMap<(Kind, u32), ConfigTag>, StoreError> {
         let mut done = BTreeMap::new();
         self.each_truth(active, |walk, _, truth| {
@@ -79,7 +79,7 @@ impl Store {
         Ok(done)
     }
 
-    /// Calls `see` with every truth of an active node, in the order of kind, walk and step.
+    /// Calls `see` for every held-out value of an active node, ordered by kind, walk and step.
     pub fn each_truth(
         &self,
         active: usize,
@@ -100,10 +100,10 @@ impl Store {
     }
 }
 
-/// Copies what is intact of a damaged file's held-out truth, walk by walk; returns how many walks.
+/// Copies the intact held-out walks of a damaged file; returns their number.
 ///
-/// Read from both ends of every kind, so that a damaged page costs the walks on it. Without the meta table's word on how they were
-/// drawn nothing is copied.
+/// Reads every kind from both ends, so that a damaged page costs only the walks on it. Copies nothing if the
+/// meta table does not give the rule of the draw.
 pub(in crate::space) fn salvage(old: &Connection, new: &Store, actives: usize) -> Result<usize, StoreError> {
     let keys = "SELECT key, value FROM meta WHERE key LIKE 'held_out%'";
     let drawn: rusqlite::Result<Vec<(String, String)>> = old
@@ -130,14 +130,14 @@ pub(in crate::space) fn salvage(old: &Connection, new: &Store, actives: usize) -
                         Ok(Some(row)) => read(active, row)
                             .ok()
                             .filter(|(walk, step, truth, stored)| *stored == checksum(walk, *step, truth)),
-                        // The end: the walk before it is whole.
+                        // The end of the table: the last walk is complete.
                         Ok(None) => {
                             saved += keep(new, &mut done, walk.take())?;
                             break;
                         }
                         Err(_) => None,
                     };
-                    // Damaged: so is the walk it interrupts.
+                    // A damaged row: the walk that contains it is incomplete.
                     let Some((here, step, truth, _)) = row else { break };
                     if walk.as_ref().is_some_and(|(before, _)| *before != here) {
                         saved += keep(new, &mut done, walk.take())?;
@@ -150,7 +150,7 @@ pub(in crate::space) fn salvage(old: &Connection, new: &Store, actives: usize) -
     Ok(saved)
 }
 
-/// Adds a whole walk that is not there yet.
+/// Adds a complete walk that is not stored yet.
 fn keep(
     store: &Store,
     done: &mut BTreeSet<Walk>,
@@ -158,7 +158,7 @@ fn keep(
 ) -> Result<usize, StoreError> {
     let Some((walk, mut steps)) = walk else { return Ok(0) };
     steps.sort_unstable_by_key(|(step, _)| *step);
-    // A row may be missing altogether where a page was lost.
+    // A lost page can remove rows.
     let gapless = steps.iter().zip(1..).all(|((step, _), n)| *step == n);
     if !gapless || !done.insert(walk) {
         return Ok(0);
@@ -208,7 +208,7 @@ fn insert(connection: &Connection, walk: &Walk, step: u32, t: &Truth) -> rusqlit
         .map(drop)
 }
 
-/// Reads a row of [`COLUMNS`], with the checksum it was written with.
+/// Reads a row of [`COLUMNS`] with its stored checksum.
 fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, Truth, u32)> {
     let number = |column: usize| row.get::<_, Option<f64>>(column).map(|x| x.unwrap_or(f64::NAN));
     let (kind, tag): (String, String) = (row.get(0)?, row.get(6)?);
@@ -236,7 +236,7 @@ fn read(active: usize, row: &rusqlite::Row<'_>) -> rusqlite::Result<(Walk, u32, 
     Ok((walk, row.get(2)?, truth, row.get(27)?))
 }
 
-/// CRC-32 of a truth as it reads back.
+/// CRC-32 of a held-out value as it is read back.
 fn checksum(walk: &Walk, step: u32, t: &Truth) -> u32 {
     let mut digest = CHECKSUM.digest();
     let unstable = t.unstable_modes.map_or(0, |n| n + 1);

@@ -1,9 +1,9 @@
-//! The `.space` file: SQLite, self-contained; docs/formats.md, section 3, describes every table.
+//! The `.space` file: SQLite, self-contained. docs/formats.md, section 3, describes every table.
 //!
-//! Every try at every point is one row, committed with those of the same tenth of a second. States and sensitivities are
-//! little-endian f32: they are first guesses of later solves and pictures for the eye, while energy, force and its derivatives are
-//! f64. Every row has a checksum, because SQLite notices a damaged page, not a damaged number. One process writes, many
-//! may read meanwhile.
+//! Every attempt at every point is one row. Attempts within a tenth of a second share a commit. States and
+//! sensitivities are little-endian f32, because they only serve as initial guesses and for rendering; energy,
+//! force and its derivatives are f64. Every row has a checksum, because SQLite detects a damaged page but not
+//! a damaged number. One process writes; others can read at the same time.
 
 mod error;
 mod finished;
@@ -31,42 +31,41 @@ use crate::mesh::TetMesh;
 use crate::num::jet::EnergyJet;
 use crate::spec::{DisplacementBound, GridIndex, Lattice, Sampling, SpaceGrid};
 
-/// Layout of the file; a store of another layout is refused.
+/// Layout of the file. A store of another layout is refused.
 pub(super) const LAYOUT: &str = "5";
 
-/// Bumped whenever the solver gives other bits, or a search goes another way.
+/// Increased whenever the bits of the solver or the course of a search change.
 const SOLVER_REVISION: u32 = 7;
 
 const SCHEMA: &str = include_str!("schema.sql");
 
-/// What a store was made of: a resumed run must agree on all of it.
+/// Inputs of a store. A resumed run must have the same.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoreIdentity {
-    /// Name of the scene.
     pub scene_name: String,
-    /// The scene file's text.
     pub scene: String,
-    /// Hash over everything in scene and mesh that changes numbers.
+    /// Hash of all content of scene and mesh that changes numbers.
     pub content_hash: String,
     /// Hash of the mesh alone.
     pub mesh_hash: [u8; 32],
-    /// Name of the material law.
+    /// Name of the constitutive law.
     pub law: String,
     /// f_max of the scene, N.
     pub max_force_n: f64,
-    /// Which positions are solved.
+    /// Definition of the positions.
     pub sampling: Sampling,
-    /// Unit outward normal of each active node, of the body at rest.
+    /// Unit outward normal of each active node at rest.
     pub normals: Vec<[f64; 3]>,
-    /// Whether the scene needs displacements for the eye.
+    /// Whether the scene requests displacements for rendering.
     pub visual: bool,
-    /// How far those may be from the solver's.
+    /// Error bound of these displacements.
     pub displacement_bound: DisplacementBound,
 }
 
-/// Work is committed at most this long after it is done.
+/// Longest time from the end of a solve to its commit.
 ///
-/// A commit costs a tenth of a millisecond (the log is not synchronised), a kill costs what was not committed.
+/// A commit costs a tenth of a millisecond (the log is not synchronised). A kill loses the uncommitted
+/// attempts.
 const COMMIT_AFTER: Duration = Duration::from_millis(100);
 /// Outcomes further apart than this are committed one by one.
 const SLOW: Duration = Duration::from_millis(50);
@@ -76,20 +75,20 @@ const SLOW: Duration = Duration::from_millis(50);
 pub struct Store {
     connection: Connection,
     path: PathBuf,
-    /// When the open transaction began, and when something was last added.
+    /// Start of the open transaction, and time of the last addition.
     begun: Cell<Instant>,
     added: Cell<Instant>,
-    /// Held by the one writer. Closed after the connection (fields drop in this order): closing any handle of the file would
-    /// drop the locks that SQLite has on it.
+    /// Lock of the single writer. It is declared after the connection because fields drop in this order.
+    /// Closing any handle of the file releases the locks that SQLite holds on it.
     _lock: Option<File>,
 }
 
 impl Store {
-    /// Opens `path` for a run of `identity`, creating it if it is not there.
+    /// Opens `path` for a run of `identity`; creates the file if it does not exist.
     ///
-    /// A file made with another scene, mesh, solver version or instruction set is refused, because its
-    /// numbers would be mixed with others. A file that another process writes is refused, and so is one that
-    /// is not a space.
+    /// A file of another scene, mesh, solver version or instruction set is refused, because its numbers would
+    /// be mixed with others. A file that another process writes is refused, and so is a file that is not a
+    /// space.
     pub fn create_or_resume(
         path: &Path,
         identity: &StoreIdentity,
@@ -112,7 +111,7 @@ impl Store {
         Ok(store)
     }
 
-    /// Opens an existing store for reading, in a folder that may not be written too.
+    /// Opens an existing store for reading. The folder can be without write permission.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         Self::expect_space(path)?;
         let store = Self::with(reading::connect(path)?, path, None);
@@ -129,7 +128,6 @@ impl Store {
         Self { connection, path: path.to_path_buf(), begun, added, _lock: lock }
     }
 
-    /// The file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -205,7 +203,7 @@ impl Store {
         transaction.commit().map_err(at)
     }
 
-    /// Takes over what may change between runs because no number depends on it.
+    /// Updates the properties that may change between runs because no number depends on them.
     fn refresh(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
         let current = [
             ("scene_name", identity.scene_name.clone()),
@@ -270,19 +268,19 @@ impl Store {
         text.parse().map_err(|_| self.corrupt(format!("its {key} is `{text}`")))
     }
 
-    /// Takes down the memory of a run that solved something, bytes; the largest of all runs is kept.
+    /// Records the peak memory of a run that solved something, bytes. The largest value of all runs is kept.
     pub fn note_peak(&self, bytes: u64) -> Result<(), StoreError> {
         let bytes = bytes.max(self.peak()?.unwrap_or(0)).to_string();
         let sql = "INSERT INTO meta VALUES ('peak_bytes', ?1) ON CONFLICT (key) DO UPDATE SET value = ?1";
         self.wrap(self.connection.execute(sql, params![bytes])).map(|_| ())
     }
 
-    /// Largest memory of the runs that filled it, bytes, where it was noted.
+    /// Largest peak memory of all runs, bytes, if recorded.
     pub fn peak(&self) -> Result<Option<u64>, StoreError> {
         self.optional("peak_bytes")?.map(|text| self.parse("peak_bytes", &text)).transpose()
     }
 
-    /// What the store was made of.
+    /// The inputs of the store.
     pub fn identity(&self) -> Result<StoreIdentity, StoreError> {
         Ok(StoreIdentity {
             scene_name: self.meta("scene_name")?,
@@ -303,7 +301,7 @@ impl Store {
         })
     }
 
-    /// Unit outward normal of each active node, of the body at rest.
+    /// Unit outward normal of each active node at rest.
     fn normals(&self) -> Result<Vec<[f64; 3]>, StoreError> {
         let text = self.meta("normals")?;
         let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
@@ -311,7 +309,7 @@ impl Store {
         Ok(numbers.as_chunks().0.to_vec())
     }
 
-    /// Which positions are solved.
+    /// Definition of the positions.
     fn sampling(&self) -> Result<Sampling, StoreError> {
         let scattered = self.meta("scattered")?;
         if !scattered.is_empty() {
@@ -329,7 +327,7 @@ impl Store {
         }))
     }
 
-    /// Active nodes (name, mesh node), in the order of their ids.
+    /// Active nodes (name, mesh node) in the order of their numbers.
     pub fn active(&self) -> Result<Vec<(String, u32)>, StoreError> {
         let mut statement =
             self.wrap(self.connection.prepare("SELECT name, node FROM active ORDER BY id"))?;
@@ -360,7 +358,7 @@ impl Store {
         Ok((TetMesh { node_groups, tet_groups, ..mesh }, fixed))
     }
 
-    /// Every try at every point of one active node, sorted by grid index and attempt.
+    /// All attempts at all points of one active node, sorted by grid index and attempt.
     pub fn attempts(&self, active: usize) -> Result<Vec<Record>, StoreError> {
         let sql = format!(
             "SELECT {} FROM configuration WHERE active = ?1 ORDER BY i, j, k, attempt",
@@ -380,8 +378,8 @@ impl Store {
         if intact { Ok(row.record) } else { Err(self.corrupt(rows::damaged(&row.record.index))) }
     }
 
-    /// All decided points of one active node, sorted by grid index: of every point the solution that counts, or its last
-    /// failure.
+    /// All decided points of one active node, sorted by grid index: the accepted solution of each, or its
+    /// last failure.
     pub fn records(&self, active: usize) -> Result<Vec<Record>, StoreError> {
         let mut kept: Vec<Record> = Vec::new();
         for record in self.attempts(active)? {
@@ -394,8 +392,8 @@ impl Store {
         Ok(kept)
     }
 
-    /// States between grid points, each with the point its transition went to and the number of the try, sorted by these and along the
-    /// way.
+    /// Intermediate states of transitions, each with target point and attempt, sorted by these and along the
+    /// transition.
     pub fn intermediate(&self, active: usize) -> Result<Vec<(GridIndex, u32, EnergyJet)>, StoreError> {
         let mut states = Vec::new();
         self.each_intermediate(active, |index, attempt, state| states.push((index, attempt, state)))?;
@@ -420,8 +418,8 @@ impl Store {
         Ok(())
     }
 
-    /// Adds an outcome, and with the last one of a space its state. They are committed together with those of the
-    /// same second, or at once when they come slowly.
+    /// Adds an outcome, and with the last outcome of a space the state of the space. Outcomes in quick
+    /// succession share a commit; slow ones are committed at once.
     pub fn add(&self, outcome: &Outcome, finished: Option<&SpaceState>) -> Result<(), StoreError> {
         self.write(|connection| {
             rows::insert(connection, outcome)?;
@@ -437,7 +435,7 @@ impl Store {
         }
         let added = self.wrap(rows(&self.connection));
         if added.is_err() {
-            // What was added before is worth keeping, if the disk still takes it; the error that matters is the first one.
+            // Earlier outcomes are committed if the disk still accepts them. The first error is returned.
             let _ = self.commit();
             return added;
         }
@@ -452,14 +450,14 @@ impl Store {
         }
         let committed = self.wrap(self.connection.execute_batch("COMMIT"));
         if committed.is_err() {
-            // Nothing half-done is left behind; the error that matters is the first one.
+            // Removes the partial transaction. The first error is returned.
             let _ = self.connection.execute_batch("ROLLBACK");
         }
         committed
     }
 
-    /// Reads everything of one active node that solves start from or fits use beside its records: a damaged row may not be asked
-    /// for again before the store is used.
+    /// Reads all data of one active node, besides its records, that later solves or fits use. So a damaged
+    /// row is found before the store is used.
     pub fn check_states(&self, active: usize) -> Result<(), StoreError> {
         let sql = format!("SELECT {}, i, j, k FROM state WHERE active = ?1", rows::STATE);
         let mut statement = self.wrap(self.connection.prepare(&sql))?;
@@ -480,7 +478,7 @@ impl Store {
         self.each_intermediate(active, |_, _, _| ())
     }
 
-    /// The state that one try at a point ended in.
+    /// The final state of one attempt at a point.
     pub fn stored_seed(
         &self,
         active: usize,
@@ -494,7 +492,7 @@ impl Store {
         state.seed(&record).ok_or_else(|| self.corrupt(rows::damaged(&index)))
     }
 
-    /// What a solve near a record's point starts from; the displacement is the grid's.
+    /// Start state of a solve near the point of a record.
     pub fn seed(&self, active: usize, record: &Record, displacement_m: [f64; 3]) -> Result<Seed, StoreError> {
         let stored = self.stored_seed(active, record.index, record.attempt)?;
         stored
@@ -502,7 +500,7 @@ impl Store {
             .ok_or_else(|| self.corrupt(format!("no usable state at grid point {:?}", record.index)))
     }
 
-    /// Displacement of every node of one configuration, m (f32 as stored).
+    /// Displacement of every node in one configuration, m (f32 as stored).
     pub fn displacements(
         &self,
         active: usize,
@@ -513,7 +511,7 @@ impl Store {
         self.of_nodes(&seed.state, self.nodes()?, index)
     }
 
-    /// The same, and then its derivatives along x, y and z of the active node's displacement.
+    /// Displacement of every node, and its derivatives along x, y and z of the active node's displacement.
     pub fn displacements_and_slopes(
         &self,
         active: usize,
@@ -529,14 +527,14 @@ impl Store {
         Ok([self.of_nodes(&seed.state, nodes, index)?, slope(0)?, slope(1)?, slope(2)?])
     }
 
-    /// Nodes of the mesh.
+    /// Number of mesh nodes.
     fn nodes(&self) -> Result<usize, StoreError> {
         let sql = "SELECT length(nodes_m) / 24 FROM mesh";
         let nodes = self.wrap(self.connection.query_row(sql, [], |row| row.get::<_, i64>(0)))?;
         Ok(nodes as usize)
     }
 
-    /// The displacements that a column of a state begins with.
+    /// The node displacements, with which the column of a state begins.
     fn of_nodes(&self, column: &[u8], nodes: usize, index: GridIndex) -> Result<Vec<[f32; 3]>, StoreError> {
         let values: Vec<f32> = column.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let displacements = values.as_chunks().0.get(..nodes).map(<[[f32; 3]]>::to_vec);
@@ -544,7 +542,7 @@ impl Store {
     }
 }
 
-/// The right to write `path`.
+/// Acquires the writer's lock of `path`.
 pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
     let file = File::open(path).map_err(|error| StoreError::Io { path: path.to_path_buf(), error })?;
     match file.try_lock() {
@@ -555,18 +553,20 @@ pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
 }
 
 fn configure(connection: &Connection) -> rusqlite::Result<()> {
-    // WAL: readers on other threads while one writes. NORMAL: a power cut may lose the last commits, a kill none.
+    // WAL: other threads can read while one writes. NORMAL: a power failure can lose the last commits; a kill
+    // loses none.
     connection.pragma_update(None, "journal_mode", "WAL")?;
     connection.pragma_update(None, "synchronous", "NORMAL")?;
     connection.busy_timeout(std::time::Duration::from_secs(5))
 }
 
-/// Version of the numbers: crate version, revision of the solver, and instruction set (other instructions round differently).
+/// Version of the numbers: crate version, solver revision and instruction set. Other instructions round
+/// differently.
 pub fn solver_version() -> String {
     format!("{}.{SOLVER_REVISION} {}", env!("CARGO_PKG_VERSION"), instruction_set())
 }
 
-/// faer picks its kernels at run time by these features.
+/// faer selects its kernels at run time by these features.
 fn instruction_set() -> String {
     #[cfg(target_arch = "x86_64")]
     {

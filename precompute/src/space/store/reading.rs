@@ -1,4 +1,4 @@
-//! Opening a store to read it, wherever it lies.
+//! Opens a store for reading, in any folder.
 
 use std::path::{Path, PathBuf};
 
@@ -8,8 +8,8 @@ use super::StoreError;
 
 /// A read-only connection.
 ///
-/// SQLite reads a file with a write-ahead log by way of a `-shm` file beside it, which it cannot make in a folder that may
-/// not be written. Where no log is left over, nobody writes the file and it can be read as it is (`immutable`).
+/// For a file with a write-ahead log SQLite needs a `-shm` file beside it, which it cannot create in a folder
+/// without write permission. If no log exists, no process writes the file, and it is opened as `immutable`.
 pub(super) fn connect(path: &Path) -> Result<Connection, StoreError> {
     let at = |error| StoreError::sqlite(path, error);
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
@@ -29,20 +29,20 @@ pub(super) fn connect(path: &Path) -> Result<Connection, StoreError> {
     Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI).and_then(probed).map_err(at)
 }
 
-/// SQLite opens a file when it is first asked for something.
+/// Runs a first query, because SQLite opens a file only then.
 fn probed(connection: Connection) -> rusqlite::Result<Connection> {
     connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()))?;
     Ok(connection)
 }
 
-/// The write-ahead log of `path`.
+/// Path of the write-ahead log of `path`.
 pub(super) fn log_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_os_string();
     name.push("-wal");
     name.into()
 }
 
-/// A path as part of a URI.
+/// The path, escaped for a URI.
 pub(super) fn escaped(path: &Path) -> String {
     let plain = |b: u8| b.is_ascii_alphanumeric() || b"/._-".contains(&b);
     let bytes = path.as_os_str().as_encoded_bytes();

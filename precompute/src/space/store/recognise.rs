@@ -1,4 +1,4 @@
-//! Recognises a `.space` file, whole or damaged: no other file is written to or salvaged.
+//! Recognises a `.space` file, complete or damaged. Other files are neither written nor salvaged.
 
 use std::fs::File;
 use std::io::{self, Read};

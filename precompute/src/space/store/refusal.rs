@@ -1,9 +1,9 @@
-//! What exactly differs between a store and the scene it is to go on with.
+//! Reports the first difference between a store and the scene of a resumed run.
 
 use super::{Store, StoreError, StoreIdentity};
 
 impl Store {
-    /// Refuses a store of another scene or mesh, and names the first thing that differs.
+    /// Refuses a store of another scene or mesh, and reports the first difference.
     pub(in crate::space) fn expect_content(&self, identity: &StoreIdentity) -> Result<(), StoreError> {
         let stored = self.meta("content_hash")?;
         if stored == identity.content_hash {
@@ -28,10 +28,12 @@ impl Store {
             return Ok(Some((mesh(&stored), mesh(&wanted))));
         }
         let stored = self.meta("scene")?;
-        // Comments and the order of keys are not in the stored text, so every differing line means something.
+        // The stored text has no comments and a fixed order of keys, so every differing line is a difference
+        // of content.
         let (old, new) = (entries(&stored), entries(&identity.scene));
         if let Some(at) = (0..old.len().max(new.len())).find(|&at| old.get(at) != new.get(at)) {
-            // An entry that comes later in the other text was not changed: one was put in, or taken out, before it.
+            // If an entry occurs later in the other text, it is unchanged: another entry was added or removed
+            // before it.
             let later = |others: &[Entry<'_>], entry: Option<&Entry<'_>>| {
                 entry.is_some_and(|entry| others.get(at..).is_some_and(|rest| rest.contains(entry)))
             };
@@ -50,10 +52,10 @@ impl Store {
     }
 }
 
-/// A line of a scene with the table it is in.
+/// A line of a scene with its table.
 type Entry<'t> = (&'t str, &'t str);
 
-/// What of a scene's canonical text may make another space: neither names nor what is kept for the eye.
+/// Lines of a scene's canonical text that affect the space: all but names and rendering keys.
 fn entries(text: &str) -> Vec<Entry<'_>> {
     let (mut table, mut entries) = ("", Vec::new());
     for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {

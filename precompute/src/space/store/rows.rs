@@ -1,4 +1,4 @@
-//! Rows of the tables, to and from SQLite, with their checksums.
+//! Conversion between rows of the tables and SQLite, with checksums.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use nalgebra::Matrix3;
@@ -11,8 +11,8 @@ use super::super::record::{Record, StoredSeed};
 use crate::num::jet::EnergyJet;
 use crate::spec::GridIndex;
 
-/// The checksum of rows. The core's, with the larger table that its firmware cannot spare: states are long, and rank 0 of a
-/// cluster does this for every try.
+/// Checksum of rows. It equals that of the core, but uses a larger table, which firmware cannot afford.
+/// States are long, and rank 0 of a cluster computes it for every attempt.
 pub(super) static CHECKSUM: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
 
 /// Columns of a record, in the order of [`read`].
@@ -22,7 +22,7 @@ pub(in crate::space) const COLUMNS: &str = "i, j, k, attempt, tag, round, parent
                                   volume_m3, \
                                   iterations, factorisations, increments, seconds, checksum";
 
-/// A record as read, with the checksum it was written with.
+/// A record with its stored checksum.
 pub(in crate::space) struct Row {
     pub(in crate::space) record: Record,
     pub(in crate::space) checksum: u32,
@@ -147,7 +147,7 @@ pub(in crate::space) fn insert(connection: &Connection, outcome: &Outcome) -> ru
     Ok(())
 }
 
-/// The record of a try.
+/// The record of an attempt.
 pub(in crate::space) fn record(
     connection: &Connection,
     active: usize,
@@ -159,7 +159,7 @@ pub(in crate::space) fn record(
     connection.prepare_cached(&sql)?.query_row(key, read)
 }
 
-/// The state a try ended in.
+/// The final state of an attempt.
 pub(in crate::space) fn state(
     connection: &Connection,
     active: usize,
@@ -171,10 +171,10 @@ pub(in crate::space) fn state(
     connection.prepare_cached(&sql)?.query_row(key, read_state)
 }
 
-/// Selects one try.
+/// Selects one attempt.
 const TRY: &str = "active = ?1 AND i = ?2 AND j = ?3 AND k = ?4 AND attempt = ?5";
 
-/// A state as read, with the checksum it was written with.
+/// A state with its stored checksum.
 pub(in crate::space) struct State {
     state: Vec<u8>,
     sensitivity: Vec<u8>,
@@ -186,7 +186,8 @@ impl State {
         self.checksum == seed_checksum(&self.state, &self.sensitivity)
     }
 
-    /// What solves start from: the state, and the condensed energy of its record. `None` if the state is damaged.
+    /// Start state of later solves: the state, and the condensed energy of its record. `None` if the state is
+    /// damaged.
     pub(in crate::space) fn seed(self, record: &Record) -> Option<StoredSeed> {
         let numbers = record.jet([0.0; 3]).numbers();
         self.is_intact().then_some(StoredSeed { state: self.state, sensitivity: self.sensitivity, numbers })
@@ -201,12 +202,12 @@ pub(in crate::space) fn read_state(row: &rusqlite::Row<'_>) -> rusqlite::Result<
     Ok(State { state: row.get(0)?, sensitivity: row.get(1)?, checksum: row.get(2)? })
 }
 
-/// A number as SQLite gives it back.
+/// A number as SQLite returns it.
 pub(in crate::space) fn plain(x: f64) -> f64 {
     if x.is_nan() { f64::NAN } else { x + 0.0 }
 }
 
-/// One state on the way of a try; `None` if it is not there or damaged.
+/// One intermediate state of an attempt; `None` if it is missing or damaged.
 pub(in crate::space) fn intermediate(
     connection: &Connection,
     active: usize,
@@ -223,7 +224,7 @@ pub(in crate::space) fn intermediate(
     unpack_intermediate(&packed.ok()?)
 }
 
-/// CRC-32 of a record as it reads back: SQLite keeps no sign of zero, and of NaN only that it is one.
+/// CRC-32 of a record as it is read back: SQLite keeps neither the sign of zero nor the payload of NaN.
 pub(in crate::space) fn checksum(active: usize, r: &Record) -> u32 {
     let mut digest = CHECKSUM.digest();
     let solved = r.tag.is_solved();

@@ -1,4 +1,4 @@
-//! The plan against rounds with a barrier, and against itself with outcomes in any order.
+//! The plan compared with rounds with a barrier, and with itself for outcomes in any order.
 
 use std::collections::{HashMap, HashSet};
 
@@ -14,14 +14,14 @@ fn hash(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A world of made-up outcomes: they depend on the task alone, as those of a solver do.
+/// Synthetic outcomes, which depend on the task alone, as those of a solver do.
 struct World {
     seed: u64,
     fails: f64,
     terminates: f64,
-    /// Share of solutions on another branch: their energy breaks the pairs round them.
+    /// Fraction of solutions on another branch, whose energy makes the pairs around them inconsistent.
     jumps: f64,
-    /// A point is on the same branch wherever it is solved from: no fold can be mended.
+    /// A point is on the same branch from every parent: no branch jump can be removed.
     stubborn: bool,
 }
 
@@ -66,10 +66,10 @@ fn grid() -> SpaceGrid {
     SpaceGrid::new(0.01, 0.045).unwrap()
 }
 
-/// Everything that was done, by (target, attempt).
+/// All tasks, by (target, attempt).
 type Log = HashMap<(GridIndex, u32), Task>;
 
-/// Runs a plan with up to `hands` tasks out, whose outcomes come back in an order drawn from `order`.
+/// Runs a plan with up to `hands` tasks in flight. Their outcomes arrive in an order drawn from `order`.
 fn run(world: &World, hands: usize, order: u64) -> (Log, TagCounts) {
     let mut plan = Plan::new(Arc::new(Domain::new(&grid(), true)), grid());
     let (mut out, mut log, mut draw) = (Vec::new(), Log::new(), order);
@@ -102,7 +102,7 @@ fn nothing_depends_on_who_is_done_first() {
     }
 }
 
-/// Rounds with a barrier, as the paper's expansion would be run, first attempts only.
+/// Rounds with a barrier as in the paper's expansion, first attempts only.
 #[test]
 fn handing_out_ahead_is_the_same_as_rounds() {
     for seed in 10..16 {
@@ -171,7 +171,8 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     let domain = Domain::new(&grid(), true);
     for index in jumped {
         let tries = log.values().filter(|t| t.target == index).count();
-        // A corner of the shell may have one parent only; a point whose second try brought it back is left alone.
+        // A corner of the shell may have only one parent. A point that its second attempt solved is not tried
+        // again.
         let parents = domain.parents(domain.position(index).unwrap()).len();
         let most = parents.min(1 + FOLD_TRIES);
         assert!((most.min(2)..=most).contains(&tries), "{index:?}: {tries} tries, {parents} parents");
@@ -180,7 +181,8 @@ fn points_of_flagged_pairs_are_solved_again_and_the_lower_energy_is_kept() {
     assert!(log.len() < 3 * untouched, "not everything is solved again");
 }
 
-/// Solving a point of a fold that stays once more from where it was already solved from would cost as much as it tells: nothing.
+/// Another solve of a point at a persistent branch jump, from a parent already used, would cost a solve and
+/// give nothing new.
 #[test]
 fn a_fold_is_looked_at_a_second_time_only_where_the_other_side_found_something() {
     let stubborn = World { seed: 5, stubborn: true, ..World::default() };
@@ -188,14 +190,14 @@ fn a_fold_is_looked_at_a_second_time_only_where_the_other_side_found_something()
     let tries = |log: &Log, attempt: u32| log.keys().filter(|(_, a)| *a == attempt).count();
     assert!(tries(&log, 1) > 100, "{} second tries", tries(&log, 1));
     assert_eq!(tries(&log, 2), 0, "nothing was found, and yet it was looked for again");
-    // Where something is found the other side is told, once.
+    // A better solution on one side causes one repetition on the other.
     let (log, _) = run(&World { seed: 5, jumps: 0.3, ..World::default() }, 3, 1);
     assert!(tries(&log, 2) > 0, "none of the folds was looked at a second time");
     assert_eq!(tries(&log, 3), 0);
 }
 
-/// A retry rests on what the store says of its parent: an attempt that failed has no state, one that was superseded is on a branch
-/// that the space has left.
+/// The store holds the start state of a retry. A failed attempt has no state, and a superseded one is on a
+/// branch that the space no longer uses.
 #[test]
 fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
     let (mut of_failed, mut of_superseded) = (0, 0);
@@ -210,7 +212,7 @@ fn later_tries_start_from_the_solution_that_counted_when_their_round_began() {
                 (round, at_its_beginning) = (task.round, kept.clone());
             }
             if let Some((parent, solution)) = task.parent {
-                // An expansion never supersedes; what it starts from may be of the same round.
+                // The expansion never supersedes a solution; its start state may be of the same round.
                 let known = if task.attempt == 0 { &kept } else { &at_its_beginning };
                 let counts = known.get(&parent).filter(|r| r.tag.is_solved()).expect("a solved parent");
                 assert_eq!(solution, counts.attempt, "seed {seed}: {task:?}");
