@@ -1,4 +1,4 @@
-//! Tells the program which compiler built it, for the footers of reports.
+//! Passes the version of the compiler to the program, for the footers of reports.
 
 use std::process::Command;
 

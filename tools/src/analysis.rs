@@ -1,5 +1,4 @@
-//! Loads scenes for the commands: warnings go to standard error, spaces are opened under the guard of
-//! outputs.
+//! Loads scenes for the commands. Warnings go to standard error. Spaces are opened as checked outputs.
 
 use std::path::Path;
 
@@ -15,7 +14,7 @@ pub(crate) fn load(path: &Path) -> Result<Analysis, Failure> {
     of_scene(path, Scene::load(path)?.resolve()?)
 }
 
-/// Prints the warnings of a scene that stands at `path` and builds its body.
+/// Prints the warnings of the scene at `path` and builds its body.
 pub(crate) fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Analysis, Failure> {
     for warning in &scene.warnings {
         eprintln!("palpate: warning: {warning}");
@@ -23,7 +22,7 @@ pub(crate) fn of_scene(path: &Path, scene: ResolvedScene) -> Result<Analysis, Fa
     Ok(Analysis::of_scene(path, scene)?)
 }
 
-/// Opens or creates the space of a scene; with `salvage`, from what is intact of a damaged one.
+/// Opens or creates the space of a scene; with `salvage`, from the intact part of a damaged space.
 pub(crate) fn open_space(analysis: &Analysis, file: &Output, salvage: bool) -> Result<Store, Failure> {
     if !salvage {
         return Ok(analysis.store(file.path())?);
@@ -40,16 +39,16 @@ pub(crate) fn open_space(analysis: &Analysis, file: &Output, salvage: bool) -> R
     Ok(store)
 }
 
-/// Worker threads at most: each holds a solver in memory.
+/// Maximum number of worker threads: each keeps a solver in memory.
 pub(crate) const MAX_THREADS: usize = 1024;
 
-/// Worker threads: as given, or one a core.
+/// Worker threads: the given number, or one per core.
 pub(crate) fn threads(given: Option<usize>) -> Result<usize, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     threads_or(given, cores.min(MAX_THREADS))
 }
 
-/// Worker threads: as given, or `default`.
+/// Worker threads: the given number, or `default`.
 pub(crate) fn threads_or(given: Option<usize>, default: usize) -> Result<usize, Failure> {
     match given {
         None => Ok(default),

@@ -1,4 +1,4 @@
-//! The displacements of a path's steps on disk: a CSV table, or a PVD series for ParaView.
+//! Writes the displacements of a path's steps: a CSV table, or a PVD series for ParaView.
 
 use std::path::Path;
 
@@ -15,24 +15,24 @@ use crate::files::{FileKind, Files, Output};
 /// The option that names the file.
 const OPTION: &str = "--displacements";
 
-/// Whether a file of this name in the folder of a series is one of its steps.
+/// Whether this file name in the folder of a series is that of a step.
 fn is_step(name: &str) -> bool {
     name.starts_with("step_") && name.ends_with(".vtu")
 }
 
-/// Where the displacements go, by the extension of the file's name.
+/// Destination of the displacements, chosen by the file extension.
 #[derive(Debug)]
 pub(crate) enum Displacements {
-    /// Nowhere.
+    /// None.
     Unwanted,
     /// A row per node and step, written at the end.
     Csv { file: Output, table: String },
-    /// A VTU file per step, rest included, listed in a PVD file that is whole after each step.
+    /// A VTU file per step, including rest, listed in a PVD file that is complete after each step.
     Pvd { file: Output, series: Option<Series> },
 }
 
 impl Displacements {
-    /// Nothing is written before there is something to write.
+    /// Checks the destination. No file is written before the first step.
     pub(crate) fn new(path: Option<&Path>, files: &mut Files) -> Result<Self, Failure> {
         let Some(path) = path else { return Ok(Self::Unwanted) };
         match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
@@ -54,7 +54,7 @@ impl Displacements {
         }
     }
 
-    /// Takes a converged step; step 0 is rest, which the CSV table leaves out. Time of the series is
+    /// Adds a converged step. Step 0 is rest, which the CSV table omits. The time of the series is
     /// `length_mm`, the length of the active node's displacement.
     pub(crate) fn add(
         &mut self,
@@ -105,7 +105,7 @@ impl Displacements {
         Ok(())
     }
 
-    /// Writes what is still to be written.
+    /// Writes the remaining data.
     pub(crate) fn finish(self) -> Result<(), Failure> {
         match self {
             Self::Csv { file, table } => file.put(table.as_bytes()),

@@ -1,4 +1,4 @@
-//! Every `palpate` command that a document prints has arguments that the command line accepts.
+//! Checks that the command line accepts the arguments of every `palpate` command in the documents.
 
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -6,8 +6,7 @@ use palpate_tests::documents;
 
 use crate::Cli;
 
-/// The arguments of the first `palpate` in a command, which may stand behind variables, a path or
-/// `cargo run`.
+/// The arguments of the first `palpate` in a command, which may follow variables, a path or `cargo run`.
 fn arguments(command: &str) -> Option<Vec<String>> {
     let words = documents::words(command);
     let is_palpate = |word: &String| word.rsplit('/').next() == Some("palpate");

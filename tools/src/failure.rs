@@ -1,4 +1,4 @@
-//! How a command ends badly: one line and an exit code.
+//! Failures of a command: one line and an exit code.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -13,14 +13,14 @@ use palpate_precompute::space::{ExpansionError, StoreError};
 /// A command's failure.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// Something the user gave cannot be used: exit code 2.
+    /// The input cannot be used: exit code 2.
     Input(anyhow::Error),
-    /// The input was fine, the work was not: exit code 1.
+    /// The input is valid, but the work failed: exit code 1.
     Work(anyhow::Error),
 }
 
 impl Failure {
-    /// Bad input, in one line that names the culprit and the fix.
+    /// Bad input, in one line that names the cause and the fix.
     pub(crate) fn input(message: impl std::fmt::Display) -> Self {
         Self::Input(anyhow::anyhow!("{message}"))
     }
@@ -30,7 +30,7 @@ impl Failure {
         Self::Work(anyhow::anyhow!("{message}"))
     }
 
-    /// A file that cannot be read or written: bad input, but failed work if the disk is full.
+    /// A file that cannot be read or written: bad input, or failed work if the disk is full.
     pub(crate) fn file(path: &Path, error: &std::io::Error) -> Self {
         if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
             let path = path.display();
@@ -41,13 +41,13 @@ impl Failure {
         Self::input(format!("{}: {error}; check the name, the folder and its permissions", path.display()))
     }
 
-    /// The message on one line: causes appended, line breaks folded.
+    /// The message on one line: causes appended, line breaks replaced.
     pub(crate) fn line(&self) -> String {
         let (Self::Input(error) | Self::Work(error)) = self;
         format!("{error:#}").split_whitespace().collect::<Vec<_>>().join(" ")
     }
 
-    /// The same failure with more to say.
+    /// The same failure with an addition to its message.
     pub(crate) fn with(self, more: &str) -> Self {
         match self {
             Self::Input(error) => Self::Input(anyhow::anyhow!("{error:#}{more}")),

@@ -1,4 +1,4 @@
-//! Real devices: opened here, or by a supervisor that is started for it.
+//! Real devices: opened in this process, or by a supervisor that this process starts.
 
 use std::path::Path;
 use std::process::Command;
@@ -16,14 +16,15 @@ use palpate_host::{Device, DeviceError};
 
 use crate::failure::Failure;
 
-/// Highest priority that is asked for: 99 belongs to the kernel.
+/// Highest requested priority: 99 belongs to the kernel.
 const MOST_PRIORITY: i32 = 98;
 
-/// A name that no device has.
+/// A name that matches no device.
 const NO_DEVICE: &str = "none";
-/// Speed of a device link's line if nobody says, baud; means nothing to USB CDC.
+/// Default speed of the serial line of a device link, baud. USB CDC ignores it.
 const LINK_BAUD: u32 = 1_000_000;
-/// How long the device link is tried; a controller that starts when its port is opened takes a second or two.
+/// Time limit for opening the device link. A controller that restarts when its port is opened takes a second
+/// or two.
 const LINK_PATIENCE: Duration = Duration::from_secs(5);
 
 /// A device with motors, as the command line names it.
@@ -36,26 +37,26 @@ pub(crate) enum Hardware<'n> {
     },
     /// `falcon[:FIRMWARE]`
     Falcon {
-        /// The file to load if it is silent.
+        /// The firmware file to load if the device does not respond.
         firmware: Option<&'n Path>,
     },
     /// `link:PORT[@BAUD]`
     Link {
         /// The serial port.
         port: &'n str,
-        /// Speed of its line.
+        /// Speed of the serial line.
         baud: u32,
     },
 }
 
 impl<'n> Hardware<'n> {
-    /// The device of this name; `None` if it is none with motors.
+    /// The device with this name; `None` if it is not a device with motors.
     pub(crate) fn named(name: &'n str) -> Option<Self> {
         let (kind, rest) = name.split_once(':').map_or((name, None), |(kind, rest)| (kind, Some(rest)));
         match (kind, rest) {
             ("polhem", Some(port)) => Some(Self::Polhem { port }),
             ("link", Some(place)) => Some(match place.rsplit_once('@') {
-                // A port may have an @ in its name.
+                // A port name may contain an @.
                 Some((port, baud)) if baud.parse::<u32>().is_ok_and(|baud| baud > 0) => {
                     Self::Link { port, baud: baud.parse().unwrap_or(LINK_BAUD) }
                 }
@@ -66,7 +67,7 @@ impl<'n> Hardware<'n> {
         }
     }
 
-    /// The bundled profile that is its own.
+    /// The name of its bundled profile.
     const fn own_profile(self) -> &'static str {
         match self {
             Self::Polhem { .. } => "polhem",
@@ -75,13 +76,13 @@ impl<'n> Hardware<'n> {
         }
     }
 
-    /// Whether a process of its own must take the force away from it. The device link has a watchdog of 5 to
-    /// 20 ms: it does that itself.
+    /// Whether a separate process must zero its force. The device link has a watchdog of 5 to 20 ms of its
+    /// own.
     pub(crate) const fn needs_supervisor(self) -> bool {
         !matches!(self, Self::Link { .. })
     }
 
-    /// Opens it in this process. `fifo_priority` is for a thread that reads.
+    /// Opens it in this process. `fifo_priority` is the priority of a reader thread.
     pub(crate) fn open(self, profile: &Profile, fifo_priority: Option<i32>) -> Result<Opened, Failure> {
         match self {
             Self::Link { port, baud } => {
@@ -111,14 +112,14 @@ impl<'n> Hardware<'n> {
     }
 }
 
-/// Asks the adapter of a port, if it has one, not to hold answers back.
+/// Requests low latency from the port's USB adapter, if it has one, and reports the result.
 fn say_latency(port: &str) {
     if let Some(timer) = LatencyTimer::shorten(port) {
         eprintln!("palpate: {port}: {timer}");
     }
 }
 
-/// What a profile says of a device link.
+/// The configuration of a device link from a profile.
 fn link_config(profile: &Profile) -> Result<LinkConfig, Failure> {
     LinkConfig::of(profile, LINK_PATIENCE).ok_or_else(|| {
         Failure::input(format!(
@@ -128,7 +129,7 @@ fn link_config(profile: &Profile) -> Result<LinkConfig, Failure> {
     })
 }
 
-/// What a profile says of a Polhem.
+/// The configuration of a Polhem from a profile.
 fn polhem_config(profile: &Profile) -> PolhemConfig {
     PolhemConfig {
         workspace: profile.workspace,
@@ -138,7 +139,7 @@ fn polhem_config(profile: &Profile) -> PolhemConfig {
     }
 }
 
-/// An open device, in this process or in a supervisor's.
+/// An open device, in this process or in the supervisor.
 #[derive(Debug)]
 pub(crate) enum Opened {
     Polhem(Box<Polhem>),
@@ -148,7 +149,7 @@ pub(crate) enum Opened {
 }
 
 impl Opened {
-    /// As the loop takes it.
+    /// The device as the loop uses it.
     pub(crate) fn into_device(self) -> Box<dyn Device> {
         match self {
             Self::Polhem(device) => device,
@@ -168,21 +169,21 @@ impl Opened {
     }
 }
 
-/// The profile that was asked for, or that of the device.
+/// The named profile, or that of the device.
 pub(crate) fn profile(device: &str, name: Option<&str>) -> Result<Option<Profile>, Failure> {
     let name = name.or_else(|| Hardware::named(device).map(Hardware::own_profile));
     name.map(Profile::load).transpose().map_err(Failure::input)
 }
 
-/// One above the loop, which spins before its deadline; none if the loop asks for none.
+/// One above the priority of the loop, which spins before its deadline; `None` if the loop has none.
 pub(crate) fn above(loop_priority: Option<i32>) -> Option<i32> {
     loop_priority.map(|priority| (priority + 1).min(MOST_PRIORITY))
 }
 
-/// A device for the loop, and who holds it.
+/// A device for the loop, and its supervisor.
 pub(crate) type Held = (Box<dyn Device>, Option<Arc<Supervision>>);
 
-/// How a device is held.
+/// How a device is opened.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Holding<'a> {
     /// As the command line names it.
@@ -191,7 +192,7 @@ pub(crate) struct Holding<'a> {
     pub profile_name: Option<&'a str>,
     /// Priority of the loop.
     pub loop_priority: Option<i32>,
-    /// Silence after which a supervisor zeroes it, ms; `None` for no supervisor.
+    /// Silence after which a supervisor zeroes the device, ms; `None` for no supervisor.
     pub supervisor_ms: Option<u32>,
 }
 
@@ -225,15 +226,15 @@ pub(crate) fn open(
     Ok((opened.into_device(), supervision))
 }
 
-/// The same program again, as a supervisor of this device.
+/// The command that starts this program as a supervisor of the device.
 fn supervisor(device: &str) -> std::io::Result<Command> {
     let mut command = Command::new(std::env::current_exe()?);
     command.args(["supervise", device]);
     Ok(command)
 }
 
-/// Starts a supervisor for a device that there is not, and how long it takes until it says so: all of it
-/// works then but the device.
+/// Starts a supervisor for a device that does not exist, and returns the time until it reports that. This
+/// checks all parts except the device.
 pub(crate) fn try_supervisor() -> Result<Duration, StartError> {
     try_command(supervisor(NO_DEVICE)?)
 }
@@ -288,8 +289,7 @@ mod tests {
         assert!(refused.contains("[capstan]"), "{refused}");
     }
 
-    /// Only who states a damping may render more than the cautious default, and then as much as the formulas
-    /// allow.
+    /// A profile with a stated damping may exceed the conservative default, up to the limit of the formulas.
     #[test]
     fn a_stated_damping_lifts_the_cap_of_a_polhem() {
         let mut profile = Profile::load("polhem").expect("bundled");

@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM: a flag for work that keeps what it did, the end of the process for the rest.
+//! Ctrl-C and SIGTERM: a flag for commands that keep their results, and process exit for the others.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
 
-/// A second signal ends the process at once, but only this long after the first: some senders signal twice in
-/// a row, and the force on the hand must go to zero first.
+/// A second signal ends the process at once only if it arrives this long after the first. Some senders signal
+/// twice in succession, and the force on the hand must first become zero.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// One flag for the process, because a handler can be set only once.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// A flag that Ctrl-C and SIGTERM raise. A later second signal ends the process.
+/// A flag that Ctrl-C and SIGTERM set. A later second signal ends the process.
 pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     if let Some(stop) = STOP.get() {
         return Ok(stop.clone());
@@ -31,7 +31,7 @@ pub(crate) fn stop_flag() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-/// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps nothing.
+/// Ends the process at the first Ctrl-C or SIGTERM, for a command that keeps no results.
 pub(crate) fn end_when_interrupted() -> Result<(), Failure> {
     on_signal(|| {
         eprintln!("palpate: interrupted; nothing is kept");

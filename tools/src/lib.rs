@@ -1,10 +1,9 @@
-//! `palpate`: the command line over all crates. Only parsing and exit codes here; one file per command in
-//! `cmd/`.
+//! `palpate`: the command line of all crates. This file has parsing and exit codes only; `cmd/` has one file
+//! per command.
 //!
-//! A library, because two binaries use it: `palpate`, and with feature `mpi` also `palpate-mpi`.
+//! It is a library because two binaries use it: `palpate`, and with feature `mpi` also `palpate-mpi`.
 //!
-//! Exit codes: 0 done; 1 the work itself failed (a path that does not converge, an interrupted run); 2 bad
-//! input.
+//! Exit codes: 0 success; 1 the work failed (a path that does not converge, an interrupted run); 2 bad input.
 #![forbid(unsafe_code)]
 
 mod analysis;
@@ -67,7 +66,7 @@ enum Command {
 #[cfg(feature = "mpi")]
 pub use cluster::palpate_mpi;
 
-/// The command `palpate`, with the arguments of the process.
+/// Runs the command `palpate` with the arguments of the process.
 pub fn palpate() -> ExitCode {
     let cli = Cli::parse();
     let done = match cli.command {

@@ -1,26 +1,27 @@
-//! Memory of this process, where the system tells it.
+//! Memory of this process, on systems that report it.
 
 /// Largest resident size since the start or the last [`forget_peak`], bytes.
 pub(crate) fn peak_bytes() -> Option<u64> {
     status_bytes("VmHWM:")
 }
 
-/// That in MB.
+/// Largest resident size, MB.
 pub(crate) fn peak_mb() -> Option<u64> {
     peak_bytes().map(|bytes| bytes >> 20)
 }
 
-/// For tables.
+/// The value for tables.
 pub(crate) fn shown(mb: Option<u64>) -> String {
     mb.map_or_else(|| "?".into(), |mb| mb.to_string())
 }
 
-/// What is resident now, bytes.
+/// Present resident size, bytes.
 pub(crate) fn resident_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
-/// Starts a new peak at what is resident now (Linux); elsewhere peaks add up, which errs on the safe side.
+/// Resets the peak to the present resident size (Linux). On other systems the peak of earlier work remains,
+/// which is an upper bound.
 pub(crate) fn forget_peak() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
@@ -35,8 +36,8 @@ fn status_bytes(key: &str) -> Option<u64> {
 mod tests {
     use super::*;
 
-    /// Half a block of slack: other tests work in this process meanwhile, and the system notes the peak from
-    /// counters that lag some pages behind those it shows as resident.
+    /// Half a block of tolerance: other tests run in this process at the same time, and the counters behind
+    /// the system's peak lag some pages behind the resident size.
     #[test]
     fn the_peak_holds_what_was_resident_and_is_gone() {
         const BLOCK: usize = 256 << 20;

@@ -1,4 +1,4 @@
-//! What a session with the motors off shows: where the hand is, and the force that it was not given.
+//! Output of a session with the motors off: the position of the hand, and the force that is not sent.
 
 use palpate_core::Sample;
 use palpate_host::rt::{SessionState, TickRecord};
@@ -6,15 +6,15 @@ use palpate_host::rt::{SessionState, TickRecord};
 /// Ticks between two lines.
 const EVERY_TICKS: u64 = 200;
 
-/// Lines on standard error, now and then.
+/// Prints lines on standard error at intervals.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
-    /// Not every tick brings one.
+    /// The last sample; not every tick has one.
     newest: Option<Sample>,
 }
 
 impl Lines {
-    /// Takes a tick, and shows it if it is time.
+    /// Takes a tick, and prints it if a line is due.
     pub(crate) fn take(&mut self, record: &TickRecord) {
         self.newest = record.sample.or(self.newest);
         if record.tick.is_multiple_of(EVERY_TICKS) {
@@ -23,7 +23,7 @@ impl Lines {
     }
 }
 
-/// State, position of the hand in the model, buttons, and the force that was computed.
+/// State, position of the hand in the model, buttons, and the computed force.
 fn line(record: &TickRecord, newest: Option<Sample>) -> String {
     let [x, y, z] = record.hand_force_n;
     let place = newest.map_or_else(

@@ -1,5 +1,5 @@
-//! What goes out: lines of text, and tables as CSV. A reader of standard output that has seen enough
-//! (`| head`) ends the program quietly.
+//! Output of a command: lines of text, and tables as CSV. If its reader closes standard output (`| head`),
+//! the program ends without an error.
 
 use std::io::{ErrorKind, Write};
 
@@ -28,7 +28,7 @@ pub(crate) fn csv<T: Serialize>(rows: &[T]) -> Result<Vec<u8>, Failure> {
     writer.into_inner().map_err(Failure::work)
 }
 
-/// The histograms of a run: `quantity,ns,count,share`, one row for each bin that is not empty.
+/// The histograms of a run: `quantity,ns,count,share`, one row per bin that is not empty.
 pub(crate) fn histograms(file: &Output, latency: &LatencyReport) -> Result<(), Failure> {
     file.put(&csv(&latency.histograms.rows())?)
 }

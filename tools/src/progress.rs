@@ -7,27 +7,27 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 use palpate_precompute::held_out::HeldOutProgress;
 use palpate_precompute::space::Progress;
 
-/// Lines on a pipe are this far apart.
+/// Interval of the lines on a pipe.
 const LINE_EVERY: Duration = Duration::from_secs(5);
 
-/// Display of some work under a label.
+/// Progress display of a task with a label.
 #[derive(Debug)]
 pub(crate) struct WorkProgress {
     label: String,
-    /// What is counted.
+    /// Unit of the count.
     of: &'static str,
     bar: Option<ProgressBar>,
     started: Instant,
     last_line: Instant,
-    /// It was said that we are stopping.
+    /// Whether the stop message was printed.
     told: bool,
 }
 
-/// What is known of the time left.
+/// Remaining work.
 enum Left {
-    /// Steps left, at the pace of those done.
+    /// Steps left and steps done, at the rate so far.
     Steps(usize, usize),
-    /// Nothing.
+    /// Unknown.
     Unknown,
 }
 
@@ -57,7 +57,8 @@ impl WorkProgress {
         }
         let of_spaces = if spaces > 1 { format!("{done}/{spaces} spaces, ") } else { String::new() };
         if let Some((passed, wanted)) = passes {
-            // How many it takes is not known; that a space is nearly done is.
+            // The number of configurations is unknown. The streak of passed validations shows how near the
+            // end is.
             return self.show(passed, wanted, Left::Unknown, || {
                 format!(
                     "{of_spaces}{} solved, {} beyond f_max, {} failed (batch {round})",
@@ -68,7 +69,8 @@ impl WorkProgress {
             });
         }
         let total = total.unwrap_or(0);
-        // Points behind terminating ones are never solved; failed ones and folds are solved more than once.
+        // Points behind terminating ones are never solved. Failed points and branch jumps are solved more
+        // than once.
         let left = if again { Left::Unknown } else { Left::Steps(counts.unknown, solved_now) };
         self.show(total - counts.unknown, total, left, || {
             let doing = if again { "failed points and folds again, " } else { "" };
@@ -79,7 +81,7 @@ impl WorkProgress {
         });
     }
 
-    /// Shows progress of held-out truth.
+    /// Shows progress of held-out solutions.
     pub(crate) fn walks(&mut self, progress: &HeldOutProgress) {
         let HeldOutProgress { walks, total, positions_now, steps: (done, all), stopping, .. } = *progress;
         if let Some(out) = stopping {
@@ -89,7 +91,7 @@ impl WorkProgress {
         self.show(walks, total, left, || format!("{positions_now} positions solved"));
     }
 
-    /// Says what becomes of the work that is out, if any is; on a pipe once.
+    /// Reports the state of unfinished work, if there is any; on a pipe only once.
     fn stopping(&mut self, out: usize, what: &str) {
         if out == 0 {
             return;
@@ -102,7 +104,7 @@ impl WorkProgress {
         }
     }
 
-    /// `done` of `total`.
+    /// Shows `done` of `total`.
     fn show(&mut self, done: usize, total: usize, left: Left, what: impl Fn() -> String) {
         let seconds = self.started.elapsed().as_secs_f64();
         let left = match left {
@@ -126,7 +128,7 @@ impl WorkProgress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn finish(self) {
         if let Some(bar) = self.bar {
             bar.finish_and_clear();

@@ -1,4 +1,4 @@
-//! How much memory this process holds, so that a long session shows whether it grows.
+//! Resident memory of this process during a session, which shows whether it grows.
 
 use std::fmt;
 
@@ -6,10 +6,10 @@ use palpate_host::TickRecord;
 
 use crate::memory;
 
-/// Every ring of a session has been written through by then: what grows later has no reason to, us.
+/// After this time every ring buffer of a session has been filled once, so memory should no longer grow, us.
 const SETTLED_US: u64 = 20_000_000;
 
-/// Resident memory at three points of a session, kB; `None` where the system does not say.
+/// Resident memory at three times of a session, kB; `None` if the system does not report it.
 #[derive(Debug)]
 pub(crate) struct Resident {
     start_kb: Option<u64>,
@@ -18,19 +18,19 @@ pub(crate) struct Resident {
 }
 
 impl Resident {
-    /// At the start.
+    /// Measures at the start.
     pub(crate) fn start() -> Self {
         Self { start_kb: resident_kb(), settled_kb: None, end_kb: None }
     }
 
-    /// With every record, off the loop.
+    /// Takes every record, outside the loop's thread.
     pub(crate) fn take(&mut self, record: &TickRecord) {
         if self.settled_kb.is_none() && record.t_us >= SETTLED_US {
             self.settled_kb = resident_kb();
         }
     }
 
-    /// At the end.
+    /// Measures at the end.
     pub(crate) fn end(mut self) -> Self {
         self.end_kb = resident_kb();
         self
@@ -38,8 +38,8 @@ impl Resident {
 }
 
 impl Resident {
-    /// At the start, once settled (if the session was long enough) and at the end, kB; null where the system
-    /// does not say.
+    /// The values at the start, after the buffers are filled (if the session was long enough) and at the end,
+    /// kB; null if the system does not report them.
     pub(crate) fn figures(&self) -> serde_json::Value {
         serde_json::json!({ "start": self.start_kb, "after_20_s": self.settled_kb, "end": self.end_kb })
     }

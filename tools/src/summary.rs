@@ -1,5 +1,4 @@
-//! What sessions and replays came to, as JSON: SI units, times of the machine in ns, null for what there is
-//! not.
+//! Results of sessions and replays as JSON: SI units, machine times in ns, null for missing values.
 
 use palpate_core::{Coverage, Phase};
 use palpate_host::device::profile::{Profile, StiffnessCap, Timing};
@@ -12,7 +11,7 @@ use palpate_host::sys::RtReport;
 use palpate_host::{DeviceInfo, SessionSummary};
 use serde_json::{Map, Value, json};
 
-/// A session.
+/// The summary of a session.
 pub(crate) fn session(summary: &SessionSummary) -> Value {
     let DeviceInfo { name, self_arming, max_force_n, max_stiffness_n_m, resolution_m } = &summary.device;
     let SystemInfo { kernel, governor, isolated } = &summary.system;
@@ -20,7 +19,7 @@ pub(crate) fn session(summary: &SessionSummary) -> Value {
         Phase::SafeZero(fault) => Some(fault.name()),
         Phase::Disarmed | Phase::Active => None,
     };
-    // As a recording has it, but for the fault, which stands by itself.
+    // As in a recording, except the fault, which is a field of its own.
     let End { reason, phase, .. } = End::of_session(summary);
     json!({
         "device": {
@@ -85,7 +84,7 @@ fn touch(figures: &TouchStatistics) -> Value {
     })
 }
 
-/// A device's profile against the timing of a session.
+/// A device's profile compared with the timing of a session.
 pub(crate) fn profile(profile: &Profile, report: &LatencyReport) -> Value {
     let verdict = profile.verdict(report);
     let StiffnessCap { n_m, timing, .. } = verdict.cap;
@@ -96,7 +95,7 @@ pub(crate) fn profile(profile: &Profile, report: &LatencyReport) -> Value {
     })
 }
 
-/// A replay.
+/// The summary of a replay.
 pub(crate) fn replay(summary: &ReplaySummary) -> Value {
     let difference = |of: &Difference| {
         json!({

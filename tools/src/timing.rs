@@ -1,11 +1,11 @@
-//! Options of the loop's timing, shared by `run` and `doctor`.
+//! Timing options of the loop, shared by `run` and `doctor`.
 
 use clap::Args as ClapArgs;
 use palpate_host::device::profile::Profile;
 use palpate_host::rt::LoopConfig;
 use palpate_host::sys::{DEFAULT_FIFO_PRIORITY, MAX_LOOP_FIFO_PRIORITY, RtRequest};
 
-/// Longest period, us: four are the age at which a sample is a fault.
+/// Longest period, us: after four periods a sample is a fault.
 const SLOWEST_US: u32 = 2_500;
 
 const DEFAULT: LoopConfig = LoopConfig { period_us: 1_000, spin_us: 100, arm_button: 0 };
@@ -39,7 +39,7 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// What to ask of the operating system.
+    /// The request to the operating system.
     pub(crate) fn request(&self) -> RtRequest {
         RtRequest {
             fifo_priority: Some(self.fifo).filter(|priority| *priority > 0),
@@ -48,7 +48,7 @@ impl Timing {
         }
     }
 
-    /// Period and spin; the profile's period if none is asked for.
+    /// Period and spin; the profile's period if none is given.
     pub(crate) fn haptic(&self, profile: Option<&Profile>) -> LoopConfig {
         let period_us = self.period_us.or(profile.map(Profile::period_us)).unwrap_or(DEFAULT.period_us);
         LoopConfig { period_us, spin_us: self.spin_us, ..LoopConfig::default() }

@@ -1,4 +1,4 @@
-//! A session of the real-time loop as the command line starts it: `run` and `demo` share it.
+//! Sessions of the real-time loop for `run` and `demo`.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -22,48 +22,48 @@ use crate::failure::Failure;
 use crate::files::Output;
 use crate::timing::Timing;
 
-/// Frames a second of headless pictures: enough to follow a stroke, few enough to keep.
+/// Frame rate of headless pictures: enough to follow a stroke, few enough to store.
 const HEADLESS_RATE_HZ: f32 = 2.0;
-/// Frames a second of a film: motion is seen, and ten seconds stay below 5 MB.
+/// Frame rate of a film: motion is visible, and ten seconds take less than 5 MB.
 const FILM_RATE_HZ: f32 = 12.5;
 /// Size of a film.
 const FILM_PICTURE: RendererConfig = RendererConfig { width: 800, height: 450, samples: 2 };
 
-/// Why there is no mouse device.
+/// Error of the mouse device without a window.
 pub(crate) const MOUSE_NEEDS_WINDOW: &str =
     "the mouse device needs a window, and there is none: use a display and no --headless, or --device sim";
 
 /// How a session is shown and how long it lasts.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Show<'p> {
-    /// Seconds; until stopped if `None`.
+    /// Duration, s; until stopped if `None`.
     pub seconds: Option<f64>,
     /// PNG frames instead of a window.
     pub headless: bool,
-    /// Frames a second of these, or of a film, if not the default; 0 for none.
+    /// Frame rate of the frames or the film, if not the default; 0 for no frames.
     pub rate_hz: Option<f32>,
-    /// Where frames and screenshots go.
+    /// Folder for frames and screenshots.
     pub pictures: &'p Path,
-    /// What is recorded, if anything.
+    /// The recording, if any.
     pub record: Option<Record<'p>>,
     /// Friction of a pushing tool, if not the default.
     pub friction: Option<f32>,
-    /// Go on to the next of several organs each time this has passed.
+    /// Interval after which the session changes to the next of several organs.
     pub change_every: Option<Duration>,
-    /// What the device can do, where that is known: cycle, limits and workspace are its.
+    /// The device's profile, if known, with its cycle time, limits and workspace.
     pub profile: Option<&'p Profile>,
-    /// When the loop runs.
+    /// Timing of the loop.
     pub timing: Timing,
     /// Standstill of the loop after which the watchdog zeroes the device, ms.
     pub watchdog_ms: u32,
     /// A film instead of PNG frames.
     pub gif: Option<&'p Output>,
-    /// The window moves the tool of this mouse device.
+    /// The mouse device whose tool the window moves.
     pub mouse: Option<&'p MouseHandle>,
 }
 
 impl Show<'_> {
-    /// PNG frames, or a film if asked for.
+    /// PNG frames, or a film if requested.
     pub(crate) fn frames(&self) -> View {
         if self.rate_hz == Some(0.0) {
             return View::Nothing;
@@ -79,13 +79,13 @@ impl Show<'_> {
         }
     }
 
-    /// A picture that could not be written while the session ran.
+    /// A picture that could not be written during the session.
     pub(crate) fn picture_failure(&self, error: &std::io::Error) -> Failure {
         let place = self.gif.map_or(self.pictures, Output::path);
         Failure::work(Failure::file(place, error).line())
     }
 
-    /// A window, or PNG frames if asked for.
+    /// A window, or PNG frames if requested.
     pub(crate) fn view(&self) -> View {
         if self.headless {
             self.frames()
@@ -102,7 +102,7 @@ impl Show<'_> {
 /// A recording to be made.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Record<'p> {
-    /// The .mcap file, which must not be there yet.
+    /// The .mcap file, which must not exist.
     pub file: &'p Output,
     /// BLAKE3 of each blob.
     pub blob_blake3: &'p [String],
@@ -125,18 +125,18 @@ impl Record<'_> {
     }
 }
 
-/// What a session came to, and its recording.
+/// Summary of a session, and of its recording.
 #[derive(Debug)]
 pub(crate) struct Touched {
-    /// The session.
+    /// Summary of the session.
     pub summary: SessionSummary,
-    /// What was recorded.
+    /// Summary of the recording.
     pub recording: Option<RecorderReport>,
 }
 
 /// Runs a session; a window that cannot be opened falls back to PNG frames.
 ///
-/// `device` is asked for afresh when the window fails, before anything has moved.
+/// `device` is called again if the window fails, before the first tick.
 pub(crate) fn run<D: Device>(
     organs: &[&Organ<'_>],
     method: Method,
@@ -169,13 +169,14 @@ pub(crate) fn run<D: Device>(
         let info = device.info();
         let mut config = controller_config(organs, method, &info, show.profile);
         config.contact.friction = show.friction.unwrap_or(config.contact.friction);
-        // A real device is armed by a deliberate press of its button; the press after that grasps.
+        // The user arms a real device by pressing its button; the next press grasps.
         options.haptic.arm_button = if info.self_arming { 0 } else { config.contact.grasp_button };
         let record = show.record.map(|record| record.start(organ, config, &options, info));
         let mut recorder = record.transpose()?;
         let ended = run_session(organs, config, device, &options, stop, |record| {
             if let (false, Some(report)) = (moved, granted.get()) {
-                // Now, not at the end: a hand should not be put to a loop that was refused what it needs.
+                // Printed at once: the user should know of a refused real-time request before touching the
+                // device.
                 eprintln!("palpate: {}", report.line());
             }
             moved = true;
@@ -187,7 +188,7 @@ pub(crate) fn run<D: Device>(
         let end = ended.as_ref().ok().map(End::of_session);
         let recording = recorder.map(|recorder| recorder.finish(end));
         if ended.is_err() && !moved {
-            // Made by this very call, and without a tick.
+            // Created by this call, and without a tick.
             show.record.iter().try_for_each(|record| record.file.remove())?;
             show.gif.iter().try_for_each(|gif| gif.remove())?;
         }
@@ -213,7 +214,7 @@ pub(crate) fn run<D: Device>(
     }
 }
 
-/// A session that lost its device or ended in a fault is a failure, whatever it showed before.
+/// Fails for a session that lost its device or ended in a fault.
 pub(crate) fn judge(summary: &SessionSummary) -> Result<(), Failure> {
     match (summary.end, summary.phase) {
         (LoopEnd::DeviceLost(error), _) => Err(Failure::work(format!("device lost: {error}"))),
@@ -231,14 +232,14 @@ mod tests {
 
     const BLOB: &[u8] = include_bytes!("../../firmware-like-core/golden/organ-514.blob");
 
-    /// What hinders the thread that draws.
+    /// An error of the drawing thread.
     #[derive(Debug, Clone, Copy, PartialEq)]
     enum Fault {
         Panic,
         NoFolder,
     }
 
-    /// Whatever ends the session from the side of the pictures, the recording is whole and can be replayed.
+    /// The recording is complete and can be replayed after any error of the drawing thread.
     #[test]
     fn a_viewer_that_fails_leaves_a_whole_recording() {
         let file = BlobFile::of(BLOB);
@@ -288,7 +289,7 @@ mod tests {
         }
     }
 
-    /// A film has a rate of its own as long as nobody asks for another.
+    /// A film has its own default frame rate.
     #[test]
     fn a_film_takes_the_rate_it_is_given() {
         let film = Output::in_scratch(&tempfile::tempdir().expect("a folder"), "film.gif");

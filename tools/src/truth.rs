@@ -1,4 +1,4 @@
-//! Fresh finite-element solves at visited positions, and how far each method is from them.
+//! New finite-element solutions at visited positions, and the errors of each method there.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -15,46 +15,46 @@ use crate::failure::Failure;
 /// A position the tool visited.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Visit {
-    /// Which active node (and space).
+    /// Index of the active node and of its space.
     pub active: usize,
     /// Its displacement, m.
     pub displacement_m: [f32; 3],
-    /// What the loop made of it, N.
+    /// The reaction that the loop computed, N.
     pub reaction_n: [f32; 3],
 }
 
-/// A visit with the force that finite elements give there.
+/// A visit with the finite-element force there.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Checked {
     /// The visit.
     pub visit: Visit,
-    /// h by finite elements, N.
+    /// Finite-element force h, N.
     pub force_n: [f64; 3],
 }
 
 /// Errors of one method over all checked visits (paper, Eqs. 13 and 14, and the error vector).
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct MethodError {
-    /// The method.
+    /// Name of the method.
     pub method: String,
     /// Mean |error vector|, N.
     pub mean_n: f64,
     /// Largest |error vector|, N.
     pub max_n: f64,
-    /// Eq. (13): mean absolute error a component, N.
+    /// Eq. (13): mean absolute error per component, N.
     pub mean_component_n: f64,
-    /// Eq. (14) over components of at least 0.5 N: mean relative error.
+    /// Eq. (14): mean relative error over components of at least 0.5 N.
     pub mean_relative: f64,
     /// Largest relative error over these components.
     pub max_relative: f64,
-    /// Share of queries with the method's own data all round.
+    /// Share of queries in a cell with complete data of the method.
     pub covered: f64,
 }
 
-/// Components below this are left out of relative errors, as in the paper, N.
+/// Components below this value are omitted from relative errors, as in the paper, N.
 const RELATIVE_FROM_N: f64 = 0.5;
 
-/// Solves at every visit, on all cores. Visits that cannot be solved are left out and counted.
+/// Solves at every visit, on all cores. Visits without a solution are omitted and counted.
 pub(crate) fn check(
     bench: &Analysis,
     store: &Store,
@@ -117,7 +117,7 @@ pub(crate) fn method_error(organ: &Organ<'_>, method: Method, checked: &[Checked
     Some(errors(method.name(), checked, &answers?))
 }
 
-/// Errors of what the loop itself computed while it ran.
+/// Errors of the forces that the loop computed during the session.
 pub(crate) fn loop_error(checked: &[Checked]) -> MethodError {
     let answers: Vec<_> = checked.iter().map(|c| (c.visit.reaction_n, true)).collect();
     errors("loop", checked, &answers)

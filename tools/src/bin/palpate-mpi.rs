@@ -1,4 +1,4 @@
-//! `palpate-mpi`: `palpate precompute` on many machines; everything is in the library.
+//! `palpate-mpi`: `palpate precompute` on many machines. The code is in the library.
 #![forbid(unsafe_code)]
 
 fn main() -> std::process::ExitCode {

@@ -1,4 +1,4 @@
-//! `palpate`: the command line over all crates; everything is in the library.
+//! `palpate`: the command line of all crates. The code is in the library.
 #![forbid(unsafe_code)]
 
 fn main() -> std::process::ExitCode {

@@ -1,61 +1,61 @@
-//! What rank 0 and the other ranks tell each other: postcard bytes, one message each.
+//! The messages between rank 0 and the other ranks: postcard bytes, one message each.
 
 use palpate_precompute::pipeline::Analysis;
 use palpate_precompute::space::{CrewError, Done, Work, solver_version};
 use serde::{Deserialize, Serialize};
 
-/// From rank 0.
+/// Message from rank 0.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Order {
-    /// A job for one of the rank's threads.
+    /// A job for one thread of the rank.
     Work {
-        /// Which thread.
+        /// Number of the thread.
         desk: u32,
         /// The job.
         job: Box<Work>,
     },
-    /// What can be given up is: it comes back as abandoned.
+    /// Abandon all jobs that can be abandoned; they are returned as such.
     Stop,
-    /// Nothing more comes; say [`Report::Gone`] and end.
+    /// No more messages follow; send [`Report::Gone`] and end.
     Release,
 }
 
-/// To rank 0.
+/// Message to rank 0.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum Report {
-    /// The first word of a rank.
+    /// The first message of a rank.
     Hello {
-        /// Where it runs.
+        /// Name of its host.
         host: String,
-        /// Threads that it works with.
+        /// Number of its solver threads.
         desks: u32,
-        /// What it works on, or why it cannot.
+        /// What it works on, or the error that prevents it.
         basis: Result<Basis, String>,
     },
     /// A job is done.
     Done {
-        /// Which thread did it.
+        /// Number of the thread.
         desk: u32,
-        /// What it found.
+        /// The outcome.
         outcome: Box<Done>,
     },
-    /// The rank cannot go on.
+    /// The rank cannot continue.
     Stuck(CrewError),
-    /// The last word of a rank.
+    /// The last message of a rank.
     Gone,
 }
 
-/// What all ranks must agree on, or bits would not be those of one machine.
+/// What all ranks must have in common. Otherwise the bits would differ from those of one machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Basis {
-    /// Hash over everything in scene and mesh that changes numbers.
+    /// Hash of everything in scene and mesh that affects the numbers.
     content: [u8; 32],
     /// Version of the solver, and instruction set.
     solver: String,
 }
 
 impl Basis {
-    /// What this process would work on.
+    /// The basis of this process.
     pub(super) fn of(bench: &Analysis) -> Self {
         Self { content: bench.scene.content_hash().into(), solver: solver_version() }
     }
@@ -83,7 +83,7 @@ pub(super) fn encode(message: &impl Serialize) -> Vec<u8> {
     postcard::to_stdvec(message).expect("a vector takes everything")
 }
 
-/// The message in `bytes`; `None` if another build wrote them.
+/// The message in `bytes`; `None` if another build wrote it.
 pub(super) fn decode<M: for<'de> Deserialize<'de>>(bytes: &[u8]) -> Option<M> {
     postcard::from_bytes(bytes).ok()
 }

@@ -1,13 +1,12 @@
-//! `palpate-mpi`: rank 0 plans and owns the store, the other ranks solve. The same bits as on one machine,
-//! because outcomes depend on the jobs alone and every job's start is what the store holds.
+//! `palpate-mpi`: rank 0 plans and owns the store, the other ranks solve. The bits are those of one machine,
+//! because an outcome depends on its job only, and every job starts from a state in the store.
 //!
-//! [`messages`] is what they say to each other; [`ranks`] is the crew that rank 0 sees; [`worker`] is the
-//! other end.
+//! [`messages`] defines the messages, [`ranks`] is the executor on rank 0, and [`worker`] is the code of the
+//! other ranks.
 //!
-//! Ending. Rank 0 always releases the others, on success, on an error and when it is asked to stop (Ctrl-C,
-//! SIGTERM), and waits for their last word. Signals to other ranks do nothing: mpirun and Slurm signal all
-//! ranks, and rank 0 decides. A rank that dies takes the others with it (that is MPI's way); what was
-//! committed is in the store.
+//! Termination. Rank 0 always releases the other ranks: on success, on an error and on a stop (Ctrl-C,
+//! SIGTERM). It waits for their last messages. The other ranks ignore signals: mpirun and Slurm signal all
+//! ranks, and rank 0 decides. If a rank dies, MPI ends all ranks; the store keeps what was committed.
 
 mod messages;
 mod ranks;
@@ -66,7 +65,7 @@ impl Command {
         }
     }
 
-    /// Threads a rank, if asked for.
+    /// Threads per rank, if given.
     fn threads(&self) -> Option<usize> {
         match self {
             Self::Precompute(args) => args.threads,
@@ -75,7 +74,7 @@ impl Command {
     }
 }
 
-/// The command `palpate-mpi`, with the arguments of the process.
+/// Runs the command `palpate-mpi` with the arguments of the process.
 pub fn palpate_mpi() -> ExitCode {
     let parsed = Cli::try_parse();
     // Only the main thread calls MPI.
@@ -120,7 +119,7 @@ pub fn palpate_mpi() -> ExitCode {
     }
 }
 
-/// Rank 0 without others: solves on its own threads.
+/// Rank 0 without other ranks: solves on its own threads.
 fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     let stop = stop_flag()?;
     let space = command.space()?;
@@ -140,7 +139,7 @@ fn alone(command: &Command, threads: usize) -> Result<(), Failure> {
     }
 }
 
-/// Rank 0 with others: plans, reads and writes.
+/// Rank 0 with other ranks: plans, reads and writes.
 fn lead(world: &SimpleCommunicator, command: &Command) -> Result<(), Failure> {
     let mut ranks = Ranks::new(world);
     let stop = stop_flag()?;

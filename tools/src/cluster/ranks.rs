@@ -1,4 +1,4 @@
-//! The other ranks as a crew, seen from rank 0.
+//! The other ranks as an executor on rank 0.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,36 +12,36 @@ use palpate_precompute::space::{Crew, CrewError, Done, Work};
 use super::messages::{Basis, Order, Report, decode, encode};
 use crate::failure::Failure;
 
-/// Pause between two looks for a message. MPI's own waiting would keep a core busy, which a rank that works
-/// could use.
+/// Pause between two polls for a message. A blocking MPI receive would keep a core busy that solver threads
+/// can use.
 pub(super) const PAUSE: Duration = Duration::from_micros(100);
 
-/// MPI's own buffer for jobs on their way, bytes. Without it a send of more than some kilobytes would last
-/// until the other end looks for it, which is milliseconds where its cores are all solving.
+/// MPI's buffer for jobs in flight, bytes. Without it a send of more than some kilobytes lasts until the
+/// receiver polls for it. That takes milliseconds if all its cores are solving.
 pub(super) const BUFFER: usize = 256 << 20;
 
-/// All ranks but 0. They are released when this goes, whatever the reason.
+/// All ranks except 0. They are released on drop, for any reason.
 pub(super) struct Ranks<'w> {
     world: &'w SimpleCommunicator,
-    /// Ranks that have not said their last word.
+    /// Whether a rank has not yet sent its last message.
     present: Vec<bool>,
-    /// Rank and thread of every desk, the first threads of all ranks first.
+    /// Rank and thread of every worker, the first threads of all ranks first.
     desks: Vec<(i32, u32)>,
-    /// Bytes of the jobs that each desk has not answered yet, oldest first, and their sum: what may still be
-    /// in the buffer.
+    /// Bytes of the jobs in flight of each worker, oldest first, and their sum: an upper bound of the used
+    /// part of the buffer.
     unanswered: Vec<VecDeque<usize>>,
     buffered: usize,
 }
 
 impl<'w> Ranks<'w> {
-    /// The ranks of `world`, which have said nothing yet.
+    /// The ranks of `world`, before their first messages.
     pub(super) fn new(world: &'w SimpleCommunicator) -> Self {
         let mut present = vec![true; world.size() as usize];
         present[0] = false;
         Self { world, present, desks: Vec::new(), unanswered: Vec::new(), buffered: 0 }
     }
 
-    /// Waits until every rank has introduced itself and checks that all work on the same thing.
+    /// Waits for the first message of every rank and checks that all have the same basis.
     pub(super) fn muster(&mut self, ours: &Basis, stop: &AtomicBool) -> Result<(), Failure> {
         for _ in 1..self.world.size() {
             let (rank, report) = loop {
@@ -68,12 +68,12 @@ impl<'w> Ranks<'w> {
         Ok(())
     }
 
-    /// How many jobs the ranks work on at once.
+    /// Number of jobs that the ranks can solve at once.
     pub(super) fn workers(&self) -> usize {
         self.desks.len()
     }
 
-    /// A message that is there already.
+    /// A received message, if there is one.
     fn look(&mut self) -> Result<Option<(i32, Report)>, CrewError> {
         let Some(found) = self.world.any_process().immediate_matched_probe() else { return Ok(None) };
         let (bytes, status) = found.matched_receive_vec::<u8>();
@@ -86,7 +86,8 @@ impl<'w> Ranks<'w> {
         Ok(Some((rank, report)))
     }
 
-    /// Sends a job without waiting, as long as the buffer has room (half of it: it may be in pieces).
+    /// Sends a job. The send does not wait while at most half of the buffer is used; the rest allows for
+    /// fragmentation.
     fn hand(&mut self, worker: usize, job: Work) {
         let (rank, desk) = self.desks[worker];
         let bytes = encode(&Order::Work { desk, job: Box::new(job) });
@@ -96,14 +97,14 @@ impl<'w> Ranks<'w> {
         if self.buffered <= BUFFER / 2 { to.buffered_send(&bytes[..]) } else { to.send(&bytes[..]) }
     }
 
-    /// The desk that a rank's outcome came from.
+    /// The worker that an outcome comes from.
     fn answered(&mut self, rank: i32, desk: u32) -> Option<usize> {
         let worker = self.desks.iter().position(|&at| at == (rank, desk))?;
         self.buffered -= self.unanswered[worker].pop_front()?;
         Some(worker)
     }
 
-    /// Ranks that still listen.
+    /// Ranks that have not ended.
     fn others(&self) -> Vec<i32> {
         (0..).zip(&self.present).filter_map(|(rank, present)| present.then_some(rank)).collect()
     }
@@ -118,7 +119,7 @@ impl Drop for Ranks<'_> {
         for rank in self.others() {
             self.tell(rank, &Order::Release);
         }
-        // Outcomes still under way are received, or their senders could not end.
+        // Outcomes in flight are received, because their senders cannot end before that.
         while self.present.contains(&true) {
             if matches!(self.look(), Ok(None)) {
                 std::thread::sleep(PAUSE);
@@ -127,7 +128,7 @@ impl Drop for Ranks<'_> {
     }
 }
 
-/// The ranks that have been mustered, at work.
+/// The executor, after [`Ranks::muster`].
 impl Crew for Ranks<'_> {
     fn size(&self) -> usize {
         self.workers()

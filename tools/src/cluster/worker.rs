@@ -1,4 +1,4 @@
-//! A rank that works: one thread for the messages, the others solve.
+//! A rank that solves: one thread for the messages, the others for the jobs.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use super::messages::{Basis, Order, Report, decode, encode};
 use super::ranks::PAUSE;
 use crate::failure::Failure;
 
-/// Works for rank 0 until it lets go. What goes wrong here is told to rank 0, which says it to the user.
+/// Works for rank 0 until it releases this rank. Errors are sent to rank 0, which reports them.
 pub(super) fn serve(world: &SimpleCommunicator, scene: &Path, desks: usize) {
     let line = || Line { world, released: false };
     let loaded = Analysis::load(scene).map_err(Failure::from);
@@ -61,7 +61,7 @@ impl Line<'_> {
         self.say(&Report::Gone, None);
     }
 
-    /// Tells why nothing can be done, and waits for the release.
+    /// Reports why this rank cannot work, and waits for the release.
     fn apologise(mut self, hello: &Report) {
         self.say(hello, None);
         while !self.released {
@@ -73,7 +73,7 @@ impl Line<'_> {
         self.say(&Report::Gone, None);
     }
 
-    /// An order that is there already.
+    /// A received order, if there is one.
     fn order(&mut self) -> Option<Option<Order>> {
         let found = self.world.process_at_rank(0).immediate_matched_probe()?;
         let order = decode(&found.matched_receive_vec::<u8>().0);
@@ -81,7 +81,7 @@ impl Line<'_> {
         Some(order)
     }
 
-    /// Hands on the orders that are there.
+    /// Passes the received orders on.
     fn hear(&mut self, crew: &mut Threads) -> Result<(), CrewError> {
         while let Some(order) = self.order() {
             match order {
@@ -94,7 +94,7 @@ impl Line<'_> {
         Ok(())
     }
 
-    /// Sends a report. Meanwhile orders are heard: were both ends only to send, neither would ever receive.
+    /// Sends a report, and receives orders meanwhile: if both ends only sent, neither would ever receive.
     fn say(&mut self, report: &Report, mut crew: Option<&mut Threads>) {
         let bytes = encode(report);
         mpi::request::scope(|scope| {
@@ -105,7 +105,7 @@ impl Line<'_> {
                     Err(request) => request,
                 };
                 if let Some(crew) = crew.as_deref_mut() {
-                    // A thread that is gone has left word of it, which is found when this is sent.
+                    // If a thread has ended, the next report fails and gives the reason.
                     let _ = self.hear(crew);
                 }
                 std::thread::sleep(PAUSE);

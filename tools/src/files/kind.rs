@@ -7,14 +7,14 @@ use std::path::Path;
 use palpate_core::blob::format::MAGIC;
 use palpate_precompute::space::Store;
 
-/// Bytes read of a file: enough for whole scenes and for the header of any table.
+/// Bytes read from a file: enough for a whole scene and for the header of any table.
 const HEAD: u64 = 1 << 20;
 
 const SQLITE: &[u8] = b"SQLite format 3\0";
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
-/// The kinds of files that commands read and write, and others.
+/// The kinds of files that commands read and write, and other kinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FileKind {
     /// No bytes.
@@ -103,7 +103,7 @@ impl FileKind {
         }
     }
 
-    /// For messages, with its article.
+    /// The name for messages, with its article.
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Empty => "an empty file",
@@ -136,7 +136,7 @@ fn text_of(head: &[u8]) -> Option<&str> {
     .filter(|text| !text.contains('\0'))
 }
 
-/// Whether a line is a header as this program writes it: at least two names of letters, digits, `_` and `-`.
+/// Whether a line is a header as Palpate writes it: at least two names of letters, digits, `_` and `-`.
 fn is_header(line: &str) -> bool {
     let is_name = |cell: &str| {
         cell.starts_with(|c: char| c.is_ascii_alphabetic())

@@ -1,7 +1,7 @@
 //! The files of one command: its inputs, and the only way to write its outputs.
 //!
-//! A command registers its inputs with [`Files`], then asks for each [`Output`], both before any long work.
-//! An output is refused if it is the same file as an input or as another output, if an existing file of
+//! A command registers its inputs with [`Files`] and then requests each [`Output`], both before any long
+//! work. An output is refused if it is the same file as an input or as another output, if an existing file of
 //! another kind would be replaced without `--force`, or if the file cannot be created. Only [`Files`] creates
 //! an [`Output`].
 

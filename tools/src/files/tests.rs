@@ -69,12 +69,12 @@ fn two_outputs_are_two_files_even_before_they_are_there() {
         let line = line(files.write("--held-out", &shelf.at(name), FileKind::Table));
         assert!(line.contains("--held-out") && line.contains("is the output --csv"), "{line}");
     }
-    // What is written through a link to nothing is written where the link points to.
+    // A write through a dangling link creates the target of the link.
     let output =
         Files::new(FORCE).write("--csv", &shelf.at("link.csv"), FileKind::Table).expect("a new file");
     output.put(b"x_m,y_m\n").expect("written");
     assert!(shelf.at("link.csv").is_symlink() && shelf.at("new.csv").is_file());
-    // Nothing is lost in a device.
+    // Writing to a device replaces no file.
     let mut files = Files::new(Replace::default());
     for option in ["--csv", "--held-out"] {
         let output = files.write(option, Path::new("/dev/null"), FileKind::Table).expect("a device");
@@ -98,7 +98,7 @@ fn only_a_file_of_the_same_kind_is_replaced_unless_forced() {
         assert!(line.contains(name) && line.contains("--force"), "{line}");
         write(FORCE, name, kind).expect("forced");
     }
-    // A database takes nothing's place, and a recording not even another's.
+    // A space replaces no file, and a recording not even another recording.
     assert!(!line(write(FORCE, "table.csv", FileKind::Space)).contains("--force"));
     let line = line(Files::new(FORCE).write_new("--record", &shelf.at("table.csv")));
     assert!(line.contains("table.csv: already exists"), "{line}");
