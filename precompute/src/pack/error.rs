@@ -16,23 +16,23 @@ pub enum PackError {
     Fit {
         /// Name of the active node.
         active: String,
-        /// Why.
+        /// The error.
         error: FitError,
     },
     /// The displacements could not be packed.
     Displacement {
         /// Name of the active node.
         active: String,
-        /// The configuration beyond the bound, and by how much; none if there are no modes.
+        /// The configuration beyond the bound and its misfit; `None` if there are no modes.
         beyond: Option<(GridIndex, Misfit)>,
     },
-    /// The core would refuse the blob: a force or a length in it is not finite, or absurd.
+    /// The core refuses the blob: a force or a length is not finite or out of range.
     Refused(BlobError),
-    /// What an adaptive sampling found is no lattice of the core's.
+    /// The lattice of an adaptive space is invalid for the core.
     Lattice {
         /// Name of the active node.
         active: String,
-        /// Why.
+        /// The error.
         error: LatticeError,
     },
     /// A node has no kernel.
@@ -40,11 +40,11 @@ pub enum PackError {
         /// Its name.
         active: String,
     },
-    /// The threads did not start.
+    /// The threads could not be started.
     Threads(ThreadError),
-    /// No space holds a configuration yet.
+    /// No space contains a configuration yet.
     Empty,
-    /// A part does not fit in the layout.
+    /// A part exceeds the limits of the layout.
     TooLarge(&'static str),
 }
 
@@ -65,7 +65,7 @@ impl std::fmt::Display for PackError {
                 "active node {active}: its displacements have no modes; look for damaged configurations with `palpate inspect`"
             ),
             Self::Refused(error) => {
-                // What the reader advises is for files.
+                // The advice in the reader's message applies to files only.
                 let why = error.to_string();
                 let why = why.rsplit_once("; ").map_or(&why[..], |(why, _)| why);
                 write!(

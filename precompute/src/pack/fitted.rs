@@ -1,7 +1,7 @@
-//! The long part of packing: what is fitted to each space, before anything is laid out.
+//! The expensive part of packing: the fits of each space, before the layout.
 //!
-//! No space looks at another one here: they are shared out among threads, each with a connection of its own to the store, and what comes out
-//! does not depend on how many there are.
+//! The spaces are independent. Threads share them, each with its own connection to the store. The result does
+//! not depend on the number of threads.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -29,7 +29,7 @@ pub(super) struct Chosen {
     pub(super) records: Vec<Record>,
 }
 
-/// What is fitted to a space.
+/// The fits of a space.
 pub(super) struct Fitted {
     pub(super) known: Known,
     pub(super) hermite: Option<HermiteNodes>,
@@ -37,48 +37,48 @@ pub(super) struct Fitted {
     pub(super) displacement: Option<DisplacementFit>,
 }
 
-/// What the tables of a space are made of: configurations on a lattice, solved there or said by a fit.
+/// Input of the tables of a space: configurations on a lattice, solved there or evaluated from a fit.
 pub(super) struct Known {
     pub(super) grid: SpaceGrid,
     pub(super) samples: Vec<Sample>,
     pub(super) folds: Vec<Fold>,
-    /// The fit, where there is one.
+    /// The fit of adaptive sampling, if any.
     said: Option<Said>,
-    /// What a step of the lattice is in the indices of the store.
+    /// Lattice step in index units of the store.
     step: i32,
 }
 
 impl Known {
-    /// The solved points of a lattice; its records are counted in its steps.
+    /// The solved points of a lattice, whose records have indices in lattice steps.
     fn solved(grid: &SpaceGrid, records: &[Record], step: i32) -> Self {
         Self { grid: *grid, samples: samples(grid, records), folds: folds(grid, records), said: None, step }
     }
 }
 
-/// What a fit says beside the samples.
+/// Results of a fit besides the samples.
 struct Said {
-    /// All that the energy's table takes.
+    /// All derivatives that the energy's table needs.
     derivatives: BTreeMap<GridIndex, Derivatives>,
-    /// The length of the fit, m.
+    /// Kernel length of the fit, m.
     length_m: f64,
-    /// It is the linear body.
+    /// The linear model is packed instead of the fit.
     is_linear: bool,
-    /// The fit itself, if it is wanted and the core holds it.
+    /// The kernel itself, if it is requested and within the limits of the core.
     kernel: Option<KernelPlanes>,
 }
 
-/// What all spaces have in common.
+/// Inputs that all spaces share.
 pub(super) struct Fitter<'p> {
     pub(super) sampling: Sampling,
     /// Mesh nodes of the surface.
     pub(super) nodes: &'p [u32],
     pub(super) methods: &'p [Method],
-    /// The bound of the displacements, if the scene wants any.
+    /// The bound of the displacements, if the scene requests them.
     pub(super) visual: Option<DisplacementBound>,
 }
 
 impl Fitter<'_> {
-    /// The fits of all spaces, in their order.
+    /// The fits of all spaces, in the same order.
     pub(super) fn all(
         &self,
         store: &Store,
@@ -93,7 +93,7 @@ impl Fitter<'_> {
         let next = AtomicUsize::new(0);
         let done: Vec<Mutex<Option<Result<Fitted, PackError>>>> =
             chosen.iter().map(|_| Mutex::new(None)).collect();
-        // What the caller has just added is seen by the others only then.
+        // The other connections see only committed rows.
         store.commit()?;
         let path = store.path();
         let work = || -> Result<(), PackError> {
@@ -164,7 +164,8 @@ impl Fitter<'_> {
         let fitted = match said {
             Some(said) => {
                 let bound = bound.at_points_of_a_fit();
-                // Read twice, and dear to say: few enough to be kept.
+                // Each displacement is read twice and costly to evaluate. The list is small, so it is kept in
+                // memory.
                 let scattered = scattered_motion(chosen, said, &motion, bound)?;
                 let all: Vec<Moved> =
                     solved.iter().map(|&index| scattered.at(grid.displacement_m(index))).collect();
@@ -185,7 +186,8 @@ impl Fitter<'_> {
     }
 }
 
-/// How the surface moves between scattered configurations: in proportion, if the force does and that meets all of them.
+/// Surface motion between adaptively sampled configurations. It is linear if the force is linear and the
+/// linear motion meets the bound at all configurations; otherwise it is interpolated.
 fn scattered_motion(
     chosen: &Chosen,
     said: &Said,
@@ -197,7 +199,7 @@ fn scattered_motion(
         let moved = motion.at(record.index, record.attempt)?;
         configurations.push((displacement_m(record.index), moved));
     }
-    // Rest first.
+    // Rest comes first.
     let size = |p: &[f64; 3]| p.iter().map(|x| x * x).sum::<f64>();
     configurations.sort_by(|a, b| size(&a.0).total_cmp(&size(&b.0)));
     let of = |some| ScatteredMotion::new(said.length_m, some).ok_or(PackError::Empty);

@@ -1,4 +1,4 @@
-//! Packs solved spaces into a blob: fits the tables of the chosen methods and lays them out as planes.
+//! Packs solved spaces into a blob: fits the tables of the chosen methods and stores them as planes.
 
 mod error;
 mod fitted;
@@ -54,9 +54,10 @@ pub struct Packed {
     spaces: Vec<SpaceHeader>,
     kernels: Vec<Option<KernelHeader>>,
     planes: PlaneArea,
-    /// Active nodes that [`Method::Kernel`] was wanted for and which have none: on a lattice, or more than the core holds.
+    /// Active nodes without a kernel although [`Method::Kernel`] was requested: their space is a lattice, or
+    /// the fit has more centres than the core supports.
     pub without_kernel: Vec<String>,
-    /// Active nodes without any solved configuration, which are not in it.
+    /// Active nodes without a solved configuration; the blob does not contain them.
     pub left_out: Vec<String>,
 }
 
@@ -66,7 +67,7 @@ impl Packed {
         assemble(&self.preamble, (&self.spaces, &self.kernels), &self.planes)
     }
 
-    /// Refuses a blob in which a node has no kernel though its method is what the blob is for.
+    /// Refuses a blob that was requested for the kernel method and in which a node has no kernel.
     pub fn expect_kernels(&self) -> Result<(), PackError> {
         match self.without_kernel.first() {
             None => Ok(()),
@@ -74,16 +75,18 @@ impl Packed {
         }
     }
 
-    /// Reads the file as the core does: a table that is not finite is an error when it is packed, not when it is rendered.
+    /// Reads the file with the core's reader. So a table with a non-finite value is an error of packing, not
+    /// of rendering.
     fn expect_readable(&self) -> Result<(), PackError> {
         let bytes = AlignedBytes::from(&self.bytes()?[..]);
         let read: Result<Organ<'_>, _> = Organ::read(&bytes);
         read.map(|_| ()).map_err(PackError::Refused)
     }
 
-    /// Adds a certificate of the tables, as JSON, in place of an earlier one. They keep their bits.
+    /// Adds a certificate of the tables as JSON and replaces an earlier one. The bits of the tables do not
+    /// change.
     pub fn certify(&mut self, certificate: &str) -> Result<(), PackError> {
-        // It is the last plane.
+        // The certificate is the last plane.
         if let Some(earlier) = self.preamble.certificate.take() {
             self.planes.bytes.truncate(earlier.offset as usize);
         }
@@ -92,14 +95,14 @@ impl Packed {
     }
 }
 
-/// What is packed, and how.
+/// Selection of tables and options of the fits.
 #[derive(Debug, Clone, Copy)]
 pub struct PackOptions<'m> {
-    /// Methods whose tables are wanted; without any there are flags alone, and nothing for the eye.
+    /// Methods whose tables are packed. An empty list packs flags alone, without surface displacements.
     pub methods: &'m [Method],
-    /// Whether states between grid points are centres of the radial basis functions too, where the store has any.
+    /// Whether intermediate states of transitions, if stored, are also centres of the radial basis functions.
     pub intermediate: bool,
-    /// Threads for the fits.
+    /// Number of threads of the fits.
     pub threads: usize,
 }
 
@@ -108,7 +111,8 @@ pub fn pack(store: &Store, options: &PackOptions<'_>) -> Result<Packed, PackErro
     pack_with(store, options, |_| true)
 }
 
-/// [`pack`] without the points that `keep` refuses, as if they had not been solved: what tables with holes are worth.
+/// [`pack`] without the points that `keep` rejects, as if they were unsolved: measures the quality of tables
+/// with gaps.
 pub fn pack_with(
     store: &Store,
     options: &PackOptions<'_>,
@@ -116,7 +120,8 @@ pub fn pack_with(
 ) -> Result<Packed, PackError> {
     let identity = store.identity()?;
     let (mut mesh, fixed) = store.body()?;
-    // The hand meets the body as it rests, sagged under its body force: the first solved rest says how.
+    // The rest shape of the surface includes the sag under the body force. It comes from the first solved
+    // rest point.
     let first = (0..store.active()?.len()).find_map(|active| store.displacements(active, REST, 0).ok());
     for (x, rest) in mesh.nodes_m.iter_mut().zip(first.iter().flatten()) {
         *x = std::array::from_fn(|axis| x[axis] + f64::from(rest[axis]));
@@ -129,7 +134,7 @@ pub fn pack_with(
     for (active, (name, node)) in store.active()?.into_iter().enumerate() {
         let mut records = store.records(active)?;
         records.retain(|record| record.index == REST || keep(record.index));
-        // The rest point alone is no space.
+        // The rest point alone does not make a space.
         if records.iter().filter(|record| record.tag.is_solved()).count() > 1 {
             chosen.push(Chosen { active, name, node, records });
         } else {
@@ -153,7 +158,7 @@ pub fn pack_with(
     let preamble = Preamble {
         scene: short_text(&identity.scene_name, "the scene's name")?,
         law: short_text(&identity.law, "the law's name")?,
-        // A scene without a device has no limit; the blob holds finite numbers only.
+        // A scene without a device has no force limit; the blob holds finite numbers only.
         max_force_n: (identity.max_force_n as f32).min(f32::MAX),
         mesh_hash: identity.mesh_hash,
         surface: surface_header,
@@ -171,7 +176,7 @@ pub fn pack_with(
 /// The rest point.
 const REST: GridIndex = [0; 3];
 
-/// What every space of a blob shares while it is packed.
+/// Data that all spaces of a blob share while they are packed.
 struct Packer<'s> {
     store: &'s Store,
     mesh: TetMesh,
@@ -265,7 +270,8 @@ impl Packer<'_> {
         Ok((header, kernel))
     }
 
-    /// Centres of the radial basis functions: the grid points, and what was solved on the way to those that count.
+    /// Centres of the radial basis functions: the grid points and, if requested, the intermediate states of
+    /// their accepted transitions.
     fn centres(&self, active: usize, known: &Known) -> Result<Vec<Centre>, PackError> {
         let samples = &known.samples;
         let mut centres: Vec<Centre> = samples.iter().map(Centre::from).collect();
@@ -277,7 +283,7 @@ impl Packer<'_> {
                     centres.push(Centre { position: cells(state.control_m), force_n: state.force_n });
                 }
             }
-            // Two transitions may have met half-way; the one that comes first counts.
+            // Two transitions can share an intermediate position; the first one is used.
             let mut seen = std::collections::HashSet::new();
             centres.retain(|c| seen.insert(c.position.map(|x| (x * 1e6).round() as i64)));
         }
@@ -307,7 +313,7 @@ impl Packer<'_> {
         })
     }
 
-    /// `row` is that of the hermite table and the plane it is in.
+    /// `row` is the row of the Hermite table and its plane.
     fn displacement(
         &mut self,
         fit: &DisplacementFit,
@@ -328,7 +334,7 @@ impl Packer<'_> {
     }
 }
 
-/// Zeros up to the core's lane count.
+/// Pads a plane with zeros to a multiple of the core's lane count.
 fn padded(plane: &[f64]) -> Vec<f64> {
     let mut plane = plane.to_vec();
     plane.resize(plane.len().next_multiple_of(LANES), 0.0);
@@ -346,7 +352,7 @@ fn assemble(
     for space in spaces {
         header.extend(encode(postcard::to_stdvec(space))?);
     }
-    // A blob without a kernel is what it always was, to the byte.
+    // A blob without kernels has the format version without kernel headers.
     let has_kernels = kernels.iter().any(Option::is_some);
     for kernel in kernels.iter().filter(|_| has_kernels) {
         header.extend(encode(postcard::to_stdvec(kernel))?);
