@@ -1,4 +1,4 @@
-//! What a space's packed displacements are worth: at the configurations that they were made of, and at positions no fit has seen.
+//! Errors of a space's packed displacements: at their own configurations, and at positions that no fit uses.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -11,49 +11,49 @@ use super::is_folded;
 use crate::fit::{FitError, Kernel, Misfit, PackedModes, Sample, SurfaceRbf};
 use crate::space::{Kind, Store, StoreError, SurfaceMotion};
 
-/// What was measured of the displacements of one space.
+/// Measurements of the displacements of one space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DisplacementCertificate {
-    /// Surface nodes.
+    /// Number of surface nodes.
     pub nodes: usize,
-    /// Modes.
+    /// Number of modes.
     pub modes: usize,
-    /// Modes with slopes: none of them is tri-linear, as in the paper.
+    /// Number of modes with slopes; with none, the interpolation is tri-linear as in the paper.
     pub slopes: usize,
-    /// Configurations stored beside the modes.
+    /// Configurations stored separately from the modes.
     pub outliers: usize,
-    /// Bytes of all of it.
+    /// Size in bytes.
     pub bytes: usize,
-    /// Bytes as f32.
+    /// Size as uncompressed f32, bytes.
     pub raw_bytes: usize,
-    /// What the scene allows of a configuration, mm over the surface.
+    /// The scene's bound for a configuration, RMS over the surface, mm.
     pub bound_rms_mm: f64,
-    /// And at any node of it.
+    /// The scene's bound at any surface node, mm.
     pub bound_max_mm: f64,
-    /// Every configuration, packed.
+    /// Errors of all packed configurations.
     pub configurations: Apart,
-    /// Independent uniform positions within f_max, away from folds.
+    /// Independent uniform positions within f_max, away from branch jumps.
     pub uniform: Apart,
     /// The same positions without the slopes.
     pub uniform_trilinear: Apart,
-    /// Uniform positions at folds.
+    /// Uniform positions near branch jumps.
     pub folded: Apart,
-    /// Median time of one surface, us, on the machine that packed the blob.
+    /// Median time to evaluate one surface, us, on the machine that packed the blob.
     pub microseconds: f64,
 }
 
 /// Distances of packed surfaces from the solver's, mm.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Apart {
-    /// Surfaces.
+    /// Number of surfaces.
     pub count: usize,
-    /// Root mean square over the nodes of a surface, mean over the surfaces.
+    /// RMS distance over the nodes of a surface, mean over the surfaces.
     pub rms_mean_mm: f64,
-    /// The largest of these.
+    /// Maximum over the surfaces of the RMS distance.
     pub rms_max_mm: f64,
-    /// The largest distance of a surface's node, mean over the surfaces.
+    /// Largest node distance of a surface, mean over the surfaces.
     pub max_mean_mm: f64,
-    /// The largest of these.
+    /// Maximum over the surfaces of the node distance.
     pub max_mm: f64,
 }
 
@@ -71,8 +71,8 @@ impl Apart {
 
 const REPEATS: usize = 15;
 
-/// Measures the table of `space`, made of so many `solved` configurations; those at its points are `samples`. `nodes` are the mesh nodes of the
-/// surface.
+/// Measures the table of `space`, made of `solved` configurations; those at table points are `samples`.
+/// `nodes` are the mesh nodes of the surface.
 pub(super) fn measure(
     store: &Store,
     active: usize,
@@ -128,8 +128,9 @@ pub(super) fn measure(
     })
 }
 
-/// How far the surfaces at independent positions away from folds are from what the modes could make of them, and how much further for the
-/// digits of the coefficients: truncation and rounding, without what interpolation adds.
+/// Errors at independent positions away from branch jumps, without those of interpolation: the distance of
+/// the surfaces from their projection onto the modes (truncation), and the additional distance by rounding of
+/// the coefficients.
 pub(super) fn modes_and_digits(
     store: &Store,
     active: usize,
@@ -148,7 +149,8 @@ pub(super) fn modes_and_digits(
     Ok(apart)
 }
 
-/// Independent uniform positions within f_max whose displacements were kept, with these, and whether they are at a fold.
+/// Independent uniform positions within f_max with stored displacements: the displacements, and whether the
+/// position is near a branch jump.
 fn each_truth(
     store: &Store,
     active: usize,
@@ -167,8 +169,8 @@ fn each_truth(
     })
 }
 
-/// What radial basis functions of the grid's configurations make of the surface at the positions away from folds, and the median
-/// time of one, us.
+/// Errors of radial basis functions of the grid's configurations at the positions away from branch jumps, and
+/// the median time to evaluate one surface, us.
 pub fn surface_by_rbf(
     store: &Store,
     active: usize,

@@ -1,26 +1,26 @@
-//! Errors of a force at a set of positions: of its components as the paper has them, and of the vector.
+//! Errors of a force at a set of positions: of its components, as in the paper, and of the vector.
 
 use serde::{Deserialize, Serialize};
 
 use crate::spec::Tolerance;
 
-/// What a method answered at one position, beside the truth.
+/// Force of a method at one position, with the reference solution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Compared {
     /// h by finite elements, N.
     pub truth_n: [f64; 3],
     /// h by the method, N.
     pub found_n: [f64; 3],
-    /// The method has its own data all round.
+    /// Whether the method's own data surround the position.
     pub covered: bool,
 }
 
-/// Components below this are left out of relative errors (paper, 6.3), N.
+/// Components below this are excluded from relative errors (paper, 6.3), N.
 pub const RELATIVE_FROM_N: f64 = 0.5;
 
-/// What a hand does not feel: an error up to this share of |h|, half of the just noticeable difference of 7 % ...
+/// An error up to this share of |h| is imperceptible: half of the just noticeable difference (JND) of 7 %.
 pub const NOT_FELT_SHARE: f64 = 0.035;
-/// ... or up to this, N.
+/// An error up to this is imperceptible for any |h|, N.
 pub const NOT_FELT_N: f64 = 0.02;
 
 impl Compared {
@@ -29,29 +29,29 @@ impl Compared {
         self.truth_n.iter().zip(self.found_n).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
     }
 
-    /// Whether a hand would not feel the error.
+    /// Whether the error is imperceptible: at most [`NOT_FELT_SHARE`] |h| or at most [`NOT_FELT_N`].
     pub fn is_not_felt(&self) -> bool {
         let size = self.truth_n.iter().map(|h| h * h).sum::<f64>().sqrt();
         self.error_n() <= (NOT_FELT_SHARE * size).max(NOT_FELT_N)
     }
 }
 
-/// Errors over a set of positions. Zero where the set is empty.
+/// Errors over a set of positions; all zero for an empty set.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Errors {
-    /// Positions.
+    /// Number of positions.
     pub count: usize,
-    /// Positions with the method's own data all round.
+    /// Number of positions that the method's own data surround.
     pub covered: usize,
     /// Mean |error vector|, N.
     pub mean_n: f64,
-    /// Its median, N.
+    /// Median of |error vector|, N.
     pub p50_n: f64,
-    /// Its 95th percentile, N.
+    /// 95th percentile of |error vector|, N.
     pub p95_n: f64,
-    /// Its 99th percentile, N.
+    /// 99th percentile of |error vector|, N.
     pub p99_n: f64,
-    /// Its largest, N.
+    /// Maximum of |error vector|, N.
     pub max_n: f64,
     /// Mean absolute error of a component, N (paper, Eq. 13).
     pub component_mean_n: f64,
@@ -59,11 +59,11 @@ pub struct Errors {
     pub component_max_n: f64,
     /// Mean relative error of the components of at least 0.5 N (paper, Eq. 14).
     pub relative_mean: f64,
-    /// Their largest relative error.
+    /// Largest relative error of these components.
     pub relative_max: f64,
     /// Mean absolute error of the smaller components, N.
     pub small_mean_n: f64,
-    /// Positions where a hand would not feel the error.
+    /// Number of positions with an imperceptible error.
     pub not_felt: usize,
 }
 
@@ -103,19 +103,19 @@ impl Errors {
     }
 }
 
-/// Positions against a tolerance.
+/// Positions within a tolerance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Within {
-    /// What an error may be.
+    /// The tolerance.
     pub tolerance: Tolerance,
-    /// Positions where it is no more.
+    /// Number of positions within it.
     pub count: usize,
-    /// The share of all positions where it is no more, with 95 % confidence.
+    /// Lower bound of the share of all positions within it, with 95 % confidence.
     pub certified: f64,
 }
 
 impl Within {
-    /// Of these positions.
+    /// Result for these positions.
     pub fn of<'c>(tolerance: Tolerance, compared: impl IntoIterator<Item = &'c Compared>) -> Self {
         let (mut tests, mut count) = (0, 0);
         for c in compared {
@@ -126,19 +126,21 @@ impl Within {
     }
 }
 
-/// The smallest value that at least this share of the sorted ones does not exceed.
+/// The smallest value that at least the share `share` of the sorted values does not exceed.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let place = (share * sorted.len() as f64).ceil() as usize;
     sorted.get(place.max(1) - 1).copied().unwrap_or(0.0)
 }
 
-/// The share of all positions that is within the tolerance with 95 % confidence, when `exceeded` of `tests` independent ones were
-/// not (Clopper and Pearson). 299 tests without an exceedance certify 99 %.
+/// Lower bound of the share of all positions within a tolerance, with 95 % confidence, when `exceeded` of
+/// `tests` independent ones are beyond it (Clopper and Pearson). 299 tests without an exceedance certify 99
+/// %.
 pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
     if tests == 0 || exceeded >= tests {
         return 0.0;
     }
-    // P(at most `exceeded` failures) falls with the share of failures; that where it is 5 % is the bound.
+    // P(at most `exceeded` failures) decreases with the failure probability. The bound is the probability at
+    // which it equals 5 %.
     let (mut low, mut high) = (0.0f64, 1.0f64);
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
@@ -147,7 +149,7 @@ pub fn certified_share(tests: usize, exceeded: usize) -> f64 {
     1.0 - high
 }
 
-/// P(at most k of n) with probability p each.
+/// P(at most k of n) for events of probability p.
 fn at_most(n: usize, k: usize, p: f64) -> f64 {
     let mut log_term = n as f64 * (1.0 - p).ln();
     let mut sum = log_term.exp();

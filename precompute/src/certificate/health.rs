@@ -1,7 +1,8 @@
-//! Numerical health of a space: what speaks against its numbers, and how loudly.
+//! Numerical health of a space: the reasons to distrust its numbers, with their severity.
 //!
-//! Errors say how far a force is from the solver's. Health says whether the solver's is worth anything: whether it was converged, on a branch
-//! that a body would stay on, in elements that are not inside out, with a force for every position and not two.
+//! The errors of a certificate are differences from the solver's force. Health judges the solver's force
+//! itself: whether it is converged, on a stable branch, computed with non-inverted elements, and
+//! single-valued.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,21 +11,21 @@ use super::{Cost, MethodCertificate, TwoSolutions};
 use crate::adaptive::{AdaptiveFit, Verdict as LoopVerdict};
 use crate::space::Record;
 
-/// What to make of a space.
+/// Verdict on a space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Nothing speaks against it.
+    /// No reason to distrust it.
     #[default]
     Green,
-    /// Usable by somebody who has read why.
+    /// Usable after a review of the reasons.
     Yellow,
-    /// Not to be touched as it is.
+    /// Not usable as it is.
     Red,
 }
 
 impl Verdict {
-    /// In a word.
+    /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Green => "green",
@@ -34,43 +35,43 @@ impl Verdict {
     }
 }
 
-/// One thing that speaks against a space.
+/// One reason to distrust a space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reason {
-    /// How loudly.
+    /// Severity.
     pub verdict: Verdict,
-    /// What, and how to fix it.
+    /// Description and remedy.
     pub what: String,
 }
 
-/// Figures of the reachable configurations, those within f_max, and what follows from them.
+/// Statistics of the reachable configurations (those within f_max), and the verdict.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Health {
-    /// The loudest of the reasons.
+    /// The most severe verdict of the reasons.
     pub verdict: Verdict,
-    /// The loudest first.
+    /// The reasons, most severe first.
     pub reasons: Vec<Reason>,
-    /// Reachable configurations, rest among them.
+    /// Number of reachable configurations, including rest.
     pub reachable: usize,
     /// Smallest J of any element in any of them.
     pub min_jacobian: f64,
-    /// With elements inside out.
+    /// Number of configurations with inverted elements.
     pub inverted: usize,
-    /// In equilibrium, but not stable: a body would leave them.
+    /// Number of unstable equilibria, which a body would leave.
     pub unstable: usize,
-    /// That left the branch they were to be followed on.
+    /// Number of configurations whose transition switched the branch.
     pub switched: usize,
     /// Largest residual, N.
     pub residual_n: f64,
-    /// A lower bound of the condition number of the fit's matrix, where the fit is a scattered one.
+    /// Lower bound of the condition number of the fit's matrix; `None` without adaptive sampling.
     pub condition: Option<f64>,
-    /// Whether the blind loop came within tolerance, where there was one.
+    /// Whether adaptive sampling met its stopping criterion; `None` without adaptive sampling.
     pub loop_passed: Option<bool>,
-    /// Whether its predictions did not fall, so that a lattice took over.
+    /// Whether adaptive sampling stagnated, so that a lattice replaced it.
     pub loop_stalled: bool,
 }
 
-/// From which figure on something is yellow, and from which on red.
+/// Largest green and largest yellow value of a quantity.
 struct Limits {
     yellow: f64,
     red: f64,
@@ -89,37 +90,39 @@ impl Limits {
     }
 }
 
-/// Share of the ball that is at folds, of configurations that are unstable or left their branch, of points with two solutions: a hand meets
-/// one in a hundred, but not in a stroke.
+/// Share of the ball near branch jumps, of unstable or branch-switching configurations, and of points with
+/// two solutions. Up to 1 % a user rarely meets one within a stroke.
 const BRANCHES: Limits = Limits { yellow: 0.0, red: 0.01 };
-/// Share of configurations with elements inside out: P1/P1 bears a few, but past a quarter the mesh and not the body answers.
+/// Share of configurations with inverted elements. P1/P1 tolerates a few; above a quarter the result is that
+/// of the mesh and not of the body.
 const INVERTED: Limits = Limits { yellow: 0.0, red: 0.25 };
 /// Share of points that could not be solved.
 const FAILED: Limits = Limits { yellow: 0.01, red: 0.05 };
-/// Residual, N: a converged one is rounding; the other is a twentieth of what a hand feels.
+/// Residual, N. A converged residual is rounding error. The red limit is a twentieth of the imperceptible
+/// error [`NOT_FELT_N`].
 const RESIDUAL_N: Limits = Limits { yellow: 1e-6, red: NOT_FELT_N / 20.0 };
-/// Share of independent positions where the error is felt, with the best method.
+/// Share of independent positions with a perceptible error, for the best method.
 const FELT: Limits = Limits { yellow: 0.01, red: 0.05 };
-/// Share of them where it is beyond the tolerance that the scene names itself.
+/// Share of these positions with an error beyond the scene's own tolerance.
 const TOLERATED: Limits = Limits { yellow: 0.01, red: 0.05 };
-/// Difference of the tick's arithmetic from f64, N.
+/// Difference of the core's f32 arithmetic from f64, N.
 const ROUNDING_N: Limits = Limits { yellow: NOT_FELT_N / 10.0, red: NOT_FELT_N };
-/// Condition of the fit's matrix: the nuggets hold it below 1e12 unless data contradict each other.
+/// Condition number of the fit's matrix. The nuggets keep it below 1e12 unless data contradict each other.
 const CONDITION: Limits = Limits { yellow: 1e13, red: 1e16 };
 
-/// What else is known of a space when its health is asked for.
+/// Other results of a space that its health depends on.
 pub(super) struct Findings<'f> {
     pub(super) cost: &'f Cost,
     pub(super) fold_pairs: usize,
     pub(super) folded_volume: f64,
     pub(super) two_solutions: TwoSolutions,
     pub(super) methods: &'f [MethodCertificate],
-    /// The fit of adaptive sampling, if the positions are scattered.
+    /// The fit of adaptive sampling, if any.
     pub(super) fit: Option<&'f AdaptiveFit>,
 }
 
 impl Health {
-    /// Of the records of a space.
+    /// Health of the records of a space.
     pub(super) fn of(records: &[Record], found: &Findings<'_>) -> Self {
         let reachable: Vec<&Record> =
             records.iter().filter(|r| r.tag == palpate_core::ConfigTag::Expandable).collect();
@@ -216,8 +219,8 @@ impl Health {
         let felt = |m: &MethodCertificate| 1.0 - m.uniform.not_felt as f64 / m.uniform.count as f64;
         let best = measured().min_by(|a, b| felt(a).total_cmp(&felt(b)));
         if let Some(best) = best {
-            // A scene that names a tolerance of its own may allow what can be felt; what it does not allow is judged below.
-            // One position that is felt may be bad luck, however few there are.
+            // A scene's own tolerance may permit a perceptible error. Errors beyond that tolerance are judged
+            // below. A single perceptible error can be chance for any number of positions.
             let is_sure = best.uniform.count > best.uniform.not_felt + 1;
             let most = if best.tolerated.is_some() || !is_sure { Verdict::Yellow } else { Verdict::Red };
             let percent = 100.0 * felt(best);
@@ -272,7 +275,7 @@ mod tests {
         }
     }
 
-    /// With so many independent positions.
+    /// With `count` independent positions.
     fn method(count: usize, not_felt: usize, tolerated: Option<Within>) -> MethodCertificate {
         let uniform = Errors { count, not_felt, ..Errors::default() };
         let none = Errors::default();
@@ -290,7 +293,7 @@ mod tests {
         }
     }
 
-    /// Each kind of trouble alone turns a sound space yellow or red, and says so.
+    /// Each defect alone makes a sound space yellow or red, with its reason.
     #[test]
     fn the_loudest_reason_is_the_verdict() {
         let sound = Health { reachable: 200, min_jacobian: 0.4, ..Health::default() };

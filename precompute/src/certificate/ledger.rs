@@ -1,8 +1,9 @@
-//! The ledger: what a blob leaves out of the body, and what each omission changes and saves, measured.
+//! The ledger: approximations of a blob, with the measured change and saving of each.
 //!
-//! A line is an omission that was made, or one that was not and could have been: the linear body, the coarser element. Omissions of the
-//! blob are measured at its held-out positions; those of the discretisation by solving some of the same positions by the other body,
-//! each straight from rest, so that seconds compare.
+//! A line is an approximation that is made, or one that is possible but not made (the linear body, elements
+//! of lower order). Approximations of the blob are measured at its held-out positions. Those of the
+//! discretisation are measured by solving some of the same positions with the other body, each directly from
+//! rest, so that the times are comparable.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -22,30 +23,30 @@ use crate::space::{Kind, Store, StoreError};
 /// All lines of a space.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Ledger {
-    /// Positions solved by each other body.
+    /// Number of positions solved with each other body.
     pub positions: usize,
-    /// Wall seconds of it.
+    /// Wall time of these solves, s.
     pub seconds: f64,
     /// The lines.
     pub lines: Vec<Line>,
 }
 
-/// One omission.
+/// One approximation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Line {
-    /// What is left out, or would be.
+    /// What the approximation omits.
     pub what: String,
-    /// Whether it is.
+    /// Whether it is made.
     pub made: bool,
-    /// By how much the force differs with it from that without it; none where it cannot.
+    /// Difference of the force with and without it; `None` if it cannot be measured.
     pub force: Option<Errors>,
-    /// The mean of that by the mean |h|.
+    /// Mean difference divided by the mean |h|.
     pub relative: Option<f64>,
-    /// By how much the surface does.
+    /// Difference of the surface displacements.
     pub surface: Option<Apart>,
-    /// Of what the two costs are.
+    /// Unit of the two costs.
     pub unit: String,
-    /// The cost with the omission, and without it.
+    /// Cost with the approximation, and without it.
     pub cost: [f64; 2],
 }
 
@@ -67,7 +68,7 @@ impl Line {
 pub enum LedgerError {
     /// The store could not be read.
     Store(StoreError),
-    /// The threads did not start.
+    /// The threads could not be started.
     Threads(ThreadError),
 }
 
@@ -94,18 +95,20 @@ impl From<ThreadError> for LedgerError {
     }
 }
 
-/// How much is solved for it, and when to stop.
+/// Number of additional solves, and the stop flag.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort<'s> {
-    /// Positions solved by each other body; with none, only what the blob leaves out is measured.
+    /// Number of positions solved with each other body. With 0, only the approximations of the blob are
+    /// measured.
     pub positions: usize,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
-    /// Set to give up.
+    /// Stop flag.
     pub stop: &'s AtomicBool,
 }
 
-/// The ledger of the space of active node number `active`, by its energy, or else by its first method. `None` if it was stopped, or has no held-out positions.
+/// The ledger of the space of active node number `active`, for the energy method if certified, otherwise for
+/// the first certified method. `None` if it was stopped or there are no held-out positions.
 pub fn ledger(
     store: &Store,
     active: usize,
@@ -118,7 +121,7 @@ pub fn ledger(
         return Ok(None);
     };
     let is_certified = |method: Method| certificate.methods.iter().any(|of| of.method == method.name());
-    // What `run` takes where it is told nothing else.
+    // The default method of `run`.
     let mut methods = [Method::Energy].into_iter().chain(Method::ALL).filter(|&method| space.has(method));
     let Some(method) = methods.find(|&method| is_certified(method)) else { return Ok(None) };
     let mut positions = truths(store, active, space, &store.identity()?.sampling)?;
@@ -148,7 +151,7 @@ pub fn ledger(
     Ok(Some(Ledger { positions: some.len(), seconds: begun.elapsed().as_secs_f64(), lines }))
 }
 
-/// h = S d with the stiffness at rest.
+/// h = S d with the stiffness S at rest.
 fn linear(
     store: &Store,
     active: usize,
@@ -168,7 +171,7 @@ fn linear(
     Ok(line.by_force(&compared.collect::<Vec<_>>()))
 }
 
-/// The bodies to compare with: what the omission is, whether the scene makes it, and the other body.
+/// The other bodies: the approximation, whether the scene makes it, and the other body.
 fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
     let by_order = |order| ResolvedScene { order, ..scene.clone() };
     let order = if scene.order == 1 {
@@ -179,14 +182,14 @@ fn others(scene: &ResolvedScene) -> Vec<(&'static str, bool, ResolvedScene)> {
     vec![order, ("seven of eight tets (a mesh refined once)", true, scene.refined())]
 }
 
-/// One position by one body.
+/// The solution at one position with one body.
 #[derive(Debug, Clone, Copy)]
 struct At {
     force_n: [f64; 3],
     seconds: f64,
 }
 
-/// Each position; none where it could not be solved.
+/// One entry per position; `None` if it could not be solved.
 type Solved = Vec<Option<At>>;
 
 fn forces(
@@ -225,7 +228,7 @@ fn forces(
 fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
     let both: Vec<[At; 2]> =
         own.iter().zip(other).filter_map(|(own, other)| Some([(*own)?, (*other)?])).collect();
-    // The better body is the truth of either.
+    // The more accurate body is the reference.
     let (worse, better) = if made { (0, 1) } else { (1, 0) };
     let seconds =
         |of: usize| both.iter().map(|pair| pair[of].seconds).sum::<f64>() / both.len().max(1) as f64;
@@ -243,7 +246,7 @@ fn discretised(what: &str, made: bool, own: &Solved, other: &Solved) -> Line {
     Line::new(what, made, "s a configuration", cost).by_force(&compared)
 }
 
-/// What packing and the tick leave out.
+/// Approximations of packing and of the core's evaluation.
 fn of_the_blob(
     organ: &Organ<'_>,
     space: &Space<'_>,
@@ -268,7 +271,7 @@ fn of_the_blob(
         let cost = [1e-9 * of.probe.nanoseconds, seconds];
         let line = Line::new("configurations between those solved", true, "s a force", cost);
         lines.push(Line { surface: surface.map(|surface| surface.uniform), ..line.by_force(answers) });
-        // A bound is all there is: the largest difference anywhere.
+        // Only a bound is available: the largest difference anywhere.
         let rounding = Errors { max_n: of.probe.rounding_n, ..Errors::default() };
         lines.push(Line {
             force: Some(rounding),

@@ -1,7 +1,8 @@
-//! The certificate of a blob: the packed bytes themselves against finite-element solves that no fit has seen.
+//! The certificate of a blob: errors of the packed bytes against finite-element solves that no fit uses.
 //!
-//! Bounds come from the independent uniform positions alone; paths are reported as the paper does. Positions at folds, where the
-//! body has several branches, are reported apart: no interpolant is right there, and a mean would hide them.
+//! Bounds come from the independent uniform positions alone. Paths are reported as in the paper. Positions
+//! near branch jumps, where the body has several solutions, are reported separately: no interpolant is
+//! correct there, and a common mean would hide them.
 
 mod displacement;
 mod errors;
@@ -31,82 +32,84 @@ use crate::held_out::{Summary, is_on_training_lattice};
 use crate::space::{Kind, Record, SpaceState, Store, StoreError, Walk, folds, samples, state};
 use crate::spec::{GridIndex, Sampling, Scattered, Tolerance, is_within};
 
-/// More active nodes than this are certified together: bounds and maxima are of all of them, from fewer samples of each.
+/// Largest number of active nodes with full numbers of samples. More nodes share the samples, and bounds and
+/// maxima are over all of them.
 pub const FEW: usize = 8;
 
-/// Everything that was measured of a blob.
+/// All measurements of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Certificate {
-    /// Scene, mesh, law and solver that it was made with.
+    /// Scene, mesh, law and solver of the blob.
     pub origin: Origin,
     /// One entry for every active node in the blob.
     pub spaces: Vec<SpaceCertificate>,
 }
 
-/// What a blob was made of.
+/// Inputs of a blob.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// Name of the scene.
     pub scene: String,
-    /// Hash over everything in scene and mesh that changes numbers.
+    /// Hash of all content of scene and mesh that changes numbers.
     pub content_hash: String,
-    /// Material law.
+    /// Constitutive law.
     pub law: String,
-    /// Version of the solver, and instruction set.
+    /// Version of the solver, with the instruction set.
     pub solver: String,
-    /// f_max, N; none if the scene has none.
+    /// f_max, N; `None` if the scene has none.
     pub max_force_n: Option<f64>,
     /// r_G, m.
     pub radius_m: f64,
-    /// Grid spacing, m; of what grid indices count where positions are scattered.
+    /// Grid spacing, m; for adaptive sampling the unit of the indices.
     pub spacing_m: f64,
     /// Whether the corners outside the ball were solved.
     pub complete_cells: bool,
-    /// What was wanted, where positions are scattered.
+    /// Requirements of adaptive sampling; `None` on a lattice.
     pub scattered: Option<Scattered>,
 }
 
-/// What was measured of one space.
+/// Measurements of one space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SpaceCertificate {
     /// The active node.
     pub active: String,
     /// Its mesh node.
     pub node: u32,
-    /// What the space took.
+    /// Cost of the space.
     pub cost: Cost,
-    /// Neighbours on different branches.
+    /// Number of neighbour pairs on different branches.
     pub fold_pairs: usize,
-    /// Share of the ball's volume within a cell of such a pair; of the part in reach, where a workspace or pushing alone limits it.
+    /// Share of the ball's volume within a cell of such a pair. If a workspace or a tool that only pushes
+    /// limits the reach, the share of the reachable part.
     pub folded_volume: f64,
-    /// Points where two stable solutions were found.
+    /// Points with two stable solutions.
     pub two_solutions: TwoSolutions,
     /// Every packed method.
     pub methods: Vec<MethodCertificate>,
-    /// The surface for the eye, if it was packed.
+    /// The surface displacements, if packed.
     pub displacement: Option<DisplacementCertificate>,
-    /// Spacing of the lattice that took over where the predictions of the blind loop did not fall, m; none where it did not.
+    /// Spacing of the fallback lattice, m; `None` if adaptive sampling did not stagnate.
     pub switched_to_spacing_m: Option<f64>,
-    /// That the linear body is what is packed, and how well it predicted; none where it would not do.
+    /// Prediction errors of the linear model, if it is the packed model.
     pub linear: Option<LinearSuits>,
-    /// What speaks against its numbers; none in blobs that were packed before it was asked.
+    /// Numerical health; `None` in blobs without this measurement.
     pub health: Option<Health>,
-    /// What is left out, and what that changes and saves; where it was asked for.
+    /// Approximations with their change and saving, if requested.
     pub ledger: Option<Ledger>,
 }
 
-/// Grid points where tries from different neighbours ended at different stable solutions: the body is on two branches there, and which
-/// one a hand meets depends on its way. The tables have the one of lower energy.
+/// Grid points where attempts from different neighbours found different stable solutions. The body has two
+/// branches there, and the solution depends on the path. The tables contain the solution of lower energy.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct TwoSolutions {
-    /// How many points.
+    /// Number of points.
     pub points: usize,
     /// Largest difference of the forces at one of them, N.
     pub apart_n: f64,
 }
 
 impl TwoSolutions {
-    /// Of all tries of a space.
+    /// Result over all attempts of a space.
     pub fn of(attempts: &[Record]) -> Self {
         let stable = |r: &&Record| r.tag.is_solved() && r.unstable_modes.unwrap_or(0) == 0;
         let mut points: BTreeMap<GridIndex, Vec<[f64; 3]>> = BTreeMap::new();
@@ -128,51 +131,51 @@ impl TwoSolutions {
     }
 }
 
-/// What a space and its truth took.
+/// Cost of a space and of its held-out positions.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Cost {
     /// Solved configurations.
     pub configurations: usize,
-    /// Tries, failed ones and those from other neighbours among them.
+    /// Number of attempts, including failed and repeated ones.
     pub tries: usize,
     /// Points that could not be solved.
     pub failed: usize,
-    /// Seconds of solving, all threads together.
+    /// Sum of the solve times over all threads, s.
     pub seconds: f64,
     /// Largest residual of a configuration, N.
     pub residual_n: f64,
-    /// Held-out positions solved.
+    /// Solved held-out positions.
     pub held_out: u32,
-    /// Seconds of solving them.
+    /// Sum of their solve times, s.
     pub held_out_seconds: f64,
 }
 
-/// What was measured of one method.
+/// Measurements of one method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MethodCertificate {
-    /// The method.
     pub method: String,
-    /// Independent uniform positions within f_max, away from folds.
+    /// Independent uniform positions within f_max, away from branch jumps.
     pub uniform: Errors,
-    /// The same by distance from rest: up to a half, three quarters, and all of r_G.
+    /// The same by distance from rest: up to 1/2, up to 3/4, and up to 1 of r_G.
     pub by_radius: [Errors; 3],
-    /// Uniform positions at folds.
+    /// Uniform positions near branch jumps.
     pub folded: Errors,
-    /// Share of positions whose error a hand does not feel, with 95 % confidence, from the uniform ones away from folds.
+    /// Share of positions with an imperceptible error, with 95 % confidence, from the uniform positions away
+    /// from branch jumps.
     pub not_felt_certified: f64,
-    /// The same positions against the tolerance that the scene names itself; none where it names none but what a hand feels.
+    /// The same positions against the scene's own tolerance; `None` if the scene uses the perceptual one.
     pub tolerated: Option<Within>,
-    /// Regular paths within the grid and f_max, points of the grid left out, away from folds.
+    /// Positions of regular paths within the grid and f_max, without grid points, away from branch jumps.
     pub regular: Errors,
-    /// Random paths, alike.
+    /// The same for random paths.
     pub random: Errors,
-    /// Positions of paths at folds.
+    /// Positions of paths near branch jumps.
     pub paths_folded: Errors,
-    /// Work, seams, rounding and time.
+    /// Work, face jumps, rounding and time.
     pub probe: Probe,
 }
 
-/// A truth that a method is compared with.
+/// A reference solution for the comparison with a method.
 struct Truth {
     walk: Walk,
     step: u32,
@@ -181,24 +184,24 @@ struct Truth {
     folded: bool,
 }
 
-/// A held-out position with what a method answers there.
+/// A held-out position with the force of a method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Answer {
-    /// The path, or the single position, that it belongs to.
+    /// Its path, or the single position.
     pub walk: Walk,
-    /// Which step of it, from 1.
+    /// Its step on the path, from 1.
     pub step: u32,
-    /// Where, m.
+    /// Displacement, m.
     pub displacement_m: [f32; 3],
-    /// Truth and answer.
+    /// Reference and computed force.
     pub compared: Compared,
-    /// It lies at a fold.
+    /// Whether it is near a branch jump.
     pub folded: bool,
 }
 
-/// What a method of `space`, packed from active node number `active` of `store`, answers at every held-out position that may be
-/// compared: reachable, inside the ball, and not among those that a fit saw. In the order of kind, walk and step; nothing if the
-/// method is not packed.
+/// Forces of a method of `space`, packed from active node number `active` of `store`, at every held-out
+/// position that can be compared: reachable, inside the ball, and not used by a fit. Ordered by kind, walk
+/// and step; empty if the method is not packed.
 pub fn answers(
     store: &Store,
     active: usize,
@@ -233,7 +236,7 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let Some(space) = organ.spaces.iter().find(|space| *space.active().name == *name) else { continue };
         let records = store.records(active)?;
         let truths = truths(store, active, space, sampling)?;
-        // Of scattered positions there are neither points of the table nor neighbours.
+        // Adaptive sampling has neither table points nor neighbours.
         let (samples, mut folded) = sampling.lattice().map_or_else(Default::default, |lattice| {
             (samples(&lattice.grid, &records), folds(&lattice.grid, &records))
         });
@@ -255,7 +258,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
         let methods: Vec<MethodCertificate> =
             methods.map(|method| measure(space, method, &truths, tolerance, probing)).collect();
         let two_solutions = TwoSolutions::of(&store.attempts(active)?);
-        // What a workspace or pushing alone keeps the tool from is nothing to be judged.
+        // Positions that the workspace excludes, or that a tool that only pushes cannot reach, are not
+        // judged.
         let kept_in = fit.as_ref().filter(|fit| fit.wanted.is_kept_in()).map(AdaptiveFit::within_reach);
         let in_reach = |at: [f32; 3]| kept_in.as_ref().is_none_or(|reach| reach.has(at.map(f64::from)));
         let folded_volume = probes::share_of_part(space, in_reach, |at| is_folded(space, at));
@@ -299,8 +303,8 @@ pub fn certify(store: &Store, organ: &Organ<'_>) -> Result<Certificate, StoreErr
     })
 }
 
-/// How many uniform positions away from folds the store holds for each space of `organ`: those that bounds come from. Each with the number of its
-/// active node in the store.
+/// Number of uniform positions away from branch jumps for each space of `organ`, which bounds are computed
+/// from. Each with the number of its active node in the store.
 pub fn clear_positions(store: &Store, organ: &Organ<'_>) -> Result<Vec<(usize, usize)>, StoreError> {
     let sampling = store.identity()?.sampling;
     let mut counts = Vec::new();
@@ -332,7 +336,7 @@ fn cost(store: &Store, active: usize) -> Result<Cost, StoreError> {
     Ok(cost)
 }
 
-/// Held-out positions that may be compared: reachable, inside the ball, and not among those that a fit saw.
+/// Held-out positions that can be compared: reachable, inside the ball, and not used by a fit.
 fn truths(
     store: &Store,
     active: usize,
@@ -343,7 +347,7 @@ fn truths(
         Sampling::Lattice(lattice) => is_on_training_lattice(&lattice.grid, lattice.increments, at),
         Sampling::Scattered(_) => false,
     };
-    // Paths lead out of it.
+    // Paths can leave the workspace.
     let workspace = match sampling.scattered().filter(|scattered| scattered.workspace_m.is_some()) {
         Some(scattered) => scattered.workspace_of(store.body()?.0.nodes_m[space.active().node as usize]),
         None => None,
@@ -364,7 +368,7 @@ fn truths(
     Ok(truths)
 }
 
-/// Whether a cell with a fold in it is that of the position or touches it.
+/// Whether the cell of the position, or an adjacent one, contains a branch jump.
 fn is_folded(space: &Space<'_>, displacement_m: [f32; 3]) -> bool {
     let at = space.lattice().locate(displacement_m);
     let corners = space.lattice().corners(at.slot);

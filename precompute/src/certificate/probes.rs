@@ -1,4 +1,5 @@
-//! What a force field is asked beside its accuracy: work round closed loops, jumps at seams, rounding, and time.
+//! Measurements of a force field besides its accuracy: work around closed loops, jumps at cell faces,
+//! rounding, and query time.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -8,27 +9,27 @@ use serde::{Deserialize, Serialize};
 
 use super::{FEW, is_folded, reference};
 
-/// What was found.
+/// Results of the measurements.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Probe {
-    /// Circles that keep away from folds.
+    /// Circles away from branch jumps.
     pub work: Work,
-    /// Circles that touch a cell with a fold.
+    /// Circles that touch a cell with a branch jump.
     pub work_folded: Work,
-    /// Largest jump of the force across a face of the grid or the rim, N.
+    /// Largest jump of the force across a cell face or the rim of the ball, N.
     pub seam_n: f64,
-    /// Largest difference of the tick's arithmetic from f64, N.
+    /// Largest difference of the core's f32 arithmetic from f64, N.
     pub rounding_n: f64,
-    /// What that difference stays within, N: twice the largest that was seen.
+    /// Bound of that difference, N: twice the largest observed value.
     pub rounding_bound_n: f64,
     /// Median time of a query, ns, on the machine that packed the blob.
     pub nanoseconds: f64,
 }
 
-/// Work round circles of radius r_G / 4, as a share of the energy exchanged on the way.
+/// Work around circles of radius r_G / 4, as a share of the energy exchanged along the circle.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Work {
-    /// Circles.
+    /// Number of circles.
     pub circles: usize,
     /// Mean share.
     pub mean: f64,
@@ -36,16 +37,17 @@ pub struct Work {
     pub max: f64,
 }
 
-/// Circles and crossings of seams in each space; of many spaces, that many for every [`FEW`] of them.
+/// Number of circles and of face crossings per space. For more than [`FEW`] spaces the total is shared among
+/// them.
 const CIRCLES: u32 = 200;
 const STEPS: u32 = 720;
 const CROSSINGS: u32 = 20_000;
-/// Points that say which share of the ball has a property.
+/// Number of points for the estimate of a volume share.
 const VOLUME_POINTS: u32 = 20_000;
 const QUERIES: usize = 4_000;
 const REPEATS: usize = 15;
 
-/// How much is probed in each space.
+/// Number of samples per space.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Probing {
     circles: u32,
@@ -53,7 +55,7 @@ pub(super) struct Probing {
 }
 
 impl Probing {
-    /// Of a blob with so many spaces: what is a maximum over many of them needs fewer samples in each.
+    /// For a blob with `spaces` spaces. A maximum over many spaces needs fewer samples in each.
     pub(super) fn of(spaces: usize) -> Self {
         let shared = |samples: u32, at_least: u32| {
             let share = samples as usize * FEW / spaces.max(FEW);
@@ -63,7 +65,7 @@ impl Probing {
     }
 }
 
-/// Asks all of it. Time is measured at `visited`, or where there is nothing of that, at points of the ball.
+/// Runs all measurements. The time is measured at `visited`, or at points of the ball if `visited` is empty.
 pub(super) fn probe(
     space: &Space<'_>,
     method: Method,
@@ -88,7 +90,7 @@ pub(super) fn share_of_ball(space: &Space<'_>, is: impl Fn([f32; 3]) -> bool) ->
     share_of_part(space, |_| true, is)
 }
 
-/// Share of a part of the ball where `is` holds; zero of an empty one.
+/// Share of a part of the ball where `is` holds; zero for an empty part.
 pub(super) fn share_of_part(
     space: &Space<'_>,
     part: impl Fn([f32; 3]) -> bool,
@@ -100,13 +102,14 @@ pub(super) fn share_of_part(
     hits as f64 / inside.len().max(1) as f64
 }
 
-/// Number `n` of a low-discrepancy sequence in the unit cube (powers of the plastic number's kin in three dimensions).
+/// Point `n` of a low-discrepancy sequence in the unit cube (powers of the generalised golden ratio in three
+/// dimensions).
 fn spread(n: u32, shift: f64) -> [f64; 3] {
     const STEP: [f64; 3] = [0.819_172_513_396_164_4, 0.671_043_606_703_789_2, 0.549_700_477_901_902_5];
     STEP.map(|step| (shift + f64::from(n + 1) * step).fract())
 }
 
-/// Number `n` of points spread evenly in the ball.
+/// Point `n` of a uniform distribution in the ball.
 fn in_ball(space: &Space<'_>, n: u32) -> [f32; 3] {
     let [r, z, angle] = spread(n, 0.0);
     let (r, z) = (f64::from(space.lattice().radius_m()) * r.cbrt() * 0.9999, 2.0 * z - 1.0);
@@ -128,7 +131,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Circles anywhere inside the ball: away from folds, and touching them.
+/// Work around circles inside the ball: those away from branch jumps, and those that touch one.
 fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
     let radius_m = f64::from(space.lattice().radius_m());
     let mut all = [Work::default(); 2];
@@ -167,10 +170,11 @@ fn work(space: &Space<'_>, method: Method, circles: u32) -> (Work, Work) {
     (clear, folded)
 }
 
-/// Just this side and just the other side of a face, the rim, or a ray through a face at the rim: what the slopes on both sides do not account for.
+/// Largest jump of the force between both sides of a face, of the rim, or of a ray through a face at the rim,
+/// less the change that the gradients on both sides account for.
 fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
     let (spacing_m, radius_m) = (space.lattice().spacing_m(), space.lattice().radius_m());
-    // Rows of thousands of centres have no faces to cross, and time is dear.
+    // Radial basis functions have no cell faces, and with thousands of centres their queries are slow.
     let crossings =
         if matches!(method, Method::RbfLinear | Method::RbfCubic) { crossings / 100 } else { crossings };
     let mut worst = 0.0f64;
@@ -183,7 +187,7 @@ fn seam_n(space: &Space<'_>, method: Method, crossings: u32) -> f64 {
                 along = vec3::normalize_or_zero(at);
                 at = vec3::scale(along, radius_m);
             }
-            // Where the rim's point crosses a face, up to two cells further out.
+            // The point on the rim crosses a face. The query is up to two cells farther out.
             5 | 6 => {
                 at = vec3::scale(vec3::normalize_or_zero(at), radius_m);
                 at[axis] = (at[axis] / spacing_m).round() * spacing_m;
@@ -231,7 +235,7 @@ fn rounding_n(space: &Space<'_>, method: Method, at: [f32; 3]) -> f64 {
     dot(apart, apart).sqrt()
 }
 
-/// Median time of a query, ns, at `visited`, or at points of the ball where those are fewer than a hundred.
+/// Median time of a query, ns, at `visited`, or at points of the ball if those are fewer than a hundred.
 pub fn nanoseconds(space: &Space<'_>, method: Method, visited: &[[f32; 3]]) -> f64 {
     let queries: Vec<[f32; 3]> = if visited.len() < 100 {
         (0..QUERIES as u32).map(|n| in_ball(space, n)).collect()

@@ -1,6 +1,8 @@
-//! The core's interpolants once more, in f64 and written another way: what its f32 loses is the difference.
+//! Independent f64 versions of the core's interpolants. Their difference from the core is the rounding error
+//! of its f32.
 //!
-//! Takes the tables as they were packed, so it sees no error of the fit, only that of the evaluation.
+//! The input is the packed tables. So the difference contains the error of the evaluation and not that of the
+//! fit.
 
 use palpate_core::flags::{FOLD, INTERIOR, SMOOTH, SUPERCELL};
 use palpate_core::grid::CORNERS;
@@ -35,7 +37,8 @@ pub fn force_n(space: &Space<'_>, method: Method, displacement_m: [f32; 3]) -> O
     }
 }
 
-/// The sum over powers, with the library's exponential; beyond its reach by the continuation, with the core's own stiffness.
+/// The sum over powers, with the library's exponential. Beyond the range of the kernel it uses the
+/// continuation with the core's own stiffness.
 fn kernel(table: &KernelTable<'_>, spacing_m: f32, displacement_m: [f32; 3]) -> Option<[f64; 3]> {
     let d = displacement_m.map(f64::from);
     let size = d.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -95,7 +98,7 @@ fn kernel_sum(blocks: &[Block], x: [f64; 3]) -> [f64; 3] {
 /// The powers of a kernel's polynomials, in the core's order.
 const MONOMIALS: [[usize; 3]; NUMBERS - 3] = crate::fit::DATA;
 
-/// a + share (b - a)
+/// a + share (b - a).
 fn mix(share: f64, a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| a[i] + share * (b[i] - a[i]))
 }
@@ -138,7 +141,7 @@ fn slope(powers: &[f64], t: f64) -> f64 {
     powers.iter().enumerate().skip(1).rev().fold(0.0, |sum, (n, c)| sum * t + n as f64 * c)
 }
 
-/// Where a query is.
+/// The cell of a query and the position in it.
 struct Cell<'s, 'a> {
     space: &'s Space<'a>,
     low: [i32; 3],
@@ -180,7 +183,7 @@ impl<'s, 'a> Cell<'s, 'a> {
         Some(sum)
     }
 
-    /// Smoothstep of the tri-linear interpolation of `flag`, if the cell has all of `needed`.
+    /// Smoothstep of the tri-linear interpolation of `flag`, if all corners of the cell have `needed`.
     fn share(&self, needed: u8, flag: u8) -> f64 {
         if self.space.flags()[self.slot([0; 3])] & needed != needed {
             return 0.0;
