@@ -1,8 +1,10 @@
-//! Held-out truth: solved positions that no fit ever sees, to measure interpolations against (paper, 5.2 and 5.3).
+//! Held-out reference solutions: solved positions that no fit uses, for the measurement of interpolation
+//! errors (paper, 5.2 and 5.3).
 //!
-//! Three kinds: regular paths in 26 directions and random paths, as the paper has them, and independent uniform positions, which alone
-//! carry a bound. [`positions`] draws them from a seed; [`crate::space::WalkJob`] solves a path, or a single position, in one go; [`run`] hands
-//! the walks to a crew and keeps what comes back in the store of the space; [`summary`] counts.
+//! There are three kinds: regular paths in 26 directions and random paths, as in the paper, and independent
+//! uniform positions. Bounds come from the uniform positions alone. [`positions`] draws them from a seed.
+//! [`crate::space::WalkJob`] solves a path or a single position in one job. [`run`] sends the walks to a crew
+//! and stores the outcomes in the store of the space. [`summary`] counts them.
 
 pub mod positions;
 pub mod run;

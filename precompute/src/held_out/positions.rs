@@ -1,45 +1,46 @@
-//! Where the truth is solved: pure functions of a seed, the name of the active node and a number.
+//! Positions of the held-out solves: pure functions of a seed, the name of the active node and a number.
 
 use crate::space::{Kind, Store, StoreError};
 use crate::spec::SpaceGrid;
 
-/// What is drawn. Numbers of walks may grow later, the rest may not: a store keeps one draw.
+/// Definition of a draw. The numbers of walks can grow later. The other fields cannot change, because a store
+/// keeps one draw.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draw {
     /// Seed of the random paths and uniform positions.
     pub seed: u64,
-    /// Length of a step of a path, m.
+    /// Step length of a path, m.
     pub step_m: f64,
-    /// Length of the 26 regular paths, m; `None` for none of them.
+    /// Length of the 26 regular paths, m; `None` for no regular paths.
     pub regular_m: Option<f64>,
-    /// Random paths an active node.
+    /// Number of random paths per active node.
     pub random: u32,
-    /// Steps of a random path.
+    /// Number of steps of a random path.
     pub random_steps: u32,
-    /// Uniform reachable positions an active node.
+    /// Number of reachable uniform positions per active node.
     pub uniform: u32,
 }
 
 impl Draw {
-    /// The paper's: 1 mm steps, regular paths of 10 cm, random ones of 200 steps; and 299 uniform positions, the number that
-    /// without an exceedance certifies 99 % at 95 % confidence.
+    /// The draw of the paper: steps of 1 mm, regular paths of 10 cm and random paths of 200 steps. With it,
+    /// 299 uniform positions: without an exceedance they certify 99 % at 95 % confidence.
     pub const PAPER: Self =
         Self { seed: 1, step_m: 1e-3, regular_m: Some(0.1), random: 20, random_steps: 200, uniform: 299 };
 
-    /// What must not change within one store, as JSON.
+    /// The fields that must not change within one store, as JSON.
     pub fn identity(&self) -> String {
         let Self { seed, step_m, random_steps, .. } = self;
         serde_json::json!({ "seed": seed, "step_m": step_m, "random_steps": random_steps }).to_string()
     }
 
-    /// How the truth in a store was drawn, with no numbers of walks; `None` if nothing was yet.
+    /// The draw of a store with all numbers of walks zero; `None` if nothing is drawn yet.
     pub fn of(store: &Store) -> Result<Option<Self>, StoreError> {
         let Some(stored) = store.draw_identity()? else { return Ok(None) };
         let unreadable = || store.corrupt(format!("its draw of held-out truth is `{stored}`"));
         Self::of_identity(&stored).map(Some).ok_or_else(unreadable)
     }
 
-    /// A draw of that identity, of no positions yet.
+    /// The draw of this identity with all numbers of walks zero.
     fn of_identity(identity: &str) -> Option<Self> {
         let parts: serde_json::Value = serde_json::from_str(identity).ok()?;
         Some(Self {
@@ -61,19 +62,20 @@ pub fn regular_directions() -> impl Iterator<Item = [f64; 3]> {
         .map(|d| unit(d.map(f64::from)))
 }
 
-/// Positions of a regular path, without the rest.
+/// Positions of a regular path, without rest.
 pub fn regular_path(direction: [f64; 3], length_m: f64, step_m: f64) -> Vec<[f64; 3]> {
     let steps = (length_m / step_m).round().max(1.0) as u32;
     (1..=steps).map(|n| direction.map(|x| x * f64::from(n) * step_m)).collect()
 }
 
-/// Arc length over which a random path forgets its direction, in grid radii.
+/// Correlation length of a random path's direction, in grid radii.
 const PERSISTENCE: f64 = 4.0;
-/// Random paths turn back at this share of the grid radius.
+/// Radius at which random paths are reflected, as a share of the grid radius.
 const TURNS_AT: f64 = 0.9;
 
-/// Positions of random path `number`, without the rest. It starts in a random direction, turns slowly (the direction forgets
-/// itself over 4 r_G of path, so that nearly every path of two radii gets to its turning point), and is mirrored back at 0.9 r_G.
+/// Positions of random path `number`, without rest. It starts in a random direction and turns slowly. The
+/// correlation length of the direction is 4 r_G, so that nearly every path of length 2 r_G reaches the
+/// reflecting sphere at 0.9 r_G.
 pub fn random_path(draw: &Draw, active: &str, number: u32, radius_m: f64) -> Vec<[f64; 3]> {
     let mut stream = Stream::new(draw.seed, active, Kind::Random, number);
     // One step adds a vector uniform in a ball of radius s: <1 - cos> = s^2 / 5 to leading order.
@@ -100,8 +102,8 @@ pub fn uniform_position(draw: &Draw, active: &str, number: u32, radius_m: f64) -
     Stream::new(draw.seed, active, Kind::Uniform, number).in_unit_ball().map(|x| x * radius_m)
 }
 
-/// Whether a position is one that a fit may have seen: a grid point or, if transitions were made in `increments` equal parts, a
-/// point that such a part could end at. Errors are measured elsewhere.
+/// Whether a fit may use this position: a grid point or, if transitions have `increments` equal parts, a
+/// possible end of such a part. Errors are measured at other positions.
 pub fn is_on_training_lattice(grid: &SpaceGrid, increments: Option<u32>, displacement_m: [f64; 3]) -> bool {
     let parts = f64::from(increments.unwrap_or(1));
     displacement_m.iter().all(|x| {
@@ -128,7 +130,7 @@ impl Stream {
         (u64::from_le_bytes(bytes) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    /// Uniform in the unit ball, the centre left out.
+    /// Uniform in the unit ball without the centre.
     fn in_unit_ball(&mut self) -> [f64; 3] {
         loop {
             let point = [self.next(), self.next(), self.next()];
@@ -189,7 +191,7 @@ mod tests {
             reached += usize::from(path.iter().any(|&at| norm(at) > 0.89 * RADIUS_M));
         }
         assert!(reached >= 190, "{reached} of 200 reached 0.9 r_G");
-        // 1 - s^2/5 a step is .9975; the mirrorings take some.
+        // The mean cosine is 1 - s^2/5 = 0.9975 per step; the reflections reduce it.
         assert!(straight > 0.98 && straight < 0.9995, "mean cosine of a turn {straight}");
     }
 
@@ -197,7 +199,8 @@ mod tests {
     fn uniform_positions_fill_the_ball_evenly() {
         let draw = Draw::PAPER;
         let all: Vec<[f64; 3]> = (0..4000).map(|n| uniform_position(&draw, "A1", n, RADIUS_M)).collect();
-        // Half the volume lies within 2^(-1/3) of the radius; each mean is that of a symmetric body.
+        // Half the volume lies within 2^(-1/3) of the radius. The means are those of a symmetric
+        // distribution.
         let inner = all.iter().filter(|&&p| norm(p) < RADIUS_M * 0.5_f64.cbrt()).count();
         assert!((1900..2100).contains(&inner), "{inner}");
         for axis in 0..3 {

@@ -1,9 +1,9 @@
-//! Hands the walks to a crew and keeps what comes back.
+//! Solves the held-out walks with a crew and stores the outcomes.
 //!
-//! Regular and random paths start from rest and need nothing of the space. Uniform positions start from it: position number n of an
-//! active node is tried if a corner of its cell is reachable, from the nearest such corner, and counts if |h| < f_max there. They
-//! are tried in rounds of as many as are still missing, so that which ones are tried depends on the numbers alone, not on
-//! who was done first.
+//! Regular and random paths start from rest and do not depend on the space. Uniform positions do: position
+//! number n of an active node is tried if a corner of its cell is reachable, from the nearest such corner. It
+//! counts if |h| < f_max there. Each round tries as many positions as are still missing. So the choice of the
+//! positions depends on their numbers alone, not on the order of the outcomes.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::AtomicBool;
@@ -17,48 +17,49 @@ use crate::space::crew::Shift;
 use crate::space::{Crew, CrewError, Done, Kind, Store, StoreError, Walk, WalkJob, Work, state};
 use crate::spec::{GridIndex, Sampling};
 
-/// The truth to solve.
+/// The held-out walks to solve.
 #[derive(Debug, Clone)]
 pub struct HeldOut {
     /// Active nodes: number in the store, and name.
     pub actives: Vec<(usize, String)>,
-    /// Which positions the spaces are made of.
+    /// Definition of the positions of the spaces.
     pub sampling: Sampling,
-    /// What is drawn.
+    /// The draw.
     pub draw: Draw,
-    /// Whether displacements of all nodes are kept at uniform positions.
+    /// Whether the displacements of all nodes are stored at uniform positions.
     pub keep_displacements: bool,
 }
 
-/// What a caller is told after every walk.
+/// Progress after each walk.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct HeldOutProgress {
-    /// Walks done, those of earlier runs with them.
+    /// Finished walks, including those of earlier runs.
     pub walks: usize,
-    /// Walks known so far; uniform positions that turn out unreachable are replaced by others.
+    /// Number of walks known so far; unreachable uniform positions are replaced by others.
     pub total: usize,
-    /// Positions solved now.
+    /// Positions solved in this run.
     pub positions_now: usize,
-    /// Walks done now.
+    /// Walks finished in this run.
     pub walks_now: usize,
-    /// Steps of the walks done now, those behind an early end with them, and of all that are known to be done by this run.
+    /// Steps of the walks finished in this run, including those after an early end, and steps of all known
+    /// walks of this run.
     pub steps: (usize, usize),
-    /// Walks that are given up or waited for, once it was asked to stop.
+    /// After a stop request: walks that are cancelled or still running.
     pub stopping: Option<usize>,
 }
 
-/// Why it ended early.
+/// Why the run ended early.
 #[derive(Debug)]
 pub enum HeldOutError {
     /// The store failed.
     Store(StoreError),
     /// The workers failed.
     Crew(CrewError),
-    /// Asked to stop; every finished walk is committed.
+    /// A stop was requested; every finished walk is committed.
     Interrupted,
-    /// Uniform positions need the space of this active node, which is not solved to its end.
+    /// Uniform positions need the complete space of this active node.
     NoSpace(String),
-    /// Uniform positions need more of this active node's space than its rest.
+    /// Uniform positions need a reachable point besides rest in this active node's space.
     NoReach(String),
 }
 
@@ -98,11 +99,12 @@ impl From<CrewError> for HeldOutError {
     }
 }
 
-/// How many positions may be drawn for one that counts before a node is given up: its reachable cells are all but empty.
+/// Limit of the draws per position that counts. Beyond it the run gives up on the node, because almost none
+/// of its cells is reachable.
 const DRAWS_FOR_ONE: u32 = 1000;
 
 impl HeldOut {
-    /// Solves what the store does not hold yet, until all is done or `stop` is raised.
+    /// Solves the walks that the store does not hold yet, to the end or until `stop` is set.
     pub fn run(
         &self,
         store: &Store,
@@ -151,7 +153,8 @@ impl HeldOut {
         run.state.walks = self.actives.len() * paths - queue.len();
         run.work_off(&mut queue, crew, self.actives.len() * self.draw.uniform as usize)?;
         loop {
-            // A round: as many positions of every node as are still missing, those of earlier runs answered from the store.
+            // One round: the missing number of positions of every node. Those of earlier runs are answered
+            // from the store.
             let mut drawn = 0;
             run.state.walks = self.actives.len() * paths;
             for node in &mut uniform {
@@ -180,7 +183,7 @@ impl HeldOut {
         (0..regular).map(walk(Kind::Regular)).chain((0..self.draw.random).map(walk(Kind::Random)))
     }
 
-    /// Where a walk goes.
+    /// Positions of a walk.
     fn positions_m(&self, walk: &Walk) -> Vec<[f64; 3]> {
         let name = self.actives.iter().find(|(active, _)| *active == walk.active as usize);
         let (name, radius_m) = (name.map_or("", |(_, name)| name), self.sampling.radius_m());
@@ -195,7 +198,7 @@ impl HeldOut {
         }
     }
 
-    /// The next position that has a reachable corner.
+    /// The next position with a reachable corner.
     fn next_uniform(&self, node: &mut Uniform) -> Option<(Walk, Start)> {
         while node.next < self.draw.uniform.saturating_mul(DRAWS_FOR_ONE) {
             let number = node.next;
@@ -209,7 +212,7 @@ impl HeldOut {
     }
 }
 
-/// A point of the space, and which of its solutions.
+/// A point of the space, and the attempt whose solution is used.
 type Start = (GridIndex, u32);
 
 /// One call of [`HeldOut::run`].
@@ -223,7 +226,7 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// What a worker needs for a walk; only now, so that no state waits in memory.
+    /// Input of a worker for a walk. It is made just before it is sent, so that no states wait in memory.
     fn job(&self, walk: Walk, start: Option<Start>) -> Result<WalkJob, StoreError> {
         let start = match start {
             Some((point, attempt)) => {
@@ -239,7 +242,7 @@ impl Run<'_> {
         })
     }
 
-    /// Has everything in the queue done; as many steps as `to_come` follow at least.
+    /// Executes the queue. At least `to_come` further steps will follow.
     fn work_off(
         &mut self,
         queue: &mut VecDeque<(Walk, Option<Start>)>,
@@ -284,16 +287,17 @@ impl Run<'_> {
 struct Uniform {
     active: usize,
     name: String,
-    /// Reachable points: where a position may start from, with the try that counts.
+    /// Reachable points, possible starts of a position, each with the accepted attempt.
     reachable: BTreeMap<GridIndex, u32>,
-    /// What knows where the tool can be, if the space is scattered.
+    /// The reachable set of adaptive sampling; `None` on a lattice.
     within: Option<WithinReach>,
-    /// The next number to be drawn.
+    /// The next number to draw.
     next: u32,
 }
 
 impl Uniform {
-    /// Ready for its first draw, if the space is solved to its end: which positions count must not depend on how far it is.
+    /// The start of the draw. The space must be complete, because the choice of the positions must not depend
+    /// on its progress.
     fn of(store: &Store, active: usize, name: &str) -> Result<Self, HeldOutError> {
         let state = state(store, active)?;
         let within = state.fit.as_ref().map(AdaptiveFit::within_reach);
@@ -313,8 +317,9 @@ impl Uniform {
         Walk { active: self.active as u32, kind: Kind::Uniform, number }
     }
 
-    /// Where to start to `at`: the nearest reachable corner of the cell round it, or the nearest reachable position if they are scattered, and
-    /// which of its solutions; the first by index if two are as near. None if the tool does not seem to get there.
+    /// Start of the solve to `at`: the nearest reachable corner of its cell, or with adaptive sampling the
+    /// nearest reachable position, and the attempt of its solution. Ties go to the lowest index. `None` if
+    /// `at` is predicted to be unreachable.
     fn start(&self, sampling: &Sampling, at: [f64; 3]) -> Option<Start> {
         let cells = at.map(|x| x / sampling.unit_m());
         let distance = |corner: &GridIndex| -> f64 {
@@ -332,7 +337,7 @@ impl Uniform {
             .min_by(|a, b| distance(&a.0).total_cmp(&distance(&b.0)))
     }
 
-    /// How many of the numbers drawn so far count.
+    /// Number of drawn positions that count.
     fn accepted(&self, done: &BTreeMap<Walk, ConfigTag>) -> u32 {
         let drawn = done.range(self.walk(0)..self.walk(self.next));
         drawn.filter(|(_, tag)| **tag == ConfigTag::Expandable).count() as u32

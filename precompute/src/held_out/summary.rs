@@ -1,4 +1,4 @@
-//! What became of held-out walks, counted.
+//! Statistics of the outcomes of held-out walks.
 
 use std::collections::BTreeMap;
 
@@ -10,29 +10,29 @@ use crate::space::{Kind, Store, StoreError};
 /// Counts over the walks of one kind.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// Walks.
+    /// Number of walks.
     pub walks: u32,
-    /// Walks that went to their end.
+    /// Number of complete walks.
     pub whole: u32,
-    /// Walks that ended at f_max.
+    /// Number of walks that ended at f_max.
     pub at_force_limit: u32,
-    /// Walks that ended because a step failed, by reason.
+    /// Number of walks that ended with a failed step, by reason.
     pub failed: BTreeMap<String, u32>,
     /// Solved positions.
     pub positions: u32,
     /// Solved positions with inverted elements.
     pub inverted: u32,
-    /// Solved positions whose state is not stable.
+    /// Solved positions with an unstable state.
     pub unstable: u32,
-    /// Steps that left their branch.
+    /// Steps that switched the branch.
     pub switched: u32,
     /// Largest |h| below f_max, N.
     pub largest_n: f64,
     /// Newton iterations.
     pub iterations: u64,
-    /// Factorisations among them.
+    /// Number of factorisations.
     pub factorisations: u64,
-    /// Wall seconds of all solves.
+    /// Sum of the wall times of all solves, s.
     pub seconds: f64,
 }
 
@@ -70,7 +70,7 @@ impl Summary {
         Ok(all)
     }
 
-    /// Walks that ended because a step failed.
+    /// Number of walks that ended with a failed step.
     pub fn failures(&self) -> u32 {
         self.failed.values().sum()
     }

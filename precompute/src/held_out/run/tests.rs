@@ -1,4 +1,4 @@
-//! Where uniform positions start from and which of them count, with a made-up body.
+//! Start points and acceptance of uniform positions, with a body of analytic energy.
 
 use std::sync::atomic::Ordering;
 
@@ -17,7 +17,7 @@ fn held_out(made_up: &MadeUp, draw: Draw) -> HeldOut {
     }
 }
 
-/// Truths at an active node, in the order of kind, number and step.
+/// Held-out values of an active node, ordered by kind, number and step.
 fn truths(store: &Store) -> Vec<(Walk, Truth)> {
     let mut all = Vec::new();
     store.each_truth(0, |walk, _, truth| all.push((*walk, truth.clone()))).expect("intact");
@@ -94,7 +94,7 @@ fn all_walks_that_were_done_before_a_stop_are_committed_and_none_is_cut_short() 
         });
         assert!(matches!(ended, Err(HeldOutError::Interrupted)), "{ended:?}");
         before += told;
-        // The writer stays open: what it holds back the reader does not see.
+        // The writer stays open: the reader does not see its uncommitted rows.
         let done = Store::open(&path).and_then(|reader| reader.walks_done(0)).expect("readers are welcome");
         assert_eq!(done.len(), before);
     }
